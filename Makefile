@@ -1,0 +1,29 @@
+# Two commands do everything on a fresh machine: `make demo` runs the robot, `make test` passes the tests.
+PYTHON ?= python3
+ROBBIE := .venv/bin/robbie
+
+.PHONY: demo test lint types clean
+
+demo: .venv/robot
+	$(ROBBIE) run demo
+
+test: .venv/dev
+	.venv/bin/python -m pytest -q
+
+lint: .venv/dev
+	.venv/bin/ruff check .
+
+types: .venv/dev
+	.venv/bin/mypy
+
+.venv/robot: pyproject.toml
+	$(PYTHON) -m venv .venv
+	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot]'
+	touch $@
+
+.venv/dev: pyproject.toml .venv/robot
+	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot,dev]'
+	touch $@
+
+clean:
+	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis output build *.egg-info

@@ -1,0 +1,1 @@
+"""The stock robot's modules: thin glue between messages and devices or workers."""

@@ -1,0 +1,1 @@
+"""Robbie-MP: a robot framework for robots that must keep going."""

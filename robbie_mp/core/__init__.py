@@ -1,0 +1,1 @@
+"""The router: routing, queues, handle table, recovery."""

@@ -1,0 +1,1 @@
+"""Modules that serve the system as a whole."""

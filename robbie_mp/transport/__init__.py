@@ -1,0 +1,1 @@
+"""What stands between processes: segments, rings, semaphores, loans and views."""
