@@ -1,0 +1,219 @@
+"""Where each word of the shared memory lies: one table, for writers, readers and tools alike.
+
+Each segment has exactly one writing process. Offsets are counted in words of 8 bytes; `*_WORDS` is a size.
+Change anything here and raise `LAYOUT_VERSION`: it is stamped in every segment and checked on attaching.
+
+    segment   written by           read by
+    board     supervisor           all: who runs, in which state
+    core      core                 all: channels, subscriptions, counters, handle and reference tables
+    out       the module           core, supervisor, tools: outbound ring, declarations, own counters
+    in        core                 the module: inbound ring, freed ring
+    data      the module           its subscribers: the messages themselves
+"""
+
+from enum import IntEnum
+
+LAYOUT_VERSION = 1
+MAGIC = int.from_bytes(b"ROBBIEMP", "little")
+
+
+class SegmentKind(IntEnum):
+    """What a segment holds."""
+
+    BOARD = 1
+    CORE = 2
+    OUT = 3
+    IN = 4
+    DATA = 5
+
+
+# The header of every segment.
+HEADER_MAGIC = 0
+HEADER_VERSION = 1
+HEADER_KIND = 2
+HEADER_BYTES = 3
+HEADER_SLOT = 4
+HEADER_INCARNATION = 5
+HEADER_CREATOR_PID = 8
+HEADER_CREATOR_START = 9
+HEADER_WORDS = 16
+
+NAME_WORDS = 13  # a text of up to 96 bytes: module, type and topic names
+NAME_BYTES = (NAME_WORDS - 1) * 8
+LINE_WORDS = 33  # a text of up to 256 bytes: status lines, reasons
+
+# board: one row a slot. Slot 0 is the supervisor itself, which is a participant like the modules.
+BOARD_GO = HEADER_WORDS
+BOARD_STOPPING = HEADER_WORDS + 1
+BOARD_SLOTS = HEADER_WORDS + 2
+BOARD_CORE_PID = HEADER_WORDS + 3
+BOARD_CORE_STATE = HEADER_WORDS + 4
+BOARD_CORE_RESTARTS = HEADER_WORDS + 5
+BOARD_ROWS = HEADER_WORDS + 16
+SLOT_STATE = 0
+SLOT_PID = 1
+SLOT_INCARNATION = 2
+SLOT_RESTARTS = 3
+SLOT_STARTED_NS = 4
+SLOT_NAME = 8
+SLOT_REASON = SLOT_NAME + NAME_WORDS
+SLOT_WORDS = 64
+
+# core: counters of its own, then five tables whose sizes are in the profile.
+CORE_HEARTBEAT_NS = HEADER_WORDS
+CORE_LAST_SEQUENCE = HEADER_WORDS + 1
+CORE_WAKEUPS = HEADER_WORDS + 2
+CORE_FAULTS = HEADER_WORDS + 3
+CORE_SLOTS = HEADER_WORDS + 4
+CORE_CHANNELS = HEADER_WORDS + 5
+CORE_SUBSCRIPTIONS = HEADER_WORDS + 6
+CORE_HANDLES = HEADER_WORDS + 7
+CORE_REFERENCES = HEADER_WORDS + 8
+CORE_HANDLES_USED = HEADER_WORDS + 9
+CORE_REFERENCES_USED = HEADER_WORDS + 10
+CORE_TABLES = HEADER_WORDS + 16
+
+# A publisher's row, one a slot.
+PUBLISHER_ROUTED = 0
+PUBLISHER_REFUSED = 1
+PUBLISHER_WAITING = 2
+PUBLISHER_WAITING_BYTES = 3
+PUBLISHER_WAITING_PEAK = 4
+PUBLISHER_IN_FLIGHT = 5
+PUBLISHER_PINNED = 6
+PUBLISHER_WORDS = 8
+
+# A channel's row: a message type, its version and a topic. The name is written last, the state after it.
+CHANNEL_STATE = 0
+CHANNEL_VERSION = 1
+CHANNEL_MESSAGES = 2
+CHANNEL_BYTES = 3
+CHANNEL_LAST_STAMP_NS = 4
+CHANNEL_TYPE = 5
+CHANNEL_TOPIC = CHANNEL_TYPE + NAME_WORDS
+CHANNEL_WORDS = 32
+
+# A subscription's row. `routed = delivered + replaced + dropped + lost + waiting`, waiting being derived.
+SUBSCRIPTION_STATE = 0
+SUBSCRIPTION_SLOT = 1
+SUBSCRIPTION_HANDLING = 2
+SUBSCRIPTION_VERSION = 3
+SUBSCRIPTION_ROUTED = 4
+SUBSCRIPTION_DELIVERED = 5
+SUBSCRIPTION_REPLACED = 6
+SUBSCRIPTION_DROPPED = 7
+SUBSCRIPTION_LOST = 8
+SUBSCRIPTION_TYPE = 9
+SUBSCRIPTION_TOPIC = SUBSCRIPTION_TYPE + NAME_WORDS
+SUBSCRIPTION_WORDS = 40
+
+# A handle's row: one message. The sequence is its commit word: written last, 0 while the row is free.
+HANDLE_SEQUENCE = 0
+HANDLE_SOURCE = 1
+HANDLE_OFFSET = 2
+HANDLE_BYTES = 3
+HANDLE_CHANNEL = 4
+HANDLE_STAMP_NS = 5
+HANDLE_BLOCK = 6
+HANDLE_RECORD = 7
+HANDLE_PUBLISHER_ROUTED = 8
+HANDLE_CHANNEL_MESSAGES = 9
+HANDLE_CHANNEL_BYTES = 10
+HANDLE_WORDS = 12
+
+# A reference's row: one message for one subscription. The state is its commit word.
+REFERENCE_STATE = 0
+REFERENCE_SEQUENCE = 1
+REFERENCE_HANDLE = 2
+REFERENCE_SUBSCRIPTION = 3
+REFERENCE_WORDS = 4
+
+# out: words that the module alone writes.
+OUT_HEAD = HEADER_WORDS
+OUT_INBOUND_TAIL = HEADER_WORDS + 1
+OUT_FREED_TAIL = HEADER_WORDS + 2
+OUT_READY = HEADER_WORDS + 3
+OUT_WAKE_WHEN_FREED = HEADER_WORDS + 4
+OUT_ACTIVITY = HEADER_WORDS + 5
+OUT_ACTIVITY_SINCE_NS = HEADER_WORDS + 6
+OUT_PUBLISHED = HEADER_WORDS + 7
+OUT_REFUSED = HEADER_WORDS + 8
+OUT_HANDLED = HEADER_WORDS + 9
+OUT_TICKS = HEADER_WORDS + 10
+OUT_TICKS_MISSED = HEADER_WORDS + 11
+OUT_PINNED = HEADER_WORDS + 12
+OUT_BLOCKS = HEADER_WORDS + 13
+OUT_SEGMENT_BYTES = HEADER_WORDS + 14
+OUT_SEGMENTS = HEADER_WORDS + 15
+OUT_STATUS = HEADER_WORDS + 16
+OUT_DECLARATIONS = OUT_STATUS + LINE_WORDS + 15
+DECLARATION_COUNT = 256
+DECLARATION_KIND = 0
+DECLARATION_VERSION = 1
+DECLARATION_HANDLING = 2
+DECLARATION_TYPE = 4
+DECLARATION_TOPIC = DECLARATION_TYPE + NAME_WORDS
+DECLARATION_WORDS = 32
+OUT_RING = OUT_DECLARATIONS + DECLARATION_COUNT * DECLARATION_WORDS
+
+# in: words that the core alone writes.
+IN_OUTBOUND_TAIL = HEADER_WORDS
+IN_HEAD = HEADER_WORDS + 1
+IN_FREED_HEAD = HEADER_WORDS + 2
+IN_WANT_RELEASE = HEADER_WORDS + 3
+IN_RING = HEADER_WORDS + 16
+
+RECORD_WORDS = 8
+FREED_RECORDS = 4096
+
+
+class Activity(IntEnum):
+    """What a module is doing since `OUT_ACTIVITY_SINCE_NS`; a handler adds its subscription from bit 8 on."""
+
+    IDLE = 0
+    SETUP = 1
+    HANDLER = 2
+    TICK = 3
+    TEARDOWN = 4
+
+
+def core_words(slots: int, channels: int, subscriptions: int, handles: int, references: int) -> int:
+    """Size of the core segment in words."""
+    return (
+        CORE_TABLES
+        + slots * PUBLISHER_WORDS
+        + channels * CHANNEL_WORDS
+        + subscriptions * SUBSCRIPTION_WORDS
+        + handles * HANDLE_WORDS
+        + references * REFERENCE_WORDS
+    )
+
+
+def board_words(slots: int) -> int:
+    """Size of the board in words."""
+    return BOARD_ROWS + slots * SLOT_WORDS
+
+
+def out_words(ring_records: int) -> int:
+    """Size of a module's out segment in words."""
+    return OUT_RING + ring_records * RECORD_WORDS
+
+
+def inbound_records(credit: int) -> int:
+    """Records of an inbound ring: its credits and as many notices again, rounded up to a power of two."""
+    return 1 << (2 * credit - 1).bit_length()
+
+
+def in_words(credit: int) -> int:
+    """Size of a module's in segment in words."""
+    return IN_RING + inbound_records(credit) * RECORD_WORDS + FREED_RECORDS
+
+
+def pack_source(slot: int, segment: int, incarnation: int) -> int:
+    """One word that names a data segment of a run: 16 bits slot, 16 bits segment, 32 bits incarnation."""
+    return slot | segment << 16 | incarnation << 32
+
+
+def unpack_source(source: int) -> tuple[int, int, int]:
+    """Return slot, segment and incarnation."""
+    return source & 0xFFFF, source >> 16 & 0xFFFF, source >> 32

@@ -1,0 +1,153 @@
+"""A named piece of shared memory: created whole, attached to by name, unlinked once.
+
+posix_ipc rather than multiprocessing.shared_memory: the latter's resource tracker unlinks segments that
+other processes still use.
+"""
+
+import contextlib
+import mmap
+import os
+from typing import Self
+
+import posix_ipc
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.transport import layout
+from robbie_mp.transport.words import WORD_BYTES, Words
+
+
+class SharedMemoryFull(RobbieError, MemoryError):
+    """The system has no room for another segment.
+
+    Example scenarios:
+      - /dev/shm is smaller than the profile's limits (a container's default is 64 MB)
+      - another program fills it
+    """
+
+
+class SegmentMissing(RobbieError, FileNotFoundError):
+    """No segment has that name: its run is over, or never was."""
+
+
+class SegmentMismatch(RobbieError, ValueError):
+    """A segment is not what its name promises, or comes from another version of Robbie-MP."""
+
+
+def process_start_ticks(pid: int) -> int:
+    """When a process started, in clock ticks since boot (proc(5)): with the pid, its name for good."""
+    with open(f"/proc/{pid}/stat", "rb") as stat:
+        return int(stat.read().rpartition(b")")[2].split()[19])
+
+
+class Segment:
+    """One mapped segment.
+
+    Attributes:
+        name: its name in /dev/shm, without a slash.
+        buffer: all of its bytes; read-only unless this process created it or attached as the writer.
+        words: the same memory as unsigned 64-bit words.
+    """
+
+    def __init__(self, name: str, mapping: mmap.mmap):
+        self.name = name
+        self._mapping = mapping
+        self.buffer = memoryview(mapping)
+        self._cast = self.buffer.cast("Q")
+
+    @property
+    def words(self) -> Words:
+        """The memory as words."""
+        return self._cast
+
+    @property
+    def size(self) -> int:
+        """Size in bytes."""
+        return len(self.buffer)
+
+    @classmethod
+    def create(
+        cls, name: str, words: int, kind: layout.SegmentKind, slot: int = 0, incarnation: int = 0
+    ) -> Self:
+        """Create a segment, its pages allocated at once, so that a full /dev/shm is an error here.
+
+        Raises:
+            SharedMemoryFull: there is no room for it.
+            FileExistsError: the name is taken.
+        """
+        size = words * WORD_BYTES
+        try:
+            shared = posix_ipc.SharedMemory(f"/{name}", posix_ipc.O_CREX, mode=0o600)
+        except posix_ipc.ExistentialError as error:
+            raise FileExistsError(f"shared memory {name} exists already") from error
+        try:
+            os.posix_fallocate(shared.fd, 0, size)
+            mapping = mmap.mmap(shared.fd, size)
+        except OSError as error:
+            shared.unlink()
+            raise SharedMemoryFull(
+                f"no room in /dev/shm for segment {name} of {size} bytes ({error.strerror}); "
+                "lower the profile's memory limits or enlarge /dev/shm"
+            ) from error
+        finally:
+            shared.close_fd()
+        segment = cls(name, mapping)
+        header = segment.words
+        header[layout.HEADER_VERSION] = layout.LAYOUT_VERSION
+        header[layout.HEADER_KIND] = kind
+        header[layout.HEADER_BYTES] = size
+        header[layout.HEADER_SLOT] = slot
+        header[layout.HEADER_INCARNATION] = incarnation
+        header[layout.HEADER_CREATOR_PID] = os.getpid()
+        header[layout.HEADER_CREATOR_START] = process_start_ticks(os.getpid())
+        header[layout.HEADER_MAGIC] = layout.MAGIC
+        return segment
+
+    @classmethod
+    def attach(cls, name: str, kind: layout.SegmentKind, *, write: bool = False) -> Self:
+        """Map an existing segment, read-only unless `write`.
+
+        Raises:
+            SegmentMissing: no segment has that name.
+            SegmentMismatch: it is of another kind or layout version.
+        """
+        try:
+            shared = posix_ipc.SharedMemory(f"/{name}", 0, read_only=not write)
+        except posix_ipc.ExistentialError as error:
+            raise SegmentMissing(f"there is no shared memory {name}; its run is over") from error
+        try:
+            size = os.fstat(shared.fd).st_size
+            if size < layout.HEADER_WORDS * WORD_BYTES:
+                raise SegmentMismatch(f"shared memory {name} of {size} bytes is no segment of Robbie-MP")
+            access = mmap.PROT_READ | mmap.PROT_WRITE if write else mmap.PROT_READ
+            mapping = mmap.mmap(shared.fd, size, prot=access)
+        finally:
+            shared.close_fd()
+        segment = cls(name, mapping)
+        found = tuple(segment.words[index] for index in range(4))
+        wanted = (layout.MAGIC, layout.LAYOUT_VERSION, kind, size)
+        if found != wanted:
+            segment.close()
+            raise SegmentMismatch(
+                f"shared memory {name} has magic, layout version, kind and size {found}, expected {wanted}; "
+                "every process of a run must use the same version of Robbie-MP"
+            )
+        return segment
+
+    def close(self) -> None:
+        """Drop this object's hold of the mapping; arrays over it keep the memory mapped until they die."""
+        self._cast.release()
+        try:
+            self.buffer.release()
+            self._mapping.close()
+        except BufferError:
+            pass  # somebody still looks at a part of it: the last one to look away unmaps it
+
+    def unlink(self) -> None:
+        """Remove the name; the memory lives until the last process has unmapped it."""
+        unlink_segment(self.name)
+
+
+def unlink_segment(name: str) -> None:
+    """Remove a segment's name if it is there."""
+    with contextlib.suppress(posix_ipc.ExistentialError):
+        posix_ipc.unlink_shared_memory(f"/{name}")

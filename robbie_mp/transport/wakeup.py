@@ -1,0 +1,68 @@
+"""A named semaphore by which one process wakes another."""
+
+import contextlib
+from typing import Self
+
+import posix_ipc
+
+from robbie_mp.transport.segment import SegmentMissing
+
+
+class Wakeup:
+    """One process waits, any number post; a post that comes early is not lost.
+
+    The time-outs of POSIX semaphores follow the wall clock: when that is set back, a wait may last longer
+    than asked. The supervisor watches for such steps and posts everyone.
+    """
+
+    def __init__(self, semaphore: posix_ipc.Semaphore):
+        self._semaphore = semaphore
+        self.post = semaphore.release
+
+    @classmethod
+    def create(cls, name: str) -> Self:
+        """Create the semaphore.
+
+        Raises:
+            FileExistsError: the name is taken.
+        """
+        try:
+            return cls(posix_ipc.Semaphore(f"/{name}", posix_ipc.O_CREX, mode=0o600))
+        except posix_ipc.ExistentialError as error:
+            raise FileExistsError(f"semaphore {name} exists already") from error
+
+    @classmethod
+    def attach(cls, name: str) -> Self:
+        """Open an existing semaphore.
+
+        Raises:
+            SegmentMissing: there is none of that name.
+        """
+        try:
+            return cls(posix_ipc.Semaphore(f"/{name}"))
+        except posix_ipc.ExistentialError as error:
+            raise SegmentMissing(f"there is no semaphore {name}; its run is over") from error
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait for a post and take all that have come; False after the time-out or a signal.
+
+        The GIL is released meanwhile. All posts are taken at once because whoever wakes looks at everything.
+        """
+        semaphore = self._semaphore
+        try:
+            semaphore.acquire(timeout_s)
+        except (posix_ipc.BusyError, posix_ipc.SignalError):
+            return False
+        for _ in range(semaphore.value):
+            semaphore.acquire(0)  # never blocks: nobody else takes from this semaphore
+        return True
+
+    def close(self) -> None:
+        """Close this process's handle."""
+        self._semaphore.close()
+
+
+def unlink_wakeup(name: str) -> None:
+    """Remove a semaphore's name if it is there."""
+    with contextlib.suppress(posix_ipc.ExistentialError):
+        posix_ipc.unlink_semaphore(f"/{name}")

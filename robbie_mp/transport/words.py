@@ -1,0 +1,66 @@
+"""Shared memory as an array of 8-byte words: what every shared structure is made of.
+
+All shared state is read and written one aligned word at a time, through an object that is indexed like a
+list. In a robot that object is a memoryview over a segment, whose stores are single machine stores; in a
+test it is anything that counts them, or stops after one.
+"""
+
+import threading
+from typing import Protocol
+
+WORD_BYTES = 8
+WORD_MAX = (1 << 64) - 1
+
+
+class Words(Protocol):
+    """An indexable array of unsigned 64-bit integers."""
+
+    def __getitem__(self, index: int, /) -> int: ...
+    def __setitem__(self, index: int, value: int, /) -> None: ...
+    def __len__(self) -> int: ...
+
+
+class Fence:
+    """A memory fence: stores before it are seen by others before stores after it, and loads likewise.
+
+    CPython's lock is a POSIX semaphore (or an atomic word); a post and a wait on it synchronise memory
+    (POSIX.1-2017, 4.12), which is the one way to order memory that Python can issue on every processor.
+    Writer and reader both need one: the writer between a record and the head that publishes it, the reader
+    between the head and the record.
+    """
+
+    __slots__ = ("_post", "_wait")
+
+    def __init__(self) -> None:
+        private = threading.Lock()
+        private.acquire()
+        self._post = private.release
+        self._wait = private.acquire
+
+    def __call__(self) -> None:
+        """Order all memory accesses before this call before all after it."""
+        self._post()
+        self._wait()
+
+
+def words_for_text(size_bytes: int) -> int:
+    """Words that a text of at most `size_bytes` bytes takes, its length included."""
+    return 1 + (size_bytes + WORD_BYTES - 1) // WORD_BYTES
+
+
+def write_text(words: Words, at: int, capacity_words: int, text: str) -> None:
+    """Write a text into `capacity_words` words from `at`; what does not fit is cut off at a character."""
+    data = text.encode()[: (capacity_words - 1) * WORD_BYTES]
+    data = data.decode(errors="ignore").encode()
+    padded = data + bytes(-len(data) % WORD_BYTES)
+    for index in range(0, len(padded), WORD_BYTES):
+        words[at + 1 + index // WORD_BYTES] = int.from_bytes(padded[index : index + WORD_BYTES], "little")
+    words[at] = len(data)
+
+
+def read_text(words: Words, at: int, capacity_words: int) -> str:
+    """Read a text; whatever the memory holds, the answer is a string of at most the capacity."""
+    size = min(words[at], (capacity_words - 1) * WORD_BYTES)
+    count = (size + WORD_BYTES - 1) // WORD_BYTES
+    data = b"".join(words[at + 1 + index].to_bytes(WORD_BYTES, "little") for index in range(count))
+    return data[:size].decode(errors="replace")
