@@ -1,1 +1,1 @@
-"""Devices: each talks to one piece of hardware, real or simulated, and knows nothing of messages or modules."""
+"""Devices: each talks to one piece of hardware, real or simulated; none knows of messages or modules."""

@@ -1,0 +1,90 @@
+"""The world of the simulated devices: walls as line segments, round obstacles as circles."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.pose import Pose
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Arena:
+    """A closed world in the plane; its frame has the origin at the lower left corner, x right, y up.
+
+    Attributes:
+        segments: (N, 4), m: x1, y1, x2, y2 of every piece of wall.
+        circles: (M, 3), m: x, y, radius of every round obstacle.
+        start: where a robot starts.
+        width_m: extent in x.
+        height_m: extent in y.
+    """
+
+    segments: Array
+    circles: Array
+    start: Pose
+    width_m: float
+    height_m: float
+
+    def clearance_m(self, points: Array) -> Array:
+        """Return the distance from points to the nearest surface of a wall or obstacle.
+
+        Args:
+            points: (..., 2), m, arena frame.
+
+        Returns:
+            (...), m; not negative, also within an obstacle (surfaces have no inside).
+        """
+        points = np.asarray(points, dtype=np.float64)[..., None, :]
+        begin, along = self.segments[:, :2], self.segments[:, 2:] - self.segments[:, :2]
+        squared_length = np.maximum((along**2).sum(axis=1), 1e-12)
+        fraction = np.clip(((points - begin) * along).sum(axis=-1) / squared_length, 0.0, 1.0)
+        offset = points - (begin + fraction[..., None] * along)
+        to_walls = np.sqrt((offset**2).sum(axis=-1).min(axis=-1, initial=np.inf))
+        from_centres = np.sqrt(((points - self.circles[:, :2]) ** 2).sum(axis=-1))
+        to_circles = np.abs(from_centres - self.circles[:, 2]).min(axis=-1, initial=np.inf)
+        return np.minimum(to_walls, to_circles)
+
+    def ranges_m(self, x_m: float, y_m: float, angles_rad: Array) -> Array:
+        """Return how far rays from one point go until they hit something.
+
+        Args:
+            x_m: where all rays start, arena frame.
+            y_m: where all rays start, arena frame.
+            angles_rad: (N,), directions in the arena frame.
+
+        Returns:
+            (N,), m; +inf for a ray that hits nothing.
+        """
+        directions = np.stack([np.cos(angles_rad), np.sin(angles_rad)], axis=1)
+        origin = np.array([x_m, y_m])
+        return np.minimum(
+            _ranges_to_segments(origin, directions, self.segments),
+            _ranges_to_circles(origin, directions, self.circles),
+        )
+
+
+def _ranges_to_segments(origin: Array, directions: Array, segments: Array) -> Array:
+    """Solve origin + t * direction = begin + u * along for every ray and segment by cross products."""
+    begin, along = segments[:, :2] - origin, segments[:, 2:] - segments[:, :2]
+    dx, dy = directions[:, :1], directions[:, 1:]
+    with np.errstate(divide="ignore", invalid="ignore"):  # a ray parallel to a wall hits nothing
+        scale = 1.0 / (dx * along[:, 1] - dy * along[:, 0])
+        t = (begin[:, 0] * along[:, 1] - begin[:, 1] * along[:, 0]) * scale
+        u = (begin[:, 0] * dy - begin[:, 1] * dx) * -scale
+        # A little more than the segment, so that no ray slips through where two walls meet.
+        hits = (t >= 0.0) & (u >= -1e-9) & (u <= 1.0 + 1e-9)
+    return np.where(hits, t, np.inf).min(axis=1, initial=np.inf)
+
+
+def _ranges_to_circles(origin: Array, directions: Array, circles: Array) -> Array:
+    """Solve |origin + t * direction - centre| = radius for every ray and circle."""
+    to_centre = circles[:, :2] - origin
+    nearest = directions @ to_centre.T
+    # Squared half of the chord; negative where the ray passes the circle.
+    squared_half = circles[:, 2] ** 2 - (to_centre**2).sum(axis=1) + nearest**2
+    half = np.sqrt(np.maximum(squared_half, 0.0))
+    t = np.where(nearest - half >= 0.0, nearest - half, nearest + half)
+    return np.where((squared_half >= 0.0) & (t >= 0.0), t, np.inf).min(axis=1, initial=np.inf)

@@ -1,0 +1,64 @@
+"""The geometry and limits of a robot with two driven wheels, and its wheel odometry."""
+
+import math
+from dataclasses import dataclass
+
+from hw.pose import Pose
+
+
+@dataclass(frozen=True)
+class DifferentialDrive:
+    """A robot's body, wheels and limits; the defaults are those of the stock robot.
+
+    Attributes:
+        body_radius_m: the body is round, its centre between the wheels.
+        wheel_radius_m: as the odometry assumes it.
+        axle_m: distance between the wheels, as the odometry assumes it.
+        ticks_per_turn: of a wheel's encoder.
+    """
+
+    body_radius_m: float = 0.20
+    wheel_radius_m: float = 0.05
+    axle_m: float = 0.32
+    ticks_per_turn: int = 2048
+    max_linear_m_per_s: float = 0.6
+    max_angular_rad_per_s: float = 2.0
+    max_wheel_m_per_s: float = 0.7
+    max_linear_m_per_s2: float = 1.0
+    max_angular_rad_per_s2: float = 5.0
+
+    @property
+    def tick_m(self) -> float:
+        """Return the way of a wheel from tick to tick."""
+        return 2 * math.pi * self.wheel_radius_m / self.ticks_per_turn
+
+    def limited(self, linear_m_per_s: float, angular_rad_per_s: float) -> tuple[float, float]:
+        """Return the speeds within the limits.
+
+        Where a wheel would be too fast both are scaled, which keeps the curve the robot drives.
+        """
+        linear = _clamp(linear_m_per_s, self.max_linear_m_per_s)
+        angular = _clamp(angular_rad_per_s, self.max_angular_rad_per_s)
+        fastest_wheel = abs(linear) + abs(angular) * self.axle_m / 2
+        scale = min(1.0, self.max_wheel_m_per_s / fastest_wheel) if fastest_wheel > 0 else 1.0
+        return linear * scale, angular * scale
+
+    def approached(
+        self, speeds: tuple[float, float], wanted: tuple[float, float], step_s: float
+    ) -> tuple[float, float]:
+        """Return the (linear, angular) speeds one time step later, as the limits of acceleration allow."""
+        linear_step = self.max_linear_m_per_s2 * step_s
+        angular_step = self.max_angular_rad_per_s2 * step_s
+        return (
+            speeds[0] + _clamp(wanted[0] - speeds[0], linear_step),
+            speeds[1] + _clamp(wanted[1] - speeds[1], angular_step),
+        )
+
+    def after_ticks(self, pose: Pose, left: int, right: int) -> Pose:
+        """Return the odometry's pose after the wheels have turned by so many ticks."""
+        left_m, right_m = left * self.tick_m, right * self.tick_m
+        return pose.after_arc((left_m + right_m) / 2, (right_m - left_m) / self.axle_m)
+
+
+def _clamp(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))

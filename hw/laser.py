@@ -1,0 +1,67 @@
+"""What every planar laser range finder offers, whatever hardware is behind it."""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.pose import ORIGIN, Pose
+
+
+@dataclass(frozen=True)
+class LaserGeometry:
+    """Where a laser sits and where its beams go; the defaults are one beam per degree all around.
+
+    Attributes:
+        angle_min_rad: direction of the first beam in the laser's frame.
+        angle_increment_rad: from beam to beam, counter-clockwise.
+        beams: how many there are.
+        range_min_m: nearer things are not measured.
+        range_max_m: farther things are not measured.
+        mount: the laser's pose in the robot's frame.
+    """
+
+    angle_min_rad: float = -math.pi
+    angle_increment_rad: float = math.pi / 180
+    beams: int = 360
+    range_min_m: float = 0.05
+    range_max_m: float = 10.0
+    mount: Pose = ORIGIN
+
+    @property
+    def angle_max_rad(self) -> float:
+        """Return the direction of the last beam in the laser's frame."""
+        return self.angle_min_rad + (self.beams - 1) * self.angle_increment_rad
+
+    def angles_rad(self) -> NDArray[np.float64]:
+        """Return the direction of each beam in the laser's frame: (beams,)."""
+        return self.angle_min_rad + self.angle_increment_rad * np.arange(self.beams)
+
+
+@dataclass(frozen=True)
+class LaserSweep:
+    """One sweep of a laser.
+
+    Attributes:
+        stamp_s: when it was taken, in the time of the device's clock.
+        ranges_m: (beams,) float32; +inf where nothing came back, -inf where something is nearer than
+            `range_min_m` (REP 117).
+    """
+
+    stamp_s: float
+    ranges_m: NDArray[np.float32]
+
+
+class LaserRangeFinder(ABC):
+    """A laser that measures ranges in one plane."""
+
+    @property
+    @abstractmethod
+    def geometry(self) -> LaserGeometry:
+        """Return where the laser sits and where its beams go."""
+
+    @abstractmethod
+    def scan(self) -> LaserSweep:
+        """Return the newest sweep."""

@@ -1,0 +1,79 @@
+"""A simulated laser range finder in an arena."""
+
+import numpy as np
+
+from hw.arena import Arena
+from hw.laser import LaserGeometry, LaserRangeFinder, LaserSweep
+from hw.pose import Pose
+
+
+class LaserNotPlaced(RuntimeError):
+    """The simulated laser was asked for a sweep before it was told where the robot is."""
+
+
+class SimulatedLaser(LaserRangeFinder):
+    """Measures an arena from where it was last placed, with noise.
+
+    Where the robot is, only the drive that simulates its motion knows; whoever owns both hands the true pose
+    over. A sweep bears the stamp of that pose, so it is right for its stamp however late the pose came.
+
+    Args:
+        arena: the world to measure.
+        geometry: where the laser sits and where its beams go.
+        noise_m: standard deviation of a range.
+        missing: fraction of beams that return nothing.
+        seed: of the noise; the same seed and poses give the same sweeps.
+    """
+
+    def __init__(
+        self,
+        arena: Arena,
+        geometry: LaserGeometry | None = None,
+        noise_m: float = 0.01,
+        missing: float = 0.003,
+        seed: int = 0,
+    ) -> None:
+        self._arena = arena
+        self._geometry = geometry or LaserGeometry()
+        self._angles_rad = self._geometry.angles_rad()
+        self._noise_m = noise_m
+        self._missing = missing
+        self._random = np.random.default_rng(seed)
+        self._placed: tuple[Pose, float] | None = None
+
+    @property
+    def geometry(self) -> LaserGeometry:
+        """Return where the laser sits and where its beams go."""
+        return self._geometry
+
+    @property
+    def is_placed(self) -> bool:
+        """Say whether the laser knows where it is."""
+        return self._placed is not None
+
+    def place(self, robot: Pose, stamp_s: float) -> None:
+        """Put the laser's robot at a true pose.
+
+        Args:
+            robot: pose of the robot, arena frame.
+            stamp_s: when the robot was there.
+        """
+        self._placed = (Pose(*robot), stamp_s)
+
+    def scan(self) -> LaserSweep:
+        """Return a sweep from where the laser was last placed, with that moment's stamp.
+
+        Raises:
+            LaserNotPlaced: nobody has called `place` yet.
+        """
+        if self._placed is None:
+            raise LaserNotPlaced("the simulated laser does not know where it is: call place() before scan()")
+        robot, stamp_s = self._placed
+        eye = robot.plus(self._geometry.mount)
+        ranges = self._arena.ranges_m(eye.x_m, eye.y_m, self._angles_rad + eye.heading_rad)
+        ranges += self._random.normal(0.0, self._noise_m, len(ranges))
+        too_near = ranges < self._geometry.range_min_m
+        lost = self._random.random(len(ranges)) < self._missing
+        ranges[lost | (ranges > self._geometry.range_max_m)] = np.inf
+        ranges[too_near] = -np.inf
+        return LaserSweep(stamp_s, ranges.astype(np.float32))
