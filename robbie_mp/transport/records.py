@@ -8,6 +8,7 @@ Outbound, from a module to the core (seven words each):
     PUBLISH      declaration, source, offset, bytes, stamp_ns, block
     DONE         reference, sequence                              handled, but an array of it is still held
     RELEASE      reference, sequence                              handled (if not DONE before) and let go
+    WAIT_FREED   blocks                                           wake me when so many of mine are freed
 
 and, from the supervisor only:
 
@@ -38,9 +39,10 @@ class Outbound(IntEnum):
     PUBLISH = 4
     DONE = 5
     RELEASE = 6
-    MODULE_UP = 7
-    MODULE_DOWN = 8
-    MODULE_GONE = 9
+    WAIT_FREED = 7
+    MODULE_UP = 8
+    MODULE_DOWN = 9
+    MODULE_GONE = 10
 
 
 class Inbound(IntEnum):

@@ -117,7 +117,8 @@ class RingReader:
         return _record(self._words, at)
 
     def take(self) -> None:
-        """Advance the tail: from now on the record is the reader's."""
+        """Advance the tail: the record was read, its place may be written again."""
+        self._fence()
         self.tail += 1
         self._tail_words[self._tail_at] = self.tail
 
@@ -180,6 +181,7 @@ class NumberRingReader:
             return []
         self._fence()
         numbers = [self._words[self._numbers_at + (at & self._mask)] for at in range(self.tail, head)]
+        self._fence()
         self.tail = head
         self._tail_words[self._tail_at] = head
         return numbers

@@ -1,0 +1,148 @@
+"""Who offers and who wants what: channels and subscriptions, in memory and in the core's tables."""
+
+from robbie_mp.core.tables import CoreTables
+from robbie_mp.errors import RobbieError
+from robbie_mp.transport import layout
+from robbie_mp.transport.layout import NAME_WORDS
+from robbie_mp.transport.records import MessageHandling
+from robbie_mp.transport.words import write_text
+
+ROW_OPEN = 1
+ROW_CLOSED = 2
+
+
+class TableFull(RobbieError, OverflowError):
+    """One of the core's tables has no free row; the profile's `core` section sets their sizes."""
+
+
+class Subscription:
+    """One module's wish for a message type, on all topics or on one; it outlives the module's restarts."""
+
+    __slots__ = (
+        "at", "counts", "declaration", "declared_by", "index", "newest_only", "queued", "slot", "topic",
+        "type_name", "version",
+    )  # fmt: skip
+
+    def __init__(self, index: int, at: int, slot: int, wish: "Wish"):
+        self.index = index
+        self.at = at
+        self.slot = slot
+        self.declaration = wish.declaration
+        self.declared_by = 0
+        """The incarnation of the module that wished it last."""
+        self.type_name = wish.type_name
+        self.version = wish.version
+        self.topic = wish.topic
+        self.newest_only = wish.handling is MessageHandling.KEEP_ONLY_NEWEST
+        self.queued: int | None = None
+        """The reference that waits, of a subscription that keeps only the newest."""
+        self.counts = [0, 0, 0, 0, 0]
+        """Routed, delivered, replaced, dropped, lost; the words from SUBSCRIPTION_ROUTED on."""
+
+    def matches(self, channel: "Channel") -> bool:
+        """Whether messages of a channel go to this subscription."""
+        return (
+            channel.type_name == self.type_name
+            and channel.version == self.version
+            and self.topic in ("", channel.topic)
+        )
+
+
+class Wish:
+    """What a module declared in its out segment."""
+
+    __slots__ = ("declaration", "handling", "topic", "type_name", "version")
+
+    def __init__(
+        self, declaration: int, type_name: str, version: int, topic: str, handling: MessageHandling
+    ):
+        self.declaration = declaration
+        self.type_name = type_name
+        self.version = version
+        self.topic = topic
+        self.handling = handling
+
+
+class Channel:
+    """A message type with a version on a topic."""
+
+    __slots__ = ("at", "bytes", "index", "messages", "subscriptions", "topic", "type_name", "version")
+
+    def __init__(self, index: int, at: int, type_name: str, version: int, topic: str):
+        self.index = index
+        self.at = at
+        self.type_name = type_name
+        self.version = version
+        self.topic = topic
+        self.messages = 0
+        self.bytes = 0
+        self.subscriptions: list[Subscription] = []
+
+
+class Directory:
+    """All channels and subscriptions of a run."""
+
+    def __init__(self, tables: CoreTables):
+        self._tables = tables
+        self._channels: dict[tuple[str, int, str], Channel] = {}
+        self.subscriptions: list[Subscription] = []
+
+    def channel(self, type_name: str, version: int, topic: str) -> Channel:
+        """Find a channel, or open it.
+
+        Raises:
+            TableFull: there are as many channels as the profile allows.
+        """
+        key = (type_name, version, topic)
+        if found := self._channels.get(key):
+            return found
+        index = len(self._channels)
+        if index == self._tables.sizes.channels:
+            raise TableFull(f"no room for channel {type_name} on topic '{topic}': {index} are in use")
+        words, at = self._tables.words, self._tables.channel(index)
+        write_text(words, at + layout.CHANNEL_TYPE, NAME_WORDS, type_name)
+        write_text(words, at + layout.CHANNEL_TOPIC, NAME_WORDS, topic)
+        words[at + layout.CHANNEL_VERSION] = version
+        words[at + layout.CHANNEL_STATE] = ROW_OPEN
+        channel = self._channels[key] = Channel(index, at, type_name, version, topic)
+        channel.subscriptions = [entry for entry in self.subscriptions if entry.matches(channel)]
+        return channel
+
+    def subscribe(self, slot: int, wish: Wish) -> Subscription:
+        """Open a subscription, or find the one that the module's earlier incarnation left.
+
+        Raises:
+            TableFull: there are as many subscriptions as the profile allows.
+        """
+        newest_only = wish.handling is MessageHandling.KEEP_ONLY_NEWEST
+        for entry in self.subscriptions:
+            same_wish = (entry.type_name, entry.version, entry.topic, entry.newest_only) == (
+                wish.type_name, wish.version, wish.topic, newest_only,
+            )  # fmt: skip
+            if entry.slot == slot and same_wish:
+                entry.declaration = wish.declaration
+                return entry
+        index = len(self.subscriptions)
+        if index == self._tables.sizes.subscriptions:
+            raise TableFull(f"no room for a subscription to {wish.type_name}: {index} are in use")
+        words, at = self._tables.words, self._tables.subscription(index)
+        write_text(words, at + layout.SUBSCRIPTION_TYPE, NAME_WORDS, wish.type_name)
+        write_text(words, at + layout.SUBSCRIPTION_TOPIC, NAME_WORDS, wish.topic)
+        words[at + layout.SUBSCRIPTION_SLOT] = slot
+        words[at + layout.SUBSCRIPTION_HANDLING] = wish.handling
+        words[at + layout.SUBSCRIPTION_VERSION] = wish.version
+        words[at + layout.SUBSCRIPTION_STATE] = ROW_OPEN
+        entry = Subscription(index, at, slot, wish)
+        self.subscriptions.append(entry)
+        for channel in self._channels.values():
+            if entry.matches(channel):
+                channel.subscriptions.append(entry)
+        return entry
+
+    def close(self, entry: Subscription) -> None:
+        """Route nothing more to a subscription; its counters stay."""
+        self._tables.words[entry.at + layout.SUBSCRIPTION_STATE] = ROW_CLOSED
+        entry.type_name = ""  # matches nothing from now on
+        for channel in self._channels.values():
+            if entry in channel.subscriptions:
+                channel.subscriptions.remove(entry)

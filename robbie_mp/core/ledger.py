@@ -1,0 +1,152 @@
+"""The books: every live message, everyone who still holds or awaits it, and what became of each reference.
+
+A *handle* names a message; a *reference* is one subscription's claim to it. Each row of either table ends in
+a committing store, and the row carries the new values of all counters that the step changes, so that a step
+cut short after its commit can be finished from the row alone, and one cut short before it never was.
+"""
+
+from collections.abc import Callable
+from enum import IntEnum
+from typing import NamedTuple
+
+from robbie_mp.core.directory import Channel, Subscription
+from robbie_mp.core.tables import CoreTables
+from robbie_mp.transport import layout
+
+
+class Outcome(IntEnum):
+    """State of a reference; its word holds the count of such events for the subscription from bit 8 on."""
+
+    FREE = 0
+    HELD = 1
+    DELIVERED = 2
+    REPLACED = 3
+    DROPPED = 4
+    LOST = 5
+
+
+class Handle(NamedTuple):
+    """One live message."""
+
+    sequence: int
+    source: int
+    offset: int
+    size: int
+    channel: int
+    stamp_ns: int
+    block: int
+
+
+class Ledger:
+    """Handles, references and the counters of subscriptions.
+
+    Args:
+        tables: the core's tables.
+        give_back: called with a handle to which nobody refers any more.
+    """
+
+    def __init__(self, tables: CoreTables, give_back: Callable[[int], None]):
+        self._tables = tables
+        self._words = tables.words
+        self._give_back = give_back
+        self._handles: list[Handle] = [Handle(0, 0, 0, 0, 0, 0, 0)] * tables.sizes.handles
+        self._holders = [0] * tables.sizes.handles
+        self._references: list[tuple[int, int, Subscription] | None] = [None] * tables.sizes.references
+        self._live_of_source: dict[tuple[int, int], int] = {}
+
+    def has_room(self, references: int) -> bool:
+        """Whether a message with so many subscribers can be entered."""
+        return bool(self._tables.free_handles) and len(self._tables.free_references) >= references
+
+    def open_handle(self, handle: Handle, record: int, publisher_routed: int, channel: Channel) -> int:
+        """Enter a message; return the index of its row."""
+        index = self._tables.free_handles.pop()
+        at = self._tables.handle(index)
+        words = self._words
+        words[at + layout.HANDLE_SOURCE] = handle.source
+        words[at + layout.HANDLE_OFFSET] = handle.offset
+        words[at + layout.HANDLE_BYTES] = handle.size
+        words[at + layout.HANDLE_CHANNEL] = handle.channel
+        words[at + layout.HANDLE_STAMP_NS] = handle.stamp_ns
+        words[at + layout.HANDLE_BLOCK] = handle.block
+        words[at + layout.HANDLE_RECORD] = record
+        words[at + layout.HANDLE_PUBLISHER_ROUTED] = publisher_routed
+        words[at + layout.HANDLE_CHANNEL_MESSAGES] = channel.messages + 1
+        words[at + layout.HANDLE_CHANNEL_BYTES] = channel.bytes + handle.size
+        words[at] = handle.sequence  # commits: from here on the message is routed
+        self._handles[index] = handle
+        key = (handle.source & 0xFFFF, handle.source >> 32)
+        self._live_of_source[key] = self._live_of_source.get(key, 0) + 1
+        return index
+
+    def handle(self, index: int) -> Handle:
+        """A live message."""
+        return self._handles[index]
+
+    def close_handle(self, index: int) -> tuple[int, int] | None:
+        """Free a handle's row; return its publisher's slot and incarnation if it was the last of them."""
+        self._words[self._tables.handle(index)] = 0
+        self._tables.free_handles.append(index)
+        source = self._handles[index].source
+        key = (source & 0xFFFF, source >> 32)
+        left = self._live_of_source[key] - 1
+        if left:
+            self._live_of_source[key] = left
+            return None
+        del self._live_of_source[key]
+        return key
+
+    def has_live(self, slot: int, incarnation: int) -> bool:
+        """Whether messages of that publisher are alive."""
+        return (slot, incarnation) in self._live_of_source
+
+    def open_reference(self, subscription: Subscription, handle: int) -> int:
+        """Enter a subscription's claim to a message; return the index of its row."""
+        index = self._tables.free_references.pop()
+        at = self._tables.reference(index)
+        words, counts = self._words, subscription.counts
+        sequence = self._handles[handle].sequence
+        counts[0] += 1
+        words[at + layout.REFERENCE_SEQUENCE] = sequence
+        words[at + layout.REFERENCE_HANDLE] = handle
+        words[at + layout.REFERENCE_SUBSCRIPTION] = subscription.index
+        words[at] = Outcome.HELD | counts[0] << 8  # commits
+        words[subscription.at + layout.SUBSCRIPTION_ROUTED] = counts[0]
+        self._references[index] = (sequence, handle, subscription)
+        self._holders[handle] += 1
+        return index
+
+    def reference(self, index: int) -> tuple[int, int, Subscription]:
+        """Sequence, handle and subscription of a live reference.
+
+        Raises:
+            KeyError: there is no such reference.
+        """
+        entry = self._references[index]
+        if entry is None:
+            raise KeyError(f"reference {index} is not live")
+        return entry
+
+    def count(self, index: int, outcome: Outcome) -> None:
+        """Enter what became of a reference."""
+        subscription = self.reference(index)[2]
+        counts = subscription.counts
+        column = outcome - 1
+        counts[column] += 1
+        self._words[self._tables.reference(index)] = outcome | counts[column] << 8  # commits
+        self._words[subscription.at + layout.SUBSCRIPTION_ROUTED + column] = counts[column]
+
+    def close_reference(self, index: int) -> None:
+        """Free a reference's row, and give the message back if it was the last."""
+        handle = self.reference(index)[1]
+        self._words[self._tables.reference(index)] = Outcome.FREE
+        self._references[index] = None
+        self._tables.free_references.append(index)
+        self._holders[handle] -= 1
+        if not self._holders[handle]:
+            self._give_back(handle)
+
+    def finish(self, index: int, outcome: Outcome) -> None:
+        """Enter what became of a reference and free it."""
+        self.count(index, outcome)
+        self.close_reference(index)

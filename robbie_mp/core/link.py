@@ -1,0 +1,117 @@
+"""The core's ends of the rings to one incarnation of a module, and what outlives that: the module's slot."""
+
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from robbie_mp.core.directory import Channel, Wish
+from robbie_mp.errors import RobbieError
+from robbie_mp.transport import layout
+from robbie_mp.transport.records import Inbound, MessageHandling
+from robbie_mp.transport.ring import NumberRingWriter, RingPlace, RingReader, RingWriter
+from robbie_mp.transport.words import Words, read_text
+
+_HANDLINGS = frozenset(int(handling) for handling in MessageHandling)
+
+
+class ProtocolViolation(RobbieError, ValueError):
+    """A module wrote what no module of ours writes; it is faulted, and restarted by the supervisor."""
+
+
+@dataclass(frozen=True)
+class LinkMemory:
+    """What connects the core with one incarnation of a module."""
+
+    incarnation: int
+    out_words: Words
+    in_words: Words
+    wake: Callable[[], None]
+    close: Callable[[], None]
+
+
+class Link:
+    """One incarnation of a module, as the core sees it."""
+
+    def __init__(self, slot: int, memory: LinkMemory, ring_records: int, credit: int):
+        self.slot = slot
+        self.incarnation = memory.incarnation
+        self.out_words = memory.out_words
+        self.in_words = memory.in_words
+        self.wake = memory.wake
+        self.close = memory.close
+        out, into = memory.out_words, memory.in_words
+        self.outbound = RingReader(
+            RingPlace(out, layout.OUT_HEAD, layout.OUT_RING, ring_records, into, layout.IN_OUTBOUND_TAIL)
+        )
+        capacity = layout.inbound_records(credit)
+        tail_at = layout.OUT_INBOUND_TAIL
+        self.inbound = RingWriter(RingPlace(into, layout.IN_HEAD, layout.IN_RING, capacity, out, tail_at))
+        freed_at = layout.IN_RING + capacity * layout.RECORD_WORDS
+        freed_records = layout.FREED_RECORDS
+        tail_at = layout.OUT_FREED_TAIL
+        self.freed = NumberRingWriter(
+            RingPlace(into, layout.IN_FREED_HEAD, freed_at, freed_records, out, tail_at)
+        )
+        self.channels: dict[int, Channel] = {}
+        """By the module's declaration number."""
+        self.pushed: OrderedDict[int, int] = OrderedDict()
+        """References in its inbound ring or hands, and the number of the record that brought each."""
+        self.pinned: set[int] = set()
+        """References it has handled, but holds."""
+        self.freed_backlog: deque[tuple[int, int]] = deque()
+        """Handle rows and blocks to be freed when the freed ring has room again."""
+        self.notices: deque[tuple[Inbound, int, int, int]] = deque()
+        self.wake_after_freed = 0
+        self.ready = False
+        self.faulted = False
+        self._want_release = 0
+
+    def want_release(self, want: int) -> bool:
+        """Ask the module to post when it releases (or not to); True if that is news to it."""
+        if want == self._want_release:
+            return False
+        self.in_words[layout.IN_WANT_RELEASE] = want
+        self._want_release = want
+        return want == 1
+
+    def declaration(self, number: int) -> Wish:
+        """Read a declaration from the module's out segment.
+
+        Raises:
+            ProtocolViolation: it makes no sense.
+        """
+        if number >= layout.DECLARATION_COUNT:
+            raise ProtocolViolation(f"declaration {number} is out of range")
+        at = layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
+        words = self.out_words
+        type_name = read_text(words, at + layout.DECLARATION_TYPE, layout.NAME_WORDS)
+        topic = read_text(words, at + layout.DECLARATION_TOPIC, layout.NAME_WORDS)
+        handling = words[at + layout.DECLARATION_HANDLING]
+        if not type_name or handling not in _HANDLINGS:
+            raise ProtocolViolation(f"declaration {number} has type '{type_name}' and handling {handling}")
+        version = words[at + layout.DECLARATION_VERSION]
+        return Wish(number, type_name, version, topic, MessageHandling(handling))
+
+    def send_notices(self) -> None:
+        """Push what the module is to be told, as far as there is room."""
+        while self.notices and self.inbound.room() > 0:
+            kind, first, second, third = self.notices.popleft()
+            self.inbound.push(kind, first, second, third, 0, 0, 0)
+            self.wake()
+
+
+class Slot:
+    """A module through all its incarnations: its waiting messages and its publisher counters."""
+
+    def __init__(self, index: int, at: int, queue_messages: int, queue_bytes: int):
+        self.index = index
+        self.at = at
+        self.queue_messages = queue_messages
+        self.queue_bytes = queue_bytes
+        self.waiting: OrderedDict[int, int] = OrderedDict()
+        """References in the order of their sequence, and the bytes of each."""
+        self.waiting_bytes = 0
+        self.waiting_peak = 0
+        self.routed = 0
+        self.refused = 0
+        self.link: Link | None = None

@@ -1,0 +1,409 @@
+"""The routing of handles: plain code over shared words, without system calls of its own.
+
+What is written where, and why each step can be repeated after a crash, is the ledger's affair; here is who
+gets what and when.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from robbie_mp.core.directory import Channel, Directory, Subscription, TableFull
+from robbie_mp.core.ledger import Handle, Ledger, Outcome
+from robbie_mp.core.link import Link, LinkMemory, ProtocolViolation, Slot
+from robbie_mp.core.tables import CoreTables
+from robbie_mp.transport import layout
+from robbie_mp.transport.records import Inbound, Outbound
+from robbie_mp.transport.ring import Record, RingCorrupt
+from robbie_mp.transport.words import WORD_MAX
+
+SUPERVISOR_SLOT = 0
+
+
+@dataclass(frozen=True)
+class RouterLimits:
+    """Bounds of the rings and of what a module may send."""
+
+    ring_records: int
+    credit: int
+    message_bytes: int
+
+
+@dataclass(frozen=True)
+class SlotLimits:
+    """Bounds of one module's queue."""
+
+    queue_messages: int
+    queue_bytes: int
+
+
+class Router:
+    """Routes handles from publishers to subscribers and gives blocks back.
+
+    Args:
+        tables: the core's tables, which this object alone writes.
+        limits: bounds of the rings.
+        slots: bounds of each slot's queue; slot 0 is the supervisor's.
+        connect: opens the memory of one incarnation of a module.
+        report: is told what went wrong with whom.
+    """
+
+    def __init__(
+        self,
+        tables: CoreTables,
+        limits: RouterLimits,
+        slots: Sequence[SlotLimits],
+        connect: Callable[[int, int], LinkMemory],
+        report: Callable[[str], None],
+    ):
+        self._words = tables.words
+        self._limits = limits
+        self._connect = connect
+        self._report = report
+        self._directory = Directory(tables)
+        self._ledger = Ledger(tables, self._give_back)
+        self._slots = [
+            Slot(index, tables.publisher(index), bound.queue_messages, bound.queue_bytes)
+            for index, bound in enumerate(slots)
+        ]
+        self._links: list[Link] = []
+        self._sequence = 0
+        self._dead_sources: set[tuple[int, int]] = set()
+        """Slot and incarnation of dead publishers whose messages are still alive."""
+        self._freed_waits = 0
+        """Links that wait for freed blocks."""
+        self._receivers: dict[Outbound, Callable[[Slot, Link, Record], None]] = {
+            Outbound.ADVERTISE: self._advertise,
+            Outbound.SUBSCRIBE: self._subscribe,
+            Outbound.READY: self._ready,
+            Outbound.PUBLISH: self._publish,
+            Outbound.DONE: self._done,
+            Outbound.RELEASE: self._release,
+            Outbound.WAIT_FREED: self._wait_freed,
+        }
+
+    # -- the loop's view -------------------------------------------------------------------------------
+
+    def drain(self) -> int:
+        """Handle every record that waits in any ring once; return how many there were."""
+        handled = 0
+        for link in tuple(self._links):
+            if link.faulted:
+                continue
+            try:
+                waiting = link.outbound.waiting()
+                for _ in range(waiting):
+                    self._receive(link)
+                handled += waiting
+            except (ProtocolViolation, RingCorrupt, TableFull) as error:
+                self._fault(link, str(error))
+        return handled
+
+    def before_sleep(self) -> bool:
+        """Set the flags by which modules know when to post; True if the rings must be looked at again."""
+        look_again = False
+        for link in self._links:
+            waited_for = self._slots[link.slot].waiting or (self._freed_waits and link.pushed)
+            if link.want_release(1 if waited_for or (link.pinned and self._freed_waits) else 0):
+                look_again = True
+            if link.freed_backlog:
+                self._flush_freed(link)
+            if link.notices:
+                link.send_notices()
+        return look_again
+
+    def _receive(self, link: Link) -> None:
+        record = link.outbound.peek()
+        kind = record[0]
+        slot = self._slots[link.slot]
+        if kind == Outbound.PUBLISH:
+            self._publish(slot, link, record)
+        elif kind == Outbound.RELEASE:
+            self._release(slot, link, record)
+        elif kind in _CONTROL and link.slot == SUPERVISOR_SLOT:
+            self._control(Outbound(kind), record)
+        elif kind in self._receivers:
+            self._receivers[Outbound(kind)](slot, link, record)
+        else:
+            raise ProtocolViolation(f"record of unknown kind {kind}")
+        link.outbound.take()
+
+    # -- modules come and go -----------------------------------------------------------------------------
+
+    def module_up(self, slot: int, incarnation: int) -> None:
+        """Connect with a new incarnation of a module."""
+        link = Link(slot, self._connect(slot, incarnation), self._limits.ring_records, self._limits.credit)
+        self._slots[slot].link = link
+        self._links.append(link)
+
+    def _control(self, kind: Outbound, record: Record) -> None:
+        slot, incarnation = record[1], record[2]
+        link = self._slots[slot].link
+        if kind == Outbound.MODULE_UP:
+            self.module_up(slot, incarnation)
+        elif kind == Outbound.MODULE_DOWN and link is not None and link.incarnation == incarnation:
+            self._reclaim(link)
+            self._notify(SUPERVISOR_SLOT, (Inbound.RECLAIMED, slot, incarnation, 0))
+        elif kind == Outbound.MODULE_GONE:
+            outcome = Outcome.DROPPED if record[2] else Outcome.LOST
+            for entry in [entry for entry in self._directory.subscriptions if entry.slot == slot]:
+                self._close_subscription(entry, outcome)
+
+    def _reclaim(self, link: Link) -> None:
+        """Take back what a dead module held; what it had not begun to handle waits for its successor."""
+        slot = self._slots[link.slot]
+        try:
+            while not link.faulted and link.outbound.waiting():
+                self._receive(link)
+        except (ProtocolViolation, RingCorrupt, TableFull) as error:
+            self._report(f"{self._name(link)} died leaving a broken ring: {error}")
+        slot.link = None
+        self._links.remove(link)
+        self._freed_waits -= link.wake_after_freed > 0
+        begun = link.out_words[layout.OUT_INBOUND_TAIL]
+        for reference, record in reversed(list(link.pushed.items())):
+            if record < begun:
+                self._ledger.finish(reference, Outcome.LOST)
+            else:
+                self._wait_again(slot, reference)
+        for reference in link.pinned:
+            self._ledger.close_reference(reference)
+        for handle, _ in link.freed_backlog:
+            self._close_handle(handle)
+        source = (link.slot, link.incarnation)
+        if self._ledger.has_live(*source):
+            self._dead_sources.add(source)
+        else:
+            self._segments_gone(source)
+        self._write_queue_figures(slot, None)
+        link.close()
+
+    def _wait_again(self, slot: Slot, reference: int) -> None:
+        """Put a message that its module never began to handle back in front of the queue."""
+        _sequence, handle, subscription = self._ledger.reference(reference)
+        if subscription.newest_only:
+            if subscription.queued is not None:  # a newer one waits already
+                self._ledger.finish(reference, Outcome.REPLACED)
+                return
+            subscription.queued = reference
+        size = self._ledger.handle(handle).size
+        slot.waiting[reference] = size
+        slot.waiting.move_to_end(reference, last=False)
+        slot.waiting_bytes += size
+
+    def _fault(self, link: Link, what: str) -> None:
+        """Take no more records of a module that broke the protocol, and have it killed."""
+        link.faulted = True
+        self._words[layout.CORE_FAULTS] = self._words[layout.CORE_FAULTS] + 1
+        self._report(f"{self._name(link)} is faulted: {what}")
+        self._notify(SUPERVISOR_SLOT, (Inbound.FAULTED, link.slot, link.incarnation, 0))
+
+    @staticmethod
+    def _name(link: Link) -> str:
+        return f"module in slot {link.slot}, incarnation {link.incarnation},"
+
+    def _notify(self, slot: int, notice: tuple[Inbound, int, int, int]) -> None:
+        link = self._slots[slot].link
+        if link is not None:
+            link.notices.append(notice)
+            link.send_notices()
+
+    # -- declarations ------------------------------------------------------------------------------------
+
+    def _advertise(self, _slot: Slot, link: Link, record: Record) -> None:
+        wish = link.declaration(record[1])
+        link.channels[record[1]] = self._directory.channel(wish.type_name, wish.version, wish.topic)
+
+    def _subscribe(self, _slot: Slot, link: Link, record: Record) -> None:
+        entry = self._directory.subscribe(link.slot, link.declaration(record[1]))
+        entry.declared_by = link.incarnation
+
+    def _ready(self, slot: Slot, link: Link, _record: Record) -> None:
+        link.ready = True
+        for entry in list(self._directory.subscriptions):
+            if entry.slot == link.slot and entry.declared_by != link.incarnation and entry.type_name:
+                self._close_subscription(entry, Outcome.DROPPED)
+        self._pump(slot, link)
+
+    def _close_subscription(self, entry: Subscription, outcome: Outcome) -> None:
+        slot = self._slots[entry.slot]
+        for reference in list(slot.waiting):
+            if self._ledger.reference(reference)[2] is entry:
+                self._leave_queue(slot, reference)
+                self._ledger.finish(reference, outcome)
+        self._directory.close(entry)
+        self._write_queue_figures(slot, slot.link)
+
+    # -- messages ----------------------------------------------------------------------------------------
+
+    def _publish(self, slot: Slot, link: Link, record: Record) -> None:
+        _, declaration, source, offset, size, stamp, block = record
+        channel = link.channels.get(declaration)
+        publisher, _segment, incarnation = layout.unpack_source(source)
+        if channel is None or publisher != link.slot or incarnation != link.incarnation:
+            raise ProtocolViolation(f"it published on declaration {declaration} from source {source:#x}")
+        if size > self._limits.message_bytes or offset > WORD_MAX >> 1:
+            raise ProtocolViolation(f"it published {size} bytes at offset {offset}")
+        if not self._ledger.has_room(len(channel.subscriptions)):
+            self._refuse(slot, link, block)
+            return
+        handle = Handle(self._sequence + 1, source, offset, size, channel.index, stamp, block)
+        index = self._ledger.open_handle(handle, link.outbound.tail, slot.routed + 1, channel)
+        self._route(slot, channel, index)
+
+    def _route(self, slot: Slot, channel: Channel, index: int) -> None:
+        """Count an entered message and queue it for everyone who wants it."""
+        handle = self._ledger.handle(index)
+        words = self._words
+        self._sequence = handle.sequence
+        words[layout.CORE_LAST_SEQUENCE] = handle.sequence
+        slot.routed += 1
+        words[slot.at + layout.PUBLISHER_ROUTED] = slot.routed
+        channel.messages += 1
+        channel.bytes += handle.size
+        words[channel.at + layout.CHANNEL_MESSAGES] = channel.messages
+        words[channel.at + layout.CHANNEL_BYTES] = channel.bytes
+        words[channel.at + layout.CHANNEL_LAST_STAMP_NS] = handle.stamp_ns
+        claims = [(entry, self._ledger.open_reference(entry, index)) for entry in channel.subscriptions]
+        for entry, reference in claims:
+            self._enqueue(entry, reference, handle.size)
+        if not claims:
+            self._give_back(index)
+
+    def _refuse(self, slot: Slot, link: Link, block: int) -> None:
+        """Count a message for which the tables have no row, and give its block back."""
+        slot.refused += 1
+        self._words[slot.at + layout.PUBLISHER_REFUSED] = slot.refused
+        link.freed.push(block)
+
+    def _enqueue(self, subscription: Subscription, reference: int, size: int) -> None:
+        slot = self._slots[subscription.slot]
+        if subscription.newest_only:
+            if (old := subscription.queued) is not None:
+                self._leave_queue(slot, old)
+                self._ledger.finish(old, Outcome.REPLACED)
+            subscription.queued = reference
+        slot.waiting[reference] = size
+        slot.waiting_bytes += size
+        link = slot.link
+        if link is not None and link.ready:
+            self._pump(slot, link)
+        while len(slot.waiting) > 1 and (
+            len(slot.waiting) > slot.queue_messages or slot.waiting_bytes > slot.queue_bytes
+        ):
+            oldest = next(iter(slot.waiting))
+            self._leave_queue(slot, oldest)
+            self._ledger.finish(oldest, Outcome.DROPPED)
+        self._write_queue_figures(slot, link)
+
+    def _leave_queue(self, slot: Slot, reference: int) -> None:
+        slot.waiting_bytes -= slot.waiting.pop(reference)
+        subscription = self._ledger.reference(reference)[2]
+        if subscription.queued == reference:
+            subscription.queued = None
+
+    def _pump(self, slot: Slot, link: Link) -> None:
+        """Push waiting messages in order, as far as the module's credit goes."""
+        waiting, pushed = slot.waiting, link.pushed
+        if not waiting or len(pushed) >= self._limits.credit:
+            return
+        inbound = link.inbound
+        sent = False
+        while waiting and len(pushed) < self._limits.credit:
+            reference = next(iter(waiting))
+            _, handle, subscription = self._ledger.reference(reference)
+            if subscription.newest_only and pushed:
+                break  # it asks for this one by being done with what it has, and then gets the newest
+            self._leave_queue(slot, reference)
+            sequence, source, offset, size, channel, stamp, _ = self._ledger.handle(handle)
+            pushed[reference] = inbound.head
+            inbound.push(
+                Inbound.DELIVER | subscription.declaration << 8 | channel << 32,
+                reference, sequence, source, offset, size, stamp,
+            )  # fmt: skip
+            sent = True
+        if sent:
+            link.wake()
+
+    def _done(self, slot: Slot, link: Link, record: Record) -> None:
+        """Handled, but held: the credit comes back, the block does not."""
+        reference = record[1]
+        if reference not in link.pushed or self._ledger.reference(reference)[0] != record[2]:
+            raise ProtocolViolation(f"it is done with reference {reference}, which it does not have")
+        del link.pushed[reference]
+        link.pinned.add(reference)
+        self._ledger.count(reference, Outcome.DELIVERED)
+        self._pump(slot, link)
+        self._write_queue_figures(slot, link)
+
+    def _release(self, slot: Slot, link: Link, record: Record) -> None:
+        """Let go of a message; it counts as delivered now, if it did not before."""
+        reference = record[1]
+        if reference in link.pushed and self._ledger.reference(reference)[0] == record[2]:
+            del link.pushed[reference]
+            self._ledger.finish(reference, Outcome.DELIVERED)
+        elif reference in link.pinned and self._ledger.reference(reference)[0] == record[2]:
+            link.pinned.remove(reference)
+            self._ledger.close_reference(reference)
+        else:
+            raise ProtocolViolation(f"it released reference {reference}, which it does not have")
+        if slot.waiting:
+            self._pump(slot, link)
+        self._write_queue_figures(slot, link)
+
+    # -- blocks go back to their owners ------------------------------------------------------------------
+
+    def _give_back(self, index: int) -> None:
+        """Give a block back to its owner, if that still lives, and then free the row."""
+        handle = self._ledger.handle(index)
+        slot, _, incarnation = layout.unpack_source(handle.source)
+        link = self._slots[slot].link
+        if link is not None and link.incarnation == incarnation:
+            if link.freed_backlog or not link.freed.push(handle.block):
+                link.freed_backlog.append((index, handle.block))
+                return
+            self._count_freed(link)
+        self._close_handle(index)
+
+    def _count_freed(self, link: Link) -> None:
+        if link.wake_after_freed:
+            link.wake_after_freed -= 1
+            if not link.wake_after_freed:
+                self._freed_waits -= 1
+                link.wake()
+
+    def _flush_freed(self, link: Link) -> None:
+        while link.freed_backlog and link.freed.push(link.freed_backlog[0][1]):
+            handle, _ = link.freed_backlog.popleft()
+            self._close_handle(handle)
+            self._count_freed(link)
+
+    def _close_handle(self, index: int) -> None:
+        source = self._ledger.close_handle(index)
+        if source in self._dead_sources:
+            self._dead_sources.remove(source)
+            self._segments_gone(source)
+
+    def _segments_gone(self, source: tuple[int, int]) -> None:
+        """Have a dead publisher's data segments unmapped by everyone, and unlinked by the supervisor."""
+        for link in self._links:
+            self._notify(link.slot, (Inbound.SEGMENTS_GONE, *source, 0))
+
+    def _wait_freed(self, _slot: Slot, link: Link, record: Record) -> None:
+        self._freed_waits += (record[1] > 0) - (link.wake_after_freed > 0)
+        link.wake_after_freed = record[1]
+
+    # -- figures for whoever watches ---------------------------------------------------------------------
+
+    def _write_queue_figures(self, slot: Slot, link: Link | None) -> None:
+        waiting = len(slot.waiting)
+        words, at = self._words, slot.at
+        words[at + layout.PUBLISHER_WAITING] = waiting
+        if waiting > slot.waiting_peak:
+            slot.waiting_peak = waiting
+            words[at + layout.PUBLISHER_WAITING_PEAK] = waiting
+        words[at + layout.PUBLISHER_WAITING_BYTES] = slot.waiting_bytes
+        words[at + layout.PUBLISHER_IN_FLIGHT] = len(link.pushed) if link else 0
+        words[at + layout.PUBLISHER_PINNED] = len(link.pinned) if link else 0
+
+
+_CONTROL = (Outbound.MODULE_UP, Outbound.MODULE_DOWN, Outbound.MODULE_GONE)

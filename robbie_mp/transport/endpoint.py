@@ -1,0 +1,199 @@
+"""A module's end of the bus: it publishes, takes and releases handles. No message types are known here."""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.transport import layout
+from robbie_mp.transport.blocks import Block
+from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
+from robbie_mp.transport.ring import NumberRingReader, RingPlace, RingReader, RingWriter
+from robbie_mp.transport.words import Fence, Words, write_text
+
+
+class TooManyDeclarations(RobbieError, OverflowError):
+    """A module uses more pairs of type and topic than its segment has rows for."""
+
+
+class NameTooLong(RobbieError, ValueError):
+    """A type or topic name does not fit into shared memory."""
+
+
+@dataclass(frozen=True)
+class EndpointMemory:
+    """What connects one incarnation of a module with the core."""
+
+    slot: int
+    incarnation: int
+    out_words: Words
+    in_words: Words
+    wake_core: Callable[[], None]
+
+
+class Delivery(NamedTuple):
+    """A handle that the core delivered."""
+
+    declaration: int
+    """The subscription, by this module's own number."""
+    channel: int
+    reference: int
+    sequence: int
+    source: int
+    offset: int
+    size: int
+    stamp_ns: int
+
+
+class Notice(NamedTuple):
+    """Something else that the core tells."""
+
+    kind: Inbound
+    slot: int
+    incarnation: int
+
+
+class Endpoint:
+    """One incarnation's connection to the core.
+
+    Publishing and releasing may happen in any thread; everything else belongs to the module's main thread.
+
+    Args:
+        memory: its segments.
+        ring_records: capacity of its outbound ring.
+        credit: messages that may be in its inbound ring.
+    """
+
+    def __init__(self, memory: EndpointMemory, ring_records: int, credit: int):
+        out, into = memory.out_words, memory.in_words
+        self.slot = memory.slot
+        self.incarnation = memory.incarnation
+        self._out = out
+        self._in = into
+        self._wake_core = memory.wake_core
+        self._fence = Fence()
+        self._lock = threading.Lock()
+        self._declarations = 0
+        self._release_backlog: deque[tuple[Outbound, int, int]] = deque()
+        # Publishing leaves room for what must be said in any case: what it is done with.
+        self._reserve = min(2 * credit, ring_records // 2)
+        self._outbound = RingWriter(
+            RingPlace(out, layout.OUT_HEAD, layout.OUT_RING, ring_records, into, layout.IN_OUTBOUND_TAIL)
+        )
+        capacity = layout.inbound_records(credit)
+        tail_at = layout.OUT_INBOUND_TAIL
+        self._inbound = RingReader(RingPlace(into, layout.IN_HEAD, layout.IN_RING, capacity, out, tail_at))
+        freed_at = layout.IN_RING + capacity * layout.RECORD_WORDS
+        tail_at = layout.OUT_FREED_TAIL
+        self._freed = NumberRingReader(
+            RingPlace(into, layout.IN_FREED_HEAD, freed_at, layout.FREED_RECORDS, out, tail_at)
+        )
+
+    # -- declarations ----------------------------------------------------------------------------------
+
+    def advertise(self, type_name: str, version: int, topic: str) -> int:
+        """Declare a channel; return the number to publish with."""
+        number = self._declare(type_name, version, topic, MessageHandling.ALWAYS_DELIVER)
+        self.send(Outbound.ADVERTISE, number)
+        return number
+
+    def subscribe(self, type_name: str, version: int, topic: str, handling: MessageHandling) -> int:
+        """Declare a subscription; return the number that its deliveries carry. All topics: ''."""
+        number = self._declare(type_name, version, topic, handling)
+        self.send(Outbound.SUBSCRIBE, number)
+        return number
+
+    def _declare(self, type_name: str, version: int, topic: str, handling: MessageHandling) -> int:
+        number = self._declarations
+        if number == layout.DECLARATION_COUNT:
+            raise TooManyDeclarations(
+                f"cannot declare {type_name} on topic '{topic}': a module has at most {number} "
+                "pairs of message type and topic"
+            )
+        for name in (type_name, topic):
+            if len(name.encode()) > layout.NAME_BYTES:
+                raise NameTooLong(f"'{name}' has more than {layout.NAME_BYTES} bytes")
+        at = layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
+        write_text(self._out, at + layout.DECLARATION_TYPE, layout.NAME_WORDS, type_name)
+        write_text(self._out, at + layout.DECLARATION_TOPIC, layout.NAME_WORDS, topic)
+        self._out[at + layout.DECLARATION_VERSION] = version
+        self._out[at + layout.DECLARATION_HANDLING] = handling
+        self._declarations += 1
+        return number
+
+    # -- outbound --------------------------------------------------------------------------------------
+
+    def send(self, kind: Outbound, first: int = 0, second: int = 0, third: int = 0) -> None:
+        """Push a record that must not be refused, and wake the core."""
+        with self._lock:
+            self._release_backlog.append((kind, first, second))
+            self._flush(third)
+        self._wake_core()
+
+    def publish(self, declaration: int, block: Block, size: int, stamp_ns: int) -> bool:
+        """Hand a filled block over; False if the ring is full (then the block is still the caller's)."""
+        source = layout.pack_source(self.slot, block.segment, self.incarnation)
+        with self._lock:
+            if self._outbound.room() <= self._reserve:
+                return False
+            self._outbound.push(
+                Outbound.PUBLISH, declaration, source, block.offset, size, stamp_ns, block.number
+            )
+        self._wake_core()
+        return True
+
+    def done(self, delivery: Delivery) -> None:
+        """Say that a message was handled though its memory is still looked at."""
+        self._return(Outbound.DONE, delivery)
+
+    def release(self, delivery: Delivery) -> None:
+        """Say that a message was handled and let go."""
+        self._return(Outbound.RELEASE, delivery)
+
+    def _return(self, kind: Outbound, delivery: Delivery) -> None:
+        with self._lock:
+            self._release_backlog.append((kind, delivery.reference, delivery.sequence))
+            self._flush()
+        # The core sets this word before it sleeps if somebody waits for what is released here; it looks at
+        # the ring once more after that, so one of the two sees the other. Else the core need not wake up.
+        self._fence()
+        if self._in[layout.IN_WANT_RELEASE]:
+            self._wake_core()
+
+    def flush(self) -> None:
+        """Push what did not fit into the ring before."""
+        if self._release_backlog:
+            with self._lock:
+                self._flush()
+            self._wake_core()
+
+    def _flush(self, third: int = 0) -> None:
+        backlog, outbound = self._release_backlog, self._outbound
+        while backlog and outbound.room() > 0:
+            kind, first, second = backlog.popleft()
+            outbound.push(kind, first, second, third, 0, 0, 0)
+
+    # -- inbound ---------------------------------------------------------------------------------------
+
+    def take(self) -> Delivery | Notice | None:
+        """Take the next record; a message taken is being handled: if this process dies, it dies with it."""
+        inbound = self._inbound
+        if not inbound.waiting():
+            return None
+        first, reference, sequence, source, offset, size, stamp_ns = inbound.peek()
+        inbound.take()
+        kind = first & 0xFF
+        if kind == Inbound.DELIVER:
+            declaration = first >> 8 & 0xFFFFFF
+            return Delivery(declaration, first >> 32, reference, sequence, source, offset, size, stamp_ns)
+        return Notice(Inbound(kind), reference, sequence)
+
+    def freed(self) -> list[int]:
+        """Numbers of blocks to which nobody refers any more."""
+        return self._freed.take_all()
+
+    def wake_after_freed(self, blocks: int) -> None:
+        """Ask to be woken when so many blocks have been freed."""
+        self.send(Outbound.WAIT_FREED, blocks)
