@@ -1,0 +1,90 @@
+"""An occupancy grid as a robot that drives needs it: where it may be, and how far obstacles are."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+OCCUPIED_PERCENT = 50
+# Room for what lies at the edge of the known cells, so that a neighbour always exists.
+MARGIN_CELLS = 2
+
+Cell = tuple[int, int]
+
+
+class NavigationGrid:
+    """What is free, unknown, near to obstacles and drivable for a round robot; cropped to the known cells.
+
+    Args:
+        cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown.
+        resolution_m: Edge of a cell.
+        corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
+        clearance_m: The robot's centre keeps this far from obstacles.
+
+    Attributes:
+        free: `(H, W) bool`: seen, and more likely free than not.
+        unknown: `(H, W) bool`: never seen.
+        obstacle_distance_m: `(H, W) float64`: from the cell's middle to that of the nearest occupied cell.
+        drivable: `(H, W) bool`: free and clear enough for the robot's centre.
+    """
+
+    def __init__(
+        self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike, clearance_m: float
+    ) -> None:
+        self.resolution_m = resolution_m
+        cropped, shift = _cropped(cells)
+        self._corner = np.asarray(corner_xy_m, float) + shift * resolution_m
+        self.unknown = cropped < 0
+        occupied = cropped >= OCCUPIED_PERCENT
+        self.free = ~self.unknown & ~occupied
+        self.obstacle_distance_m = _distance_cells(occupied) * resolution_m
+        # Half a cell: an obstacle reaches from the middle of its cell to the edge.
+        self.drivable = self.free & (self.obstacle_distance_m >= clearance_m + resolution_m / 2)
+
+    @property
+    def known_m2(self) -> float:
+        """Return the area seen to be free."""
+        return float(self.free.sum()) * self.resolution_m**2
+
+    def cell(self, xy_m: ArrayLike) -> Cell:
+        """Return (row, column) of the cell around a point, or of the nearest cell if it is outside."""
+        column, row = np.floor((np.asarray(xy_m, float)[:2] - self._corner) / self.resolution_m).astype(int)
+        height, width = self.free.shape
+        return int(np.clip(row, 0, height - 1)), int(np.clip(column, 0, width - 1))
+
+    def middles_m(self, cells: ArrayLike) -> NDArray[np.float64]:
+        """Return the middles `(..., 2)`, m, map frame, of cells `(..., 2)` given as (row, column)."""
+        return (np.asarray(cells, float)[..., ::-1] + 0.5) * self.resolution_m + self._corner
+
+    def nearest(self, mask: NDArray[np.bool_], xy_m: ArrayLike, within_m: float) -> Cell | None:
+        """Return the cell of a mask `(H, W)` nearest to a point, or None if none is within the distance."""
+        cell = self.cell(xy_m)
+        if mask[cell]:
+            return cell
+        reach = int(within_m / self.resolution_m) + 1
+        top, left = max(cell[0] - reach, 0), max(cell[1] - reach, 0)
+        found = np.argwhere(mask[top : cell[0] + reach + 1, left : cell[1] + reach + 1])
+        found += np.array([top, left])
+        if len(found) == 0:
+            return None
+        distances = np.hypot(*(found - cell).T)
+        best = int(np.argmin(distances))
+        if distances[best] * self.resolution_m > within_m:
+            return None
+        return int(found[best, 0]), int(found[best, 1])
+
+
+def _cropped(cells: NDArray[np.int8]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
+    """Cut the grid to the known cells and a margin; also return the (column, row) of its new first cell."""
+    rows, columns = (np.flatnonzero((cells >= 0).any(axis=axis)) for axis in (1, 0))
+    if len(rows) == 0:
+        return np.full((2 * MARGIN_CELLS + 1,) * 2, -1, dtype=np.int8), np.zeros(2)
+    known = cells[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    shift = np.array([columns[0], rows[0]], dtype=float) - MARGIN_CELLS
+    return np.pad(known, MARGIN_CELLS, constant_values=-1), shift
+
+
+def _distance_cells(occupied: NDArray[np.bool_]) -> NDArray[np.float64]:
+    if not occupied.any():
+        return np.full(occupied.shape, np.inf)
+    distance: NDArray[np.float64] = ndimage.distance_transform_edt(~occupied)
+    return distance

@@ -1,0 +1,114 @@
+"""Following a path with a differential drive.
+
+Pure pursuit: drive the arc that leads through a point of the path some way ahead (Coulter, "Implementation
+of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992); turn on the spot when it lies too far aside.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.planar_pose import relative
+
+Velocity = tuple[float, float]
+"""Speed ahead (m/s) and of the turn (rad/s, positive to the left)."""
+
+HALT: Velocity = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class FollowerSettings:
+    """How the robot follows a path.
+
+    Attributes:
+        max_linear_m_per_s: Fastest speed ahead.
+        max_angular_rad_per_s: Fastest turn.
+        deceleration_m_per_s2: For the halt at the path's end.
+        lookahead_m: How far ahead on the path the point lies that the robot steers for.
+        turn_above_rad: Turn on the spot when the point lies farther aside than this ...
+        drive_below_rad: ... until it lies nearer than this.
+        turn_gain_per_s: Speed of the turn on the spot per angle left.
+        arrived_m: The path's end counts as reached this near.
+    """
+
+    max_linear_m_per_s: float = 0.5
+    max_angular_rad_per_s: float = 1.8
+    deceleration_m_per_s2: float = 0.6
+    lookahead_m: float = 0.35
+    turn_above_rad: float = 1.0
+    drive_below_rad: float = 0.4
+    turn_gain_per_s: float = 2.5
+    arrived_m: float = 0.12
+
+
+class PathFollower:
+    """Steers along the newest path; a new path may be given at any time."""
+
+    def __init__(self, settings: FollowerSettings | None = None) -> None:
+        self._settings = settings or FollowerSettings()
+        self._path: NDArray[np.float64] = np.empty((0, 2))
+        self._turning = False
+
+    @property
+    def path(self) -> NDArray[np.float64]:
+        """Return the path followed: `(N, 2)`, m, map frame; empty if none."""
+        return self._path
+
+    @property
+    def is_turning(self) -> bool:
+        """Say whether the robot turns on the spot."""
+        return self._turning
+
+    def follow(self, path: ArrayLike) -> None:
+        """Follow this path `(N, 2)`, m, map frame, from now on; an empty one halts the robot."""
+        self._path = np.asarray(path, float).reshape(-1, 2)
+
+    def is_arrived(self, pose: ArrayLike) -> bool:
+        """Say whether the path's end is reached; without a path it is not."""
+        if len(self._path) == 0:
+            return False
+        return float(np.hypot(*(self._path[-1] - np.asarray(pose, float)[:2]))) <= self._settings.arrived_m
+
+    def velocity(self, pose: ArrayLike) -> Velocity:
+        """Return the speeds that lead along the path.
+
+        Args:
+            pose: The robot's (x, y, heading), m and rad, map frame.
+        """
+        if len(self._path) == 0 or self.is_arrived(pose):
+            self._turning = False
+            return HALT
+        target, way_m = self._target(np.asarray(pose, float)[:2])
+        ahead, left, _ = relative(pose, [*target, 0.0])
+        aside_rad = math.atan2(left, ahead)
+        limit = self._settings.drive_below_rad if self._turning else self._settings.turn_above_rad
+        self._turning = abs(aside_rad) > limit
+        if self._turning:
+            return 0.0, self._within(self._settings.turn_gain_per_s * aside_rad)
+        return self._arc(aside_rad, math.hypot(ahead, left), way_m)
+
+    def _arc(self, aside_rad: float, distance_m: float, way_m: float) -> Velocity:
+        """Return speeds on the arc through the target, slower in curves and towards the end."""
+        settings = self._settings
+        curvature = 2 * math.sin(aside_rad) / max(distance_m, 0.05)
+        linear = min(
+            settings.max_linear_m_per_s * math.cos(aside_rad),
+            math.sqrt(2 * settings.deceleration_m_per_s2 * way_m),
+            settings.max_angular_rad_per_s / max(abs(curvature), 1e-6),
+        )
+        return linear, self._within(linear * curvature)
+
+    def _target(self, position: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+        """Return the point to steer for, and the way left to the path's end, m."""
+        distances = np.hypot(*(self._path - position).T)
+        nearest = int(np.argmin(distances))
+        ahead = self._path[nearest:]
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ahead, axis=0).T))])
+        index = min(int(np.searchsorted(along, self._settings.lookahead_m)), len(ahead) - 1)
+        return ahead[index], float(along[-1] + distances[nearest])
+
+    def _within(self, angular: float) -> float:
+        limit = self._settings.max_angular_rad_per_s
+        return max(-limit, min(limit, angular))
