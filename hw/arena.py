@@ -73,7 +73,7 @@ def _ranges_to_segments(origin: Array, directions: Array, segments: Array) -> Ar
     with np.errstate(divide="ignore", invalid="ignore"):  # a ray parallel to a wall hits nothing
         scale = 1.0 / (dx * along[:, 1] - dy * along[:, 0])
         t = (begin[:, 0] * along[:, 1] - begin[:, 1] * along[:, 0]) * scale
-        u = (begin[:, 0] * dy - begin[:, 1] * dx) * -scale
+        u = (begin[:, 0] * dy - begin[:, 1] * dx) * scale
         # A little more than the segment, so that no ray slips through where two walls meet.
         hits = (t >= 0.0) & (u >= -1e-9) & (u <= 1.0 + 1e-9)
     return np.where(hits, t, np.inf).min(axis=1, initial=np.inf)

@@ -17,9 +17,9 @@ class WheelErrors:
             random walk, so it grows with the square root of the way.
     """
 
-    left_scale: float = 0.006
-    right_scale: float = -0.004
-    slip_m_per_sqrt_m: float = 0.004
+    left_scale: float = 0.002
+    right_scale: float = -0.0015
+    slip_m_per_sqrt_m: float = 0.003
 
 
 class SimulatedWheel:
