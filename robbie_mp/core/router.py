@@ -14,7 +14,7 @@ from robbie_mp.core.tables import CoreTables
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound, Outbound
 from robbie_mp.transport.ring import Record, RingCorrupt
-from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.transport.words import WORD_MAX, Fence
 
 SUPERVISOR_SLOT = 0
 
@@ -66,6 +66,7 @@ class Router:
             for index, bound in enumerate(slots)
         ]
         self._links: list[Link] = []
+        self._fence = Fence()
         self._sequence = 0
         self._dead_sources: set[tuple[int, int]] = set()
         """Slot and incarnation of dead publishers whose messages are still alive."""
@@ -99,7 +100,11 @@ class Router:
         return handled
 
     def before_sleep(self) -> bool:
-        """Set the flags by which modules know when to post; True if the rings must be looked at again."""
+        """Set the flags by which modules know when to post; True if the rings must be looked at again.
+
+        A module looks at its flag after it has pushed a release, the core at the ring after it has set the
+        flag, with a fence between on both sides: so one of the two sees the other, and no release is missed.
+        """
         look_again = False
         for link in self._links:
             waited_for = self._slots[link.slot].waiting or (self._freed_waits and link.pushed)
@@ -109,6 +114,8 @@ class Router:
                 self._flush_freed(link)
             if link.notices:
                 link.send_notices()
+        if look_again:
+            self._fence()
         return look_again
 
     def _receive(self, link: Link) -> None:

@@ -76,7 +76,7 @@ class Endpoint:
         self._fence = Fence()
         self._lock = threading.Lock()
         self._declarations = 0
-        self._release_backlog: deque[tuple[Outbound, int, int]] = deque()
+        self._backlog: deque[tuple[Outbound, int, int, int]] = deque()
         # Publishing leaves room for what must be said in any case: what it is done with.
         self._reserve = min(2 * credit, ring_records // 2)
         self._outbound = RingWriter(
@@ -128,8 +128,8 @@ class Endpoint:
     def send(self, kind: Outbound, first: int = 0, second: int = 0, third: int = 0) -> None:
         """Push a record that must not be refused, and wake the core."""
         with self._lock:
-            self._release_backlog.append((kind, first, second))
-            self._flush(third)
+            self._backlog.append((kind, first, second, third))
+            self._flush()
         self._wake_core()
 
     def publish(self, declaration: int, block: Block, size: int, stamp_ns: int) -> bool:
@@ -154,7 +154,7 @@ class Endpoint:
 
     def _return(self, kind: Outbound, delivery: Delivery) -> None:
         with self._lock:
-            self._release_backlog.append((kind, delivery.reference, delivery.sequence))
+            self._backlog.append((kind, delivery.reference, delivery.sequence, 0))
             self._flush()
         # The core sets this word before it sleeps if somebody waits for what is released here; it looks at
         # the ring once more after that, so one of the two sees the other. Else the core need not wake up.
@@ -164,15 +164,15 @@ class Endpoint:
 
     def flush(self) -> None:
         """Push what did not fit into the ring before."""
-        if self._release_backlog:
+        if self._backlog:
             with self._lock:
                 self._flush()
             self._wake_core()
 
-    def _flush(self, third: int = 0) -> None:
-        backlog, outbound = self._release_backlog, self._outbound
+    def _flush(self) -> None:
+        backlog, outbound = self._backlog, self._outbound
         while backlog and outbound.room() > 0:
-            kind, first, second = backlog.popleft()
+            kind, first, second, third = backlog.popleft()
             outbound.push(kind, first, second, third, 0, 0, 0)
 
     # -- inbound ---------------------------------------------------------------------------------------

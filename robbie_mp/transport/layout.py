@@ -42,20 +42,21 @@ NAME_WORDS = 13  # a text of up to 96 bytes: module, type and topic names
 NAME_BYTES = (NAME_WORDS - 1) * 8
 LINE_WORDS = 33  # a text of up to 256 bytes: status lines, reasons
 
-# board: one row a slot. Slot 0 is the supervisor itself, which is a participant like the modules.
+# board: one row a slot. Slot 0 is the supervisor itself, which is a participant like the modules; the core,
+# which is none, has the last row.
 BOARD_GO = HEADER_WORDS
-BOARD_STOPPING = HEADER_WORDS + 1
-BOARD_SLOTS = HEADER_WORDS + 2
-BOARD_CORE_PID = HEADER_WORDS + 3
-BOARD_CORE_STATE = HEADER_WORDS + 4
-BOARD_CORE_RESTARTS = HEADER_WORDS + 5
+BOARD_SLOTS = HEADER_WORDS + 1
 BOARD_ROWS = HEADER_WORDS + 16
 SLOT_STATE = 0
 SLOT_PID = 1
 SLOT_INCARNATION = 2
 SLOT_RESTARTS = 3
 SLOT_STARTED_NS = 4
-SLOT_NAME = 8
+SLOT_PAST_PUBLISHED = 5
+SLOT_PAST_REFUSED = 6
+SLOT_PAST_HANDLED = 7
+SLOT_PAST_CPU_NS = 8
+SLOT_NAME = 9
 SLOT_REASON = SLOT_NAME + NAME_WORDS
 SLOT_WORDS = 64
 

@@ -1,4 +1,4 @@
-"""Names in shared memory: all begin with `robbie-RUN-`, so that a run's leftovers can be told from others'."""
+"""Names in shared memory: all begin with `robbie-RUN-`, so that a run's leftovers can be told."""
 
 
 def run_prefix(run_id: str) -> str:

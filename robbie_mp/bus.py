@@ -1,0 +1,70 @@
+"""What a module can do with messages, wherever it runs: in a process of its own or in a test."""
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from typing import NamedTuple, Protocol, TypeVar
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.messages import Message
+from robbie_mp.transport.records import MessageHandling
+
+MessageType = TypeVar("MessageType", bound=Message)
+
+
+class PublishAfterStop(RobbieError, RuntimeError):
+    """A module published after it was stopped; publish what is last in `teardown()`.
+
+    Example scenarios:
+      - a thread of the module goes on after `teardown()` has returned
+    """
+
+
+class LoanStillHeld(RobbieError, BufferError):
+    """A loaned array is still referred to when the loan ends; published messages cannot be changed.
+
+    Example scenarios:
+      - the handler keeps `image.data` in an attribute; copy it instead
+    """
+
+
+class Envelope(NamedTuple):
+    """What came with a message."""
+
+    topic: str
+    sequence: int
+    """Its place in the one order of all messages of the run."""
+    sender: str
+    """Name of the module that published it."""
+    published_ns: int
+    """When, on the machine's monotonic clock."""
+
+
+class Bus(Protocol):
+    """A module's connection to the others."""
+
+    @property
+    def outstanding(self) -> int:
+        """Messages published by this module that somebody still waits for or holds."""
+
+    def subscribe(
+        self,
+        message_type: type[MessageType],
+        handler: Callable[[MessageType], None],
+        handling: MessageHandling,
+        topic: str,
+    ) -> None:
+        """Have messages of a type handled, of all topics ('') or of one."""
+
+    def publish(self, message: Message, topic: str) -> bool:
+        """Send a message; False if it was refused (and counted) because memory or ring are full."""
+
+    def loan(
+        self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
+    ) -> AbstractContextManager[MessageType]:
+        """Have a message written in place and published at the end of the `with` block."""
+
+    def wake_after_freed(self, messages: int) -> None:
+        """Wake this module when so many of its messages have been let go by everybody."""
+
+    def envelope(self) -> Envelope:
+        """What came with the message being handled."""

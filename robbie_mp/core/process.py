@@ -1,0 +1,68 @@
+"""The core's process: attach, route until told to stop, sleep when there is nothing to route."""
+
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from types import FrameType
+
+from robbie_mp.core.link import LinkMemory
+from robbie_mp.core.router import SUPERVISOR_SLOT, Router, RouterLimits, SlotLimits
+from robbie_mp.core.tables import CoreTables
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes
+from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.wakeup import Wakeup
+
+HEARTBEAT_S = 0.2
+
+
+class CoreProcess:
+    """The router with its memory and its loop.
+
+    Args:
+        run_id: the run it belongs to.
+        sizes: capacities of the rings.
+        slots: bounds of each slot's queue.
+        message_bytes: the largest message that any module's memory can hold.
+    """
+
+    def __init__(self, run_id: str, sizes: RingSizes, slots: Sequence[SlotLimits], message_bytes: int):
+        self._run_id = run_id
+        self._segment = Segment.attach(names.core(run_id), SegmentKind.CORE, write=True)
+        self._words = self._segment.words
+        self._wakeup = Wakeup.attach(names.core_wakeup(run_id))
+        self._stopping = False
+        self._wakeups = 0
+        self._router = Router(
+            CoreTables.attach(self._words),
+            RouterLimits(sizes.records, sizes.credit, message_bytes),
+            slots,
+            self._connect,
+            lambda text: print(text, file=sys.stderr, flush=True),
+        )
+
+    def run(self) -> None:
+        """Route until SIGTERM."""
+        signal.signal(signal.SIGTERM, self._on_terminate)
+        self._router.module_up(SUPERVISOR_SLOT, 1)
+        router = self._router
+        while not self._stopping:
+            while router.drain():
+                pass
+            if router.before_sleep() and router.drain():
+                continue
+            self._words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()
+            self._wakeup.wait(HEARTBEAT_S)
+            self._wakeups += 1
+            self._words[layout.CORE_WAKEUPS] = self._wakeups
+
+    def _on_terminate(self, _signal: int, _frame: FrameType | None) -> None:
+        self._stopping = True
+
+    def _connect(self, slot: int, incarnation: int) -> LinkMemory:
+        memory = IncarnationMemory.attach_as_core(self._run_id, slot, incarnation)
+        return LinkMemory(
+            incarnation, memory.out.words, memory.into.words, memory.wakeup.post, memory.close
+        )

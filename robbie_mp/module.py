@@ -1,0 +1,166 @@
+"""What a module author subclasses."""
+
+import logging
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from robbie_mp.bus import Bus, Envelope, MessageType
+from robbie_mp.clock import Clock
+from robbie_mp.config import Config
+from robbie_mp.messages import Message
+from robbie_mp.settings import apply_settings, setting
+from robbie_mp.transport.records import MessageHandling
+
+__all__ = ["MessageHandling", "Module", "ModuleContext", "setting"]
+
+
+@dataclass(frozen=True)
+class ModuleContext:
+    """Everything a module gets from the robot it is part of."""
+
+    name: str
+    settings: dict[str, object]
+    bus: Bus
+    clock: Clock
+    config: Config
+    output_directory: Path
+    show_status: Callable[[str], None]
+
+
+class Module:
+    """Thin glue between messages and a device or worker.
+
+    A passive module is woken by the messages it subscribes to; an active one also every `period_s`, when
+    `tick()` runs. Everything a module does happens in one thread, one thing after the other, and may take
+    its time: only this module waits. An exception that leaves a handler ends the process; the supervisor
+    starts it again.
+
+        class Obstacles(Module):
+            stop_distance_m: float = setting(0.4, "obstacles nearer than this stop the robot")
+
+            def setup(self) -> None:
+                self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST)
+
+            def on_scan(self, scan: LaserScan) -> None:
+                if scan.ranges.min() < self.stop_distance_m:
+                    self.publish(DriveCommand())
+    """
+
+    period_s: float | None = None
+    """Time between ticks; None for a passive module."""
+    catch_up: ClassVar[bool] = False
+    """Whether ticks that were missed are made up for; usually a late robot only wants the next one."""
+
+    def __init__(self, context: ModuleContext):
+        self.name = context.name
+        self.clock = context.clock
+        self.config = context.config
+        self.output_directory = context.output_directory
+        self.log = logging.getLogger(context.name)
+        self.stop_requested = False
+        self._bus = context.bus
+        self._show_status = context.show_status
+        self._status = ""
+        apply_settings(self, context.settings)
+
+    # -- for authors to define -------------------------------------------------------------------------
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Check what the types of settings cannot say, before any process starts.
+
+        Raises:
+            SettingError: something is wrong with them.
+        """
+
+    def setup(self) -> None:
+        """Open devices, make workers, subscribe. Runs once in each process, before any message comes."""
+
+    def tick(self) -> None:
+        """Do what is to be done every `period_s`."""
+
+    def teardown(self) -> None:
+        """Write results, close devices. Runs on an ordered stop, not after a crash."""
+
+    # -- for authors to use ----------------------------------------------------------------------------
+
+    def subscribe(
+        self,
+        message_type: type[MessageType],
+        handler: Callable[[MessageType], None],
+        handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
+        *,
+        topic: str = "",
+    ) -> None:
+        """Have messages of a type handled.
+
+        Args:
+            message_type: the class of the messages.
+            handler: called with each one, in the order they were published.
+            handling: what to do when they come faster than they are handled.
+            topic: only those of this topic; '' for all.
+        """
+        self._bus.subscribe(message_type, handler, handling, topic)
+
+    def publish(self, message: Message, *, topic: str = "") -> bool:
+        """Send a message to everyone who wants it.
+
+        Returns:
+            False if it was refused, because memory or ring are full; this is counted and shown.
+
+        Raises:
+            FieldError: a field has the wrong type or shape.
+            MessageTooLarge: it can never fit into this module's memory.
+            PublishAfterStop: the module has been stopped.
+        """
+        return self._bus.publish(message, topic)
+
+    def loan(
+        self, message_type: type[MessageType], *, topic: str = "", **fields: object
+    ) -> AbstractContextManager[MessageType]:
+        """Write a message in place, without any copy; it is published at the end of the `with` block.
+
+        Give every field its value; an array that is to be filled in place gets its number of elements:
+
+            with self.loan(Image, height=480, width=640, encoding="mono8", step=640, data=480 * 640) as image:
+                camera.read_into(image.data)
+
+        An exception inside the block takes the message back.
+
+        Raises:
+            LoanStillHeld: something still refers to a loaned array at the end of the block.
+            MessageTooLarge, PublishAfterStop, FieldError: as for `publish`.
+        """
+        return self._bus.loan(message_type, topic, fields)
+
+    @property
+    def envelope(self) -> Envelope:
+        """Topic, sender, sequence and time of the message being handled."""
+        return self._bus.envelope()
+
+    @property
+    def outstanding(self) -> int:
+        """Messages of this module that somebody still waits for or holds: a measure to pace oneself by."""
+        return self._bus.outstanding
+
+    def wake_after_freed(self, messages: int) -> None:
+        """Have `tick()` run as soon as so many outstanding messages have been let go."""
+        self._bus.wake_after_freed(messages)
+
+    @property
+    def status(self) -> str:
+        """One line that says how the module is doing, shown by `robbie top`; at most 256 bytes."""
+        return self._status
+
+    @status.setter
+    def status(self, line: str) -> None:
+        if line != self._status:
+            self._status = line
+            self._show_status(line)
+
+    def stop(self) -> None:
+        """End this module in good order, after the handler or tick that calls this."""
+        self.stop_requested = True

@@ -1,0 +1,123 @@
+"""The loop of a module in a process of its own: wait, take, dispatch, release."""
+
+import time
+from collections.abc import Callable
+
+from robbie_mp.module import Module
+from robbie_mp.transport import layout
+from robbie_mp.transport.endpoint import Endpoint
+from robbie_mp.transport.inbox import Inbox
+from robbie_mp.transport.layout import Activity
+from robbie_mp.transport.outbox import Outbox
+from robbie_mp.transport.records import Outbound
+from robbie_mp.transport.wakeup import Wakeup
+from robbie_mp.transport.words import Words
+
+LONGEST_WAIT_S = 0.5
+"""Even an idle module looks up so often: for arrays that other threads have let go, and for signals."""
+
+
+class ModuleRunner:
+    """Runs one module from setup to teardown.
+
+    Args:
+        module: what to run.
+        endpoint, inbox, outbox: its connection to the core.
+        wakeup: its semaphore.
+        words: its out segment.
+        may_go: whether every module of the run is ready.
+    """
+
+    def __init__(
+        self,
+        module: Module,
+        endpoint: Endpoint,
+        inbox: Inbox,
+        outbox: Outbox,
+        wakeup: Wakeup,
+        words: Words,
+        may_go: Callable[[], bool],
+    ):
+        self._module = module
+        self._endpoint = endpoint
+        self._inbox = inbox
+        self._outbox = outbox
+        self._wakeup = wakeup
+        self._words = words
+        self._may_go = may_go
+        self._stopping = False
+        self._ticks = 0
+        self._ticks_missed = 0
+        self._next_tick_ns = 0
+
+    def request_stop(self) -> None:
+        """End the loop after what is being done now; safe in a signal handler."""
+        self._stopping = True
+
+    def run(self) -> None:
+        """Run the module until it is stopped or stops itself."""
+        self._begin(Activity.SETUP)
+        self._module.setup()
+        self._idle()
+        self._words[layout.OUT_READY] = 1
+        self._endpoint.send(Outbound.READY)
+        while not self._ends and not self._may_go():
+            self._wakeup.wait(LONGEST_WAIT_S)
+        self._next_tick_ns = time.monotonic_ns()
+        while not self._ends:
+            self._turn()
+        self._begin(Activity.TEARDOWN)
+        self._module.teardown()
+        self._idle()
+        self._inbox.release_let_go()
+        self._outbox.close()
+
+    @property
+    def _ends(self) -> bool:
+        return self._stopping or self._module.stop_requested
+
+    def _turn(self) -> None:
+        """Handle at most one message and at most one tick, or wait for either."""
+        self._inbox.release_let_go()
+        delivery = self._inbox.take()
+        if delivery is not None:
+            self._begin(Activity.HANDLER | delivery.declaration << 8)
+            self._inbox.handle(delivery)
+            self._idle()
+        if self._ends:
+            return
+        period_s = self._module.period_s
+        if period_s is not None and time.monotonic_ns() >= self._next_tick_ns:
+            self._tick(period_s)
+        elif delivery is None:
+            self._wait(period_s)
+
+    def _tick(self, period_s: float) -> None:
+        self._begin(Activity.TICK)
+        self._module.tick()
+        self._idle()
+        self._ticks += 1
+        self._words[layout.OUT_TICKS] = self._ticks
+        period_ns = round(period_s * 1e9)
+        self._next_tick_ns += period_ns
+        behind_ns = time.monotonic_ns() - self._next_tick_ns
+        if behind_ns > period_ns:
+            missed = behind_ns // period_ns
+            self._next_tick_ns += missed * period_ns
+            self._ticks_missed += missed
+            self._words[layout.OUT_TICKS_MISSED] = self._ticks_missed
+
+    def _wait(self, period_s: float | None) -> None:
+        timeout_s = LONGEST_WAIT_S
+        if period_s is not None:
+            timeout_s = min(timeout_s, max(0.0, (self._next_tick_ns - time.monotonic_ns()) / 1e9))
+        woken = self._wakeup.wait(timeout_s)
+        if woken and self._outbox.room_was_made():
+            self._next_tick_ns = time.monotonic_ns()
+
+    def _begin(self, activity: int) -> None:
+        self._words[layout.OUT_ACTIVITY_SINCE_NS] = time.monotonic_ns()
+        self._words[layout.OUT_ACTIVITY] = activity
+
+    def _idle(self) -> None:
+        self._words[layout.OUT_ACTIVITY] = Activity.IDLE

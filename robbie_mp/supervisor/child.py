@@ -1,0 +1,117 @@
+"""What runs in a child: `python -m robbie_mp.supervisor.child RUN_DIRECTORY NAME INCARNATION`."""
+
+import faulthandler
+import importlib
+import logging
+import os
+import signal
+import sys
+from pathlib import Path
+
+from robbie_mp.bus import Envelope
+from robbie_mp.clock import SystemClock
+from robbie_mp.config import Config
+from robbie_mp.core.process import CoreProcess
+from robbie_mp.core.router import SlotLimits
+from robbie_mp.core.tables import CoreTables
+from robbie_mp.module import Module, ModuleContext
+from robbie_mp.runner import ModuleRunner
+from robbie_mp.supervisor.die_with_parent import die_with_parent
+from robbie_mp.supervisor.memory import CORE
+from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.board import Board
+from robbie_mp.transport.bus import SharedMemoryBus
+from robbie_mp.transport.endpoint import Delivery
+from robbie_mp.transport.inbox import Inbox
+from robbie_mp.transport.layout import LINE_WORDS, NAME_WORDS, SegmentKind
+from robbie_mp.transport.outbox import Outbox
+from robbie_mp.transport.run_memory import IncarnationMemory, make_block_store, make_endpoint, make_views
+from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.wakeup import Wakeup
+from robbie_mp.transport.words import read_text, write_text
+
+SUPERVISOR_QUEUE = SlotLimits(queue_messages=1000, queue_bytes=1 << 20)
+
+
+def main(arguments: list[str]) -> None:
+    """Run the core or a module until it is stopped."""
+    run_directory, name, incarnation = Path(arguments[0]), arguments[1], int(arguments[2])
+    plan = RunPlan.load(run_directory)
+    die_with_parent(plan.supervisor_pid)
+    faulthandler.enable()
+    logging.basicConfig(format="%(levelname)s %(message)s", level=logging.INFO)
+    if name == CORE:
+        run_core(plan)
+    else:
+        run_module(plan, name, incarnation)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    logging.shutdown()
+    # What a module leaves running (threads, pools, finalizers of libraries) must not hold up an ordered stop.
+    os._exit(0)
+
+
+def run_core(plan: RunPlan) -> None:
+    """Route messages until SIGTERM."""
+    queues = [SlotLimits(module.queue.messages, module.queue.bytes) for module in plan.modules]
+    message_bytes = max((module.memory.limit_bytes for module in plan.modules), default=0)
+    CoreProcess(plan.run_id, plan.sizes, [SUPERVISOR_QUEUE, *queues], max(message_bytes, 1 << 20)).run()
+
+
+def run_module(plan: RunPlan, name: str, incarnation: int) -> None:
+    """Import, construct and run a module until it is stopped or stops itself."""
+    slot = plan.names.index(name)
+    planned = plan.modules[slot - 1]
+    memory = IncarnationMemory.attach_as_module(plan.run_id, slot, incarnation)
+    words = memory.out.words
+    core_wakeup = Wakeup.attach(names.core_wakeup(plan.run_id))
+    endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post)
+    limits = planned.memory
+    blocks = make_block_store(plan.run_id, slot, incarnation, limits.segment_bytes, limits.limit_bytes)
+    outbox = Outbox(endpoint, blocks, words, SystemClock())
+    inbox = Inbox(endpoint, make_views(plan.run_id), words)
+    board = Board(Segment.attach(names.board(plan.run_id), SegmentKind.BOARD).words)
+    bus = SharedMemoryBus(outbox, inbox, _Describer(plan.run_id, board))
+    output_directory = Path(plan.output_directory)
+    context = ModuleContext(
+        name=name,
+        settings=dict(planned.settings),
+        bus=bus,
+        clock=SystemClock(),
+        config=Config(plan.config),
+        output_directory=output_directory,
+        show_status=lambda line: write_text(words, layout.OUT_STATUS, LINE_WORDS, line),
+    )
+    module = load_class(plan.workspace, planned.class_path)(context)
+    runner = ModuleRunner(module, endpoint, inbox, outbox, memory.wakeup, words, lambda: board.may_go)
+    signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
+    runner.run()
+
+
+def load_class(workspace: str, class_path: str) -> type[Module]:
+    """Import a module class from the workspace or from what is installed."""
+    sys.path.insert(0, workspace)
+    module_name, _, class_name = class_path.partition(":")
+    found: type[Module] = getattr(importlib.import_module(module_name), class_name)
+    return found
+
+
+class _Describer:
+    """Makes envelopes from the tables of core and supervisor."""
+
+    def __init__(self, run_id: str, board: Board):
+        segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
+        self._words = segment.words
+        self._tables = CoreTables.attach(self._words)
+        self._board = board
+
+    def __call__(self, delivery: Delivery) -> Envelope:
+        at = self._tables.channel(delivery.channel) + layout.CHANNEL_TOPIC
+        topic = read_text(self._words, at, NAME_WORDS)
+        sender = self._board.name(layout.unpack_source(delivery.source)[0])
+        return Envelope(topic, delivery.sequence, sender, delivery.stamp_ns)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

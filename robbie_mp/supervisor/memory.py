@@ -1,0 +1,205 @@
+"""The supervisor's side of a run's shared memory: it makes and unlinks every name, and tells the core."""
+
+import contextlib
+import glob
+import time
+from dataclasses import replace
+
+from robbie_mp.clock import SystemClock
+from robbie_mp.core.tables import CoreTables, TableSizes
+from robbie_mp.messages import ModuleState, Time
+from robbie_mp.supervisor.child_spec import ChildKind
+from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.supervisor.states import ChildState, StateChange
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.board import Board, SlotState, Totals
+from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.outbox import Outbox
+from robbie_mp.transport.records import Inbound, Outbound
+from robbie_mp.transport.run_memory import (
+    IncarnationMemory,
+    make_block_store,
+    make_endpoint,
+    unlink_incarnation,
+)
+from robbie_mp.transport.segment import Segment, unlink_segment
+from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
+
+CORE = str(ChildKind.CORE)
+SUPERVISOR_SLOT = 0
+SUPERVISOR_SEGMENT_BYTES = 64 << 10
+SUPERVISOR_LIMIT_BYTES = 1 << 20
+STATES = tuple(ChildState)
+"""The board holds a state as its place in this order, counted from 1."""
+
+
+class RunMemory:
+    """Board, core tables, and the memory of each incarnation. Implements `Incarnations` for the process tree.
+
+    Args:
+        plan: the run.
+    """
+
+    def __init__(self, plan: RunPlan):
+        self._plan = plan
+        self._run_id = plan.run_id
+        self._slots = {name: slot for slot, name in enumerate(plan.names)}
+        self._incarnations: dict[int, tuple[int, IncarnationMemory]] = {}
+        self._reclaimed: set[tuple[int, int]] = set()
+        self.faulted: list[tuple[str, int]] = []
+        """Name and incarnation of modules that the core has found to break the protocol."""
+        with contextlib.ExitStack() as on_failure:
+            on_failure.callback(self.close)
+            self._create()
+            on_failure.pop_all()
+
+    def _create(self) -> None:
+        run_id, plan = self._run_id, self._plan
+        rows = len(plan.names)
+        self._segments = [Segment.create(names.board(run_id), layout.board_words(rows), SegmentKind.BOARD)]
+        self.board = Board(self._segments[0].words)
+        self.board.create(plan.names)
+        limits = plan.core
+        sizes = TableSizes(rows - 1, limits.channels, limits.subscriptions, limits.handles, limits.references)
+        core = Segment.create(names.core(run_id), sizes.words, SegmentKind.CORE)
+        self._segments.append(core)
+        CoreTables.create(core.words, sizes)
+        self._core_words = core.words
+        self._core_wakeup = Wakeup.create(names.core_wakeup(run_id))
+        own = IncarnationMemory.create(run_id, SUPERVISOR_SLOT, 1, plan.sizes)
+        self._incarnations[SUPERVISOR_SLOT] = (1, own)
+        self._endpoint = make_endpoint(own, SUPERVISOR_SLOT, 1, plan.sizes, self._core_wakeup.post)
+        blocks = make_block_store(
+            run_id, SUPERVISOR_SLOT, 1, SUPERVISOR_SEGMENT_BYTES, SUPERVISOR_LIMIT_BYTES
+        )
+        self._outbox = Outbox(self._endpoint, blocks, own.out.words, SystemClock())
+
+    # -- what the process tree calls -------------------------------------------------------------------
+
+    def open(self, name: str, incarnation: int) -> None:
+        """Make the memory of a child that is about to start, and tell the core."""
+        slot = self._slots[name]
+        if name == CORE:
+            return
+        memory = IncarnationMemory.create(self._run_id, slot, incarnation, self._plan.sizes)
+        self._incarnations[slot] = (incarnation, memory)
+        self._endpoint.send(Outbound.MODULE_UP, slot, incarnation)
+
+    def started(self, name: str, incarnation: int, pid: int) -> None:
+        """Write a child's pid on the board."""
+        slot = self._slots[name]
+        row = self.board.read(slot)
+        self.board.write(slot, replace(row, pid=pid, incarnation=incarnation, started_ns=time.monotonic_ns()))
+
+    def is_ready(self, name: str, incarnation: int) -> bool:
+        """Whether a child has finished its setup."""
+        if name == CORE:
+            return self._core_words[layout.CORE_HEARTBEAT_NS] != 0
+        current, memory = self._incarnations[self._slots[name]]
+        return current == incarnation and memory.out.words[layout.OUT_READY] == 1
+
+    def died(self, name: str, incarnation: int) -> None:
+        """Have the core take back what a dead module held; keep its counters."""
+        if name == CORE:
+            return
+        slot = self._slots[name]
+        words = self._incarnations[slot][1].out.words
+        row = self.board.read(slot)
+        past = Totals(
+            row.past.published + words[layout.OUT_PUBLISHED],
+            row.past.refused + words[layout.OUT_REFUSED],
+            row.past.handled + words[layout.OUT_HANDLED],
+            row.past.cpu_ns,
+        )
+        self.board.write(slot, replace(row, past=past))
+        self._endpoint.send(Outbound.MODULE_DOWN, slot, incarnation)
+
+    def is_reclaimed(self, name: str, incarnation: int) -> bool:
+        """Whether the core has taken everything back, so that the next incarnation may start."""
+        if name == CORE:
+            return True
+        slot = self._slots[name]
+        self.read_notices()
+        if (slot, incarnation) not in self._reclaimed:
+            return False
+        self._reclaimed.discard((slot, incarnation))
+        _, memory = self._incarnations.pop(slot)
+        memory.close()
+        unlink_incarnation(self._run_id, slot, incarnation)
+        return True
+
+    def wake(self, name: str, incarnation: int) -> None:
+        """Post a child's semaphore, so that a wait of it sees a signal."""
+        if name == CORE:
+            self._core_wakeup.post()
+            return
+        current, memory = self._incarnations.get(self._slots[name], (0, None))
+        if memory is not None and current == incarnation:
+            memory.wakeup.post()
+
+    def state_changed(self, change: StateChange) -> None:
+        """Show a child's new state on the board and to every module that wants to know."""
+        slot = self._slots[change.name]
+        row = self.board.read(slot)
+        restarts = row.restarts + (change.old is ChildState.BACKOFF and change.new is ChildState.STARTING)
+        pid = row.pid if change.new.has_process else 0
+        state = STATES.index(change.new) + 1
+        self.board.write(slot, replace(row, state=state, pid=pid, restarts=restarts, reason=change.reason))
+        if change.new.is_final and change.name != CORE:
+            clean = change.new is ChildState.STOPPED
+            self._endpoint.send(Outbound.MODULE_GONE, slot, int(clean))
+        message = ModuleState(
+            stamp=Time.from_nanoseconds(round(change.wall_time_s * 1e9)),
+            module=change.name,
+            state=str(change.new),
+            incarnation=change.incarnation,
+            pid=pid,
+            restarts=restarts,
+            reason=change.reason,
+        )
+        self._outbox.publish(message, "")
+
+    def all_started(self) -> None:
+        """Let messages flow."""
+        self.board.go()
+        for slot, (_, memory) in self._incarnations.items():
+            if slot != SUPERVISOR_SLOT:
+                memory.wakeup.post()
+
+    def close(self) -> None:
+        """Unmap and unlink everything of this run."""
+        for _, memory in self._incarnations.values():
+            memory.close()
+        for segment in getattr(self, "_segments", []):
+            segment.close()
+        unlink_names(self._run_id)
+
+    # -- what the core says ----------------------------------------------------------------------------
+
+    def read_notices(self) -> None:
+        """Read what the core has said to the supervisor."""
+        while (record := self._endpoint.take()) is not None:
+            if record.kind is Inbound.RECLAIMED:
+                self._reclaimed.add((record.slot, record.incarnation))
+            elif record.kind is Inbound.SEGMENTS_GONE:
+                unlink_data_segments(self._run_id, record.slot, record.incarnation)
+            elif record.kind is Inbound.FAULTED:
+                self.faulted.append((self._plan.names[record.slot], record.incarnation))
+
+    def slot_state(self, name: str) -> SlotState:
+        """A child's row of the board."""
+        return self.board.read(self._slots[name])
+
+
+def unlink_data_segments(run_id: str, slot: int, incarnation: int) -> None:
+    """Remove the names of a dead publisher's data segments."""
+    for path in glob.glob(f"/dev/shm/{names.data_prefix(run_id, slot, incarnation)}*"):
+        unlink_segment(path.removeprefix("/dev/shm/"))
+
+
+def unlink_names(run_id: str) -> None:
+    """Remove every name of a run."""
+    for path in glob.glob(f"/dev/shm/{names.run_prefix(run_id)}*"):
+        unlink_segment(path.removeprefix("/dev/shm/"))
+    for path in glob.glob(f"/dev/shm/sem.{names.run_prefix(run_id)}*"):
+        unlink_wakeup(path.removeprefix("/dev/shm/sem."))

@@ -1,0 +1,84 @@
+"""What the supervisor tells its children: one JSON file in the run directory, written before any starts."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from robbie_mp.profile.model import CoreLimits, MemoryLimits, ModuleSpec, Profile, QueueLimits
+from robbie_mp.transport.run_memory import RingSizes
+
+PLAN_FILE = "plan.json"
+
+
+@dataclass(frozen=True)
+class PlannedModule:
+    """What a module's process and the core need to know of a module."""
+
+    name: str
+    class_path: str
+    settings: dict[str, Any]
+    memory: MemoryLimits
+    queue: QueueLimits
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """A run as its processes see it. Module number i has slot i + 1; slot 0 is the supervisor's."""
+
+    run_id: str
+    profile_name: str
+    workspace: str
+    output_directory: str
+    supervisor_pid: int
+    core: CoreLimits
+    config: dict[str, Any]
+    modules: tuple[PlannedModule, ...]
+
+    @classmethod
+    def of_profile(
+        cls, profile: Profile, run_id: str, workspace: Path, output_directory: Path, supervisor_pid: int
+    ) -> Self:
+        """Plan a run of a profile."""
+        return cls(
+            run_id=run_id,
+            profile_name=profile.name,
+            workspace=str(workspace),
+            output_directory=str(output_directory),
+            supervisor_pid=supervisor_pid,
+            core=profile.core,
+            config=dict(profile.config),
+            modules=tuple(_planned(module) for module in profile.modules),
+        )
+
+    @property
+    def sizes(self) -> RingSizes:
+        """Capacities of the rings."""
+        return RingSizes(self.core.ring_records, self.core.credits)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the board's rows."""
+        return ["supervisor", *(module.name for module in self.modules), "core"]
+
+    def save(self, run_directory: Path) -> None:
+        """Write the plan for the children."""
+        (run_directory / PLAN_FILE).write_text(json.dumps(asdict(self), default=str, indent=1))
+
+    @classmethod
+    def load(cls, run_directory: Path) -> Self:
+        """Read what the supervisor wrote."""
+        data = json.loads((run_directory / PLAN_FILE).read_text())
+        data["core"] = CoreLimits(**data["core"])
+        data["modules"] = tuple(
+            PlannedModule(
+                **module
+                | {"memory": MemoryLimits(**module["memory"]), "queue": QueueLimits(**module["queue"])}
+            )
+            for module in data["modules"]
+        )
+        return cls(**data)
+
+
+def _planned(module: ModuleSpec) -> PlannedModule:
+    return PlannedModule(module.name, module.class_path, dict(module.settings), module.memory, module.queue)

@@ -1,0 +1,99 @@
+"""The supervisor's board: who runs, in which state, since when. Written by the supervisor, read by all."""
+
+from dataclasses import dataclass
+
+from robbie_mp.transport import layout
+from robbie_mp.transport.layout import LINE_WORDS, NAME_WORDS
+from robbie_mp.transport.words import Words, read_text, write_text
+
+
+@dataclass(frozen=True)
+class Totals:
+    """Counters of a module's earlier incarnations, whose segments are gone."""
+
+    published: int = 0
+    refused: int = 0
+    handled: int = 0
+    cpu_ns: int = 0
+
+
+@dataclass(frozen=True)
+class SlotState:
+    """One row of the board."""
+
+    name: str
+    state: int
+    pid: int
+    incarnation: int
+    restarts: int
+    started_ns: int
+    reason: str
+    past: Totals
+
+
+class Board:
+    """The board's words, by meaning."""
+
+    def __init__(self, words: Words):
+        self._words = words
+
+    def create(self, names: list[str]) -> None:
+        """Write the names of all rows: supervisor, modules, core."""
+        for slot, name in enumerate(names):
+            write_text(self._words, self._row(slot) + layout.SLOT_NAME, NAME_WORDS, name)
+        self._words[layout.BOARD_SLOTS] = len(names)
+
+    @property
+    def slots(self) -> int:
+        """Number of rows."""
+        return self._words[layout.BOARD_SLOTS]
+
+    @property
+    def may_go(self) -> bool:
+        """Whether every module is ready, so that messages may flow."""
+        return self._words[layout.BOARD_GO] == 1
+
+    def go(self) -> None:
+        """Let messages flow."""
+        self._words[layout.BOARD_GO] = 1
+
+    def name(self, slot: int) -> str:
+        """Name of the module in a slot."""
+        return read_text(self._words, self._row(slot) + layout.SLOT_NAME, NAME_WORDS)
+
+    def write(self, slot: int, row: SlotState) -> None:
+        """Write a module's state; its name stays."""
+        words, at = self._words, self._row(slot)
+        words[at + layout.SLOT_STATE] = row.state
+        words[at + layout.SLOT_PID] = row.pid
+        words[at + layout.SLOT_INCARNATION] = row.incarnation
+        words[at + layout.SLOT_RESTARTS] = row.restarts
+        words[at + layout.SLOT_STARTED_NS] = row.started_ns
+        write_text(words, at + layout.SLOT_REASON, LINE_WORDS, row.reason)
+        words[at + layout.SLOT_PAST_PUBLISHED] = row.past.published
+        words[at + layout.SLOT_PAST_REFUSED] = row.past.refused
+        words[at + layout.SLOT_PAST_HANDLED] = row.past.handled
+        words[at + layout.SLOT_PAST_CPU_NS] = row.past.cpu_ns
+
+    def read(self, slot: int) -> SlotState:
+        """Read a module's state."""
+        words, at = self._words, self._row(slot)
+        return SlotState(
+            name=self.name(slot),
+            state=words[at + layout.SLOT_STATE],
+            pid=words[at + layout.SLOT_PID],
+            incarnation=words[at + layout.SLOT_INCARNATION],
+            restarts=words[at + layout.SLOT_RESTARTS],
+            started_ns=words[at + layout.SLOT_STARTED_NS],
+            reason=read_text(words, at + layout.SLOT_REASON, LINE_WORDS),
+            past=Totals(
+                words[at + layout.SLOT_PAST_PUBLISHED],
+                words[at + layout.SLOT_PAST_REFUSED],
+                words[at + layout.SLOT_PAST_HANDLED],
+                words[at + layout.SLOT_PAST_CPU_NS],
+            ),
+        )
+
+    @staticmethod
+    def _row(slot: int) -> int:
+        return layout.BOARD_ROWS + slot * layout.SLOT_WORDS

@@ -1,0 +1,117 @@
+"""Typed messages in: decoded from the publisher's memory, handled, released when nobody looks any more."""
+
+import logging
+import weakref
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from robbie_mp.bus import MessageType
+from robbie_mp.errors import RobbieError
+from robbie_mp.messages import Message
+from robbie_mp.transport import layout
+from robbie_mp.transport.endpoint import Delivery, Endpoint, Notice
+from robbie_mp.transport.records import Inbound, MessageHandling
+from robbie_mp.transport.views import SegmentViews
+from robbie_mp.transport.words import Words
+
+
+class DamagedMessage(RobbieError, ValueError):
+    """A handle does not lead to a message of its type; the publisher's memory is damaged."""
+
+
+class Inbox:
+    """Takes messages one by one. Belongs to the module's main thread.
+
+    Args:
+        endpoint: the module's connection to the core.
+        views: maps of the publishers' memory.
+        words: the module's out segment, for the counters.
+    """
+
+    def __init__(self, endpoint: Endpoint, views: SegmentViews, words: Words):
+        self._endpoint = endpoint
+        self._views = views
+        self._words = words
+        self._log = logging.getLogger("robbie.receive")
+        self._handlers: dict[int, tuple[type[Message], Callable[[Any], None]]] = {}
+        self._pinned: dict[int, tuple[weakref.ref[Any], Delivery]] = {}
+        self._let_go: deque[int] = deque()
+        """References whose memory nobody looks at any more; filled by finalizers, in any thread."""
+        self._handled = 0
+        self.current: Delivery | None = None
+        self.notices: deque[Notice] = deque()
+        """What the core said besides messages; only the supervisor reads it."""
+
+    def subscribe(
+        self,
+        message_type: type[MessageType],
+        handler: Callable[[MessageType], None],
+        handling: MessageHandling,
+        topic: str,
+    ) -> None:
+        """Have messages of a type handled."""
+        number = self._endpoint.subscribe(message_type.type_name, message_type.version, topic, handling)
+        self._handlers[number] = (message_type, handler)
+
+    def take(self) -> Delivery | None:
+        """Take the next message, which is from then on being handled; None if there is none."""
+        while (record := self._endpoint.take()) is not None:
+            if isinstance(record, Delivery):
+                return record
+            if record.kind is Inbound.SEGMENTS_GONE:
+                self._views.drop(record.slot, record.incarnation)
+            self.notices.append(record)
+        return None
+
+    def handle(self, delivery: Delivery) -> None:
+        """Run the handler of a message, then release the message or remember that it is still looked at."""
+        self.current = delivery
+        message_type, handler = self._handlers[delivery.declaration]
+        pin: weakref.ref[Any] | None = None
+        try:
+            view = self._view(delivery)
+            if message_type.has_views:
+                whole = np.frombuffer(view, np.uint8)
+                let_go, reference = self._let_go, delivery.reference
+                pin = weakref.ref(whole, lambda _: let_go.append(reference))
+                message = message_type.decode(whole)
+                del whole
+            else:
+                message = message_type.decode(view)
+        except RobbieError as error:
+            self._log.error("a message was lost: %s", error)
+        else:
+            handler(message)
+            del message
+        self.current = None
+        self._handled += 1
+        self._words[layout.OUT_HANDLED] = self._handled
+        if pin is None:
+            self._endpoint.release(delivery)
+        elif pin() is None:
+            self._let_go.remove(delivery.reference)
+            self._endpoint.release(delivery)
+        else:
+            self._pinned[delivery.reference] = (pin, delivery)
+            self._words[layout.OUT_PINNED] = len(self._pinned)
+            self._endpoint.done(delivery)
+
+    def _view(self, delivery: Delivery) -> memoryview:
+        view = self._views.view(delivery.source, delivery.offset, delivery.size)
+        if len(view) != delivery.size:
+            raise DamagedMessage(
+                f"message {delivery.sequence} is said to lie beyond the end of its publisher's memory"
+            )
+        return view
+
+    def release_let_go(self) -> None:
+        """Release the messages that were kept beyond their handler and have been let go since."""
+        let_go = self._let_go
+        while let_go:
+            _, delivery = self._pinned.pop(let_go.popleft())
+            self._words[layout.OUT_PINNED] = len(self._pinned)
+            self._endpoint.release(delivery)
+        self._endpoint.flush()

@@ -1,0 +1,201 @@
+"""Typed messages out: encoded into blocks, or written in place, and handed to the core."""
+
+import logging
+import threading
+import weakref
+from collections import deque
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from robbie_mp.bus import MessageType, PublishAfterStop
+from robbie_mp.clock import Clock
+from robbie_mp.messages import Message, lay_out
+from robbie_mp.transport import layout
+from robbie_mp.transport.blocks import Block, BlockStore
+from robbie_mp.transport.endpoint import Endpoint
+from robbie_mp.transport.words import Words
+
+
+class Outbox:
+    """Publishes messages. May be used by any thread of the module.
+
+    Args:
+        endpoint: the module's connection to the core.
+        blocks: the memory for its messages.
+        words: the module's out segment, for the counters.
+        clock: stamps the messages (monotonic).
+    """
+
+    def __init__(self, endpoint: Endpoint, blocks: BlockStore, words: Words, clock: Clock):
+        self._endpoint = endpoint
+        self._blocks = blocks
+        self._words = words
+        self._clock = clock
+        self._log = logging.getLogger("robbie.publish")
+        self._lock = threading.RLock()
+        self._declarations: dict[tuple[type[Message], str], int] = {}
+        self._let_go: deque[int] = deque()
+        """Blocks of loans whose arrays were still held at the end; filled by finalizers."""
+        self._held: dict[int, weakref.ref[Any]] = {}
+        self._published = 0
+        self._refused = 0
+        self._awaited = 0
+        self._closed = False
+
+    @property
+    def outstanding(self) -> int:
+        """Messages that somebody still waits for or holds."""
+        with self._lock:
+            self.collect_freed()
+            return self._blocks.taken
+
+    def wake_after_freed(self, messages: int) -> None:
+        """Have this module woken when so many of its messages have been let go."""
+        with self._lock:
+            self._awaited = messages
+        self._endpoint.wake_after_freed(messages)
+
+    def room_was_made(self) -> bool:
+        """Whether as many messages as were waited for have been let go; says so once."""
+        with self._lock:
+            if not self._awaited:
+                return False
+            self.collect_freed()
+            return not self._awaited
+
+    def collect_freed(self) -> None:
+        """Put freed blocks back into the free lists."""
+        with self._lock:
+            freed = self._endpoint.freed()
+            if freed:
+                self._blocks.free(freed)
+                self._awaited = max(0, self._awaited - len(freed))
+            while self._let_go:
+                number = self._let_go.popleft()
+                del self._held[number]
+                self._blocks.free([number])
+
+    def publish(self, message: Message, topic: str) -> bool:
+        """Encode a message into a block of its own and hand it over."""
+        with self._lock:
+            declaration = self._declaration(type(message), topic)
+            size = message.encoded_size()
+            block = self._allocate(size)
+            if block is None:
+                return self._refuse(message.type_name, topic)
+            try:
+                message.encode_into(block.buffer, block.offset)
+            except BaseException:
+                self._blocks.free([block.number])
+                raise
+            return self._hand_over(declaration, block, size, message.type_name, topic)
+
+    @contextmanager
+    def loan(
+        self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
+    ) -> Iterator[MessageType]:
+        """Lay a message out in a block and hand it over after the caller has filled it.
+
+        If memory is full, the caller fills a buffer of the process's own and the message is counted as
+        refused: a full bus is no reason for a driver to fail.
+        """
+        with self._lock:
+            declaration = self._declaration(message_type, topic)
+            plan = lay_out(message_type, fields)
+            block = self._allocate(plan.size)
+        start = block.buffer[block.offset : block.offset + plan.size] if block else bytearray(plan.size)
+        whole = np.frombuffer(start, np.uint8)
+        message = plan.write(memoryview(whole))
+        try:
+            yield message
+        except BaseException:
+            message.forget_arrays()
+            if block:
+                self._give_up(block, weakref.ref(whole))
+            raise
+        message.forget_arrays()
+        holds = weakref.ref(whole)
+        del whole, start
+        with self._lock:
+            if block is None:
+                self._refuse(message_type.type_name, topic)
+            elif holds() is None:
+                self._hand_over(declaration, block, plan.size, message_type.type_name, topic)
+            else:
+                self._hand_over_copy(declaration, block, plan.size, message_type.type_name, topic)
+                self._give_up(block, holds)
+
+    def close(self) -> None:
+        """Publish nothing more."""
+        with self._lock:
+            self._closed = True
+            self._blocks.close()
+
+    # -- inside ----------------------------------------------------------------------------------------
+
+    def _declaration(self, message_type: type[Message], topic: str) -> int:
+        if self._closed:
+            raise PublishAfterStop(
+                f"a {message_type.type_name} was published after this module was stopped; "
+                "publish what is last in teardown(), and end threads there"
+            )
+        key = (message_type, topic)
+        declaration = self._declarations.get(key)
+        if declaration is None:
+            declaration = self._endpoint.advertise(message_type.type_name, message_type.version, topic)
+            self._declarations[key] = declaration
+        return declaration
+
+    def _allocate(self, size: int) -> Block | None:
+        self.collect_freed()
+        segments = self._blocks.segment_count
+        block = self._blocks.allocate(size)
+        if self._blocks.segment_count != segments:
+            self._words[layout.OUT_SEGMENTS] = self._blocks.segment_count
+            self._words[layout.OUT_SEGMENT_BYTES] = self._blocks.total_bytes
+        return block
+
+    def _hand_over(self, declaration: int, block: Block, size: int, type_name: str, topic: str) -> bool:
+        if not self._endpoint.publish(declaration, block, size, self._clock.monotonic_ns()):
+            self._blocks.free([block.number])
+            return self._refuse(type_name, topic)
+        self._published += 1
+        self._words[layout.OUT_PUBLISHED] = self._published
+        self._words[layout.OUT_BLOCKS] = self._blocks.taken
+        return True
+
+    def _hand_over_copy(self, declaration: int, block: Block, size: int, type_name: str, topic: str) -> None:
+        self._log.warning(
+            "a loaned array of %s is still referred to at the end of the loan; the message was copied. "
+            "Let go of the array before the with block ends",
+            type_name,
+        )
+        copy = self._allocate(size)
+        if copy is None:
+            self._refuse(type_name, topic)
+            return
+        copy.buffer[copy.offset : copy.offset + size] = block.buffer[block.offset : block.offset + size]
+        self._hand_over(declaration, copy, size, type_name, topic)
+
+    def _give_up(self, block: Block, holds: "weakref.ref[Any]") -> None:
+        """Use a block again once nothing refers to the loaned memory any more."""
+        held = holds()
+        if held is None:
+            self._blocks.free([block.number])
+            return
+        let_go, number = self._let_go, block.number
+        self._held[number] = weakref.ref(held, lambda _: let_go.append(number))
+
+    def _refuse(self, type_name: str, topic: str) -> bool:
+        self._refused += 1
+        self._words[layout.OUT_REFUSED] = self._refused
+        if self._refused & (self._refused - 1) == 0:  # the 1st, 2nd, 4th, 8th, …: loud, but bounded
+            self._log.warning(
+                "refused to publish a %s on topic '%s' (%d refused so far): memory or ring are full; "
+                "somebody holds messages, or the limits in the profile are too small",
+                type_name, topic, self._refused,
+            )  # fmt: skip
+        return False

@@ -1,0 +1,110 @@
+"""How the processes of a run find one another's memory: names, sizes, and who maps what how."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Self
+
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.blocks import BlockStore
+from robbie_mp.transport.endpoint import Endpoint, EndpointMemory
+from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.segment import Segment, unlink_segment
+from robbie_mp.transport.views import SegmentViews
+from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
+
+
+@dataclass(frozen=True)
+class RingSizes:
+    """Capacities of the rings, the same for every module of a run."""
+
+    records: int
+    credit: int
+
+
+class IncarnationMemory:
+    """The shared memory of one incarnation of a module, as one of its three users maps it."""
+
+    def __init__(self, out: Segment, into: Segment, wakeup: Wakeup):
+        self.out = out
+        self.into = into
+        self.wakeup = wakeup
+
+    @classmethod
+    def create(cls, run_id: str, slot: int, incarnation: int, sizes: RingSizes) -> Self:
+        """Create it; the supervisor does.
+
+        Raises:
+            SharedMemoryFull: there is no room.
+        """
+        out_name = names.outbound(run_id, slot, incarnation)
+        out = Segment.create(
+            out_name, layout.out_words(sizes.records), SegmentKind.OUT, slot, incarnation
+        )
+        in_name = names.inbound(run_id, slot, incarnation)
+        try:
+            into = Segment.create(in_name, layout.in_words(sizes.credit), SegmentKind.IN, slot, incarnation)
+        except BaseException:
+            out.close()
+            out.unlink()
+            raise
+        return cls(out, into, Wakeup.create(names.wakeup(run_id, slot, incarnation)))
+
+    @classmethod
+    def attach_as_module(cls, run_id: str, slot: int, incarnation: int) -> Self:
+        """Map it as the module itself does: it writes `out` and only reads `in`."""
+        return cls(
+            Segment.attach(names.outbound(run_id, slot, incarnation), SegmentKind.OUT, write=True),
+            Segment.attach(names.inbound(run_id, slot, incarnation), SegmentKind.IN),
+            Wakeup.attach(names.wakeup(run_id, slot, incarnation)),
+        )
+
+    @classmethod
+    def attach_as_core(cls, run_id: str, slot: int, incarnation: int) -> Self:
+        """Map it as the core does: it writes `in` and only reads `out`."""
+        return cls(
+            Segment.attach(names.outbound(run_id, slot, incarnation), SegmentKind.OUT),
+            Segment.attach(names.inbound(run_id, slot, incarnation), SegmentKind.IN, write=True),
+            Wakeup.attach(names.wakeup(run_id, slot, incarnation)),
+        )
+
+    def close(self) -> None:
+        """Unmap it here."""
+        self.out.close()
+        self.into.close()
+        self.wakeup.close()
+
+
+def unlink_incarnation(run_id: str, slot: int, incarnation: int) -> None:
+    """Remove the names of an incarnation's rings and semaphore; its data segments go separately."""
+    unlink_segment(names.outbound(run_id, slot, incarnation))
+    unlink_segment(names.inbound(run_id, slot, incarnation))
+    unlink_wakeup(names.wakeup(run_id, slot, incarnation))
+
+
+def make_endpoint(
+    memory: IncarnationMemory, slot: int, incarnation: int, sizes: RingSizes, wake_core: Callable[[], None]
+) -> Endpoint:
+    """Connect a module's memory with the core."""
+    words = EndpointMemory(slot, incarnation, memory.out.words, memory.into.words, wake_core)
+    return Endpoint(words, sizes.records, sizes.credit)
+
+
+def make_block_store(
+    run_id: str, slot: int, incarnation: int, segment_bytes: int, limit_bytes: int
+) -> BlockStore:
+    """Make the memory for a module's messages; the first segment comes with the first message."""
+
+    def create(number: int, words: int) -> Segment:
+        name = names.data(run_id, slot, incarnation, number)
+        return Segment.create(name, words, SegmentKind.DATA, slot, incarnation)
+
+    return BlockStore(create, segment_bytes, limit_bytes)
+
+
+def make_views(run_id: str) -> SegmentViews:
+    """Make the maps of other modules' messages."""
+
+    def attach(slot: int, incarnation: int, number: int) -> Segment:
+        return Segment.attach(names.data(run_id, slot, incarnation, number), SegmentKind.DATA)
+
+    return SegmentViews(attach)

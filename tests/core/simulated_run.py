@@ -1,0 +1,144 @@
+"""A core and modules on plain arrays in one process: every step happens when the test says so."""
+
+from array import array
+from dataclasses import dataclass, field
+
+from robbie_mp.core.link import LinkMemory
+from robbie_mp.core.router import Router, RouterLimits, SlotLimits
+from robbie_mp.core.tables import CoreTables, TableSizes
+from robbie_mp.transport import layout
+from robbie_mp.transport.blocks import Block
+from robbie_mp.transport.endpoint import Delivery, Endpoint, EndpointMemory
+from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
+from robbie_mp.transport.words import Words
+
+RING_RECORDS = 16
+CREDIT = 4
+TYPE = "test_msgs/msg/Number"
+
+
+def zeros(count: int) -> Words:
+    return array("Q", bytes(8 * count))
+
+
+@dataclass
+class SimulatedModule:
+    """One incarnation of a module; what it published and received is its own journal."""
+
+    slot: int
+    incarnation: int
+    out: Words = field(default_factory=lambda: zeros(layout.out_words(RING_RECORDS)))
+    into: Words = field(default_factory=lambda: zeros(layout.in_words(CREDIT)))
+    blocks_out: set[int] = field(default_factory=set)
+    next_block: int = 0
+
+    def __post_init__(self) -> None:
+        memory = EndpointMemory(self.slot, self.incarnation, self.out, self.into, lambda: None)
+        self.endpoint = Endpoint(memory, RING_RECORDS, CREDIT)
+
+    def ready(self) -> None:
+        self.endpoint.send(Outbound.READY)
+
+    def subscribe(
+        self, handling: MessageHandling = MessageHandling.ALWAYS_DELIVER, topic: str = "", type_name: str = TYPE
+    ) -> int:
+        return self.endpoint.subscribe(type_name, 1, topic, handling)
+
+    def advertise(self, topic: str = "", type_name: str = TYPE) -> int:
+        return self.endpoint.advertise(type_name, 1, topic)
+
+    def publish(self, channel: int, value: int, size: int = 8) -> bool:
+        """Publish a number; it travels as the stamp, so no payload is needed."""
+        self.next_block += 1
+        block = Block(self.next_block, 0, 64 * self.next_block, memoryview(b""))
+        accepted = self.endpoint.publish(channel, block, size, value)
+        if accepted:
+            self.blocks_out.add(block.number)
+        return accepted
+
+    def collect_freed(self) -> None:
+        for number in self.endpoint.freed():
+            self.blocks_out.discard(number)
+
+    def take(self) -> Delivery | None:
+        while (record := self.endpoint.take()) is not None:
+            if isinstance(record, Delivery):
+                return record
+        return None
+
+    def handle_all(self) -> list[int]:
+        """Handle what has been delivered; return the values."""
+        values = []
+        while (delivery := self.take()) is not None:
+            values.append(delivery.stamp_ns)
+            self.endpoint.release(delivery)
+        return values
+
+
+class SimulatedRun:
+    """A core with a supervisor and a number of slots."""
+
+    def __init__(self, slots: int = 4, queue_messages: int = 100, queue_bytes: int = 1 << 30, handles: int = 64):
+        sizes = TableSizes(slots, channels=8, subscriptions=16, handles=handles, references=4 * handles)
+        self.words = zeros(sizes.words)
+        self.tables = CoreTables.create(self.words, sizes)
+        self.reports: list[str] = []
+        self.modules: dict[tuple[int, int], SimulatedModule] = {}
+        self.router = Router(
+            self.tables,
+            RouterLimits(RING_RECORDS, CREDIT, message_bytes=1 << 20),
+            [SlotLimits(queue_messages, queue_bytes)] * slots,
+            self._connect,
+            self.reports.append,
+        )
+        self.supervisor = self._make(0, 1)
+        self.router.module_up(0, 1)
+        self.supervisor.ready()
+        self.run_core()
+
+    def _make(self, slot: int, incarnation: int) -> SimulatedModule:
+        module = self.modules[slot, incarnation] = SimulatedModule(slot, incarnation)
+        return module
+
+    def _connect(self, slot: int, incarnation: int) -> LinkMemory:
+        module = self.modules[slot, incarnation]
+        return LinkMemory(incarnation, module.out, module.into, lambda: None, lambda: None)
+
+    def start(self, slot: int, incarnation: int = 1) -> SimulatedModule:
+        module = self._make(slot, incarnation)
+        self.supervisor.endpoint.send(Outbound.MODULE_UP, slot, incarnation)
+        self.run_core()
+        return module
+
+    def kill(self, module: SimulatedModule) -> None:
+        self.supervisor.endpoint.send(Outbound.MODULE_DOWN, module.slot, module.incarnation)
+        self.run_core()
+
+    def gone(self, module: SimulatedModule, *, clean: bool) -> None:
+        self.supervisor.endpoint.send(Outbound.MODULE_GONE, module.slot, int(clean))
+        self.run_core()
+
+    def run_core(self) -> None:
+        while self.router.drain() or self.router.before_sleep():
+            pass
+
+    def supervisor_notices(self) -> list[tuple[Inbound, int, int]]:
+        notices = []
+        while (record := self.supervisor.endpoint.take()) is not None:
+            notices.append((record.kind, record.slot, record.incarnation))
+        return notices
+
+    def counts(self, subscription: int) -> dict[str, int]:
+        at = self.tables.subscription(subscription)
+        kinds = ("routed", "delivered", "replaced", "dropped", "lost")
+        return {kind: self.words[at + layout.SUBSCRIPTION_ROUTED + i] for i, kind in enumerate(kinds)}
+
+    def waiting(self, slot: int) -> int:
+        at = self.tables.publisher(slot)
+        return self.words[at + layout.PUBLISHER_WAITING] + self.words[at + layout.PUBLISHER_IN_FLIGHT]
+
+    def live_handles(self) -> int:
+        return sum(self.words[self.tables.handle(i)] != 0 for i in range(self.tables.sizes.handles))
+
+    def live_references(self) -> int:
+        return sum(self.words[self.tables.reference(i)] != 0 for i in range(self.tables.sizes.references))

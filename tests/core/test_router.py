@@ -1,0 +1,330 @@
+from robbie_mp.transport import layout
+from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
+from tests.core.simulated_run import CREDIT, SimulatedModule, SimulatedRun
+
+NEWEST = MessageHandling.KEEP_ONLY_NEWEST
+
+
+def connected(run: SimulatedRun, *handlings: MessageHandling) -> tuple[SimulatedModule, int, list[SimulatedModule]]:
+    """A publisher in slot 1 and a subscriber for each handling from slot 2 on."""
+    publisher = run.start(1)
+    channel = publisher.advertise()
+    publisher.ready()
+    subscribers = []
+    for slot, handling in enumerate(handlings, start=2):
+        subscriber = run.start(slot)
+        subscriber.subscribe(handling)
+        subscriber.ready()
+        subscribers.append(subscriber)
+    run.run_core()
+    return publisher, channel, subscribers
+
+
+def test_every_subscriber_gets_every_message_in_order() -> None:
+    run = SimulatedRun()
+    publisher, channel, subscribers = connected(run, *[MessageHandling.ALWAYS_DELIVER] * 2)
+    received: list[list[int]] = [[], []]
+    for value in range(40):
+        assert publisher.publish(channel, value)
+        run.run_core()
+        for journal, subscriber in zip(received, subscribers, strict=True):
+            journal += subscriber.handle_all()
+    assert received == [list(range(40))] * 2
+
+
+def test_slow_subscriber_blocks_neither_publisher_nor_others() -> None:
+    run = SimulatedRun()
+    publisher, channel, (_slow, quick) = connected(run, *[MessageHandling.ALWAYS_DELIVER] * 2)
+    received = []
+    for value in range(30):
+        assert publisher.publish(channel, value)
+        run.run_core()
+        received += quick.handle_all()
+    assert received == list(range(30))
+
+
+def test_block_is_freed_when_the_last_subscriber_released_it() -> None:
+    run = SimulatedRun()
+    publisher, channel, (first, second) = connected(run, *[MessageHandling.ALWAYS_DELIVER] * 2)
+    publisher.publish(channel, 7)
+    run.run_core()
+    first.handle_all()
+    run.run_core()
+    publisher.collect_freed()
+    assert publisher.blocks_out
+    second.handle_all()
+    run.run_core()
+    publisher.collect_freed()
+    assert not publisher.blocks_out
+    assert run.live_handles() == run.live_references() == 0
+
+
+def test_message_that_nobody_wants_is_freed_at_once() -> None:
+    run = SimulatedRun()
+    publisher, channel, _ = connected(run)
+    publisher.publish(channel, 7)
+    run.run_core()
+    publisher.collect_freed()
+    assert not publisher.blocks_out
+    assert run.live_handles() == 0
+
+
+def test_busy_subscriber_that_keeps_only_the_newest_gets_the_newest_when_it_asks() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, NEWEST)
+    publisher.publish(channel, 0)
+    run.run_core()
+    busy_with = subscriber.take()
+    assert busy_with is not None
+    for value in range(1, 6):
+        publisher.publish(channel, value)
+        run.run_core()
+    subscriber.endpoint.release(busy_with)
+    run.run_core()
+    assert subscriber.handle_all() == [5]
+    run.run_core()
+    assert run.counts(0) == {"routed": 6, "delivered": 2, "replaced": 4, "dropped": 0, "lost": 0}
+
+
+def test_replaced_message_is_freed_at_once() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, NEWEST)
+    for value in range(3):
+        publisher.publish(channel, value)
+    run.run_core()
+    assert subscriber.take() is not None
+    publisher.collect_freed()
+    assert len(publisher.blocks_out) == 2  # the one being handled and the newest
+
+
+def test_newest_and_always_subscriptions_of_one_module_keep_the_one_order() -> None:
+    run = SimulatedRun()
+    publisher = run.start(1)
+    numbers, poses = publisher.advertise(), publisher.advertise(type_name="test_msgs/msg/Pose")
+    publisher.ready()
+    subscriber = run.start(2)
+    subscriber.subscribe()
+    subscriber.subscribe(NEWEST, type_name="test_msgs/msg/Pose")
+    subscriber.ready()
+    run.run_core()
+    sequences = []
+    for value in range(12):
+        publisher.publish(poses if value % 3 else numbers, value)
+        run.run_core()
+        if value % 4 == 0:
+            while (delivery := subscriber.take()) is not None:
+                sequences.append(delivery.sequence)
+                subscriber.endpoint.release(delivery)
+                run.run_core()
+    assert sequences == sorted(set(sequences))
+    assert len(sequences) > 4
+
+
+def test_queue_beyond_its_bound_drops_the_oldest_and_counts_it() -> None:
+    run = SimulatedRun(queue_messages=5)
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(20):
+        publisher.publish(channel, value)
+        run.run_core()
+    received = []
+    while values := subscriber.handle_all():
+        received += values
+        run.run_core()
+    assert received == [*range(CREDIT), *range(15, 20)]
+    assert run.counts(0)["dropped"] == 20 - CREDIT - 5
+
+
+def test_queue_is_bounded_by_bytes() -> None:
+    run = SimulatedRun(queue_bytes=1000)
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(CREDIT + 4):
+        publisher.publish(channel, value, size=400)
+        run.run_core()
+    received = []
+    while values := subscriber.handle_all():
+        received += values
+        run.run_core()
+    assert received == [*range(CREDIT), CREDIT + 2, CREDIT + 3]
+
+
+def test_topic_subscription_gets_only_its_topic() -> None:
+    run = SimulatedRun()
+    publisher = run.start(1)
+    front, rear = publisher.advertise("laser/front"), publisher.advertise("laser/rear")
+    publisher.ready()
+    subscriber, listener = run.start(2), run.start(3)
+    subscriber.subscribe(topic="laser/front")
+    subscriber.ready()
+    listener.subscribe()
+    listener.ready()
+    run.run_core()
+    publisher.publish(front, 1)
+    publisher.publish(rear, 2)
+    run.run_core()
+    assert subscriber.handle_all() == [1]
+    assert listener.handle_all() == [1, 2]
+
+
+def test_subscriber_gets_nothing_before_it_is_ready() -> None:
+    run = SimulatedRun()
+    publisher, channel, _ = connected(run)
+    subscriber = run.start(2)
+    subscriber.subscribe()
+    run.run_core()
+    publisher.publish(channel, 1)
+    run.run_core()
+    assert subscriber.take() is None
+    subscriber.ready()
+    run.run_core()
+    assert subscriber.handle_all() == [1]
+
+
+def test_restarted_subscriber_continues_with_the_very_next_message() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(10):
+        publisher.publish(channel, value)
+        run.run_core()
+    assert subscriber.take() is not None  # dies while it handles message 0
+    run.kill(subscriber)
+    publisher.publish(channel, 10)
+    run.run_core()
+    successor = run.start(2, 2)
+    successor.subscribe()
+    successor.ready()
+    run.run_core()
+    received = []
+    while values := successor.handle_all():
+        received += values
+        run.run_core()
+    assert received == list(range(1, 11))
+    assert run.counts(0) == {"routed": 11, "delivered": 10, "replaced": 0, "dropped": 0, "lost": 1}
+    assert run.live_handles() == 0
+
+
+def test_killed_subscriber_releases_what_it_had_kept() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 1)
+    run.run_core()
+    delivery = subscriber.take()
+    assert delivery is not None
+    subscriber.endpoint.done(delivery)
+    run.run_core()
+    run.kill(subscriber)
+    publisher.collect_freed()
+    assert not publisher.blocks_out
+    assert run.counts(0)["delivered"] == 1
+
+
+def test_pinned_messages_do_not_use_up_credit() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    kept = []
+    for value in range(3 * CREDIT):
+        publisher.publish(channel, value)
+        run.run_core()
+        delivery = subscriber.take()
+        assert delivery is not None
+        subscriber.endpoint.done(delivery)
+        kept.append(delivery)
+    run.run_core()
+    assert len(publisher.blocks_out) == len(kept)
+    for delivery in kept:
+        subscriber.endpoint.release(delivery)
+        run.run_core()
+    publisher.collect_freed()
+    assert not publisher.blocks_out
+
+
+def test_messages_of_a_dead_publisher_are_still_delivered_and_its_segments_go_with_the_last() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(3):
+        publisher.publish(channel, value)
+    run.kill(publisher)  # the core had not even seen them
+    assert (Inbound.SEGMENTS_GONE, 1, 1) not in run.supervisor_notices()
+    assert subscriber.handle_all() == [0, 1, 2]
+    run.run_core()
+    assert (Inbound.SEGMENTS_GONE, 1, 1) in run.supervisor_notices()
+    assert run.live_handles() == 0
+
+
+def test_module_that_will_not_come_back_loses_its_queue_and_it_is_counted() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(5):
+        publisher.publish(channel, value)
+        run.run_core()
+    run.kill(subscriber)
+    run.gone(subscriber, clean=False)
+    assert run.counts(0) == {"routed": 5, "delivered": 0, "replaced": 0, "dropped": 0, "lost": 5}
+    publisher.publish(channel, 5)
+    run.run_core()
+    assert run.live_handles() == 0
+
+
+def test_subscription_that_a_restarted_module_no_longer_wants_is_closed() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 0)
+    run.run_core()
+    run.kill(subscriber)
+    successor = run.start(2, 2)
+    successor.ready()
+    run.run_core()
+    publisher.publish(channel, 1)
+    run.run_core()
+    assert run.counts(0)["dropped"] == 1
+    assert run.live_handles() == 0
+
+
+def test_full_handle_table_refuses_and_counts_and_gives_the_block_back() -> None:
+    run = SimulatedRun(handles=6)
+    publisher, channel, _ = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(10):
+        publisher.publish(channel, value)
+        run.run_core()
+    at = run.tables.publisher(1)
+    assert run.words[at + layout.PUBLISHER_ROUTED] == 6
+    assert run.words[at + layout.PUBLISHER_REFUSED] == 4
+    publisher.collect_freed()
+    assert len(publisher.blocks_out) == 6
+
+
+def test_publisher_is_refused_when_its_ring_is_full_but_can_still_release() -> None:
+    run = SimulatedRun()
+    publisher, channel, _ = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.subscribe(type_name="test_msgs/msg/Other")
+    run.run_core()
+    while publisher.publish(channel, 1):
+        pass
+    publisher.endpoint.send(Outbound.WAIT_FREED, 1)
+    run.run_core()
+    assert publisher.publish(channel, 2)
+
+
+def test_waiting_publisher_is_woken_by_releases_that_would_else_wake_nobody() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 1)
+    run.run_core()
+    assert subscriber.into[layout.IN_WANT_RELEASE] == 0
+    publisher.endpoint.wake_after_freed(1)
+    run.run_core()
+    assert subscriber.into[layout.IN_WANT_RELEASE] == 1
+
+
+def test_garbage_in_a_ring_faults_its_module_and_the_others_go_on() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber, hostile) = connected(run, *[MessageHandling.ALWAYS_DELIVER] * 2)
+    run.supervisor_notices()
+    hostile.endpoint.send(Outbound.RELEASE, 99999999, 1)
+    publisher.publish(channel, 1)
+    run.run_core()
+    assert subscriber.handle_all() == [1]
+    assert run.supervisor_notices() == [(Inbound.FAULTED, 3, 1)]
+    assert len(run.reports) == 1
+    run.kill(hostile)
+    run.run_core()
+    assert run.live_references() == 1  # its message waits for its next incarnation
