@@ -3,6 +3,23 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from robbie_mp.profile.problem import Place
+from robbie_mp.value_check import Limits
+
+AGES_S = 1e9
+"""An upper bound for times, about 30 years: more than any run, and less than what system calls refuse."""
+MAX_ENTRIES = 1 << 24
+"""An upper bound for tables."""
+MAX_BYTES = 1 << 48
+"""An upper bound for sizes: a process can address no more."""
+
+
+def bounded(default: Any, minimum: float, maximum: float, choices: tuple[object, ...] = ()) -> Any:
+    """Declare a field with its default and what a profile may set it to."""
+    return field(default=default, metadata={"limits": Limits(minimum, maximum, choices)})
 
 
 class RestartWhen(StrEnum):
@@ -18,13 +35,13 @@ class RestartPolicy:
     """How the supervisor treats a module that ended."""
 
     policy: RestartWhen = RestartWhen.ON_FAILURE
-    max_restarts: int = 5
+    max_restarts: int = bounded(5, 0, MAX_ENTRIES)
     """More than this many within `within_s` and the module is FAILED."""
-    within_s: float = 60.0
-    backoff_s: float = 0.05
+    within_s: float = bounded(60.0, 0.1, AGES_S)
+    backoff_s: float = bounded(0.05, 0, AGES_S)
     """Wait before the first restart; doubles with each further one."""
-    backoff_cap_s: float = 5.0
-    stable_after_s: float = 10.0
+    backoff_cap_s: float = bounded(5.0, 0, AGES_S)
+    stable_after_s: float = bounded(10.0, 0, AGES_S)
     """Running this long gives the whole budget back and the first backoff again."""
 
 
@@ -32,9 +49,9 @@ class RestartPolicy:
 class MemoryLimits:
     """What a module may hold in shared memory."""
 
-    segment_bytes: int = 1 << 20
+    segment_bytes: int = bounded(1 << 20, 4096, MAX_BYTES)
     """Size of its first data segment; a message that needs more gets a segment of its own."""
-    limit_bytes: int = 256 << 20
+    limit_bytes: int = bounded(256 << 20, 4096, MAX_BYTES)
     """All its data segments together."""
 
 
@@ -42,8 +59,8 @@ class MemoryLimits:
 class QueueLimits:
     """Bounds of the messages that wait for a module; beyond them the oldest goes and is counted."""
 
-    messages: int = 1000
-    bytes: int = 64 << 20
+    messages: int = bounded(1000, 1, MAX_ENTRIES)
+    bytes: int = bounded(64 << 20, 1, MAX_BYTES)
 
 
 @dataclass(frozen=True)
@@ -59,27 +76,29 @@ class ModuleSpec:
     """Its FAILED stops the robot."""
     ends_run: bool = False
     """When it ends by itself with exit code 0, the run is over: an ordered stop follows."""
-    start_deadline_s: float = 30.0
-    stop_grace_s: float = 3.0
+    start_deadline_s: float = bounded(30.0, 0.1, AGES_S)
+    stop_grace_s: float = bounded(3.0, 0, AGES_S)
     """From SIGTERM to SIGKILL on an ordered stop."""
     memory: MemoryLimits = MemoryLimits()
     queue: QueueLimits = QueueLimits()
+    folder_of: Mapping[str, Path] = field(default_factory=dict)
+    """What a relative path in a setting starts from, for settings where that is not the workspace."""
 
 
 @dataclass(frozen=True)
 class CoreLimits:
     """Sizes of the core's tables; each is a bound of the whole run."""
 
-    handles: int = 16384
+    handles: int = bounded(16384, 1, MAX_ENTRIES)
     """Messages alive at once."""
-    references: int = 65536
+    references: int = bounded(65536, 1, MAX_ENTRIES)
     """Messages alive, counted once for each subscription that they wait for or are held by."""
-    channels: int = 1024
+    channels: int = bounded(1024, 1, MAX_ENTRIES)
     """Pairs of message type and topic."""
-    subscriptions: int = 1024
-    ring_records: int = 1024
+    subscriptions: int = bounded(1024, 1, MAX_ENTRIES)
+    ring_records: int = bounded(1024, 16, 1 << 20, choices=tuple(1 << n for n in range(4, 21)))
     """Records of each outbound ring; a power of two."""
-    credits: int = 64
+    credits: int = bounded(64, 1, MAX_ENTRIES)
     """Messages that a module may have in its inbound ring."""
 
 
@@ -93,3 +112,14 @@ class Profile:
     config: Mapping[str, object] = field(default_factory=dict)
     """Flat: dotted key to value."""
     core: CoreLimits = CoreLimits()
+    description: str = ""
+    workspace: Path = Path()
+    """The folder that contains profiles/; the root of imports and of relative paths."""
+    origins: Mapping[tuple[str, ...], Place] = field(default_factory=dict)
+    """Where each key was written, as ("modules", "mapping", "settings", "rate_hz"); none for defaults."""
+
+    def place_of(self, *path: str) -> Place | None:
+        """Return where a key was written, or else the nearest one that encloses it."""
+        while path and path not in self.origins:
+            path = path[:-1]
+        return self.origins.get(path)

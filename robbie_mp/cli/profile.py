@@ -1,0 +1,74 @@
+"""`robbie profile show`: a merged profile, and where each of its values comes from."""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from robbie_mp.profile.load import load_profile
+from robbie_mp.profile.preflight import preflight
+from robbie_mp.profile.show import Line, as_tree, origins, to_lines
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `profile` to the commands."""
+    profile = subparsers.add_parser("profile", help="show what a profile says after merging")
+    actions = profile.add_subparsers(title="actions", metavar="ACTION", required=True)
+    parser = actions.add_parser(
+        "show",
+        help="print the merged profile with the origin of each value",
+        description="Print a profile merged with its parents, each value with the line that set it. "
+        "Classes and settings are checked as before a run.",
+    )
+    add_profile_arguments(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
+    parser.set_defaults(command=show)
+
+
+def add_profile_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments by which every command takes a profile: `profile` and `overrides`."""
+    parser.add_argument("profile", help="name of a profile in profiles/, or path of its file")
+    parser.add_argument(
+        "--set",
+        dest="overrides",
+        metavar="NAME.SETTING=VALUE",
+        action="append",
+        default=[],
+        help="set a module's setting or a key of config; may be repeated",
+    )
+
+
+def show(arguments: argparse.Namespace) -> int:
+    """Print a profile."""
+    profile = load_profile(arguments.profile, overrides=arguments.overrides)
+    findings = preflight(profile)
+    for module, failure in findings.failures.items():
+        last_line = failure.strip().splitlines()[-1]
+        print(f"warning: module {module} cannot be imported: {last_line}", file=sys.stderr)
+    tree = as_tree(profile, findings.settings)
+    origin_of = origins(profile, tree)
+    if arguments.json:
+        described = {"name": profile.name, "workspace": str(profile.workspace), **tree}
+        described["origins"] = {"/".join(path): origin for path, origin in origin_of.items()}
+        print(json.dumps(described, indent=2))
+    else:
+        _print_lines([Line(f"# profile {profile.name}"), *to_lines(tree, origin_of)])
+    return 0
+
+
+def _print_lines(lines: Iterable[Line]) -> None:
+    if not sys.stdout.isatty():
+        print(*lines, sep="\n")
+        return
+    from rich.console import Console  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
+
+    console = Console(highlight=False)
+    for line in lines:
+        console.print(
+            Text.assemble(str(line).removesuffix(line.comment), (line.comment, "dim")), soft_wrap=True
+        )

@@ -1,0 +1,1 @@
+"""Profiles: YAML files that say which modules run, with which settings."""

@@ -1,0 +1,176 @@
+"""Build the profile from its merged tree, and say everything that is wrong with it."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+from robbie_mp.profile.model import CoreLimits, MemoryLimits, ModuleSpec, Profile, QueueLimits, RestartPolicy
+from robbie_mp.profile.problem import Place, Problem, ProfileError
+from robbie_mp.profile.reader import Node
+from robbie_mp.suggest import did_you_mean
+from robbie_mp.value_check import NO_LIMITS, ValueMismatch, check_value
+
+T = TypeVar("T")
+PROFILE_KEYS = ("parents", "description", "modules", "config", "core")
+MODULE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,47}")
+RESERVED_NAMES = ("core", "supervisor")
+CONFIG_KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
+CLASS_PATH = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
+
+
+def build_profile(name: str, tree: Node, *, workspace: Path, current_folder: Path) -> Profile:
+    """Return the profile that a merged tree describes.
+
+    Args:
+        name: The profile's name.
+        tree: What `merge_profile` returned.
+        workspace: What relative paths in files start from.
+        current_folder: What relative paths on the command line start from.
+
+    Raises:
+        ProfileError: with every problem.
+    """
+    builder = _Builder(current_folder)
+    profile = builder.profile(name, tree, workspace)
+    if builder.problems:
+        raise ProfileError(builder.problems)
+    return profile
+
+
+class _Builder:
+    """Collects problems while it builds; what is wrong is replaced by a default to find the next problem."""
+
+    def __init__(self, current_folder: Path) -> None:
+        self.current_folder = current_folder
+        self.problems: list[Problem] = []
+
+    def profile(self, name: str, tree: Node, workspace: Path) -> Profile:
+        content = self.map_of(tree, "profile")
+        self.refuse_unknown(content, PROFILE_KEYS, "")
+        modules = self.map_of(content.get("modules"), "modules")
+        return Profile(
+            name=name,
+            modules=tuple(self.module(key, node, modules) for key, node in modules.items()),
+            config=self.config(self.map_of(content.get("config"), "config")),
+            core=self.section(CoreLimits, self.map_of(content.get("core"), "core"), "core"),
+            description=self.value(str, content.get("description"), "description", ""),
+            workspace=workspace,
+            origins=_origins(tree),
+        )
+
+    def module(self, name: str, node: Node, siblings: dict[str, Node]) -> ModuleSpec:
+        where = f"modules.{name}"
+        if not MODULE_NAME.fullmatch(name):
+            self.report(node.place, f"{where}: expected a name of at most 48 letters, digits, _ and -")
+        if name in RESERVED_NAMES:
+            self.report(node.place, f"{where}: this name is taken by the framework; use another")
+        content = self.map_of(node, where)
+        settings = self.map_of(content.get("settings"), f"{where}.settings")
+        typed_in = [key for key, value in settings.items() if isinstance(value.place.source, str)]
+        return self.section(
+            ModuleSpec,
+            content,
+            where,
+            name=name,
+            class_path=self.class_path(node, content, where, [other for other in siblings if other != name]),
+            settings={key: value.plain() for key, value in settings.items()},
+            folder_of=dict.fromkeys(typed_in, self.current_folder),
+            restart=self.nested(RestartPolicy, content, where, "restart"),
+            memory=self.memory(content, where),
+            queue=self.nested(QueueLimits, content, where, "queue"),
+        )
+
+    def class_path(self, module: Node, content: dict[str, Node], where: str, siblings: list[str]) -> str:
+        node = content.get("class")
+        if not isinstance(module.value, dict):
+            return ""  # which is reported already
+        if node is None:
+            near = did_you_mean(where.removeprefix("modules."), siblings)
+            self.report(module.place, f"{where}: has no class{near or '; expected package.module:Class'}")
+            return ""
+        if not isinstance(node.value, str) or not CLASS_PATH.fullmatch(node.value):
+            self.report(node.place, f"{where}.class: expected package.module:Class; got {node.plain()!r:.60}")
+        return str(node.value)
+
+    def memory(self, module: dict[str, Node], where: str) -> MemoryLimits:
+        memory = self.nested(MemoryLimits, module, where, "memory")
+        if memory.limit_bytes < memory.segment_bytes:
+            self.report(
+                module["memory"].place,
+                f"{where}.memory: expected limit_bytes to be at least segment_bytes, {memory.segment_bytes}; "
+                f"got {memory.limit_bytes}",
+            )
+        return memory
+
+    def config(self, content: dict[str, Node]) -> dict[str, object]:
+        return {key: self.config_value(key, node) for key, node in content.items()}
+
+    def config_value(self, key: str, node: Node) -> object:
+        where = f"config.{key}"
+        if not CONFIG_KEY.fullmatch(key):
+            self.report(node.place, f"{where}: expected a key of letters, digits, _ and -, joined by dots")
+        if isinstance(node.value, dict):
+            inner = next(iter(node.value), "inner_key")
+            self.report(node.place, f"{where}: config is flat; write `{key}.{inner}: …`")
+        elif not isinstance(node.value, bool | int | float | str):
+            expected = "expected bool, int, float or str"
+            self.report(node.place, f"{where}: {expected}; got {node.plain()!r:.60}")
+        elif isinstance(node.value, float):
+            return self.value(float, node, where, 0.0)
+        return node.value
+
+    def nested(self, cls: type[T], content: dict[str, Node], where: str, key: str) -> T:
+        where = f"{where}.{key}"
+        return self.section(cls, self.map_of(content.get(key), where), where)
+
+    def section(self, cls: type[T], content: dict[str, Node], where: str, **built: object) -> T:
+        """Build a dataclass from the map of its fields; those in `built` are done already."""
+        hints = get_type_hints(cls)
+        names = [field.name for field in fields(cls)]  # type: ignore[arg-type]
+        keys = {"class" if name == "class_path" else name for name in names} - {"name", "folder_of"}
+        self.refuse_unknown(content, sorted(keys), where + ".")
+        values: dict[str, Any] = dict(built)
+        for field in fields(cls):  # type: ignore[arg-type]
+            if field.name in content and field.name not in built:
+                limits = field.metadata.get("limits", NO_LIMITS)
+                node, place = content[field.name], f"{where}.{field.name}"
+                values[field.name] = self.value(hints[field.name], node, place, field.default, limits)
+        return cls(**values)
+
+    def value(
+        self, declared: Any, node: Node | None, where: str, default: Any, limits: Any = NO_LIMITS
+    ) -> Any:
+        if node is None:
+            return default
+        try:
+            return check_value(declared, node.plain(), limits)
+        except ValueMismatch as mismatch:
+            self.report(node.place, f"{where}: {mismatch}")
+            return default
+
+    def map_of(self, node: Node | None, where: str) -> dict[str, Node]:
+        if node is None:
+            return {}
+        if isinstance(node.value, dict):
+            return node.value
+        self.report(node.place, f"{where}: expected a map; got {node.plain()!r:.60}")
+        return {}
+
+    def refuse_unknown(self, content: dict[str, Node], known: Sequence[str], prefix: str) -> None:
+        for key, node in content.items():
+            if key not in known:
+                near = did_you_mean(key, known) or f"; expected one of {', '.join(known)}"
+                self.report(node.place, f"{prefix}{key}: unknown key{near}")
+
+    def report(self, place: Place, text: str) -> None:
+        self.problems.append(Problem(text, place))
+
+
+def _origins(tree: Node, path: tuple[str, ...] = ()) -> dict[tuple[str, ...], Place]:
+    origins = {path: tree.place} if path else {}
+    if isinstance(tree.value, dict):
+        for key, child in tree.value.items():
+            origins |= _origins(child, (*path, key))
+    return origins

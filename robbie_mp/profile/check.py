@@ -1,0 +1,124 @@
+"""The process in which a profile's classes are imported and their settings checked.
+
+Run by `robbie_mp.profile.preflight` as `python -m robbie_mp.profile.check`: a team's code may print, hang,
+start threads or crash when it is imported, and none of that may happen to who asks. The request is one JSON
+document on standard input; the answer is one JSON event on each line of what was standard output.
+"""
+
+import importlib
+import json
+import math
+import os
+import pkgutil
+import signal
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TextIO
+
+from robbie_mp.settings import SettingError, examine_settings
+from robbie_mp.suggest import did_you_mean
+
+
+class NotAModule(Exception):
+    """The profile names a class that is not there, or that no module can be made of."""
+
+
+def main() -> None:
+    """Check every module of the request and end, whatever threads the imported code has started."""
+    request = json.load(sys.stdin)
+    events = _keep_output_for_events()
+    sys.path.insert(0, request["workspace"])
+    this_process = os.getpid()
+    try:
+        base = load_class(request["base_class"])
+    except Exception:
+        _emit(events, {"useless": traceback.format_exc()})
+        raise
+    for module in request["modules"]:
+        # If who asked is killed, nobody ends us in a hanging import but this.
+        signal.alarm(math.ceil(request["timeout_s"]) + 1)
+        _emit(events, {"begin": module["name"]})
+        result = _examine(module, base, Path(request["workspace"]))
+        if os.getpid() != this_process:  # the import has forked
+            os._exit(0)
+        _emit(events, {"result": result})
+    _emit(events, {"end": True})
+    os._exit(0)
+
+
+def _keep_output_for_events() -> TextIO:
+    """Return a stream to standard output that nobody else finds; prints of imported code go nowhere."""
+    events = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (0, 1, 2):
+        os.dup2(nowhere, descriptor)
+    os.close(nowhere)
+    return events
+
+
+def _emit(events: TextIO, event: dict[str, object]) -> None:
+    events.write(json.dumps(event, default=str) + "\n")
+    events.flush()
+
+
+def _examine(module: dict[str, Any], base: type, workspace: Path) -> dict[str, object]:
+    """Return what is wrong with a module and its complete settings, or the failure of its own code."""
+    errors: list[tuple[tuple[str, ...], str]] = []
+    settings: dict[str, object] = {}
+    failure = ""
+    try:
+        cls = load_class(module["class_path"], base)
+        folder_of = {name: Path(folder) for name, folder in module["folder_of"].items()}
+        settings, found = examine_settings(cls, module["settings"], folder=workspace, folder_of=folder_of)
+        errors += [(("settings", error.setting), str(error)) for error in found]
+        check: Callable[[dict[str, object]], None] | None = getattr(cls, "check", None)
+        if check and not errors:
+            check(dict(settings))
+    except SettingError as error:
+        errors.append((("settings", error.setting), str(error)))
+    except NotAModule as error:
+        errors.append((("class",), str(error)))
+    except BaseException:  # even sys.exit: it is the code's failure, and not the profile's
+        failure = traceback.format_exc()
+    return {"errors": errors, "settings": settings, "failure": failure}
+
+
+def load_class(class_path: str, base: type = object) -> type:
+    """Import the class that `package.module:Class` names.
+
+    Raises:
+        NotAModule: there is no such module or class, or the class is not derived from `base`.
+        BaseException: whatever the imported code raises.
+    """
+    module_name, _, class_name = class_path.partition(":")
+    try:
+        module = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        # Only if what is missing is the named module or a package around it; else its own import failed.
+        if error.name and (module_name + ".").startswith(error.name + "."):
+            near = did_you_mean(module_name, _siblings(module_name))
+            raise NotAModule(f"there is no Python module {error.name!r}{near}") from None
+        raise
+    found = getattr(module, class_name, None)
+    if found is None:
+        classes = [name for name, value in vars(module).items() if isinstance(value, type)]
+        raise NotAModule(f"{module_name} has no class {class_name!r}{did_you_mean(class_name, classes)}")
+    if not (isinstance(found, type) and issubclass(found, base)):
+        raise NotAModule(f"{class_path} is not derived from {base.__module__}.{base.__qualname__}")
+    return found
+
+
+def _siblings(module_name: str) -> list[str]:
+    """Return the names of the modules next to where a module should be."""
+    package_name, dot, _ = module_name.rpartition(".")
+    package = sys.modules.get(package_name)
+    if dot and not package:
+        return []
+    folders = list(package.__path__) if package and hasattr(package, "__path__") else sys.path[:1]
+    return [package_name + dot + module.name for module in pkgutil.iter_modules(folders)]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,102 @@
+"""Merge a profile with its parents and with what the command line overrides."""
+
+from collections.abc import Sequence
+from functools import reduce
+
+from robbie_mp.profile.problem import Place, Problem, ProfileError, refuse
+from robbie_mp.profile.reader import Node, read_text
+from robbie_mp.profile.workspace import Workspace
+from robbie_mp.suggest import did_you_mean
+
+
+def merge_profile(workspace: Workspace, name: str, overrides: Sequence[str] = ()) -> Node:
+    """Return the merged content of a profile as a map.
+
+    Parents come first, in their order, each before its children and each once only: with two parents that
+    have a parent in common, what either of them changes of it stays changed. Maps merge, null removes,
+    everything else replaces.
+
+    Raises:
+        ProfileError: a file is missing or no YAML, or a parent is its own ancestor.
+    """
+    lineage: dict[str, Node] = {}
+    _collect(workspace, name, (), None, lineage)
+    empty = Node({}, lineage[name].place)
+    return override(reduce(merge, lineage.values(), empty), overrides)
+
+
+def merge(base: Node | None, over: Node) -> Node:
+    """Return `base` with `over` on top; a key that is new comes last."""
+    if not isinstance(over.value, dict):
+        return over
+    merged = dict(base.value) if base and isinstance(base.value, dict) else {}
+    for key, child in over.value.items():
+        if child.value is None:
+            merged.pop(key, None)
+        else:
+            merged[key] = merge(merged.get(key), child)
+    return Node(merged, over.place)
+
+
+def _collect(
+    workspace: Workspace, name: str, children: tuple[str, ...], place: Place | None, lineage: dict[str, Node]
+) -> None:
+    """Add a profile to the lineage after its parents; `place` is where a child names it."""
+    if name in children:
+        chain = " → ".join((*children[children.index(name) :], name))
+        raise refuse(f"parents: a profile cannot be its own ancestor: {chain}", place)
+    if name in lineage:
+        return
+    content = workspace.read(name, place)
+    for parent in _names(content.value.get("parents") if isinstance(content.value, dict) else None):
+        _collect(workspace, str(parent.value), (*children, name), parent.place, lineage)
+    lineage[name] = content
+
+
+def _names(parents: Node | None) -> list[Node]:
+    if parents is None or parents.value is None:
+        return []
+    if not isinstance(parents.value, list):
+        raise refuse("parents: expected a list of profile names, as in `parents: [base]`", parents.place)
+    problems = [
+        Problem(f"parents: expected the name of a profile; got {parent.plain()!r:.60}", parent.place)
+        for parent in parents.value
+        if not isinstance(parent.value, str)
+    ]
+    if problems:
+        raise ProfileError(problems)
+    return parents.value
+
+
+def override(profile: Node, overrides: Sequence[str]) -> Node:
+    """Return the profile with each `NAME.SETTING=value` or `config.key=value` on top.
+
+    Raises:
+        ProfileError: one has another form, or names neither a module nor a key that `config` has.
+    """
+    return reduce(merge, [_read_override(text, profile) for text in overrides], profile)
+
+
+def _read_override(text: str, profile: Node) -> Node:
+    option = f"--set {text}"
+    place = Place(option)
+    key, equals, value_text = text.partition("=")
+    name, _, setting = key.partition(".")
+    if not (equals and key):
+        raise refuse("expected MODULE.SETTING=VALUE or CONFIG.KEY=VALUE", place)
+    value = Node(read_text(value_text, option).value, place)
+    modules, config = (_keys(profile, section) for section in ("modules", "config"))
+    if name in modules and setting:
+        path: tuple[str, ...] = ("modules", name, "settings", setting)
+    elif key in config:
+        path = ("config", key)
+    else:
+        known = [*config, *(f"{module}.{setting}" for module in modules)]
+        near = did_you_mean(key, known) or f"; modules: {', '.join(modules) or 'none'}"
+        raise refuse(f"there is no module {name!r}, and config has no key {key!r}{near}", place)
+    return reduce(lambda inner, step: Node({step: inner}, place), reversed(path), value)
+
+
+def _keys(profile: Node, section: str) -> list[str]:
+    node = profile.value.get(section) if isinstance(profile.value, dict) else None
+    return list(node.value) if node and isinstance(node.value, dict) else []

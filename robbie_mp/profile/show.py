@@ -1,0 +1,92 @@
+"""Show a merged profile with the origin of each value."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
+
+import yaml
+
+from robbie_mp.profile.model import ModuleSpec, Profile
+from robbie_mp.profile.reader import CORE_SCHEMA
+
+DEFAULT = "default"
+COMMENT_COLUMN = 48
+Path = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of YAML and the comment that follows it."""
+
+    text: str
+    comment: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.text:<{COMMENT_COLUMN}}  # {self.comment}" if self.comment else self.text
+
+
+class _Dumper(yaml.SafeDumper):
+    yaml_implicit_resolvers = CORE_SCHEMA
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+def as_tree(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> dict[str, Any]:
+    """Return the profile as maps, lists and scalars, under the keys that a profile file has.
+
+    Args:
+        profile: What to show.
+        settings: By module: all its settings, with the defaults that only its class knows.
+    """
+    modules = {module.name: _module_tree(module, settings.get(module.name, {})) for module in profile.modules}
+    return {
+        "description": profile.description,
+        "modules": modules,
+        "config": dict(profile.config),
+        "core": _plain(profile.core),
+    }
+
+
+def _module_tree(module: ModuleSpec, settings: Mapping[str, object]) -> dict[str, Any]:
+    tree = {"class": module.class_path, "settings": {**settings, **module.settings}}
+    rest = _plain(module)
+    return tree | {
+        key: rest[key] for key in rest if key not in ("name", "class_path", "settings", "folder_of")
+    }
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    return str(value) if isinstance(value, str) else value  # a StrEnum becomes its text
+
+
+def origins(profile: Profile, tree: Mapping[str, Any]) -> dict[Path, str]:
+    """Return for each scalar or list of the tree file:line, the option that set it, or "default"."""
+    return {path: str(profile.origins.get(path, DEFAULT)) for path in _leaves(tree, ())}
+
+
+def _leaves(tree: Mapping[str, Any], path: Path) -> Iterator[Path]:
+    for key, value in tree.items():
+        if isinstance(value, dict) and value:
+            yield from _leaves(value, (*path, key))
+        else:
+            yield (*path, key)
+
+
+def to_lines(tree: Mapping[str, Any], origins: Mapping[Path, str], path: Path = ()) -> Iterator[Line]:
+    """Yield the tree as YAML, each value on one line with its origin as comment."""
+    indent = "  " * len(path)
+    for key, value in tree.items():
+        here = (*path, key)
+        if isinstance(value, dict) and value:
+            yield Line(f"{indent}{_inline(key)}:")
+            yield from to_lines(value, origins, here)
+        else:
+            yield Line(f"{indent}{_inline(key)}: {_inline(value)}", origins[here])
+
+
+def _inline(value: object) -> str:
+    text: str = yaml.dump(value, Dumper=_Dumper, default_flow_style=True, allow_unicode=True, width=1 << 30)
+    return text.removesuffix("\n").removesuffix("\n...").rstrip("\n")

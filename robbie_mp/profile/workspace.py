@@ -1,0 +1,86 @@
+"""Find a robot's workspace, the folder that contains profiles/, and the profiles in it."""
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from robbie_mp.profile.problem import Place, refuse
+from robbie_mp.profile.reader import Node, read_file
+from robbie_mp.suggest import did_you_mean
+
+FOLDER = "profiles"
+SUFFIX = ".yaml"
+NAME = re.compile(r"\w[\w.-]*(/\w[\w.-]*)*")
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A folder with profiles/, whose other folders hold the robot's code."""
+
+    root: Path
+
+    @property
+    def folder(self) -> Path:
+        """The folder with the profiles."""
+        return self.root / FOLDER
+
+    def names(self) -> list[str]:
+        """Return the names of all profiles, as `demo` or `sim/arena`, sorted."""
+        files = self.folder.rglob("*" + SUFFIX)
+        return sorted(file.relative_to(self.folder).with_suffix("").as_posix() for file in files)
+
+    def file_of(self, name: str) -> Path:
+        """Return where the profile of a name is kept; whether there is such a file is another question."""
+        return self.folder / (name + SUFFIX)
+
+    def read(self, name: str, place: Place | None = None) -> Node:
+        """Read a profile; an empty file is an empty map.
+
+        Args:
+            name: As `demo` or `sim/arena`.
+            place: Where it is named, if in another profile.
+
+        Raises:
+            ProfileError: there is no such profile, or it is no YAML map.
+        """
+        file = self.file_of(name)
+        if not NAME.fullmatch(name) or not file.is_file():
+            names = self.names()
+            near = did_you_mean(name, names)
+            known = f"; profiles in {self.folder}: {', '.join(names) or 'none'}"
+            raise refuse(f"there is no profile {name!r}{near}{known}", place)
+        content = read_file(file)
+        if content.value is None:
+            return Node({}, content.place)
+        if not isinstance(content.value, dict):
+            raise refuse("expected a map with the keys of a profile (modules, config, …)", content.place)
+        return content
+
+
+def find_workspace(start: Path) -> Workspace:
+    """Return the workspace of a folder: itself or the nearest above it that contains profiles/.
+
+    Raises:
+        ProfileError: there is none.
+    """
+    start = start.absolute()
+    for folder in (start, *start.parents):
+        if (folder / FOLDER).is_dir():
+            return Workspace(folder)
+    raise refuse(f"no folder {FOLDER}/ in {start} or above it; go to your robot's folder")
+
+
+def locate(name_or_file: str, start: Path) -> tuple[Workspace, str]:
+    """Return workspace and name of a profile given by name, or as a path that ends with .yaml.
+
+    Raises:
+        ProfileError: there is no workspace, or the file is in none.
+    """
+    if not name_or_file.endswith(SUFFIX):
+        return find_workspace(start), name_or_file
+    file = Path(os.path.abspath(start / name_or_file))
+    for folder in file.parents:
+        if folder.name == FOLDER:
+            return Workspace(folder.parent), file.relative_to(folder).with_suffix("").as_posix()
+    raise refuse(f"{file} is in no folder {FOLDER}/, so it belongs to no robot")

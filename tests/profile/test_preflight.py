@@ -1,0 +1,322 @@
+"""Classes and settings are checked without harm: what the profile gets wrong is told from what code does."""
+
+import json
+import os
+from pathlib import Path
+
+import psutil
+import pytest
+
+from robbie_mp.profile.checking_process import PreflightError
+from robbie_mp.profile.preflight import preflight
+
+from .conftest import Robot
+
+PLAIN = "{class: 'base_of_modules:Plain'}"
+
+MAPPING = """
+from pathlib import Path
+from base_of_modules import Base
+from robbie_mp.settings import REQUIRED, SettingError, setting
+
+class Mapping(Base):
+    resolution_m: float = setting(0.05, "edge of a grid cell", minimum=0)
+    map_file: Path = setting(Path("map.png"), "where the map is kept")
+    log_file: Path | None = setting(None, "log", must_exist=True)
+
+    @classmethod
+    def check(cls, settings):
+        assert isinstance(settings["map_file"], Path) and settings["map_file"].is_absolute()
+        if settings["resolution_m"] == 13:
+            raise SettingError("13 brings bad luck", "resolution_m")
+        if settings["resolution_m"] == 14:
+            raise SettingError("this is all wrong")
+        if settings["resolution_m"] == 15:
+            raise ZeroDivisionError("bug in check")
+
+class Needy(Base):
+    port: str = setting(REQUIRED, "serial port")
+
+class Unrelated:
+    pass
+"""
+
+
+@pytest.fixture
+def mapper(robot: Robot) -> Robot:
+    robot.write_code("mods.mapping", MAPPING)
+    robot.write(
+        "demo",
+        """
+        modules:
+          mapping:
+            class: mods.mapping:Mapping
+            settings:
+              resolution_m: 1
+        """,
+    )
+    return robot
+
+
+def write_class(robot: Robot, class_path: str) -> None:
+    robot.write("demo", f"modules:\n  a:\n    class: {class_path}\n")
+
+
+def test_settings_come_back_complete_and_with_absolute_paths(mapper: Robot) -> None:
+    findings = mapper.preflight()
+    assert findings.settings == {
+        "mapping": {"resolution_m": 1.0, "map_file": f"{mapper.root}/map.png", "log_file": None}
+    }
+    assert findings.failures == {}
+
+
+def test_relative_paths_start_from_the_workspace_but_typed_ones_from_here(
+    mapper: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = mapper.root / "logs"
+    here.mkdir()
+    (here / "run.mcap").touch()
+    monkeypatch.chdir(here)
+    settings = mapper.preflight("mapping.log_file=run.mcap").settings["mapping"]
+    assert settings["log_file"] == f"{here}/run.mcap"
+    assert settings["map_file"] == f"{mapper.root}/map.png"
+
+
+@pytest.mark.parametrize(
+    ("class_path", "problem"),
+    [
+        ("mods.maping:Mapping", "there is no Python module 'mods.maping'; did you mean 'mods.mapping'?"),
+        ("mod.mapping:Mapping", "there is no Python module 'mod'"),
+        ("no_such_module:A", "there is no Python module 'no_such_module'"),
+        ("mods.mapping.deeper:A", "there is no Python module 'mods.mapping.deeper'"),
+        ("mods.mapping:Maping", "mods.mapping has no class 'Maping'; did you mean 'Mapping'?"),
+        ("mods.mapping:Unrelated", "mods.mapping:Unrelated is not derived from base_of_modules.Base"),
+        ("mods.mapping:setting", "mods.mapping:setting is not derived from base_of_modules.Base"),
+    ],
+)
+def test_a_class_that_is_no_module_is_an_error_of_the_profile(
+    mapper: Robot, class_path: str, problem: str
+) -> None:
+    write_class(mapper, class_path)
+    assert mapper.preflight_problems() == [f"profiles/demo.yaml:3: modules.a.class: {problem}"]
+
+
+@pytest.mark.parametrize(
+    ("override", "problem"),
+    [
+        ("resolution_m=-1", "Mapping.resolution_m: expected float, at least 0; got -1.0 (float)"),
+        ("resolution_m=a", "Mapping.resolution_m: expected float, at least 0; got 'a' (str)"),
+        ("resolution=1", "Mapping has no setting 'resolution'; did you mean 'resolution_m'?"),
+        ("resolution_m=13", "13 brings bad luck"),
+    ],
+)
+def test_a_wrong_setting_is_reported_where_it_was_set(mapper: Robot, override: str, problem: str) -> None:
+    assert mapper.preflight_problems(f"mapping.{override}") == [
+        f"--set mapping.{override}: modules.mapping.settings: {problem}"
+    ]
+
+
+def test_settings_of_files_are_reported_with_their_lines(mapper: Robot) -> None:
+    mapper.write(
+        "demo",
+        """
+        modules:
+          mapping:
+            class: mods.mapping:Mapping
+            settings:
+              resolution_m: x
+              log_file: lost.mcap
+              oops: 1
+          needy:
+            class: mods.mapping:Needy
+          other:
+            class: mods.mapping:Other
+        """,
+    )
+    assert [problem.split(": ")[0] for problem in mapper.preflight_problems()] == [
+        "profiles/demo.yaml:8",  # unknown names come first
+        "profiles/demo.yaml:6",
+        "profiles/demo.yaml:7",
+        "profiles/demo.yaml:9",
+        "profiles/demo.yaml:12",
+    ]
+
+
+def test_an_error_that_names_no_setting_is_reported_at_the_settings(mapper: Robot) -> None:
+    mapper.write(
+        "demo", "modules:\n  a:\n    class: mods.mapping:Mapping\n    settings:\n      resolution_m: 14"
+    )
+    assert mapper.preflight_problems() == ["profiles/demo.yaml:4: modules.a.settings: this is all wrong"]
+
+
+def test_a_class_with_a_wrong_declaration_is_reported(robot: Robot) -> None:
+    robot.write_code(
+        "m",
+        "from base_of_modules import Base\nfrom robbie_mp.settings import setting\n"
+        "class A(Base):\n    x = setting(1, 'no type')",
+    )
+    write_class(robot, "m:A")
+    assert robot.preflight_problems() == [
+        "profiles/demo.yaml:2: modules.a.settings: A.x needs a type, as in `x: float = setting(…)`"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("code", "failure"),
+    [
+        ("raise RuntimeError('broken lens')", "RuntimeError: broken lens"),
+        ("import no_such_thing", "ModuleNotFoundError: No module named 'no_such_thing'"),
+        ("import mods.no_such_thing", "ModuleNotFoundError: No module named 'mods.no_such_thing'"),
+        ("import sys; sys.exit(3)", "SystemExit: 3"),
+        ("def", "SyntaxError: invalid syntax"),
+        ("raise KeyboardInterrupt", "KeyboardInterrupt"),
+        ("import os; os._exit(0)", "mods.bad: ended with exit code 0 while it was imported"),
+        ("import ctypes; ctypes.string_at(0)", "mods.bad: was killed by SIGSEGV while it was imported"),
+        ("import os; os.abort()", "mods.bad: was killed by SIGABRT while it was imported"),
+    ],
+)
+def test_code_that_fails_is_left_to_the_supervisor(robot: Robot, code: str, failure: str) -> None:
+    robot.write_code("mods.bad", code)
+    robot.write(
+        "demo",
+        f"""
+        modules:
+          before: {PLAIN}
+          bad: {{class: "mods.bad:Bad", settings: {{x: 1}}}}
+          worse: {{class: "mods.bad:Worse"}}
+          after: {PLAIN}
+        """,
+    )
+    findings = robot.preflight()
+    assert {name: text.strip().splitlines()[-1] for name, text in findings.failures.items()} == {
+        "bad": failure,
+        "worse": failure,
+    }
+    assert {"before", "after"} <= findings.settings.keys()
+
+
+def test_an_import_that_hangs_is_given_up_and_the_rest_is_checked(robot: Robot) -> None:
+    robot.write_code("mods.slow", "import threading; threading.Event().wait()")
+    robot.write("demo", f"modules: {{slow: {{class: 'mods.slow:A'}}, bad: {{class: 'no:A'}}, ok: {PLAIN}}}")
+    with pytest.raises(
+        Exception, match=r"^profiles/demo\.yaml:1: modules\.bad\.class: there is no Python module"
+    ):
+        robot.preflight(timeout_s=1.0)
+    robot.write("demo", f"modules: {{slow: {{class: 'mods.slow:A'}}, ok: {PLAIN}}}")
+    findings = robot.preflight(timeout_s=1.0)
+    assert findings.failures == {"slow": "mods.slow: did not finish within 1 s while it was imported"}
+    assert "ok" in findings.settings
+
+
+def test_a_bug_in_a_class_own_check_is_a_failure_of_its_code(mapper: Robot) -> None:
+    findings = mapper.preflight("mapping.resolution_m=15")
+    assert findings.failures["mapping"].endswith("ZeroDivisionError: bug in check\n")
+
+
+def test_output_of_imported_code_disturbs_nothing(robot: Robot, capfd: pytest.CaptureFixture[str]) -> None:
+    robot.write_code(
+        "mods.noisy",
+        """
+        import os, sys
+        from base_of_modules import Base
+        print('{"broken": "by print"}', flush=True)
+        os.write(1, b"to descriptor 1\\n")
+        os.system("echo from a child")
+        print("to stderr", file=sys.stderr)
+        assert sys.stdin.read() == ""
+        class Noisy(Base): pass
+        """,
+    )
+    robot.write("demo", "modules: {a: {class: 'mods.noisy:Noisy'}}")
+    findings = robot.preflight()
+    assert (findings.settings, findings.failures) == ({"a": {}}, {})
+    assert capfd.readouterr() == ("", "")
+
+
+def test_threads_forks_and_children_of_imported_code_do_not_outlive_the_check(robot: Robot) -> None:
+    robot.write_code(
+        "mods.busy",
+        """
+        import os, subprocess, sys, threading
+        from pathlib import Path
+        from base_of_modules import Base
+        threading.Thread(target=threading.Event().wait).start()
+        child = subprocess.Popen(["sleep", "1000"])
+        Path("child.pid").write_text(str(child.pid))
+        os.fork()
+        class Busy(Base): pass
+        """,
+    )
+    robot.write("demo", f"modules: {{a: {{class: 'mods.busy:Busy'}}, b: {PLAIN}}}")
+    findings = robot.preflight()
+    assert (findings.settings, findings.failures) == ({"a": {}, "b": {}}, {})
+    child = int(Path("child.pid").read_text())
+    psutil.wait_procs([psutil.Process(child)] if psutil.pid_exists(child) else [], timeout=5)
+    assert not psutil.pid_exists(child) or psutil.Process(child).status() == psutil.STATUS_ZOMBIE
+
+
+def test_a_thread_that_kills_the_process_later_harms_no_other_module(robot: Robot) -> None:
+    robot.write_code(
+        "mods.bomb",
+        """
+        import os, sys, threading
+        from base_of_modules import Base
+        class Bomb(Base):
+            @classmethod
+            def check(cls, settings):
+                threading.Thread(target=cls.wait_for_the_next).start()
+            @staticmethod
+            def wait_for_the_next():
+                while "mods.next" not in sys.modules: pass
+                os._exit(7)
+        """,
+    )
+    robot.write_code("mods.next", "import time; time.sleep(60)")
+    robot.write(
+        "demo", f"modules: {{a: {{class: 'mods.bomb:Bomb'}}, n: {{class: 'mods.next:N'}}, b: {PLAIN}}}"
+    )
+    findings = robot.preflight()
+    assert findings.settings.keys() == {"a", "b"}
+    assert findings.failures == {"n": "mods.next: ended with exit code 7 while it was imported"}
+
+
+def test_code_that_closes_the_way_back_is_told_from_a_profile_error(robot: Robot) -> None:
+    robot.write_code("mods.closer", "import os; os.closerange(3, 100)\nclass A: pass")
+    robot.write("demo", f"modules: {{a: {{class: 'mods.closer:A'}}, b: {PLAIN}}}")
+    findings = robot.preflight()
+    assert "mods.closer: ended with exit code" in findings.failures["a"]
+    assert findings.settings.keys() == {"b"}
+
+
+def test_nothing_is_imported_into_the_asking_process(robot: Robot) -> None:
+    robot.write_code(
+        "mods.who", "import os\nfrom base_of_modules import Plain\nopen('pid', 'w').write(str(os.getpid()))"
+    )
+    robot.write("demo", "modules: {a: {class: 'mods.who:Plain'}}")
+    robot.preflight()
+    assert int(Path("pid").read_text()) != os.getpid()
+
+
+def test_one_process_checks_all_modules_of_a_sound_profile(robot: Robot) -> None:
+    robot.write_code(
+        "who",
+        "import os, base_of_modules\nclass A(base_of_modules.Base):\n"
+        "    @classmethod\n    def check(cls, settings): open('pids', 'a').write(f'{os.getpid()}\\n')",
+    )
+    robot.write("demo", json.dumps({"modules": {f"m{n}": {"class": "who:A"} for n in range(20)}}))
+    robot.preflight()
+    pids = Path("pids").read_text().split()
+    assert len(pids) == 20 and len(set(pids)) == 1
+
+
+def test_a_profile_without_modules_needs_no_process(robot: Robot) -> None:
+    robot.write("demo", "")
+    assert preflight(robot.load()).settings == {}
+
+
+def test_a_base_class_that_cannot_be_imported_is_no_error_of_the_profile(robot: Robot) -> None:
+    robot.write("demo", f"modules: {{a: {PLAIN}}}")
+    with pytest.raises(
+        PreflightError, match=r"(?s)cannot be checked; nowhere:Base:.*no Python module 'nowhere'"
+    ):
+        preflight(robot.load(), base_class="nowhere:Base")

@@ -1,0 +1,67 @@
+"""Profiles are found by name from anywhere in a workspace, or by path from anywhere."""
+
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.profile.load import load_profile
+from robbie_mp.profile.problem import ProfileError
+from robbie_mp.profile.workspace import find_workspace
+
+from .conftest import Robot
+
+
+def test_a_name_is_looked_up_in_the_workspace_around_the_current_folder(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot.write("sim/arena", "description: found")
+    (robot.root / "modules" / "deep").mkdir(parents=True)
+    monkeypatch.chdir(robot.root / "modules" / "deep")
+    profile = robot.load("sim/arena")
+    assert (profile.name, profile.description, profile.workspace) == ("sim/arena", "found", robot.root)
+
+
+def test_a_path_brings_its_own_workspace(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot.write("base", "config: {a: 1}")
+    robot.write("sim/arena", "parents: [base]")
+    for start, path in [
+        ("/", str(robot.root / "profiles/sim/arena.yaml")),
+        (str(robot.root), "profiles/sim/arena.yaml"),
+        (str(robot.root / "profiles/sim"), "arena.yaml"),
+        (str(robot.root / "profiles/sim"), "../../profiles/sim/arena.yaml"),
+    ]:
+        monkeypatch.chdir(start)
+        profile = robot.load(path)
+        assert (profile.name, profile.workspace, profile.config) == ("sim/arena", robot.root, {"a": 1})
+
+
+def test_the_workspace_can_be_given(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot.write("demo", "")
+    monkeypatch.chdir("/")
+    assert load_profile("demo", robot.root).workspace == robot.root
+
+
+def test_all_profiles_can_be_listed(robot: Robot) -> None:
+    robot.write("sim/arena", "")
+    robot.write("base", "")
+    assert find_workspace(robot.root).names() == ["base", "sim/arena"]
+
+
+def test_a_missing_profile_names_the_near_and_all_others(robot: Robot) -> None:
+    robot.write("demo", "")
+    robot.write("sim/arena", "")
+    known = f"; profiles in {robot.root}/profiles: demo, sim/arena"
+    assert robot.problems("dmeo") == [f"there is no profile 'dmeo'; did you mean 'demo'?{known}"]
+    assert robot.problems("profiles/lost.yaml") == [f"there is no profile 'lost'{known}"]
+    assert robot.problems("\0") == [f"there is no profile '\\x00'{known}"]
+
+
+def test_without_a_workspace_the_error_says_where_to_go(tmp_path: Path) -> None:
+    with pytest.raises(
+        ProfileError, match=rf"^no folder profiles/ in {tmp_path} or above it; go to your robot"
+    ):
+        load_profile("demo", tmp_path)
+    with pytest.raises(
+        ProfileError, match=r"/demo\.yaml is in no folder profiles/, so it belongs to no robot$"
+    ):
+        load_profile("demo.yaml", tmp_path)
