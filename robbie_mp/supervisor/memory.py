@@ -111,7 +111,7 @@ class RunMemory:
             row.past.handled + words[layout.OUT_HANDLED],
             row.past.cpu_ns,
         )
-        self.board.write(slot, replace(row, past=past))
+        self.board.write(slot, replace(row, pid=0, past=past))
         self._endpoint.send(Outbound.MODULE_DOWN, slot, incarnation)
 
     def is_reclaimed(self, name: str, incarnation: int) -> bool:

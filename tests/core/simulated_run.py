@@ -40,7 +40,10 @@ class SimulatedModule:
         self.endpoint.send(Outbound.READY)
 
     def subscribe(
-        self, handling: MessageHandling = MessageHandling.ALWAYS_DELIVER, topic: str = "", type_name: str = TYPE
+        self,
+        handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
+        topic: str = "",
+        type_name: str = TYPE,
     ) -> int:
         return self.endpoint.subscribe(type_name, 1, topic, handling)
 
@@ -78,7 +81,9 @@ class SimulatedModule:
 class SimulatedRun:
     """A core with a supervisor and a number of slots."""
 
-    def __init__(self, slots: int = 4, queue_messages: int = 100, queue_bytes: int = 1 << 30, handles: int = 64):
+    def __init__(
+        self, slots: int = 4, queue_messages: int = 100, queue_bytes: int = 1 << 30, handles: int = 64
+    ):
         sizes = TableSizes(slots, channels=8, subscriptions=16, handles=handles, references=4 * handles)
         self.words = zeros(sizes.words)
         self.tables = CoreTables.create(self.words, sizes)

@@ -5,7 +5,9 @@ from tests.core.simulated_run import CREDIT, SimulatedModule, SimulatedRun
 NEWEST = MessageHandling.KEEP_ONLY_NEWEST
 
 
-def connected(run: SimulatedRun, *handlings: MessageHandling) -> tuple[SimulatedModule, int, list[SimulatedModule]]:
+def connected(
+    run: SimulatedRun, *handlings: MessageHandling
+) -> tuple[SimulatedModule, int, list[SimulatedModule]]:
     """A publisher in slot 1 and a subscriber for each handling from slot 2 on."""
     publisher = run.start(1)
     channel = publisher.advertise()
@@ -28,7 +30,7 @@ def test_every_subscriber_gets_every_message_in_order() -> None:
         assert publisher.publish(channel, value)
         run.run_core()
         for journal, subscriber in zip(received, subscribers, strict=True):
-            journal += subscriber.handle_all()
+            journal.extend(subscriber.handle_all())
     assert received == [list(range(40))] * 2
 
 

@@ -88,7 +88,9 @@ class History:
 
 STEPS = st.lists(
     st.tuples(
-        st.sampled_from(["publish", "publish", "publish", "handle", "handle", "kill", "start", "begin_and_die", "core"]),
+        st.sampled_from(
+            ["publish", "publish", "publish", "handle", "handle", "kill", "start", "begin_and_die", "core"]
+        ),
         st.sampled_from(SLOTS),
     ),
     max_size=80,

@@ -1,0 +1,183 @@
+"""Runs a module inside a test: no process, no shared memory, and time moves when the test says so."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Generic, NamedTuple, Self, TypeVar
+
+from robbie_mp.bus import Envelope, MessageType, PublishAfterStop
+from robbie_mp.clock import ManualClock
+from robbie_mp.config import Config
+from robbie_mp.messages import Message, lay_out
+from robbie_mp.module import Module, ModuleContext
+from robbie_mp.settings import check_settings
+from robbie_mp.transport.records import MessageHandling
+
+ModuleClass = TypeVar("ModuleClass", bound=Module)
+
+
+class Published(NamedTuple):
+    """A message that the module under test has sent."""
+
+    message: Message
+    topic: str
+
+
+class ModuleHarness(Generic[ModuleClass]):
+    """Feeds a module with messages and collects what it publishes.
+
+        with ModuleHarness(Obstacles, {"stop_distance_m": 0.5}) as harness:
+            harness.send(LaserScan(ranges=[0.4]))
+            assert harness.take(DriveCommand)
+
+    Messages pass through their bytes on the way in and out, so handlers see what they see in a robot:
+    read-only arrays, and wrong field types are errors.
+
+    Args:
+        module_class: the class under test.
+        settings: values for its settings; the others have their defaults.
+        config: the robot's configuration, dotted keys.
+        output_directory: where it may write results.
+        name: its name in the profile.
+    """
+
+    def __init__(
+        self,
+        module_class: type[ModuleClass],
+        settings: Mapping[str, object] | None = None,
+        *,
+        config: Mapping[str, object] | None = None,
+        output_directory: Path | None = None,
+        name: str = "module",
+    ):
+        self.clock = ManualClock()
+        self.bus = HarnessBus(self.clock)
+        checked = check_settings(module_class, settings or {})
+        module_class.check(checked)
+        self.module = module_class(
+            ModuleContext(
+                name=name,
+                settings=checked,
+                bus=self.bus,
+                clock=self.clock,
+                config=Config(config or {}),
+                output_directory=output_directory or Path.cwd(),
+                show_status=lambda _line: None,
+            )
+        )
+        self._next_tick_ns = 0
+
+    def __enter__(self) -> Self:
+        """Run `setup()`."""
+        self.module.setup()
+        self._next_tick_ns = self.clock.monotonic_ns()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Run `teardown()` as an ordered stop does, unless the test has failed already."""
+        if error is None:
+            self.module.teardown()
+        self.bus.stopped = True
+
+    def send(self, message: Message, *, topic: str = "", sender: str = "test") -> None:
+        """Have the module handle a message now, if it subscribes to it."""
+        self.bus.deliver(message, topic, sender)
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass, with every tick that is due on the way (the first one at once)."""
+        end_ns = self.clock.monotonic_ns() + round(seconds * 1e9)
+        period_s = self.module.period_s
+        while period_s is not None and self._next_tick_ns <= end_ns and not self.module.stop_requested:
+            self.clock.advance((self._next_tick_ns - self.clock.monotonic_ns()) / 1e9)
+            self.module.tick()
+            self._next_tick_ns += round(period_s * 1e9)
+        self.clock.advance((end_ns - self.clock.monotonic_ns()) / 1e9)
+
+    @property
+    def published(self) -> list[Published]:
+        """Everything the module has sent and the test has not taken."""
+        return self.bus.published
+
+    def take(self, message_type: type[MessageType], topic: str | None = None) -> list[MessageType]:
+        """Take the messages of a type (and topic) that the module has sent."""
+        taken: list[MessageType] = []
+        kept: list[Published] = []
+        for entry in self.bus.published:
+            if isinstance(entry.message, message_type) and topic in (None, entry.topic):
+                taken.append(entry.message)
+            else:
+                kept.append(entry)
+        self.bus.published[:] = kept
+        return taken
+
+
+class HarnessBus:
+    """A bus with one module on it."""
+
+    def __init__(self, clock: ManualClock):
+        self._clock = clock
+        self._subscriptions: list[tuple[type[Message], str, Callable[[Any], None]]] = []
+        self._current: Envelope | None = None
+        self._sequence = 0
+        self.published: list[Published] = []
+        self.stopped = False
+
+    @property
+    def outstanding(self) -> int:
+        """Always none: whatever is published is taken at once."""
+        return 0
+
+    def subscribe(
+        self,
+        message_type: type[MessageType],
+        handler: Callable[[MessageType], None],
+        handling: MessageHandling,
+        topic: str,
+    ) -> None:
+        """Remember who handles what."""
+        self._subscriptions.append((message_type, topic, handler))
+
+    def deliver(self, message: Message, topic: str, sender: str) -> None:
+        """Run every handler that wants a message."""
+        self._sequence += 1
+        data = message.encode()
+        for message_type, wanted_topic, handler in self._subscriptions:
+            if message_type is type(message) and wanted_topic in ("", topic):
+                self._current = Envelope(topic, self._sequence, sender, self._clock.monotonic_ns())
+                handler(message_type.decode(data))
+        self._current = None
+
+    def publish(self, message: Message, topic: str) -> bool:
+        """Collect a message."""
+        if self.stopped:
+            raise PublishAfterStop(f"a {message.type_name} was published after this module was stopped")
+        self.published.append(Published(type(message).decode(message.encode()), topic))
+        return True
+
+    @contextmanager
+    def loan(
+        self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
+    ) -> Iterator[MessageType]:
+        """Collect a message that is filled in place."""
+        plan = lay_out(message_type, fields)
+        buffer = bytearray(plan.size)
+        message = plan.write(memoryview(buffer))
+        yield message
+        message.forget_arrays()
+        self.publish(message_type.decode(bytes(buffer)), topic)
+
+    def wake_after_freed(self, messages: int) -> None:
+        """Do nothing: there is always room."""
+
+    def envelope(self) -> Envelope:
+        """What came with the message being handled.
+
+        Raises:
+            LookupError: no message is being handled.
+        """
+        if self._current is None:
+            raise LookupError("there is an envelope only while a message is being handled")
+        return self._current

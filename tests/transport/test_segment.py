@@ -1,0 +1,98 @@
+import os
+import resource
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.transport import layout
+from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing, SharedMemoryFull
+from robbie_mp.transport.words import read_text, words_for_text, write_text
+
+NAME = "robbie-testsegm-one"
+
+
+@pytest.fixture
+def segment() -> Iterator[Segment]:
+    made = Segment.create(NAME, 1024, SegmentKind.DATA, slot=3, incarnation=2)
+    yield made
+    made.close()
+    made.unlink()
+
+
+def test_what_one_process_writes_the_other_reads(segment: Segment) -> None:
+    other = Segment.attach(NAME, SegmentKind.DATA)
+    segment.words[100] = 12345
+    assert other.words[100] == 12345
+    assert (other.words[layout.HEADER_SLOT], other.words[layout.HEADER_INCARNATION]) == (3, 2)
+    other.close()
+
+
+def test_reader_cannot_write(segment: Segment) -> None:
+    other = Segment.attach(NAME, SegmentKind.DATA)
+    with pytest.raises(TypeError):
+        other.words[100] = 1
+    with pytest.raises(TypeError):
+        other.buffer[800] = 1
+    other.close()
+
+
+def test_segment_is_private_to_its_user(segment: Segment) -> None:
+    assert (Path("/dev/shm") / NAME).stat().st_mode & 0o777 == 0o600
+
+
+def test_pages_are_allocated_when_the_segment_is_made(segment: Segment) -> None:
+    assert (Path("/dev/shm") / NAME).stat().st_blocks * 512 >= 1024 * 8
+
+
+def test_no_room_is_an_error_that_says_what_to_do_and_leaves_no_name() -> None:
+    too_much = os.statvfs("/dev/shm").f_blocks * os.statvfs("/dev/shm").f_frsize * 2
+    with pytest.raises(SharedMemoryFull, match="enlarge /dev/shm"):
+        Segment.create(NAME, too_much // 8, SegmentKind.DATA)
+    assert not (Path("/dev/shm") / NAME).exists()
+
+
+def test_missing_segment_is_named() -> None:
+    with pytest.raises(SegmentMissing, match=NAME):
+        Segment.attach(NAME, SegmentKind.DATA)
+
+
+@pytest.mark.parametrize(
+    ("word", "value"),
+    [
+        (layout.HEADER_MAGIC, 1),
+        (layout.HEADER_VERSION, 99),
+        (layout.HEADER_KIND, 1),
+        (layout.HEADER_BYTES, 8),
+    ],
+)
+def test_segment_of_another_kind_or_layout_is_refused(segment: Segment, word: int, value: int) -> None:
+    segment.words[word] = value
+    with pytest.raises(SegmentMismatch, match="same version"):
+        Segment.attach(NAME, SegmentKind.DATA)
+
+
+def test_attaching_keeps_no_descriptor(segment: Segment) -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    others = [Segment.attach(NAME, SegmentKind.DATA) for _ in range(5)]
+    # an mmap of Python keeps a duplicate of the descriptor; it goes with the mapping
+    assert len(os.listdir("/proc/self/fd")) <= before + len(others)
+    for other in others:
+        other.close()
+    assert len(os.listdir("/proc/self/fd")) == before
+    assert resource.getrlimit(resource.RLIMIT_NOFILE)[0] > 0
+
+
+@pytest.mark.parametrize("text", ["", "laser", "äöü" * 10, "x" * 500])
+def test_texts_survive_or_are_cut_at_a_character(text: str) -> None:
+    words = [0] * 40
+    capacity = words_for_text(64)
+    write_text(words, 3, capacity, text)
+    found = read_text(words, 3, capacity)
+    assert text.startswith(found)
+    assert len(found.encode()) >= min(len(text.encode()), 64) - 3
+
+
+def test_garbage_reads_as_some_bounded_text() -> None:
+    assert len(read_text([(1 << 64) - 1] * 40, 3, 9)) <= 64
