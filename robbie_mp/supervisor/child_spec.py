@@ -1,0 +1,77 @@
+"""What the supervisor must know of a child to run it."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Self
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.profile.model import ModuleSpec, RestartPolicy, RestartWhen
+
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
+
+
+class InvalidChild(RobbieError, ValueError):
+    """A child cannot be described so.
+
+    Example scenarios:
+      - its name holds a slash, but names a log file
+      - two children have the same name
+    """
+
+
+class ChildKind(StrEnum):
+    """Which part a child plays."""
+
+    CORE = "core"
+    """Is ready before any module starts and stops last; its FAILED ends the run."""
+    MODULE = "module"
+
+
+@dataclass(frozen=True)
+class ChildSpec:
+    """A command and how its ends are treated; see ModuleSpec for the fields they share."""
+
+    name: str
+    argv: tuple[str, ...]
+    environment: Mapping[str, str]
+    """All of it; the supervisor adds one variable to know the child's descendants by."""
+    kind: ChildKind = ChildKind.MODULE
+    folder: Path | None = None
+    """Working directory; None: the supervisor's."""
+    restart: RestartPolicy = field(default_factory=RestartPolicy)
+    essential: bool = False
+    ends_run: bool = False
+    start_deadline_s: float = 30.0
+    stop_grace_s: float = 3.0
+
+    def __post_init__(self) -> None:
+        """Check the name.
+
+        Raises:
+            InvalidChild: it cannot name a file.
+        """
+        if not NAME.fullmatch(self.name):
+            raise InvalidChild(f"child name {self.name!r}: use letters, digits and _ . - only")
+
+    @classmethod
+    def of_module(cls, module: ModuleSpec, argv: tuple[str, ...], environment: Mapping[str, str]) -> Self:
+        """Describe the child that runs a profile's module."""
+        return cls(
+            name=module.name,
+            argv=argv,
+            environment=environment,
+            restart=module.restart,
+            essential=module.essential,
+            ends_run=module.ends_run,
+            start_deadline_s=module.start_deadline_s,
+            stop_grace_s=module.stop_grace_s,
+        )
+
+    @classmethod
+    def of_core(cls, argv: tuple[str, ...], environment: Mapping[str, str]) -> Self:
+        """Describe the child that routes the messages; it is not restarted."""
+        restart = RestartPolicy(policy=RestartWhen.NEVER)
+        return cls("core", argv, environment, ChildKind.CORE, restart=restart, essential=True)

@@ -1,0 +1,45 @@
+"""What the process tree asks of the memory side: one incarnation is one start of one child."""
+
+from typing import Protocol
+
+from robbie_mp.supervisor.states import StateChange
+
+
+class Incarnations(Protocol):
+    """Makes, watches and reclaims what each incarnation of a child holds in shared memory.
+
+    All calls come from the supervisor's one thread and must not block. For one incarnation they come in
+    this order: `open`, `started`, `is_ready` until it is true, `died`, `is_reclaimed` until it is true.
+    `started` is missing when the command cannot be executed, `died` when SIGKILL does not end the process.
+    """
+
+    def open(self, name: str, incarnation: int) -> None:
+        """Make its shared memory; the child is started right after.
+
+        A RobbieError or OSError counts as a failed start of this child alone; nothing but `state_changed`
+        follows for the incarnation then.
+        """
+
+    def started(self, name: str, incarnation: int, pid: int) -> None:
+        """Note its process."""
+
+    def is_ready(self, name: str, incarnation: int) -> bool:
+        """Tell whether it has finished its setup; asked every few ms while STARTING, and at its end."""
+
+    def died(self, name: str, incarnation: int) -> None:
+        """Begin to reclaim: its process is reaped and will never touch the memory again."""
+
+    def is_reclaimed(self, name: str, incarnation: int) -> bool:
+        """Tell whether a restart may open the next incarnation; asked every few ms in BACKOFF."""
+
+    def wake(self, name: str, incarnation: int) -> None:
+        """Wake it if it waits for messages, so that it sees a signal or a change of the clock."""
+
+    def state_changed(self, change: StateChange) -> None:
+        """Tell everyone of a change; comes before `open` with STARTING, after `died` with an end."""
+
+    def all_started(self) -> None:
+        """Let messages flow: every module has been RUNNING or has ended once. Called once at most."""
+
+    def close(self) -> None:
+        """Unlink everything: no child is left. Called once, also after an error."""

@@ -1,0 +1,137 @@
+"""Finds and kills what children forked and left: by session, by marker, and as the new parent of orphans.
+
+A fork keeps its session unless it makes its own; it keeps the environment it was started with even then. So
+every child starts with `ROBBIE_CHILD=RUNID/NAME/INCARNATION`, and whoever carries it came from that child.
+"""
+
+import contextlib
+import os
+import select
+import signal
+import time
+from collections.abc import Callable, Collection, Iterable
+from types import TracebackType
+from typing import Self
+
+from robbie_mp.supervisor.prctl import is_child_subreaper, set_child_subreaper
+from robbie_mp.supervisor.proc import ProcessStat, environment_value, processes, read_stat
+
+MARKER = "ROBBIE_CHILD"
+MAX_PASSES = 20
+END_WAIT_S = 0.5
+
+
+def marker(run_id: str, name: str, incarnation: int) -> str:
+    """Return the value of `MARKER` for one child."""
+    return f"{run_id}/{name}/{incarnation}"
+
+
+def kill_child_leftovers(session: int, child_marker: str) -> None:
+    """Kill whatever lives in a child's session or carries its marker, and wait a moment for it to be gone.
+
+    Call it after the child has ended and before it is reaped: until then its pid, which is the number of
+    its session, cannot be given to another.
+    """
+
+    def belongs(stat: ProcessStat) -> bool:
+        return stat.session == session or environment_value(stat.pid, MARKER) == child_marker
+
+    wait_gone(kill_all(belongs))
+
+
+def kill_run_leftovers(run_id: str) -> frozenset[int]:
+    """Kill whatever carries the marker of a dead run, and wait a moment for it to be gone."""
+    prefix = f"{run_id}/"
+    killed = kill_all(lambda stat: (environment_value(stat.pid, MARKER) or "").startswith(prefix))
+    wait_gone(killed)
+    return killed
+
+
+def kill_all(belongs: Callable[[ProcessStat], bool]) -> frozenset[int]:
+    """Kill all processes that belong, again until no new one shows up; return their pids."""
+    killed: set[int] = {os.getpid()}
+    for _ in range(MAX_PASSES):
+        found = [p for p in processes() if p.pid not in killed and belongs(p)]
+        if not found:
+            break
+        for process in found:
+            killed.add(process.pid)
+            _kill(process)
+    return frozenset(killed - {os.getpid()})
+
+
+def wait_gone(pids: Iterable[int], timeout_s: float = END_WAIT_S) -> None:
+    """Wait until these processes have ended, at most so long."""
+    deadline = time.monotonic() + timeout_s
+    for pid in pids:
+        with contextlib.suppress(ProcessLookupError):
+            fd = os.pidfd_open(pid)
+            try:
+                select.select([fd], [], [], max(0.0, deadline - time.monotonic()))
+            finally:
+                os.close(fd)
+
+
+def _kill(process: ProcessStat) -> None:
+    """Kill exactly this process: the pidfd is opened first, then its start time is compared."""
+    try:
+        fd = os.pidfd_open(process.pid)
+    except ProcessLookupError:
+        return
+    try:
+        now = read_stat(process.pid)
+        if now is not None and now.start_ticks == process.start_ticks:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                signal.pidfd_send_signal(fd, signal.SIGKILL)
+    finally:
+        os.close(fd)
+
+
+class OrphanReaper:
+    """Takes in and reaps descendants whose own parent died, as long as it is entered.
+
+    Children that this process had before are left alone, and so are those that the caller says it knows.
+    """
+
+    def __init__(self) -> None:
+        self._was_subreaper = False
+        self._foreign: frozenset[int] = frozenset()
+
+    def __enter__(self) -> Self:
+        self._was_subreaper = is_child_subreaper()
+        self._foreign = frozenset(_children())
+        set_child_subreaper(True)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Kill and reap every orphan that is left; by now the caller has no children of its own."""
+        deadline_s = time.monotonic() + END_WAIT_S
+        # Again, because those whose parent is killed here come to us only then.
+        while (orphans := _children() - self._foreign) and time.monotonic() < deadline_s:
+            wait_gone(kill_all(lambda stat: stat.pid in orphans))
+            for pid in orphans:
+                _reap(pid)
+        set_child_subreaper(self._was_subreaper)
+
+    def reap(self, known: Collection[int]) -> None:
+        """Reap orphans that have ended; one system call if there are none.
+
+        Args:
+            known: the caller's own children; their exit statuses are left for the caller.
+        """
+        with contextlib.suppress(ChildProcessError):
+            while ended := os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT):
+                if ended.si_pid in known or ended.si_pid in self._foreign:
+                    return
+                _reap(ended.si_pid)
+
+
+def _children() -> set[int]:
+    return {stat.pid for stat in processes() if stat.parent == os.getpid()}
+
+
+def _reap(pid: int) -> None:
+    with contextlib.suppress(ChildProcessError):
+        os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG)

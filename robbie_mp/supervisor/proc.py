@@ -1,0 +1,76 @@
+"""What the kernel says of processes: the few fields of proc(5) that supervision needs."""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Self
+
+
+@dataclass(frozen=True)
+class ProcessIdentity:
+    """A process's pid and start time: together its name for good, while a pid alone is used again."""
+
+    pid: int
+    start_ticks: int
+    """Start in clock ticks since boot."""
+
+    @classmethod
+    def own(cls) -> Self:
+        """Return the identity of this process."""
+        stat = read_stat(os.getpid())
+        if stat is None:
+            raise FileNotFoundError("/proc/self/stat is missing; mount /proc, supervision needs it")
+        return cls(stat.pid, stat.start_ticks)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether that very process still runs; a zombie does not."""
+        stat = read_stat(self.pid)
+        return stat is not None and stat.start_ticks == self.start_ticks and not stat.is_dead
+
+
+@dataclass(frozen=True)
+class ProcessStat:
+    """One line of /proc/PID/stat."""
+
+    pid: int
+    state: str
+    """One letter, as in ps(1)."""
+    parent: int
+    session: int
+    start_ticks: int
+
+    @property
+    def is_dead(self) -> bool:
+        """Whether it has ended and merely waits to be reaped."""
+        return self.state in "ZX"
+
+
+def read_stat(pid: int) -> ProcessStat | None:
+    """Return what /proc says of a process, None when there is none."""
+    try:
+        with open(f"/proc/{pid}/stat", "rb") as file:
+            text = file.read()
+    except OSError:
+        return None  # gone, or hidden from us
+    # The command's name, in parentheses, may itself hold blanks and parentheses: count from the last one.
+    fields = text.rpartition(b")")[2].split()
+    return ProcessStat(pid, fields[0].decode(), int(fields[1]), int(fields[3]), int(fields[19]))
+
+
+def processes() -> Iterator[ProcessStat]:
+    """Yield every process of the machine; one that ends meanwhile is left out."""
+    for name in os.listdir("/proc"):
+        if name.isdecimal() and (stat := read_stat(int(name))) is not None:
+            yield stat
+
+
+def environment_value(pid: int, variable: str) -> str | None:
+    """Return a variable of the environment that a process was started with; None if unset or unreadable."""
+    try:
+        with open(f"/proc/{pid}/environ", "rb") as file:
+            entries = file.read().split(b"\0")
+    except OSError:
+        return None  # gone, or another user's
+    prefix = f"{variable}=".encode()
+    return next((os.fsdecode(entry[len(prefix) :]) for entry in entries if entry.startswith(prefix)), None)

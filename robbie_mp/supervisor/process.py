@@ -1,0 +1,115 @@
+"""One child process: started in a session of its own, watched by a pidfd, reaped exactly once."""
+
+import contextlib
+import os
+import signal
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+
+@dataclass(frozen=True)
+class ExitStatus:
+    """How a process ended: with an exit code or by a signal."""
+
+    code: int | None = None
+    signal: int | None = None
+
+    @property
+    def is_clean(self) -> bool:
+        """Whether it ended by itself and content."""
+        return self.code == 0
+
+    @property
+    def reason(self) -> str:
+        """In words, such as "exit code 1" or "killed by SIGSEGV"."""
+        if self.signal is None:
+            return f"exit code {self.code}"
+        try:
+            return f"killed by {signal.Signals(self.signal).name}"
+        except ValueError:
+            return f"killed by signal {self.signal}"  # real-time signals have no names
+
+
+class ChildProcess:
+    """A running child.
+
+    Attributes:
+        pid: also the number of its process group and session.
+        pidfd: becomes readable when the child has ended (pidfd_open(2)).
+        stdout: the reading end of its standard output, non-blocking; the caller closes it.
+        stderr: the same of its standard error.
+    """
+
+    def __init__(self, popen: "subprocess.Popen[bytes]", pidfd: int, stdout: int, stderr: int):
+        self._popen = popen
+        self.pid = popen.pid
+        self.pidfd = pidfd
+        self.stdout = stdout
+        self.stderr = stderr
+
+    @classmethod
+    def start(cls, argv: Sequence[str], environment: Mapping[str, str], folder: Path | None = None) -> Self:
+        """Start a command, its standard input empty, its output in pipes, no descriptor of ours inherited.
+
+        Must be called from the main thread: the death of the starting thread is what children die with.
+
+        Raises:
+            OSError: the command cannot be executed.
+        """
+        out_read, out_write = os.pipe2(os.O_CLOEXEC)
+        error_read, error_write = os.pipe2(os.O_CLOEXEC)
+        try:
+            popen = subprocess.Popen(
+                argv,
+                stdin=subprocess.DEVNULL,
+                stdout=out_write,
+                stderr=error_write,
+                env=environment,
+                cwd=folder,
+                start_new_session=True,
+                close_fds=True,
+            )
+        except BaseException:
+            os.close(out_read)
+            os.close(error_read)
+            raise
+        finally:
+            os.close(out_write)
+            os.close(error_write)
+        os.set_blocking(out_read, False)
+        os.set_blocking(error_read, False)
+        return cls(popen, os.pidfd_open(popen.pid), out_read, error_read)
+
+    def exit_status(self) -> ExitStatus | None:
+        """Return how it ended, None while it runs; it stays a zombie, so that its pid is still its own."""
+        ended = os.waitid(os.P_PIDFD, self.pidfd, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+        if ended is None:
+            return None
+        if ended.si_code == os.CLD_EXITED:
+            return ExitStatus(code=ended.si_status)
+        return ExitStatus(signal=ended.si_status)
+
+    def terminate(self) -> None:
+        """Ask it to end; a stopped process is continued, for it could not hear the request."""
+        self.send_signal(signal.SIGTERM)
+        self.send_signal(signal.SIGCONT)
+
+    def send_signal(self, signum: int) -> None:
+        """Send a signal to it alone."""
+        with contextlib.suppress(PermissionError):  # it became another user's, as sudo does
+            signal.pidfd_send_signal(self.pidfd, signum)
+
+    def kill(self) -> None:
+        """Kill its whole process group."""
+        with contextlib.suppress(PermissionError):
+            os.killpg(self.pid, signal.SIGKILL)
+
+    def reap(self) -> None:
+        """Let go of it, whether it has ended or not; this object is of no more use."""
+        os.waitid(os.P_PIDFD, self.pidfd, os.WEXITED | os.WNOHANG)
+        os.close(self.pidfd)
+        # Popen would otherwise try to reap the pid itself some day, when it may be another process's.
+        self._popen.returncode = 0

@@ -1,0 +1,85 @@
+"""Decides whether a child that ended is started again, and when."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from robbie_mp.profile.model import RestartPolicy, RestartWhen
+
+JITTER_SHARE = 0.25
+"""A wait is shortened by up to this share, so that modules that died together do not return together."""
+
+
+@dataclass(frozen=True)
+class Restart:
+    """Start it again."""
+
+    after_s: float
+
+
+@dataclass(frozen=True)
+class GiveUp:
+    """It is FAILED."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class LeaveStopped:
+    """It is STOPPED: it ended as it was meant to."""
+
+
+class RestartBudget:
+    """Applies one child's restart policy over the run.
+
+    Each restart costs one of `max_restarts` and comes back after `within_s`; the wait before a restart
+    doubles up to the cap. Running for `stable_after_s` gives the whole budget and the first wait back.
+    """
+
+    def __init__(self, policy: RestartPolicy, clock: Callable[[], float], jitter: Callable[[], float]):
+        """Start with the whole budget.
+
+        Args:
+            policy: what the profile says.
+            clock: a time in s that never goes back.
+            jitter: a random number of 0 up to 1.
+        """
+        self._policy = policy
+        self._clock = clock
+        self._jitter = jitter
+        self._restarts_s: deque[float] = deque()
+        self._first_wait_s = min(policy.backoff_s, policy.backoff_cap_s)
+        self._backoff_s = self._first_wait_s
+        self._running_since_s: float | None = None
+
+    def running(self) -> None:
+        """Note that the child is RUNNING from now on."""
+        self._running_since_s = self._clock()
+
+    def ended(self, *, clean: bool) -> Restart | GiveUp | LeaveStopped:
+        """Decide what follows the end of the child.
+
+        Args:
+            clean: it ended by itself with exit code 0.
+        """
+        now_s = self._clock()
+        self._refill(now_s)
+        policy = self._policy
+        if policy.policy is RestartWhen.NEVER:
+            return LeaveStopped() if clean else GiveUp("its policy is never to restart")
+        if clean and policy.policy is RestartWhen.ON_FAILURE:
+            return LeaveStopped()
+        if len(self._restarts_s) >= policy.max_restarts:
+            return GiveUp(f"all {policy.max_restarts} restarts within {policy.within_s:g} s are used up")
+        self._restarts_s.append(now_s)
+        wait_s = self._backoff_s * (1.0 - JITTER_SHARE * self._jitter())
+        self._backoff_s = min(2.0 * self._backoff_s, policy.backoff_cap_s)
+        return Restart(wait_s)
+
+    def _refill(self, now_s: float) -> None:
+        since_s, self._running_since_s = self._running_since_s, None
+        if since_s is not None and now_s - since_s >= self._policy.stable_after_s:
+            self._restarts_s.clear()
+            self._backoff_s = self._first_wait_s
+        while self._restarts_s and now_s - self._restarts_s[0] >= self._policy.within_s:
+            self._restarts_s.popleft()

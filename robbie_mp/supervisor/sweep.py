@@ -1,0 +1,158 @@
+"""Removes what dead runs left: processes, names in shared memory, folders.
+
+Safe at any time and any number at once: a folder is swept only under its lock, which the live supervisor or
+another sweep would hold; a removal that finds nothing left is fine.
+"""
+
+import contextlib
+import os
+import re
+import shutil
+import stat
+import struct
+import time
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+from robbie_mp.supervisor.leftovers import kill_run_leftovers
+from robbie_mp.supervisor.proc import ProcessIdentity
+from robbie_mp.supervisor.run_directory import RUN_ID, UNFINISHED_PREFIX, base_folders, lock_folder
+from robbie_mp.transport.layout import (
+    HEADER_CREATOR_PID,
+    HEADER_CREATOR_START,
+    HEADER_MAGIC,
+    HEADER_WORDS,
+    MAGIC,
+)
+
+SHARED_MEMORY = Path("/dev/shm")
+SHARED_NAME = re.compile(rf"(?:sem\.)?robbie-({RUN_ID.pattern})-.*")
+UNCLAIMED_AGE_S = 5.0
+"""A run without folder and without board may be just starting as long as its names are younger than this."""
+UNFINISHED_AGE_S = 60.0
+
+
+@dataclass(frozen=True)
+class Swept:
+    """What a sweep removed; all empty when there was nothing to do."""
+
+    runs: tuple[str, ...] = ()
+    """Run ids."""
+    names: tuple[str, ...] = ()
+    """Entries of /dev/shm."""
+    processes: tuple[int, ...] = ()
+    """Pids of killed processes."""
+
+
+def sweep(bases: list[Path] | None = None, shared_memory: Path = SHARED_MEMORY) -> Swept:
+    """Remove what this user's dead runs left.
+
+    Args:
+        bases: the folders that hold runs; by default this user's.
+        shared_memory: where named segments and semaphores appear.
+    """
+    bases = base_folders() if bases is None else bases
+    found = _sweep_folders(bases, shared_memory), *_sweep_unclaimed(bases, shared_memory)
+    return Swept(
+        runs=tuple(run for part in found for run in part.runs),
+        names=tuple(name for part in found for name in part.names),
+        processes=tuple(pid for part in found for pid in part.processes),
+    )
+
+
+def unlink_names(run_id: str, shared_memory: Path = SHARED_MEMORY) -> list[str]:
+    """Remove all names of a run from shared memory and return them."""
+    removed = []
+    for prefix in ("robbie-", "sem.robbie-"):
+        for path in sorted(shared_memory.glob(f"{prefix}{run_id}-*")):
+            with contextlib.suppress(FileNotFoundError, PermissionError):
+                path.unlink()
+                removed.append(path.name)
+    return removed
+
+
+def _sweep_folders(bases: list[Path], shared_memory: Path) -> Swept:
+    runs: list[str] = []
+    names: list[str] = []
+    killed: list[int] = []
+    for folder in (path for base in bases if base.is_dir() for path in sorted(base.iterdir())):
+        is_run = RUN_ID.fullmatch(folder.name) is not None
+        if not is_run and not _is_abandoned(folder):
+            continue
+        lock_fd = lock_folder(folder)
+        if lock_fd is None:
+            continue
+        try:
+            if is_run and folder.exists():  # else another sweep removed it just before we got the lock
+                killed += kill_run_leftovers(folder.name)
+                names += unlink_names(folder.name, shared_memory)
+                runs.append(folder.name)
+            shutil.rmtree(folder, ignore_errors=True)
+        finally:
+            os.close(lock_fd)
+    return Swept(tuple(runs), tuple(names), tuple(killed))
+
+
+def _is_abandoned(folder: Path) -> bool:
+    """Whether this is a folder whose maker died between making and locking it."""
+    if not folder.name.startswith(UNFINISHED_PREFIX):
+        return False
+    with contextlib.suppress(FileNotFoundError):
+        return time.time() - folder.lstat().st_mtime > UNFINISHED_AGE_S
+    return False
+
+
+def _sweep_unclaimed(bases: list[Path], shared_memory: Path) -> list[Swept]:
+    """Sweep runs that have names but no folder, as when the login session's directory was cleared."""
+    swept = []
+    for run_id, paths in _own_names(shared_memory).items():
+        if any((base / run_id).exists() for base in bases) or _is_live(run_id, paths, shared_memory):
+            continue
+        killed = kill_run_leftovers(run_id)
+        names = unlink_names(run_id, shared_memory)
+        if names or killed:  # else the run has ended in order since its names were seen
+            swept.append(Swept((run_id,), tuple(names), tuple(killed)))
+    return swept
+
+
+def _own_names(shared_memory: Path) -> dict[str, list[Path]]:
+    names: dict[str, list[Path]] = defaultdict(list)
+    for path in shared_memory.iterdir():
+        match = SHARED_NAME.fullmatch(path.name)
+        with contextlib.suppress(FileNotFoundError):
+            if match and path.lstat().st_uid == os.geteuid():
+                names[match[1]].append(path)
+    return names
+
+
+def _is_live(run_id: str, paths: list[Path], shared_memory: Path) -> bool:
+    supervisor = _read_board(shared_memory / f"robbie-{run_id}-board")
+    if supervisor is not None:
+        return supervisor.is_alive
+    youngest_s = 0.0
+    for path in paths:
+        with contextlib.suppress(FileNotFoundError):
+            youngest_s = max(youngest_s, path.lstat().st_ctime)
+    return time.time() - youngest_s < UNCLAIMED_AGE_S
+
+
+def _read_board(board: Path) -> ProcessIdentity | None:
+    """Return the supervisor that a board's header names; None if there is no board or no header yet."""
+    try:
+        fd = os.open(board, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError:
+        return None
+    try:
+        found = os.fstat(fd)
+        if not stat.S_ISREG(found.st_mode) or found.st_uid != os.geteuid():
+            return None
+        header = os.read(fd, HEADER_WORDS * 8)
+    finally:
+        os.close(fd)
+    if len(header) < HEADER_WORDS * 8:
+        return None
+    words = struct.unpack(f"<{HEADER_WORDS}Q", header)
+    if words[HEADER_MAGIC] != MAGIC:
+        return None
+    return ProcessIdentity(words[HEADER_CREATOR_PID], words[HEADER_CREATOR_START])

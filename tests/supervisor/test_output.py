@@ -1,0 +1,211 @@
+"""What children print: complete when it is reasonable, bounded and counted when it is not."""
+
+import itertools
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from unicodedata import category
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from robbie_mp.supervisor import rotating_file
+from robbie_mp.supervisor.event_loop import EventLoop
+from robbie_mp.supervisor.output import ChildOutput, OutputLimits, OutputLine, OutputStore
+from robbie_mp.supervisor.output_stream import OutputStream
+from robbie_mp.supervisor.rotating_file import LogNotWritable, RotatingFile
+from robbie_mp.supervisor.states import ChildState
+from tests.supervisor import zoo
+from tests.supervisor.running import NEVER, Run, Scenario, animal
+
+
+class Recorder:
+    """One child's output, fed by hand."""
+
+    def __init__(self, folder: Path, limits: OutputLimits):
+        self.lines: list[OutputLine] = []
+        self.output: ChildOutput = OutputStore(folder, self.lines.append, limits).child("child")
+        self.loop = EventLoop(time.monotonic)
+
+    def feed(self, *chunks: bytes) -> None:
+        reader, writer = os.pipe()
+        os.set_blocking(reader, False)
+        stream = OutputStream(reader, "stdout", self.output, self.loop)
+        for chunk in chunks:
+            os.write(writer, chunk)
+            self.loop.turn(0.0)
+        os.close(writer)
+        stream.finish()
+
+    def close(self) -> None:
+        self.output.close()
+        self.loop.close()
+
+
+@pytest.fixture
+def recorder(tmp_path: Path) -> Iterator[Recorder]:
+    made = Recorder(tmp_path, OutputLimits(line_characters=20, lines_per_s=1e9))
+    yield made
+    made.close()
+
+
+def texts(lines: list[OutputLine]) -> list[str]:
+    return [line.text for line in lines]
+
+
+@given(st.binary(max_size=200), st.lists(st.integers(0, 200), max_size=5))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_bytes_in_any_pieces_are_the_same_lines(recorder: Recorder, data: bytes, cuts: list[int]) -> None:
+    cuts = sorted({0, len(data), *(min(cut, len(data)) for cut in cuts)})
+    pieces = [data[begin:end] for begin, end in itertools.pairwise(cuts)]
+    recorder.lines.clear()
+    recorder.feed(data)
+    whole = texts(recorder.lines)
+    recorder.lines.clear()
+    recorder.feed(*pieces)
+    assert texts(recorder.lines) == whole
+    assert not [
+        character for character in "".join(whole) if category(character) == "Cc" and character != "\t"
+    ]
+    assert sum(map(len, whole)) >= len(data.decode("utf-8", "replace").replace("\n", "").replace("\r", ""))
+
+
+def test_character_that_arrives_in_halves_is_whole(recorder: Recorder) -> None:
+    recorder.feed("grün".encode()[:3], "grün".encode()[3:] + b"\r\n\r\n")
+    assert texts(recorder.lines) == ["grün", ""]
+
+
+def test_long_line_is_cut_into_several(recorder: Recorder) -> None:
+    recorder.feed(b"x" * 45 + b"\nshort\n")
+    assert texts(recorder.lines) == ["x" * 20, "x" * 20, "x" * 5, "short"]
+
+
+def test_escape_sequences_do_not_reach_the_terminal(recorder: Recorder) -> None:
+    recorder.feed(b"\x1b[2J\x00\xff\n")
+    assert texts(recorder.lines) == ["\\x1b[2J\\x00\N{REPLACEMENT CHARACTER}"]
+
+
+def test_last_lines_are_of_the_current_incarnation_only(recorder: Recorder) -> None:
+    recorder.output.begin(1)
+    recorder.feed(b"old\n")
+    recorder.output.begin(2)
+    recorder.feed(b"new\n")
+    assert recorder.output.last_lines == ("new",)
+    assert [line.incarnation for line in recorder.lines] == [1, 2]
+
+
+def test_flood_is_dropped_counted_and_its_end_remembered(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, OutputLimits(lines_per_s=0.0, burst_lines=10, kept_lines=3))
+    recorder.feed(b"".join(b"line %d\n" % number for number in range(100)))
+    recorder.close()
+    assert texts(recorder.lines) == [
+        *(f"line {number}" for number in range(10)),
+        "90 lines dropped: more than 0 lines/s",
+    ]
+    assert (recorder.output.dropped, recorder.output.lines) == (90, 11)
+    assert recorder.output.last_lines == ("line 97", "line 98", "line 99")
+
+
+def test_log_line_says_when_which_incarnation_and_which_stream(tmp_path: Path, recorder: Recorder) -> None:
+    recorder.output.begin(7)
+    recorder.feed(b"hello\n")
+    date, number, stream, text = (tmp_path / "child.log").read_text().split()
+    assert (number, stream, text) == ("#7", "stdout", "hello")
+    assert abs(time.mktime(time.strptime(date[:19], "%Y-%m-%dT%H:%M:%S")) - time.mktime(time.gmtime())) < 60
+
+
+def test_log_never_takes_more_disk_than_its_bound(tmp_path: Path) -> None:
+    file = RotatingFile(tmp_path / "a.log", max_bytes=100, files=3)
+    for number in range(100):
+        assert file.write(b"%029d\n" % number)
+        assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 300
+    file.close()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.log", "a.log.1", "a.log.2"]
+    kept = b"".join((tmp_path / name).read_bytes() for name in ("a.log.2", "a.log.1", "a.log"))
+    assert kept == b"".join(b"%029d\n" % number for number in range(93, 100))
+
+
+def test_log_of_one_file_starts_again_when_full(tmp_path: Path) -> None:
+    file = RotatingFile(tmp_path / "a.log", max_bytes=10, files=1)
+    for _ in range(5):
+        assert file.write(b"12345678")
+    file.close()
+    assert (tmp_path / "a.log").read_bytes() == b"12345678"
+
+
+def test_log_is_continued_by_the_next_run(tmp_path: Path) -> None:
+    for text in (b"one\n", b"two\n"):
+        file = RotatingFile(tmp_path / "a.log", max_bytes=100, files=2)
+        file.write(text)
+        file.close()
+    assert (tmp_path / "a.log").read_bytes() == b"one\ntwo\n"
+
+
+def test_full_disk_is_counted_and_stops_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder = Recorder(tmp_path, OutputLimits())
+
+    def refuse(fd: int, data: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(rotating_file.os, "write", refuse)
+        recorder.output.add("stdout", ["one", "two"])
+    recorder.output.add("stdout", ["three"])
+    recorder.close()
+    assert texts(recorder.lines) == ["one", "two", "three"]
+    assert recorder.output.dropped == 2
+    assert (tmp_path / "child.log").read_text().endswith("three\n")
+
+
+def test_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(LogNotWritable, match="choose another"):
+        RotatingFile(tmp_path / "file" / "a.log", max_bytes=100, files=2)
+
+
+def test_flooding_child_is_not_blocked_for_ever_and_the_others_are_served(tmp_path: Path) -> None:
+    run = Run(
+        tmp_path,
+        animal(zoo.floods),
+        animal(zoo.works_busily),
+        limits=OutputLimits(lines_per_s=500.0, burst_lines=50),
+    )
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        yield lambda: run.tree.child("floods").output.dropped > 20000
+        yield lambda: len(run.text("works_busily", "stdout")) > 20
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+    assert any("lines dropped" in text for text in run.text("floods", "supervisor"))
+    assert run.tree.child("works_busily").output.dropped < run.tree.child("floods").output.dropped / 10
+
+
+def test_traceback_after_a_flood_is_remembered(tmp_path: Path) -> None:
+    run = Run(tmp_path, animal(zoo.floods_and_fails, restart=NEVER), limits=OutputLimits(burst_lines=10))
+    assert run.play() == 1
+    assert run.last("floods_and_fails").last_lines[-1] == "RuntimeError: drowned"
+    assert run.text("floods_and_fails", "stderr")[-1] == "RuntimeError: drowned"
+
+
+def test_binary_garbage_and_half_a_line_at_the_end_are_kept(tmp_path: Path) -> None:
+    run = Run(tmp_path, animal(zoo.writes_garbage))
+    assert run.play() == 0
+    assert run.text("writes_garbage", "stderr") == ["\\x1b]0;title\\x07half a line"]
+    assert len(run.text("writes_garbage", "stdout")) >= 40
+
+
+def test_child_that_closes_its_output_goes_on(tmp_path: Path) -> None:
+    run = Run(tmp_path, animal(zoo.closes_output))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        turns = run.turns
+        yield lambda: run.turns > turns + 3
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+    assert run.states("closes_output") == [ChildState.STARTING, ChildState.RUNNING, ChildState.STOPPED]

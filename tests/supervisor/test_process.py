@@ -1,0 +1,115 @@
+"""One child process, without a tree."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.supervisor.process import ChildProcess, ExitStatus
+from tests.supervisor.running import PROJECT, is_gone, wait_for
+
+
+@contextmanager
+def started(code: str, **environment: str) -> Iterator[ChildProcess]:
+    process = ChildProcess.start(
+        (sys.executable, "-S", "-P", "-c", code), {"PYTHONPATH": str(PROJECT), **environment}
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        ended(process)
+        process.reap()
+        os.close(process.stdout)
+        os.close(process.stderr)
+
+
+def ended(process: ChildProcess) -> ExitStatus:
+    assert select.select([process.pidfd], [], [], 10.0)[0], "it does not end"
+    status = process.exit_status()
+    assert status
+    return status
+
+
+def output(process: ChildProcess) -> str:
+    ended(process)
+    return os.read(process.stdout, 65536).decode()
+
+
+@pytest.mark.parametrize(
+    ("code", "reason", "is_clean"),
+    [
+        ("pass", "exit code 0", True),
+        ("raise SystemExit(7)", "exit code 7", False),
+        ("import os; os.kill(os.getpid(), 11)", "killed by SIGSEGV", False),
+        ("import os; os.abort()", "killed by SIGABRT", False),
+        ("import os; os.kill(os.getpid(), 40)", "killed by signal 40", False),
+    ],
+)
+def test_every_way_to_end_is_named(code: str, reason: str, is_clean: bool) -> None:
+    with started(code) as process:
+        status = ended(process)
+        assert (status.reason, status.is_clean) == (reason, is_clean)
+        assert process.exit_status() == status, "asking did not reap it"
+
+
+def test_child_leads_a_session_of_its_own() -> None:
+    with started("import os; print(os.getsid(0), os.getpgid(0))") as process:
+        assert output(process).split() == [str(process.pid)] * 2
+
+
+def test_child_inherits_no_descriptor_and_no_input() -> None:
+    reader, writer = os.pipe()
+    os.set_inheritable(writer, True)
+    try:
+        with started(
+            "import os, sys; print(sorted(map(int, os.listdir('/proc/self/fd')))[:-1], sys.stdin.read())"
+        ) as process:
+            assert output(process).strip() == "[0, 1, 2]"
+    finally:
+        os.close(reader)
+        os.close(writer)
+
+
+def test_child_gets_the_given_environment_alone() -> None:
+    with started("import os; print(sorted(set(os.environ) - {'LC_CTYPE'}))", ROBOT="lisa") as process:
+        assert output(process).strip() == "['PYTHONPATH', 'ROBOT']"
+
+
+def test_command_that_does_not_exist_leaves_nothing_open() -> None:
+    with pytest.raises(FileNotFoundError):
+        ChildProcess.start(("/no/such/command",), {})
+
+
+def test_child_whose_parent_died_before_it_could_ask_dies_too() -> None:
+    """The child is told a parent that is not its parent (any more)."""
+    code = (
+        "from robbie_mp.supervisor.die_with_parent import die_with_parent; die_with_parent(1); print('lives')"
+    )
+    with started(code) as process:
+        assert ended(process).signal == signal.SIGKILL
+
+
+def test_child_dies_with_a_parent_that_is_killed(tmp_path: Path) -> None:
+    child = "import os, signal; die_with_parent(os.getppid()); print(os.getpid(), flush=True); signal.pause()"
+    parent = f"""if True:
+        import os, signal
+        from robbie_mp.supervisor.die_with_parent import die_with_parent
+        if os.fork() == 0:
+            {child}
+        signal.pause()
+    """
+    command = [sys.executable, "-S", "-P", "-c", parent]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, env={"PYTHONPATH": str(PROJECT)}
+    ) as process:
+        assert process.stdout
+        pid = int(process.stdout.readline())
+        process.kill()
+        wait_for(lambda: is_gone(pid), limit_s=1.0)

@@ -1,0 +1,96 @@
+"""The folder of a run: private, locked as long as its supervisor lives."""
+
+import json
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.supervisor.proc import ProcessIdentity
+from robbie_mp.supervisor.run_directory import RunDirectory, UnsafeRunFolder, base_folders, list_runs
+
+
+def mode(path: Path) -> int:
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+def test_new_run_is_private_live_and_says_what_it_is(tmp_path: Path) -> None:
+    base = tmp_path / "robbie"
+    run = RunDirectory.create("arena", tmp_path / "output", base)
+    assert (mode(base), mode(run.folder)) == (0o700, 0o700)
+    [found] = list_runs([base])
+    assert (found.run_id, found.folder, found.is_live, found.record) == (
+        run.run_id,
+        run.folder,
+        True,
+        run.record,
+    )
+    assert json.loads((run.folder / "run.json").read_text())["profile"] == "arena"
+    assert ProcessIdentity(run.record.supervisor_pid, run.record.supervisor_start_ticks).is_alive
+    assert run.record.python == sys.executable
+    assert run.record.output_directory == str(tmp_path / "output")
+    run.remove()
+    assert list_runs([base]) == []
+
+
+def test_runs_have_ids_of_their_own(tmp_path: Path) -> None:
+    runs = [RunDirectory.create("arena", tmp_path, tmp_path / "robbie") for _ in range(5)]
+    assert len({run.run_id for run in runs}) == 5
+    assert {run.run_id for run in list_runs([tmp_path / "robbie"])} == {run.run_id for run in runs}
+    for run in runs:
+        run.remove()
+
+
+def test_child_process_does_not_hold_the_lock(tmp_path: Path) -> None:
+    run = RunDirectory.create("arena", tmp_path, tmp_path / "robbie")
+    with subprocess.Popen(["sleep", "60"], close_fds=False) as child:
+        os.close(run._lock_fd)  # as the supervisor's death does
+        assert [found.is_live for found in list_runs([tmp_path / "robbie"])] == [False]
+        child.kill()
+
+
+def test_run_whose_supervisor_died_early_is_listed_as_dead(tmp_path: Path) -> None:
+    (tmp_path / "0123abcd").mkdir()
+    (tmp_path / "ffff0000").mkdir()
+    (tmp_path / "ffff0000" / "run.json").write_text('{"run_id": ')
+    (tmp_path / "something else").mkdir()
+    found = list_runs([tmp_path, tmp_path / "missing"])
+    assert sorted((run.run_id, run.is_live, run.record) for run in found) == [
+        ("0123abcd", False, None),
+        ("ffff0000", False, None),
+    ]
+
+
+def test_folder_that_others_may_enter_is_refused(tmp_path: Path) -> None:
+    base = tmp_path / "robbie"
+    base.mkdir(mode=0o755)
+    with pytest.raises(UnsafeRunFolder, match="mode 0755"):
+        RunDirectory.create("arena", tmp_path, base)
+
+
+def test_link_to_a_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir(mode=0o700)
+    (tmp_path / "robbie").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(UnsafeRunFolder, match="no directory"):
+        RunDirectory.create("arena", tmp_path, tmp_path / "robbie")
+
+
+def test_folder_of_another_user_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    base = tmp_path / "robbie"
+    base.mkdir(mode=0o700)
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    with pytest.raises(UnsafeRunFolder, match=f"belongs to user {os.getuid()}"):
+        RunDirectory.create("arena", tmp_path, base)
+
+
+def test_runtime_directory_comes_first_if_it_is_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shared = Path(f"/tmp/robbie-{os.geteuid()}")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    assert base_folders() == [tmp_path / "robbie", shared]
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "missing"))
+    assert base_folders() == [shared]
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    assert base_folders() == [shared]

@@ -1,0 +1,213 @@
+"""A sweep removes what is dead and nothing else, also when several go on at once."""
+
+import os
+import struct
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.supervisor.proc import ProcessIdentity
+from robbie_mp.supervisor.run_directory import RunDirectory, list_runs
+from robbie_mp.supervisor.sweep import Swept, sweep
+from robbie_mp.transport.layout import (
+    HEADER_CREATOR_PID,
+    HEADER_CREATOR_START,
+    HEADER_MAGIC,
+    HEADER_WORDS,
+    MAGIC,
+)
+
+RUN = "0123abcd"
+
+
+class Place:
+    """A folder for runs and one in the place of /dev/shm."""
+
+    def __init__(self, folder: Path):
+        self.base = folder / "runs"
+        self.shared_memory = folder / "shm"
+        self.base.mkdir(mode=0o700)
+        self.shared_memory.mkdir()
+
+    def sweep(self) -> Swept:
+        return sweep([self.base, self.base / "missing"], self.shared_memory)
+
+    def names(self) -> list[str]:
+        return sorted(path.name for path in self.shared_memory.iterdir())
+
+    def add_names(self, run_id: str) -> None:
+        """Add a segment and a semaphore, new now; to make them old, move the clock (`later`)."""
+        for name in (f"robbie-{run_id}-core", f"sem.robbie-{run_id}-core"):
+            (self.shared_memory / name).touch()
+
+    def add_board(self, run_id: str, supervisor: ProcessIdentity, magic: int = MAGIC) -> None:
+        words = [0] * HEADER_WORDS
+        words[HEADER_MAGIC] = magic
+        words[HEADER_CREATOR_PID] = supervisor.pid
+        words[HEADER_CREATOR_START] = supervisor.start_ticks
+        (self.shared_memory / f"robbie-{run_id}-board").write_bytes(struct.pack(f"<{HEADER_WORDS}Q", *words))
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Place:
+    return Place(tmp_path)
+
+
+@pytest.fixture
+def later(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the wall clock be two minutes ahead."""
+    now = time.time
+    monkeypatch.setattr(time, "time", lambda: now() + 120.0)
+
+
+@pytest.fixture
+def gone() -> ProcessIdentity:
+    """Return a process that has ended."""
+    with subprocess.Popen(["sleep", "60"]) as process:
+        stat = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+        process.kill()
+    return ProcessIdentity(process.pid, int(stat[19]))
+
+
+def test_dead_run_is_removed_with_its_names(place: Place) -> None:
+    (place.base / RUN).mkdir()
+    (place.base / RUN / "run.json").write_text("{}")
+    place.add_names(RUN)
+    (place.shared_memory / "robbie-0123abcdef-not-ours").touch()
+    (place.shared_memory / "somebody-else").touch()
+    assert place.sweep() == Swept((RUN,), (f"robbie-{RUN}-core", f"sem.robbie-{RUN}-core"))
+    assert place.names() == ["robbie-0123abcdef-not-ours", "somebody-else"]
+    assert list(place.base.iterdir()) == []
+    assert place.sweep() == Swept()
+
+
+def test_live_run_is_left_alone_whatever_its_age(place: Place, tmp_path: Path, later: None) -> None:
+    run = RunDirectory.create("arena", tmp_path, place.base)
+    place.add_names(run.run_id)
+    assert place.sweep() == Swept()
+    run.remove()
+
+
+def test_process_of_a_dead_run_is_killed(place: Place) -> None:
+    (place.base / RUN).mkdir()
+    with subprocess.Popen(["sleep", "60"], env={**os.environ, "ROBBIE_CHILD": f"{RUN}/laser/3"}) as process:
+        assert place.sweep().processes == (process.pid,)
+        assert process.wait() == -9
+
+
+@pytest.mark.usefixtures("later")
+def test_names_without_folder_go_when_the_supervisor_on_their_board_is_gone(
+    place: Place, gone: ProcessIdentity
+) -> None:
+    place.add_names(RUN)
+    place.add_board(RUN, gone)
+    assert place.sweep().runs == (RUN,)
+    assert place.names() == []
+
+
+@pytest.mark.usefixtures("later")
+def test_names_without_folder_stay_while_the_supervisor_on_their_board_lives(place: Place) -> None:
+    place.add_names(RUN)
+    place.add_board(RUN, ProcessIdentity.own())
+    assert place.sweep() == Swept()
+    assert len(place.names()) == 3
+
+
+def test_pid_that_was_given_to_another_process_does_not_keep_names(place: Place) -> None:
+    own = ProcessIdentity.own()
+    place.add_board(RUN, ProcessIdentity(own.pid, own.start_ticks + 1))
+    assert place.sweep().runs == (RUN,)
+
+
+def test_young_names_without_board_belong_to_a_run_that_starts(place: Place) -> None:
+    place.add_names(RUN)
+    place.add_board(RUN, ProcessIdentity.own(), magic=0)
+    assert place.sweep() == Swept()
+    assert len(place.names()) == 3
+
+
+@pytest.mark.usefixtures("later")
+def test_old_names_without_board_are_removed(place: Place) -> None:
+    place.add_names(RUN)
+    place.add_board(RUN, ProcessIdentity.own(), magic=0)
+    assert place.sweep().runs == (RUN,)
+
+
+@pytest.mark.usefixtures("later")
+def test_board_that_is_no_file_of_ours_says_nothing(place: Place) -> None:
+    os.mkfifo(place.shared_memory / f"robbie-{RUN}-board")
+    assert place.sweep().runs == (RUN,)
+
+
+@pytest.mark.usefixtures("later")
+def test_names_of_another_user_are_left_alone(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    place.add_names(RUN)
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    assert place.sweep() == Swept()
+    assert len(place.names()) == 2
+
+
+def test_unfinished_folder_is_removed_only_when_it_is_old(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (place.base / "new-0123abcd").mkdir()
+    place.sweep()
+    assert (place.base / "new-0123abcd").exists()
+    now = time.time
+    monkeypatch.setattr(time, "time", lambda: now() + 120.0)
+    place.sweep()
+    assert not (place.base / "new-0123abcd").exists()
+
+
+def test_run_in_two_sweeps_at_once_is_swept_by_one(place: Place) -> None:
+    for number in range(20):
+        (place.base / f"{number:08x}").mkdir()
+        place.add_names(f"{number:08x}")
+    results: list[Swept] = []
+    threads = [threading.Thread(target=lambda: results.append(place.sweep())) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    swept = [run for result in results for run in result.runs]
+    assert sorted(swept) == [f"{number:08x}" for number in range(20)]
+    assert place.names() == []
+
+
+@pytest.fixture
+def sweepers(place: Place) -> Iterator[list[Swept]]:
+    """Sweep all the time in two threads."""
+    over = threading.Event()
+    results: list[Swept] = []
+
+    def go_on() -> None:
+        while not over.is_set():
+            results.append(place.sweep())
+
+    threads = [threading.Thread(target=go_on) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    yield results
+    over.set()
+    for thread in threads:
+        thread.join()
+
+
+def test_runs_that_start_and_end_during_sweeps_lose_nothing(
+    place: Place, tmp_path: Path, sweepers: list[Swept]
+) -> None:
+    for _ in range(100):
+        run = RunDirectory.create("arena", tmp_path, place.base)
+        place.add_names(run.run_id)
+        place.add_board(run.run_id, ProcessIdentity.own())
+        assert len(place.names()) == 3
+        assert [found.is_live for found in list_runs([place.base])] == [True]
+        for path in place.shared_memory.iterdir():
+            path.unlink()
+        run.remove()
+    assert len(sweepers) > 2
+    assert not any(result.runs for result in sweepers)
