@@ -7,7 +7,6 @@ document on standard input; the answer is one JSON event on each line of what wa
 
 import importlib
 import json
-import math
 import os
 import pkgutil
 import signal
@@ -38,7 +37,7 @@ def main() -> None:
         raise
     for module in request["modules"]:
         # If who asked is killed, nobody ends us in a hanging import but this.
-        signal.alarm(math.ceil(request["timeout_s"]) + 1)
+        signal.setitimer(signal.ITIMER_REAL, request["timeout_s"] + 1)
         _emit(events, {"begin": module["name"]})
         result = _examine(module, base, Path(request["workspace"]))
         if os.getpid() != this_process:  # the import has forked
@@ -98,7 +97,7 @@ def load_class(class_path: str, base: type = object) -> type:
     except ModuleNotFoundError as error:
         # Only if what is missing is the named module or a package around it; else its own import failed.
         if error.name and (module_name + ".").startswith(error.name + "."):
-            near = did_you_mean(module_name, _siblings(module_name))
+            near = did_you_mean(error.name, _siblings(error.name))
             raise NotAModule(f"there is no Python module {error.name!r}{near}") from None
         raise
     found = getattr(module, class_name, None)
@@ -113,10 +112,8 @@ def load_class(class_path: str, base: type = object) -> type:
 def _siblings(module_name: str) -> list[str]:
     """Return the names of the modules next to where a module should be."""
     package_name, dot, _ = module_name.rpartition(".")
-    package = sys.modules.get(package_name)
-    if dot and not package:
-        return []
-    folders = list(package.__path__) if package and hasattr(package, "__path__") else sys.path[:1]
+    workspace = sys.path[:1]
+    folders = list(getattr(sys.modules.get(package_name), "__path__", [])) if dot else workspace
     return [package_name + dot + module.name for module in pkgutil.iter_modules(folders)]
 
 

@@ -26,7 +26,8 @@ class Line:
 
 
 class _Dumper(yaml.SafeDumper):
-    yaml_implicit_resolvers = CORE_SCHEMA
+    # A text that is something else in YAML 1.1 is quoted as well, for who feeds the output to other programs.
+    yaml_implicit_resolvers = yaml.SafeDumper.yaml_implicit_resolvers | CORE_SCHEMA
 
     def ignore_aliases(self, data: object) -> bool:
         return True
@@ -37,7 +38,7 @@ def as_tree(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> d
 
     Args:
         profile: What to show.
-        settings: By module: all its settings, with the defaults that only its class knows.
+        settings: By module: all its settings as its class takes them, so far as that is known.
     """
     modules = {module.name: _module_tree(module, settings.get(module.name, {})) for module in profile.modules}
     return {
@@ -49,7 +50,7 @@ def as_tree(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> d
 
 
 def _module_tree(module: ModuleSpec, settings: Mapping[str, object]) -> dict[str, Any]:
-    tree = {"class": module.class_path, "settings": {**settings, **module.settings}}
+    tree = {"class": module.class_path, "settings": {**module.settings, **settings}}
     rest = _plain(module)
     return tree | {
         key: rest[key] for key in rest if key not in ("name", "class_path", "settings", "folder_of")
@@ -81,12 +82,15 @@ def to_lines(tree: Mapping[str, Any], origins: Mapping[Path, str], path: Path = 
     for key, value in tree.items():
         here = (*path, key)
         if isinstance(value, dict) and value:
-            yield Line(f"{indent}{_inline(key)}:")
+            yield Line(f"{indent}{inline(key)}:")
             yield from to_lines(value, origins, here)
         else:
-            yield Line(f"{indent}{_inline(key)}: {_inline(value)}", origins[here])
+            yield Line(f"{indent}{inline(key)}: {inline(value)}", origins[here])
 
 
-def _inline(value: object) -> str:
-    text: str = yaml.dump(value, Dumper=_Dumper, default_flow_style=True, allow_unicode=True, width=1 << 30)
+def inline(value: object) -> str:
+    """Return a value as YAML on one line, which a profile may contain just so."""
+    text: str = yaml.dump(
+        value, Dumper=_Dumper, default_flow_style=True, allow_unicode=True, sort_keys=False, width=1 << 30
+    )
     return text.removesuffix("\n").removesuffix("\n...").rstrip("\n")

@@ -2,6 +2,10 @@
 
 import json
 import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import psutil
@@ -40,6 +44,19 @@ class Needy(Base):
 class Unrelated:
     pass
 """
+
+ASK = """
+from robbie_mp.profile.load import load_profile
+from robbie_mp.profile.preflight import preflight
+preflight(load_profile("demo"), timeout_s=0.5, base_class="base_of_modules:Base")
+"""
+
+
+def wait_until(condition: Callable[[], bool], limit_s: float = 20.0) -> None:
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.01)
 
 
 @pytest.fixture
@@ -86,7 +103,7 @@ def test_relative_paths_start_from_the_workspace_but_typed_ones_from_here(
     ("class_path", "problem"),
     [
         ("mods.maping:Mapping", "there is no Python module 'mods.maping'; did you mean 'mods.mapping'?"),
-        ("mod.mapping:Mapping", "there is no Python module 'mod'"),
+        ("mod.mapping:Mapping", "there is no Python module 'mod'; did you mean 'mods'?"),
         ("no_such_module:A", "there is no Python module 'no_such_module'"),
         ("mods.mapping.deeper:A", "there is no Python module 'mods.mapping.deeper'"),
         ("mods.mapping:Maping", "mods.mapping has no class 'Maping'; did you mean 'Mapping'?"),
@@ -251,8 +268,7 @@ def test_threads_forks_and_children_of_imported_code_do_not_outlive_the_check(ro
     findings = robot.preflight()
     assert (findings.settings, findings.failures) == ({"a": {}, "b": {}}, {})
     child = int(Path("child.pid").read_text())
-    psutil.wait_procs([psutil.Process(child)] if psutil.pid_exists(child) else [], timeout=5)
-    assert not psutil.pid_exists(child) or psutil.Process(child).status() == psutil.STATUS_ZOMBIE
+    wait_until(lambda: not psutil.pid_exists(child) or psutil.Process(child).status() == psutil.STATUS_ZOMBIE)
 
 
 def test_a_thread_that_kills_the_process_later_harms_no_other_module(robot: Robot) -> None:
@@ -278,6 +294,27 @@ def test_a_thread_that_kills_the_process_later_harms_no_other_module(robot: Robo
     findings = robot.preflight()
     assert findings.settings.keys() == {"a", "b"}
     assert findings.failures == {"n": "mods.next: ended with exit code 7 while it was imported"}
+
+
+def test_a_hanging_import_ends_even_if_who_asked_is_killed(robot: Robot) -> None:
+    robot.write_code(
+        "mods.slow",
+        """
+        import os, threading
+        with open("pid.new", "w") as file: file.write(str(os.getpid()))
+        os.rename("pid.new", "pid")
+        threading.Event().wait()
+        """,
+    )
+    robot.write("demo", "modules: {slow: {class: 'mods.slow:A'}}")
+    asking = subprocess.Popen(
+        [sys.executable, "-c", ASK], env=os.environ | {"PYTHONPATH": ":".join(sys.path)}
+    )
+    wait_until(Path("pid").exists)
+    checking = psutil.Process(int(Path("pid").read_text()))
+    asking.kill()
+    asking.wait()
+    wait_until(lambda: not checking.is_running() or checking.status() == psutil.STATUS_ZOMBIE)
 
 
 def test_code_that_closes_the_way_back_is_told_from_a_profile_error(robot: Robot) -> None:

@@ -114,7 +114,7 @@ def test_broken_yaml_is_an_error_with_its_line(text: str, error: str) -> None:
     assert problem(text).startswith(error)
 
 
-@pytest.mark.parametrize("depth", [MAX_DEPTH + 1, 200, 20_000])
+@pytest.mark.parametrize("depth", [MAX_DEPTH + 1, 200, 500])
 def test_deep_nesting_is_refused(depth: int) -> None:
     assert (
         problem("a: 1\nb: " + "[" * depth + "]" * depth)

@@ -1,0 +1,174 @@
+"""`robbie profile show`: what it prints is the profile, and each value says where it is from."""
+
+import json
+import os
+import subprocess
+import sys
+from functools import partial
+
+import pytest
+
+import robbie_mp.cli.profile
+from robbie_mp.cli import main
+from robbie_mp.profile.preflight import preflight
+from robbie_mp.profile.show import as_tree
+
+from .conftest import BASE_CLASS, Robot
+
+Out = pytest.CaptureFixture[str]
+
+CODE = """
+from pathlib import Path
+from base_of_modules import Base
+from robbie_mp.settings import setting
+class Mapping(Base):
+    resolution_m: float = setting(0.05, "edge of a grid cell", minimum=0)
+    names: list[str] = setting(["no"], "names")
+    weights: dict[str, float] = setting({"x": 1.0}, "weights")
+"""
+
+
+@pytest.fixture(autouse=True)
+def profiles(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robbie_mp.cli.profile, "preflight", partial(preflight, base_class=BASE_CLASS))
+    robot.write_code("mapping", CODE)
+    robot.write(
+        "base",
+        """
+        description: "Ä: #1"
+        modules:
+          mapping:
+            class: mapping:Mapping
+            settings: {resolution_m: 1e-3, weights: {y: 2}}
+        config: {robot.radius_m: 0.25, robot.port: "1e5"}
+        """,
+    )
+    robot.write("demo", "parents: [base]\nmodules:\n  mapping:\n    restart:\n      max_restarts: 1")
+
+
+def comment_of(output: str) -> dict[str, str]:
+    """Return the comment behind each line, by what stands before it."""
+    lines = [line.partition("  # ") for line in output.splitlines()]
+    return {text.strip(): comment for text, _, comment in lines}
+
+
+def test_each_value_says_where_it_is_from(capsys: Out) -> None:
+    assert main(["profile", "show", "demo", "--set", "robot.radius_m=0.3"]) == 0
+    comments = comment_of(capsys.readouterr().out)
+    assert comments["class: mapping:Mapping"] == "profiles/base.yaml:5"
+    assert comments["resolution_m: 0.001"] == "profiles/base.yaml:6"
+    assert comments["y: 2.0"] == "profiles/base.yaml:6"
+    assert comments["names: ['no']"] == "default"
+    assert comments["max_restarts: 1"] == "profiles/demo.yaml:5"
+    assert comments["policy: on-failure"] == "default"
+    assert comments["robot.radius_m: 0.3"] == "--set robot.radius_m=0.3"
+    assert comments["handles: 16384"] == "default"
+
+
+def test_what_is_shown_is_again_the_same_profile(robot: Robot, capsys: Out) -> None:
+    assert main(["profile", "show", "demo"]) == 0
+    shown = capsys.readouterr().out
+    robot.write("again", shown)
+    before, after = robot.load("demo"), robot.load("again")
+    assert after.modules[0].settings == {
+        "resolution_m": 0.001,
+        "names": ["no"],
+        "weights": {"y": 2.0},
+    }
+    assert (after.config, after.core, after.description) == (before.config, before.core, before.description)
+    assert after.modules[0].restart == before.modules[0].restart
+    assert main(["profile", "show", "again"]) == 0
+    assert comment_of(capsys.readouterr().out).keys() - {"# profile again"} == comment_of(shown).keys() - {
+        "# profile demo"
+    }
+
+
+def test_json_is_for_programs(robot: Robot, capsys: Out) -> None:
+    assert main(["profile", "show", "demo", "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert (shown["name"], shown["workspace"]) == ("demo", str(robot.root))
+    assert shown["modules"]["mapping"]["settings"]["names"] == ["no"]
+    assert shown["origins"]["modules/mapping/settings/names"] == "default"
+    assert shown["origins"]["config/robot.radius_m"] == "profiles/base.yaml:7"
+
+
+def test_a_wrong_profile_is_exit_code_2_and_text_on_stderr(robot: Robot, capsys: Out) -> None:
+    robot.write("demo", "modlues: {}\nconfig: 5")
+    assert main(["profile", "show", "demo"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == (
+        "profiles/demo.yaml:1: modlues: unknown key; did you mean 'modules'?\n"
+        "profiles/demo.yaml:2: config: expected a map; got 5\n"
+    )
+
+
+def test_a_wrong_setting_is_exit_code_2_too(capsys: Out) -> None:
+    assert main(["profile", "show", "demo", "--set", "mapping.resolution_m=-1"]) == 2
+    assert "Mapping.resolution_m: expected float, at least 0; got -1.0 (float)" in capsys.readouterr().err
+
+
+def test_code_that_cannot_be_imported_is_a_warning(robot: Robot, capsys: Out) -> None:
+    robot.write_code("mapping", "raise OSError('no lens')")
+    assert main(["profile", "show", "demo"]) == 0
+    out, err = capsys.readouterr()
+    assert err == "warning: module mapping cannot be imported: OSError: no lens\n"
+    assert "resolution_m: 0.001" in out
+
+
+def test_tree_of_a_profile_without_findings_is_what_files_say(robot: Robot) -> None:
+    tree = as_tree(robot.load(), {})
+    assert tree["modules"]["mapping"]["settings"] == {"resolution_m": 0.001, "weights": {"y": 2}}
+    assert list(tree) == ["description", "modules", "config", "core"]
+
+
+@pytest.mark.parametrize(
+    "argv", [[], ["profile"], ["profile", "show"], ["nonsense"], ["profile", "show", "a", "-x"]]
+)
+def test_bad_usage_is_exit_code_2(argv: list[str], capsys: Out) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(argv)
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.startswith("usage: robbie")
+
+
+def test_help_and_version_tell(capsys: Out) -> None:
+    for option, text in [("--help", "show what a profile says after merging"), ("--version", "robbie ")]:
+        with pytest.raises(SystemExit) as ended:
+            main([option])
+        assert ended.value.code == 0
+        assert text in capsys.readouterr().out
+
+
+def test_colour_only_on_a_terminal(robot: Robot) -> None:
+    robot.write("plain", "config: {a: 1}")
+    run = "import sys; from robbie_mp.cli import main; sys.exit(main(['profile', 'show', 'plain']))"
+    environment = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "COLUMNS")}
+    environment |= {"PYTHONPATH": ":".join(sys.path), "TERM": "xterm-256color"}
+    piped = subprocess.run([sys.executable, "-c", run], env=environment, stdout=subprocess.PIPE, check=True)
+    assert b"\x1b" not in piped.stdout
+    controller, terminal = os.openpty()
+    try:
+        subprocess.run([sys.executable, "-c", run], env=environment, stdout=terminal, check=True)
+        shown = os.read(controller, 65536)
+    finally:
+        os.close(terminal)
+        os.close(controller)
+    assert b"\x1b[2m" in shown and b"profiles/plain.yaml:1" in shown
+
+
+def test_a_reader_that_stops_early_causes_no_traceback(robot: Robot) -> None:
+    robot.write("long", "config:\n" + "".join(f"  key{n}: 1\n" for n in range(5000)))
+    run = "import sys; from robbie_mp.cli import main; sys.exit(main(['profile', 'show', 'long']))"
+    process = subprocess.Popen(
+        [sys.executable, "-c", run],
+        env=os.environ | {"PYTHONPATH": ":".join(sys.path)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdout and process.stderr
+    process.stdout.readline()
+    process.stdout.close()
+    assert process.stderr.read() == b""
+    process.stderr.close()
+    process.wait()
