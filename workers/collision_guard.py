@@ -82,7 +82,9 @@ class CollisionGuard:
         """
         return self._free_way_m(self._near_points(ranges_m), linear_m_per_s, angular_rad_per_s)
 
-    def _free_way_m(self, points: NDArray[np.float64], linear_m_per_s: float, angular_rad_per_s: float) -> float:
+    def _free_way_m(
+        self, points: NDArray[np.float64], linear_m_per_s: float, angular_rad_per_s: float
+    ) -> float:
         settings = self._settings
         if len(points) == 0:
             return settings.look_m

@@ -115,6 +115,15 @@ class Explorer:
         """Return what the robot does."""
         return self.machine.state
 
+    @property
+    def status(self) -> str:
+        """Return what the robot does, why, and how much it knows, in one line."""
+        known_m2 = self._grid.known_m2 if self._grid is not None else 0.0
+        return (
+            f"{self.state} ({self.machine.reason}); {known_m2:.1f} m2 free, "
+            f"{len(self.plan.frontiers)} frontiers, {len(self._exploration.avoided_xy_m)} goals given up"
+        )
+
     def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
         """Take a new map: see `NavigationGrid` for the arguments."""
         self._grid = NavigationGrid(cells, resolution_m, corner_xy_m, self.settings.clearance_m)

@@ -1,7 +1,8 @@
 """Following a path with a differential drive.
 
 Pure pursuit: drive the arc that leads through a point of the path some way ahead (Coulter, "Implementation
-of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992); turn on the spot when it lies too far aside.
+of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992); turn on the spot when it lies too far
+aside.
 """
 
 import math
