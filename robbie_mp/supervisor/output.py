@@ -3,17 +3,26 @@
 What is beyond the bound of lines per second is thrown away and counted.
 """
 
+import os
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from robbie_mp.errors import RobbieError
 from robbie_mp.supervisor.rotating_file import RotatingFile
 
 STREAMS = ("stdout", "stderr")
 # What a terminal would obey; an escape sequence in a log is an attack or an accident.
 VISIBLE = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0)) if code != ord("\t")}
+
+
+ADVICE = "choose another output directory"
+
+
+class LogNotWritable(RobbieError, OSError):
+    """The folder for log files is of no use: no such place, or no permission."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +69,18 @@ class OutputStore:
             folder: gets one log file a child.
             listener: called with each line that is kept, in the supervisor's thread; must not block.
             limits: what is kept of each child.
+
+        Raises:
+            LogNotWritable: the folder cannot be made or written to.
         """
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise LogNotWritable(
+                f"cannot make the log folder {folder}: {error.strerror}; {ADVICE}"
+            ) from error
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise LogNotWritable(f"cannot write to the log folder {folder}: no permission; {ADVICE}")
         self.folder = folder
         self.listener = listener
         self.limits = limits

@@ -52,7 +52,6 @@ class Tree:
 
         Raises:
             InvalidChild: two children have the same name.
-            LogNotWritable: a child's log file cannot be made.
         """
         names = [spec.name for spec in specs]
         if len(set(names)) < len(names):

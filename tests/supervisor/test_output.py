@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from robbie_mp.supervisor import rotating_file
 from robbie_mp.supervisor.event_loop import EventLoop
-from robbie_mp.supervisor.output import ChildOutput, OutputLimits, OutputLine, OutputStore
+from robbie_mp.supervisor.output import ChildOutput, LogNotWritable, OutputLimits, OutputLine, OutputStore
 from robbie_mp.supervisor.output_stream import OutputStream
-from robbie_mp.supervisor.rotating_file import LogNotWritable, RotatingFile
+from robbie_mp.supervisor.rotating_file import RotatingFile
 from robbie_mp.supervisor.states import ChildState
 from tests.supervisor import zoo
 from tests.supervisor.running import NEVER, Run, Scenario, animal
@@ -162,7 +162,13 @@ def test_full_disk_is_counted_and_stops_nobody(tmp_path: Path, monkeypatch: pyte
 def test_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(LogNotWritable, match="choose another"):
-        RotatingFile(tmp_path / "file" / "a.log", max_bytes=100, files=2)
+        OutputStore(tmp_path / "file" / "logs")
+
+
+def test_folder_that_cannot_be_written_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: path != tmp_path)
+    with pytest.raises(LogNotWritable, match="no permission"):
+        OutputStore(tmp_path)
 
 
 def test_flooding_child_is_not_blocked_for_ever_and_the_others_are_served(tmp_path: Path) -> None:
