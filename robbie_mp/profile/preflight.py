@@ -21,15 +21,16 @@ class Preflight:
     """What the check has found out."""
 
     settings: dict[str, dict[str, object]] = field(default_factory=dict)
-    """By module: every setting with its value or default; absolute paths, as text."""
+    """By module that is not in `failures`: every setting, given or default; absolute paths, as text."""
     failures: dict[str, str] = field(default_factory=dict)
-    """By module whose code could not be imported: the traceback, or how the process ended."""
+    """By module whose code failed, so that its settings are unchecked: the traceback, or how the process ended."""
 
     def add(self, module: str, result: dict[str, Any]) -> None:
         """Take in what the checking process says of a module."""
-        self.settings[module] = result["settings"]
         if result["failure"]:
             self.failures[module] = result["failure"]
+        else:
+            self.settings[module] = result["settings"]
 
 
 def preflight(profile: Profile, *, timeout_s: float = 10.0, base_class: str = BASE_CLASS) -> Preflight:

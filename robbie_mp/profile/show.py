@@ -11,7 +11,7 @@ from robbie_mp.profile.reader import CORE_SCHEMA
 
 DEFAULT = "default"
 COMMENT_COLUMN = 48
-Path = tuple[str, ...]
+KeyPath = tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -63,12 +63,12 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, str) else value  # a StrEnum becomes its text
 
 
-def origins(profile: Profile, tree: Mapping[str, Any]) -> dict[Path, str]:
+def origins(profile: Profile, tree: Mapping[str, Any]) -> dict[KeyPath, str]:
     """Return for each scalar or list of the tree file:line, the option that set it, or "default"."""
     return {path: str(profile.origins.get(path, DEFAULT)) for path in _leaves(tree, ())}
 
 
-def _leaves(tree: Mapping[str, Any], path: Path) -> Iterator[Path]:
+def _leaves(tree: Mapping[str, Any], path: KeyPath) -> Iterator[KeyPath]:
     for key, value in tree.items():
         if isinstance(value, dict) and value:
             yield from _leaves(value, (*path, key))
@@ -76,7 +76,7 @@ def _leaves(tree: Mapping[str, Any], path: Path) -> Iterator[Path]:
             yield (*path, key)
 
 
-def to_lines(tree: Mapping[str, Any], origins: Mapping[Path, str], path: Path = ()) -> Iterator[Line]:
+def to_lines(tree: Mapping[str, Any], origins: Mapping[KeyPath, str], path: KeyPath = ()) -> Iterator[Line]:
     """Yield the tree as YAML, each value on one line with its origin as comment."""
     indent = "  " * len(path)
     for key, value in tree.items():

@@ -209,7 +209,7 @@ def test_code_that_fails_is_left_to_the_supervisor(robot: Robot, code: str, fail
         "bad": failure,
         "worse": failure,
     }
-    assert {"before", "after"} <= findings.settings.keys()
+    assert findings.settings.keys() == {"before", "after"}  # nobody takes {} for settings that were checked
 
 
 def test_an_import_that_hangs_is_given_up_and_the_rest_is_checked(robot: Robot) -> None:
@@ -228,6 +228,7 @@ def test_an_import_that_hangs_is_given_up_and_the_rest_is_checked(robot: Robot) 
 def test_a_bug_in_a_class_own_check_is_a_failure_of_its_code(mapper: Robot) -> None:
     findings = mapper.preflight("mapping.resolution_m=15")
     assert findings.failures["mapping"].endswith("ZeroDivisionError: bug in check\n")
+    assert findings.settings == {}
 
 
 def test_output_of_imported_code_disturbs_nothing(robot: Robot, capfd: pytest.CaptureFixture[str]) -> None:

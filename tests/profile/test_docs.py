@@ -1,0 +1,59 @@
+"""docs/profiles.md names every key with the default that the code has."""
+
+import re
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import pytest
+import yaml
+
+from robbie_mp.profile.build import PROFILE_KEYS
+from robbie_mp.profile.model import CoreLimits, MemoryLimits, ModuleSpec, QueueLimits, RestartPolicy
+
+from .conftest import Robot
+
+TEXT = (Path(__file__).parents[2] / "docs" / "profiles.md").read_text()
+
+
+def documented(heading: str) -> dict[str, str]:
+    """Return the default of each key in the table below a heading."""
+    section = re.split(r"^#+ ", TEXT.split(f"# {heading}\n")[1], flags=re.MULTILINE)[0]
+    rows = [row.split("|") for row in section.splitlines() if row.startswith("| `")]
+    return {row[1].strip(" `"): row[3].strip(" `") for row in rows}
+
+
+@pytest.mark.parametrize(
+    ("heading", "section"),
+    [("restart", RestartPolicy), ("memory", MemoryLimits), ("queue", QueueLimits), ("core", CoreLimits)],
+)
+def test_every_key_of_a_section_is_documented_with_its_default(heading: str, section: type) -> None:
+    assert is_dataclass(section)
+    assert documented(heading) == {field.name: str(field.default) for field in fields(section)}
+
+
+def test_every_key_of_a_module_is_documented_with_its_default() -> None:
+    plain = {
+        field.name: str(field.default).lower()
+        for field in fields(ModuleSpec)
+        if isinstance(field.default, bool | float)
+    }
+    table = documented("Keys of a module")
+    assert table == {
+        "class": "required",
+        **dict.fromkeys(["settings", "restart", "memory", "queue"], "{}"),
+        **plain,
+    }
+
+
+def test_every_key_of_a_profile_is_documented() -> None:
+    assert tuple(documented("Keys of a profile")) == PROFILE_KEYS
+
+
+def test_the_example_is_a_profile(robot: Robot) -> None:
+    example = TEXT.split("```yaml\n")[1].split("```")[0]
+    robot.write("sim/arena", example)
+    for parent in yaml.safe_load(example)["parents"]:
+        robot.write(parent, "")
+    profile = robot.load("sim/arena")
+    assert [module.name for module in profile.modules] == ["mapping"]
+    assert profile.core.handles == 32768
