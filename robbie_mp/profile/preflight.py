@@ -23,7 +23,7 @@ class Preflight:
     settings: dict[str, dict[str, object]] = field(default_factory=dict)
     """By module that is not in `failures`: every setting, given or default; absolute paths, as text."""
     failures: dict[str, str] = field(default_factory=dict)
-    """By module whose code failed, so that its settings are unchecked: the traceback, or how the process ended."""
+    """By module whose code failed, its settings unchecked: the traceback, or how the process ended."""
 
     def add(self, module: str, result: dict[str, Any]) -> None:
         """Take in what the checking process says of a module."""
