@@ -156,6 +156,7 @@ class RunObserver:
         if not is_core:
             at = self._tables.publisher(slot)
             queue = [self._words[at + column] for column in range(layout.PUBLISHER_WORDS)]
+        core_refused = queue[layout.PUBLISHER_REFUSED] >> layout.REFUSED_TAG_BITS
         return ModuleFigures(
             name=row.name,
             state=row.state,
@@ -166,7 +167,7 @@ class RunObserver:
             reason=row.reason,
             cpu_s=row.past.cpu_ns / 1e9 + _cpu_s(row.pid),
             published=row.past.published + own[layout.OUT_PUBLISHED],
-            refused=row.past.refused + own[layout.OUT_REFUSED] + queue[layout.PUBLISHER_REFUSED],
+            refused=row.past.refused + own[layout.OUT_REFUSED] + core_refused,
             handled=row.past.handled + own[layout.OUT_HANDLED],
             waiting=queue[layout.PUBLISHER_WAITING],
             waiting_peak=queue[layout.PUBLISHER_WAITING_PEAK],

@@ -12,7 +12,7 @@ from importlib import import_module, metadata
 
 from robbie_mp.errors import RobbieError
 
-COMMANDS = ("profile",)
+COMMANDS = ("run", "list", "top", "profile", "clean")
 """In the order in which help lists them."""
 
 FAILED = 1

@@ -53,9 +53,7 @@ class Wish:
 
     __slots__ = ("declaration", "handling", "topic", "type_name", "version")
 
-    def __init__(
-        self, declaration: int, type_name: str, version: int, topic: str, handling: MessageHandling
-    ):
+    def __init__(self, declaration: int, type_name: str, version: int, topic: str, handling: MessageHandling):
         self.declaration = declaration
         self.type_name = type_name
         self.version = version

@@ -110,8 +110,10 @@ class Ledger:
         words[at + layout.REFERENCE_SEQUENCE] = sequence
         words[at + layout.REFERENCE_HANDLE] = handle
         words[at + layout.REFERENCE_SUBSCRIPTION] = subscription.index
+        words[at + layout.REFERENCE_PUSHED_AT] = 0
         words[at] = Outcome.HELD | counts[0] << 8  # commits
         words[subscription.at + layout.SUBSCRIPTION_ROUTED] = counts[0]
+        words[subscription.at + layout.SUBSCRIPTION_LAST_SEQUENCE] = sequence
         self._references[index] = (sequence, handle, subscription)
         self._holders[handle] += 1
         return index
@@ -126,6 +128,14 @@ class Ledger:
         if entry is None:
             raise KeyError(f"reference {index} is not live")
         return entry
+
+    def mark_pushed(self, index: int, record: int) -> None:
+        """Note which inbound record is about to bring a reference to its module."""
+        self._words[self._tables.reference(index) + layout.REFERENCE_PUSHED_AT] = record + 1
+
+    def mark_waiting(self, index: int) -> None:
+        """Note that a reference waits again: its module died before it began to handle it."""
+        self._words[self._tables.reference(index) + layout.REFERENCE_PUSHED_AT] = 0
 
     def count(self, index: int, outcome: Outcome) -> None:
         """Enter what became of a reference."""

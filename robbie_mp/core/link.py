@@ -58,8 +58,6 @@ class Link:
         """References in its inbound ring or hands, and the number of the record that brought each."""
         self.pinned: set[int] = set()
         """References it has handled, but holds."""
-        self.freed_backlog: deque[tuple[int, int]] = deque()
-        """Handle rows and blocks to be freed when the freed ring has room again."""
         self.notices: deque[tuple[Inbound, int, int, int]] = deque()
         self.wake_after_freed = 0
         self.ready = False
@@ -114,4 +112,5 @@ class Slot:
         self.waiting_peak = 0
         self.routed = 0
         self.refused = 0
+        self.refused_tag = -1
         self.link: Link | None = None

@@ -63,6 +63,4 @@ class CoreProcess:
 
     def _connect(self, slot: int, incarnation: int) -> LinkMemory:
         memory = IncarnationMemory.attach_as_core(self._run_id, slot, incarnation)
-        return LinkMemory(
-            incarnation, memory.out.words, memory.into.words, memory.wakeup.post, memory.close
-        )
+        return LinkMemory(incarnation, memory.out.words, memory.into.words, memory.wakeup.post, memory.close)

@@ -110,8 +110,6 @@ class Router:
             waited_for = self._slots[link.slot].waiting or (self._freed_waits and link.pushed)
             if link.want_release(1 if waited_for or (link.pinned and self._freed_waits) else 0):
                 look_again = True
-            if link.freed_backlog:
-                self._flush_freed(link)
             if link.notices:
                 link.send_notices()
         if look_again:
@@ -138,17 +136,22 @@ class Router:
 
     def module_up(self, slot: int, incarnation: int) -> None:
         """Connect with a new incarnation of a module."""
+        known = self._slots[slot].link
+        if known is not None and known.incarnation == incarnation:
+            return  # said again after a restart of the core
         link = Link(slot, self._connect(slot, incarnation), self._limits.ring_records, self._limits.credit)
         self._slots[slot].link = link
         self._links.append(link)
+        self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = incarnation
 
     def _control(self, kind: Outbound, record: Record) -> None:
         slot, incarnation = record[1], record[2]
         link = self._slots[slot].link
         if kind == Outbound.MODULE_UP:
             self.module_up(slot, incarnation)
-        elif kind == Outbound.MODULE_DOWN and link is not None and link.incarnation == incarnation:
-            self._reclaim(link)
+        elif kind == Outbound.MODULE_DOWN:
+            if link is not None and link.incarnation == incarnation:
+                self._reclaim(link)
             self._notify(SUPERVISOR_SLOT, (Inbound.RECLAIMED, slot, incarnation, 0))
         elif kind == Outbound.MODULE_GONE:
             outcome = Outcome.DROPPED if record[2] else Outcome.LOST
@@ -174,14 +177,13 @@ class Router:
                 self._wait_again(slot, reference)
         for reference in link.pinned:
             self._ledger.close_reference(reference)
-        for handle, _ in link.freed_backlog:
-            self._close_handle(handle)
         source = (link.slot, link.incarnation)
         if self._ledger.has_live(*source):
             self._dead_sources.add(source)
         else:
             self._segments_gone(source)
         self._write_queue_figures(slot, None)
+        self._words[slot.at + layout.PUBLISHER_LINKED] = 0
         link.close()
 
     def _wait_again(self, slot: Slot, reference: int) -> None:
@@ -192,6 +194,7 @@ class Router:
                 self._ledger.finish(reference, Outcome.REPLACED)
                 return
             subscription.queued = reference
+        self._ledger.mark_waiting(reference)
         size = self._ledger.handle(handle).size
         slot.waiting[reference] = size
         slot.waiting.move_to_end(reference, last=False)
@@ -226,6 +229,7 @@ class Router:
 
     def _ready(self, slot: Slot, link: Link, _record: Record) -> None:
         link.ready = True
+        self._words[slot.at + layout.PUBLISHER_READY] = link.incarnation
         for entry in list(self._directory.subscriptions):
             if entry.slot == link.slot and entry.declared_by != link.incarnation and entry.type_name:
                 self._close_subscription(entry, Outcome.DROPPED)
@@ -278,8 +282,11 @@ class Router:
 
     def _refuse(self, slot: Slot, link: Link, block: int) -> None:
         """Count a message for which the tables have no row, and give its block back."""
-        slot.refused += 1
-        self._words[slot.at + layout.PUBLISHER_REFUSED] = slot.refused
+        tag = refused_tag(link)
+        if tag != slot.refused_tag:  # else it was counted, and the core died before it took the record
+            slot.refused += 1
+            slot.refused_tag = tag
+            self._words[slot.at + layout.PUBLISHER_REFUSED] = slot.refused << layout.REFUSED_TAG_BITS | tag
         link.freed.push(block)
 
     def _enqueue(self, subscription: Subscription, reference: int, size: int) -> None:
@@ -323,6 +330,7 @@ class Router:
             self._leave_queue(slot, reference)
             sequence, source, offset, size, channel, stamp, _ = self._ledger.handle(handle)
             pushed[reference] = inbound.head
+            self._ledger.mark_pushed(reference, inbound.head)
             inbound.push(
                 Inbound.DELIVER | subscription.declaration << 8 | channel << 32,
                 reference, sequence, source, offset, size, stamp,
@@ -365,9 +373,7 @@ class Router:
         slot, _, incarnation = layout.unpack_source(handle.source)
         link = self._slots[slot].link
         if link is not None and link.incarnation == incarnation:
-            if link.freed_backlog or not link.freed.push(handle.block):
-                link.freed_backlog.append((index, handle.block))
-                return
+            link.freed.push(handle.block)
             self._count_freed(link)
         self._close_handle(index)
 
@@ -377,12 +383,6 @@ class Router:
             if not link.wake_after_freed:
                 self._freed_waits -= 1
                 link.wake()
-
-    def _flush_freed(self, link: Link) -> None:
-        while link.freed_backlog and link.freed.push(link.freed_backlog[0][1]):
-            handle, _ = link.freed_backlog.popleft()
-            self._close_handle(handle)
-            self._count_freed(link)
 
     def _close_handle(self, index: int) -> None:
         source = self._ledger.close_handle(index)
@@ -411,6 +411,11 @@ class Router:
         words[at + layout.PUBLISHER_WAITING_BYTES] = slot.waiting_bytes
         words[at + layout.PUBLISHER_IN_FLIGHT] = len(link.pushed) if link else 0
         words[at + layout.PUBLISHER_PINNED] = len(link.pinned) if link else 0
+
+
+def refused_tag(link: Link) -> int:
+    """Name the record at the tail of a link's outbound ring in few bits."""
+    return (link.incarnation & 0xFF) << 16 | link.outbound.tail & 0xFFFF
 
 
 _CONTROL = (Outbound.MODULE_UP, Outbound.MODULE_DOWN, Outbound.MODULE_GONE)

@@ -19,9 +19,7 @@ class TableSizes:
     @property
     def words(self) -> int:
         """Size of the whole core segment in words."""
-        return layout.core_words(
-            self.slots, self.channels, self.subscriptions, self.handles, self.references
-        )
+        return layout.core_words(self.slots, self.channels, self.subscriptions, self.handles, self.references)
 
 
 class CoreTables:

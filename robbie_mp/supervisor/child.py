@@ -1,4 +1,4 @@
-"""What runs in a child: `python -m robbie_mp.supervisor.child RUN_DIRECTORY NAME INCARNATION`."""
+"""What runs in a child: `python -m robbie_mp.supervisor.child RUN_FOLDER NAME`."""
 
 import faulthandler
 import importlib
@@ -17,6 +17,7 @@ from robbie_mp.core.tables import CoreTables
 from robbie_mp.module import Module, ModuleContext
 from robbie_mp.runner import ModuleRunner
 from robbie_mp.supervisor.die_with_parent import die_with_parent
+from robbie_mp.supervisor.leftovers import MARKER
 from robbie_mp.supervisor.memory import CORE
 from robbie_mp.supervisor.plan import RunPlan
 from robbie_mp.transport import layout, names
@@ -34,10 +35,10 @@ from robbie_mp.transport.words import read_text, write_text
 SUPERVISOR_QUEUE = SlotLimits(queue_messages=1000, queue_bytes=1 << 20)
 
 
-def main(arguments: list[str]) -> None:
+def main(run_folder: Path, name: str) -> None:
     """Run the core or a module until it is stopped."""
-    run_directory, name, incarnation = Path(arguments[0]), arguments[1], int(arguments[2])
-    plan = RunPlan.load(run_directory)
+    plan = RunPlan.load(run_folder)
+    incarnation = int(os.environ[MARKER].rpartition("/")[2])
     die_with_parent(plan.supervisor_pid)
     faulthandler.enable()
     logging.basicConfig(format="%(levelname)s %(message)s", level=logging.INFO)
@@ -114,4 +115,4 @@ class _Describer:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(Path(sys.argv[1]), sys.argv[2])

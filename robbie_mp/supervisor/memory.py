@@ -3,6 +3,7 @@
 import contextlib
 import glob
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 from robbie_mp.clock import SystemClock
@@ -13,6 +14,7 @@ from robbie_mp.supervisor.plan import RunPlan
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board, SlotState, Totals
+from robbie_mp.transport.endpoint import Notice
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.outbox import Outbox
 from robbie_mp.transport.records import Inbound, Outbound
@@ -38,16 +40,25 @@ class RunMemory:
 
     Args:
         plan: the run.
+        on_change: hears of every change of state, after the board shows it.
+
+    Attributes:
+        faulted: name and incarnation of modules that the core has found to break the protocol.
+        before_close: called when all children have ended and everything can still be read.
+
+    Raises:
+        SharedMemoryFull: there is no room for the run's tables.
     """
 
-    def __init__(self, plan: RunPlan):
+    def __init__(self, plan: RunPlan, on_change: Callable[[StateChange], None] = lambda _change: None):
         self._plan = plan
+        self._on_change = on_change
+        self.before_close: Callable[[], None] = lambda: None
         self._run_id = plan.run_id
         self._slots = {name: slot for slot, name in enumerate(plan.names)}
         self._incarnations: dict[int, tuple[int, IncarnationMemory]] = {}
         self._reclaimed: set[tuple[int, int]] = set()
         self.faulted: list[tuple[str, int]] = []
-        """Name and incarnation of modules that the core has found to break the protocol."""
         with contextlib.ExitStack() as on_failure:
             on_failure.callback(self.close)
             self._create()
@@ -158,6 +169,7 @@ class RunMemory:
             reason=change.reason,
         )
         self._outbox.publish(message, "")
+        self._on_change(change)
 
     def all_started(self) -> None:
         """Let messages flow."""
@@ -168,6 +180,7 @@ class RunMemory:
 
     def close(self) -> None:
         """Unmap and unlink everything of this run."""
+        self.before_close()
         for _, memory in self._incarnations.values():
             memory.close()
         for segment in getattr(self, "_segments", []):
@@ -179,6 +192,8 @@ class RunMemory:
     def read_notices(self) -> None:
         """Read what the core has said to the supervisor."""
         while (record := self._endpoint.take()) is not None:
+            if not isinstance(record, Notice):
+                continue  # the supervisor subscribes to nothing
             if record.kind is Inbound.RECLAIMED:
                 self._reclaimed.add((record.slot, record.incarnation))
             elif record.kind is Inbound.SEGMENTS_GONE:

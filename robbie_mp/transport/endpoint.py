@@ -95,17 +95,24 @@ class Endpoint:
 
     def advertise(self, type_name: str, version: int, topic: str) -> int:
         """Declare a channel; return the number to publish with."""
-        number = self._declare(type_name, version, topic, MessageHandling.ALWAYS_DELIVER)
+        number = self._declare(Outbound.ADVERTISE, type_name, version, topic)
         self.send(Outbound.ADVERTISE, number)
         return number
 
     def subscribe(self, type_name: str, version: int, topic: str, handling: MessageHandling) -> int:
         """Declare a subscription; return the number that its deliveries carry. All topics: ''."""
-        number = self._declare(type_name, version, topic, handling)
+        number = self._declare(Outbound.SUBSCRIBE, type_name, version, topic, handling)
         self.send(Outbound.SUBSCRIBE, number)
         return number
 
-    def _declare(self, type_name: str, version: int, topic: str, handling: MessageHandling) -> int:
+    def _declare(
+        self,
+        kind: Outbound,
+        type_name: str,
+        version: int,
+        topic: str,
+        handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
+    ) -> int:
         number = self._declarations
         if number == layout.DECLARATION_COUNT:
             raise TooManyDeclarations(
@@ -120,6 +127,7 @@ class Endpoint:
         write_text(self._out, at + layout.DECLARATION_TOPIC, layout.NAME_WORDS, topic)
         self._out[at + layout.DECLARATION_VERSION] = version
         self._out[at + layout.DECLARATION_HANDLING] = handling
+        self._out[at + layout.DECLARATION_KIND] = kind
         self._declarations += 1
         return number
 

@@ -82,7 +82,10 @@ PUBLISHER_WAITING_BYTES = 3
 PUBLISHER_WAITING_PEAK = 4
 PUBLISHER_IN_FLIGHT = 5
 PUBLISHER_PINNED = 6
-PUBLISHER_WORDS = 8
+PUBLISHER_LINKED = 7  # the incarnation that is connected, 0 if none is
+PUBLISHER_READY = 8  # the incarnation that has finished its setup
+PUBLISHER_WORDS = 10
+REFUSED_TAG_BITS = 24  # below the count of refused messages: which record was counted last
 
 # A channel's row: a message type, its version and a topic. The name is written last, the state after it.
 CHANNEL_STATE = 0
@@ -104,7 +107,8 @@ SUBSCRIPTION_DELIVERED = 5
 SUBSCRIPTION_REPLACED = 6
 SUBSCRIPTION_DROPPED = 7
 SUBSCRIPTION_LOST = 8
-SUBSCRIPTION_TYPE = 9
+SUBSCRIPTION_LAST_SEQUENCE = 9
+SUBSCRIPTION_TYPE = 10
 SUBSCRIPTION_TOPIC = SUBSCRIPTION_TYPE + NAME_WORDS
 SUBSCRIPTION_WORDS = 40
 
@@ -127,7 +131,8 @@ REFERENCE_STATE = 0
 REFERENCE_SEQUENCE = 1
 REFERENCE_HANDLE = 2
 REFERENCE_SUBSCRIPTION = 3
-REFERENCE_WORDS = 4
+REFERENCE_PUSHED_AT = 4  # number of the inbound record that brings it, plus one; 0 while it waits
+REFERENCE_WORDS = 5
 
 # out: words that the module alone writes.
 OUT_HEAD = HEADER_WORDS
@@ -164,7 +169,7 @@ IN_WANT_RELEASE = HEADER_WORDS + 3
 IN_RING = HEADER_WORDS + 16
 
 RECORD_WORDS = 8
-FREED_RECORDS = 4096
+FREED_RECORDS = 4096  # also the bound of messages that a module may have outstanding
 
 
 class Activity(IntEnum):

@@ -151,6 +151,8 @@ class Outbox:
 
     def _allocate(self, size: int) -> Block | None:
         self.collect_freed()
+        if self._blocks.taken == layout.FREED_RECORDS:
+            return None
         segments = self._blocks.segment_count
         block = self._blocks.allocate(size)
         if self._blocks.segment_count != segments:
@@ -194,8 +196,8 @@ class Outbox:
         self._words[layout.OUT_REFUSED] = self._refused
         if self._refused & (self._refused - 1) == 0:  # the 1st, 2nd, 4th, 8th, …: loud, but bounded
             self._log.warning(
-                "refused to publish a %s on topic '%s' (%d refused so far): memory or ring are full; "
-                "somebody holds messages, or the limits in the profile are too small",
+                "refused to publish a %s on topic '%s' (%d refused so far): memory or ring are full, "
+                "because somebody holds messages or the limits in the profile are too small",
                 type_name, topic, self._refused,
             )  # fmt: skip
         return False

@@ -136,29 +136,25 @@ def _record(words: Words, at: int) -> Record:
 
 
 class NumberRingWriter:
-    """A ring of single numbers, as the freed blocks are: the writing end."""
+    """A ring of single numbers, as the freed blocks are: the writing end.
+
+    It asks for no room: the reader sees to it that there are never more numbers than the ring holds.
+    """
 
     def __init__(self, place: RingPlace):
         self._words = place.words
         self._head_at = place.head_at
         self._numbers_at = place.records_at
         self._mask = place.capacity - 1
-        self._capacity = place.capacity
-        self._tail_words = place.tail_words
-        self._tail_at = place.tail_at
         self._fence = Fence()
         self.head = place.words[place.head_at]
 
-    def push(self, number: int) -> bool:
-        """Append a number; False if the ring is full."""
-        head = self.head
-        if head - self._tail_words[self._tail_at] >= self._capacity:
-            return False
-        self._words[self._numbers_at + (head & self._mask)] = number
+    def push(self, number: int) -> None:
+        """Append a number."""
+        self._words[self._numbers_at + (self.head & self._mask)] = number
         self._fence()
-        self.head = head + 1
+        self.head += 1
         self._words[self._head_at] = self.head
-        return True
 
 
 class NumberRingReader:

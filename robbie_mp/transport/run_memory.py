@@ -37,9 +37,7 @@ class IncarnationMemory:
             SharedMemoryFull: there is no room.
         """
         out_name = names.outbound(run_id, slot, incarnation)
-        out = Segment.create(
-            out_name, layout.out_words(sizes.records), SegmentKind.OUT, slot, incarnation
-        )
+        out = Segment.create(out_name, layout.out_words(sizes.records), SegmentKind.OUT, slot, incarnation)
         in_name = names.inbound(run_id, slot, incarnation)
         try:
             into = Segment.create(in_name, layout.in_words(sizes.credit), SegmentKind.IN, slot, incarnation)

@@ -80,7 +80,10 @@ class History:
             assert not module.blocks_out
         routed = sum(
             self.run.words[self.run.tables.publisher(slot) + layout.PUBLISHER_ROUTED]
-            + self.run.words[self.run.tables.publisher(slot) + layout.PUBLISHER_REFUSED]
+            + (
+                self.run.words[self.run.tables.publisher(slot) + layout.PUBLISHER_REFUSED]
+                >> layout.REFUSED_TAG_BITS
+            )
             for slot in SLOTS
         )
         assert routed == self.published

@@ -1,0 +1,80 @@
+"""The robot's base: passes drive commands to the drive and says where the wheels think it is."""
+
+from pathlib import Path
+
+from hw.arena_file import read_arena
+from hw.drive import DriveCommandError, DriveState
+from hw.simulated_drive import SimulatedDrive
+from robbie_mp.messages import (
+    DriveCommand,
+    Header,
+    Odometry,
+    Point,
+    Pose,
+    PoseWithCovariance,
+    Quaternion,
+    Time,
+    Twist,
+    TwistWithCovariance,
+    Vector3,
+)
+from robbie_mp.module import MessageHandling, Module, setting
+
+
+class SimulatedBase(Module):
+    """The base of a simulated robot. It also tells where the robot really is, on topic `ground_truth`.
+
+    A drive command expires: when no newer one comes in time, the drive stops by itself, whatever became of
+    the module that sent it.
+    """
+
+    arena: Path = setting(..., "the world the robot drives in (YAML)", must_exist=True)
+    seed: int = setting(0, "of the wheels' slip")
+    period_s: float = setting(0.05, "time between odometry messages", minimum=0.005)
+
+    def setup(self) -> None:
+        """Put the robot at the arena's start."""
+        self.drive = SimulatedDrive(read_arena(self.arena), self._time_s, seed=self.seed)
+        self.subscribe(DriveCommand, self.on_command)
+
+    def on_command(self, command: DriveCommand) -> None:
+        """Drive as told, for as long as the command is valid."""
+        valid_for_s = command.valid_for.nanoseconds / 1e9
+        try:
+            self.drive.command(command.linear_m_per_s, command.angular_rad_per_s, valid_for_s)
+        except DriveCommandError as error:
+            self.drive.stop()
+            self.log.error("stopped, because a command from %s cannot be followed: %s", self.envelope.sender, error)
+
+    def tick(self) -> None:
+        """Publish odometry, and the truth."""
+        state, truth = self.drive.read(), self.drive.ground_truth()
+        stamp = Time.from_nanoseconds(self.clock.now_ns())
+        self.publish(odometry(state, stamp, "odom"), topic="odom")
+        self.publish(odometry(truth, stamp, "map"), topic="ground_truth")
+        self.status = (
+            f"{state.linear_m_per_s:.2f} m/s, {state.angular_rad_per_s:.2f} rad/s, "
+            f"{self.drive.collisions} collisions, {self.drive.expired_commands} expired commands"
+        )
+
+    def teardown(self) -> None:
+        """Stop the robot."""
+        self.drive.stop()
+
+    def _time_s(self) -> float:
+        return self.clock.monotonic_ns() / 1e9
+
+
+def odometry(state: DriveState, stamp: Time, frame: str) -> Odometry:
+    """Make a message of how a robot moves."""
+    pose = Pose(
+        position=Point(x=state.pose.x_m, y=state.pose.y_m),
+        orientation=Quaternion.from_yaw(state.pose.heading_rad),
+    )
+    twist = Twist(linear=Vector3(x=state.linear_m_per_s), angular=Vector3(z=state.angular_rad_per_s))
+    return Odometry(
+        header=Header(stamp=stamp, frame_id=frame),
+        child_frame_id="base_link",
+        pose=PoseWithCovariance(pose=pose),
+        twist=TwistWithCovariance(twist=twist),
+    )

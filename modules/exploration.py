@@ -1,0 +1,76 @@
+"""The demo's application control: explores the arena, drives home, and ends the run."""
+
+from hw.laser import LaserGeometry
+from robbie_mp.messages import DriveCommand, Duration, Header, LaserScan, OccupancyGrid, PoseStamped, Time
+from robbie_mp.module import MessageHandling, Module, setting
+from workers.collision_guard import CollisionGuard
+from workers.explorer import Explorer, ExplorerSettings
+
+
+class Exploration(Module):
+    """Drives the robot by what mapping and laser see, until nothing is left to explore."""
+
+    period_s: float = setting(0.06, "time between drive commands", minimum=0.01)
+    command_valid_for_s: float = setting(0.3, "the drive stops when no newer command comes", minimum=0.01)
+    time_limit_s: float = setting(38.0, "after so long the robot goes home, whatever is left", minimum=1.0)
+    returns_home: bool = setting(True, "drive back to the start at the end")
+
+    def setup(self) -> None:
+        """Make the explorer; it waits for map, pose and laser."""
+        self.explorer: Explorer | None = None
+        self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST)
+        self.subscribe(PoseStamped, self.on_pose, MessageHandling.KEEP_ONLY_NEWEST, topic="map_pose")
+        self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST)
+
+    def on_map(self, grid: OccupancyGrid) -> None:
+        """Look at a new map."""
+        if self.explorer is None:
+            return
+        corner = grid.info.origin.position
+        cells = grid.data.reshape(grid.info.height, grid.info.width)
+        self.explorer.see_map(cells, grid.info.resolution, (corner.x, corner.y))
+
+    def on_pose(self, pose: PoseStamped) -> None:
+        """Learn where the robot is."""
+        if self.explorer is not None:
+            position = pose.pose.position
+            self.explorer.see_pose((position.x, position.y, pose.pose.orientation.yaw), self._published_s())
+
+    def on_scan(self, scan: LaserScan) -> None:
+        """Look around; the first scan tells the laser's geometry."""
+        if self.explorer is None:
+            geometry = LaserGeometry(
+                angle_min_rad=scan.angle_min,
+                angle_increment_rad=scan.angle_increment,
+                beams=len(scan.ranges),
+                range_min_m=scan.range_min,
+                range_max_m=scan.range_max,
+            )
+            settings = ExplorerSettings(time_limit_s=self.time_limit_s, returns_home=self.returns_home)
+            self.explorer = Explorer(self._time_s, CollisionGuard(geometry.angles_rad()), settings)
+        self.explorer.see_sweep(scan.ranges, self._published_s())
+
+    def tick(self) -> None:
+        """Command the drive; end when the task has ended."""
+        if self.explorer is None:
+            self.status = "waits for the laser"
+            return
+        linear_m_per_s, angular_rad_per_s = self.explorer.drive()
+        self.publish(
+            DriveCommand(
+                header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="base_link"),
+                linear_m_per_s=linear_m_per_s,
+                angular_rad_per_s=angular_rad_per_s,
+                valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
+            )
+        )
+        self.status = self.explorer.status
+        if self.explorer.machine.is_final:
+            self.log.info("exploration has ended: %s", self.status)
+            self.stop()
+
+    def _time_s(self) -> float:
+        return self.clock.monotonic_ns() / 1e9
+
+    def _published_s(self) -> float:
+        return self.envelope.published_ns / 1e9

@@ -1,0 +1,71 @@
+"""Figures of a run as a table for people and as plain data for programs."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from robbie_mp.observe import ModuleFigures
+from robbie_mp.supervisor.memory import STATES
+from robbie_mp.supervisor.states import ChildState
+
+STYLES = {"RUNNING": "green", "STARTING": "cyan", "BACKOFF": "yellow", "FAILED": "bold red", "STOPPED": "dim"}
+COUNTERS = ("published", "handled", "replaced", "dropped", "lost", "refused")
+
+
+def state_name(figures: ModuleFigures) -> str:
+    """The state in words; '-' for who has none (the supervisor itself, or never started)."""
+    return str(STATES[figures.state - 1]) if 0 < figures.state <= len(STATES) else "-"
+
+
+def as_data(figures: ModuleFigures) -> dict[str, Any]:
+    """Everything known of a module, for JSON."""
+    data = asdict(figures)
+    data["state"] = state_name(figures)
+    data["replaced"], data["dropped"], data["lost"] = (
+        figures.total(column) for column in ("replaced", "dropped", "lost")
+    )
+    for entry, books in zip(data["subscriptions"], figures.subscriptions, strict=True):
+        entry["waiting"] = books.waiting
+    running = state_name(figures) == ChildState.RUNNING
+    data["uptime_s"] = (time.monotonic_ns() - figures.started_ns) / 1e9 if running else 0.0
+    return data
+
+
+def table(modules: Sequence[ModuleFigures], *, live: bool) -> Table:
+    """One row a module.
+
+    Args:
+        modules: the figures; the supervisor's row is left out, for it neither takes nor sends on its own.
+        live: whether they run: shows the status line; else the reason of the last state.
+    """
+    made = Table(box=None, pad_edge=False, header_style="bold")
+    made.add_column("module", no_wrap=True)
+    made.add_column("state", no_wrap=True)
+    for heading in ("cpu s", "restarts", "in", "out", "waiting", "replaced", "dropped", "lost", "refused"):
+        made.add_column(heading, justify="right", no_wrap=True)
+    made.add_column("status" if live else "ended", no_wrap=True, overflow="ellipsis", ratio=1)
+    for module in modules[1:]:
+        state = state_name(module)
+        made.add_row(
+            module.name,
+            Text(state, STYLES.get(state, "")),
+            f"{module.cpu_s:.1f}",
+            _alarming(module.restarts),
+            str(module.handled),
+            str(module.published),
+            str(module.waiting),
+            str(module.total("replaced")),
+            _alarming(module.total("dropped")),
+            _alarming(module.total("lost")),
+            _alarming(module.refused),
+            module.status if live else module.reason,
+        )
+    return made
+
+
+def _alarming(count: int) -> Text:
+    return Text(str(count), "bold red" if count else "")

@@ -1,0 +1,129 @@
+"""One run of a profile, from the sweep of dead runs to the unlinking of the last name."""
+
+import os
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+
+from robbie_mp.observe import ModuleFigures, RunObserver
+from robbie_mp.profile.model import Profile
+from robbie_mp.supervisor.child_spec import ChildSpec
+from robbie_mp.supervisor.memory import RunMemory
+from robbie_mp.supervisor.output import OutputLine, OutputStore
+from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.supervisor.run_directory import RunDirectory
+from robbie_mp.supervisor.states import StateChange
+from robbie_mp.supervisor.sweep import sweep
+from robbie_mp.supervisor.tree import Tree
+
+LOG_FOLDER = "log"
+
+
+@dataclass(frozen=True)
+class RunListener:
+    """What the caller of a run wants to hear of it; every call must return soon."""
+
+    line: Callable[[OutputLine], None] = lambda _line: None
+    change: Callable[[StateChange], None] = lambda _change: None
+    turn: Callable[[RunObserver], None] = lambda _observer: None
+    """Every turn of the supervisor's loop, at least every 0.1 s."""
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended."""
+
+    exit_code: int
+    reason: str
+    figures: list[ModuleFigures]
+    """Of supervisor, modules and core, at the end."""
+    output_directory: Path
+
+
+def run_profile(
+    profile: Profile,
+    settings: Mapping[str, dict[str, object]],
+    output_directory: Path,
+    listener: RunListener,
+) -> RunResult:
+    """Run a profile to its end.
+
+    Args:
+        profile: what to run.
+        settings: of each module that could be imported, checked and complete.
+        output_directory: where modules write their results; the children's logs go to its folder `log`.
+        listener: hears what happens.
+
+    Raises:
+        SharedMemoryFull: there is no room for the run's tables.
+        UnsafeRunFolder, LogNotWritable: where the run keeps its files.
+    """
+    sweep()
+    output_directory.mkdir(parents=True, exist_ok=True)
+    directory = RunDirectory.create(profile.name, output_directory)
+    try:
+        complete = replace(
+            profile,
+            modules=tuple(
+                replace(spec, settings=settings.get(spec.name, spec.settings)) for spec in profile.modules
+            ),
+        )
+        plan = RunPlan.of_profile(
+            complete, directory.run_id, profile.workspace, output_directory.absolute(), os.getpid()
+        )
+        plan.save(directory.folder)
+        return _run(plan, profile, directory.folder, listener)
+    finally:
+        directory.remove()
+
+
+def _run(plan: RunPlan, profile: Profile, run_folder: Path, listener: RunListener) -> RunResult:
+    output_directory = Path(plan.output_directory)
+    memory = RunMemory(plan, listener.change)
+    observer = RunObserver(plan.run_id)
+    memory.before_close = lambda: figures.extend(observer.modules())
+    figures: list[ModuleFigures] = []
+    try:
+        tree = Tree(
+            _children(profile, run_folder),
+            plan.run_id,
+            memory,
+            OutputStore(output_directory / LOG_FOLDER, listener.line),
+            lambda: _each_turn(tree, memory, observer, listener),
+        )
+    except BaseException:
+        memory.close()
+        raise
+    try:
+        exit_code = tree.run()
+    finally:
+        observer.close()
+    return RunResult(exit_code, tree.stop_reason, figures, output_directory)
+
+
+def _each_turn(tree: Tree, memory: RunMemory, observer: RunObserver, listener: RunListener) -> None:
+    memory.read_notices()
+    while memory.faulted:
+        name, incarnation = memory.faulted.pop()
+        child = tree.child(name)
+        if child.incarnation == incarnation:
+            child.kill("wrote what no module writes into its ring")
+    listener.turn(observer)
+
+
+def _children(profile: Profile, run_folder: Path) -> list[ChildSpec]:
+    """Describe the processes of a run: the core, then the modules in the profile's order."""
+
+    def command(name: str) -> tuple[str, ...]:
+        return (sys.executable, "-m", "robbie_mp.supervisor.child", str(run_folder), name)
+
+    environment = dict(os.environ)
+    core = ChildSpec.of_core(command("core"), environment)
+    return [core, *(ChildSpec.of_module(spec, command(spec.name), environment) for spec in profile.modules)]
+
+
+def default_output_directory(profile_name: str, now: datetime) -> Path:
+    """Return where a run's results go if the user does not say: a new folder for each run."""
+    return Path("output") / profile_name / f"{now:%Y%m%d-%H%M%S}-{os.getpid()}"
