@@ -32,9 +32,15 @@ def kill_child_leftovers(session: int, child_marker: str) -> None:
     Call it after the child has ended and before it is reaped: until then its pid, which is the number of
     its session, cannot be given to another.
     """
+    leader = read_stat(session)
+    since_ticks = leader.start_ticks if leader else 0  # older processes need not be asked
 
     def belongs(stat: ProcessStat) -> bool:
-        return stat.session == session or environment_value(stat.pid, MARKER) == child_marker
+        return (
+            stat.start_ticks >= since_ticks
+            and stat.pid != session
+            and (stat.session == session or environment_value(stat.pid, MARKER) == child_marker)
+        )
 
     wait_gone(kill_all(belongs))
 

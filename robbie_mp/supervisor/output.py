@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.supervisor.rate_limit import RateLimit
 from robbie_mp.supervisor.rotating_file import RotatingFile
 
 STREAMS = ("stdout", "stderr")
+REPORT_EVERY_S = 1.0
 # What a terminal would obey; an escape sequence in a log is an attack or an accident.
 VISIBLE = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0)) if code != ord("\t")}
 
@@ -91,25 +93,6 @@ class OutputStore:
         return ChildOutput(name, file, self.listener, self.limits)
 
 
-class RateLimit:
-    """Lets a burst pass, and then as many lines a second as are allowed."""
-
-    def __init__(self, lines_per_s: float, burst_lines: int):
-        self._lines_per_s = lines_per_s
-        self._burst_lines = float(burst_lines)
-        self._allowance = self._burst_lines
-        self._updated_s = time.monotonic()
-
-    def take(self, count: int) -> int:
-        """Return how many of so many lines may pass."""
-        now_s = time.monotonic()
-        gained = (now_s - self._updated_s) * self._lines_per_s
-        self._updated_s = now_s
-        self._allowance = min(self._burst_lines, self._allowance + gained)
-        allowed = min(count, int(self._allowance))
-        return allowed
-
-
 class ChildOutput:
     """The output of one child over all its incarnations.
 
@@ -132,6 +115,7 @@ class ChildOutput:
         self._listener = listener
         self._incarnation = 0
         self._unreported = 0
+        self._reported_s = 0.0
         self._rates = {stream: RateLimit(limits.lines_per_s, limits.burst_lines) for stream in STREAMS}
         self._last = {stream: deque[str](maxlen=limits.kept_lines) for stream in STREAMS}
 
@@ -151,7 +135,7 @@ class ChildOutput:
         # Even of a flood, for its end tells why the child ended.
         self._last[stream].extend(map(_visible, texts[-self.limits.kept_lines :]))
         allowed = self._rates[stream].take(len(texts))
-        if allowed and self._unreported:
+        if allowed and time.monotonic() - self._reported_s >= REPORT_EVERY_S:
             self.report_dropped()
         self._write([self._line(stream, text) for text in texts[:allowed]])
         self._drop(len(texts) - allowed)
@@ -162,6 +146,7 @@ class ChildOutput:
         if self._unreported:
             text = f"{self._unreported} lines dropped: more than {self.limits.lines_per_s:g} lines/s"
             self._unreported = 0
+            self._reported_s = time.monotonic()
             self._write([self._line("supervisor", text)])
 
     def close(self) -> None:

@@ -192,6 +192,7 @@ class SupervisedChild:
         for stream in self._streams:
             stream.finish()
         self._streams = []
+        self.output.report_dropped()
         self._loop.unwatch(process.pidfd)
         process.reap()
         self._process = None

@@ -15,6 +15,7 @@ from robbie_mp.supervisor import rotating_file
 from robbie_mp.supervisor.event_loop import EventLoop
 from robbie_mp.supervisor.output import ChildOutput, LogNotWritable, OutputLimits, OutputLine, OutputStore
 from robbie_mp.supervisor.output_stream import OutputStream
+from robbie_mp.supervisor.rate_limit import RateLimit
 from robbie_mp.supervisor.rotating_file import RotatingFile
 from robbie_mp.supervisor.states import ChildState
 from tests.supervisor import zoo
@@ -108,6 +109,18 @@ def test_flood_is_dropped_counted_and_its_end_remembered(tmp_path: Path) -> None
     assert recorder.output.last_lines == ("line 97", "line 98", "line 99")
 
 
+@given(st.lists(st.tuples(st.floats(0.0, 3.0), st.integers(0, 300)), min_size=1, max_size=30))
+def test_no_more_lines_pass_than_a_burst_and_the_rate(floods: list[tuple[float, int]]) -> None:
+    now_s, passed = 100.0, 0
+    limit = RateLimit(lines_per_s=50.0, burst_lines=100, clock=lambda: now_s)
+    for pause_s, count in floods:
+        now_s += pause_s
+        allowed = limit.take(count)
+        passed += allowed
+        assert allowed == count or allowed + 1 > min(100.0, 50.0 * pause_s)
+        assert passed <= 100 + 50.0 * (now_s - 100.0) + 1e-6
+
+
 def test_log_line_says_when_which_incarnation_and_which_stream(tmp_path: Path, recorder: Recorder) -> None:
     recorder.output.begin(7)
     recorder.feed(b"hello\n")
@@ -178,6 +191,7 @@ def test_flooding_child_is_not_blocked_for_ever_and_the_others_are_served(tmp_pa
         animal(zoo.works_busily),
         limits=OutputLimits(lines_per_s=500.0, burst_lines=50),
     )
+    begin_s = time.monotonic()
 
     def scenario() -> Scenario:
         yield run.all_running
@@ -186,6 +200,7 @@ def test_flooding_child_is_not_blocked_for_ever_and_the_others_are_served(tmp_pa
         run.tree.stop("seen enough")
 
     assert run.play(scenario()) == 0
+    assert len(run.text("floods", "stdout")) <= 50 + 500.0 * (time.monotonic() - begin_s)
     assert any("lines dropped" in text for text in run.text("floods", "supervisor"))
     assert run.tree.child("works_busily").output.dropped < run.tree.child("floods").output.dropped / 10
 
