@@ -18,7 +18,7 @@ from robbie_mp.messages import (
     TwistWithCovariance,
     Vector3,
 )
-from robbie_mp.module import MessageHandling, Module, setting
+from robbie_mp.module import Module, setting
 
 
 class SimulatedBase(Module):
@@ -44,7 +44,9 @@ class SimulatedBase(Module):
             self.drive.command(command.linear_m_per_s, command.angular_rad_per_s, valid_for_s)
         except DriveCommandError as error:
             self.drive.stop()
-            self.log.error("stopped, because a command from %s cannot be followed: %s", self.envelope.sender, error)
+            self.log.error(
+                "stopped, because a command from %s cannot be followed: %s", self.envelope.sender, error
+            )
 
     def tick(self) -> None:
         """Publish odometry, and the truth."""

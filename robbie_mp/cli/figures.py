@@ -1,10 +1,12 @@
 """Figures of a run as a table for people and as plain data for programs."""
 
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -14,6 +16,15 @@ from robbie_mp.supervisor.states import ChildState
 
 STYLES = {"RUNNING": "green", "STARTING": "cyan", "BACKOFF": "yellow", "FAILED": "bold red", "STOPPED": "dim"}
 COUNTERS = ("published", "handled", "replaced", "dropped", "lost", "refused")
+
+
+FILE_WIDTH = 160
+"""Columns where nobody tells how wide the paper is."""
+
+
+def console() -> Console:
+    """Return where tables are printed: as wide as the terminal, or wide enough for a file."""
+    return Console(highlight=False, width=None if sys.stdout.isatty() else FILE_WIDTH)
 
 
 def state_name(figures: ModuleFigures) -> str:

@@ -5,10 +5,9 @@ import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from rich.console import Console
 from rich.table import Table
 
-from robbie_mp.cli.figures import state_name
+from robbie_mp.cli.figures import console, state_name
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver
 from robbie_mp.supervisor.run_directory import KnownRun
@@ -41,7 +40,7 @@ def list_all(arguments: argparse.Namespace) -> int:
         if record is not None:
             since = record.started_at[:19].replace("T", " ")
             table.add_row(run.run_id, record.profile, str(record.supervisor_pid), since, states)
-    Console(highlight=False).print(table)
+    console().print(table)
     return 0
 
 

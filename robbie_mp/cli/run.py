@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.live import Live
 
-from robbie_mp.cli.figures import as_data, table
+from robbie_mp.cli.figures import as_data, console, table
 from robbie_mp.cli.profile import add_profile_arguments
 from robbie_mp.observe import RunObserver
 from robbie_mp.profile.load import load_profile
@@ -74,11 +74,11 @@ def _summary(profile_name: str, result: RunResult, duration_s: float) -> dict[st
 
 
 def _print_summary(result: RunResult, duration_s: object) -> None:
-    console = Console(highlight=False)
-    console.print(table(result.figures, live=False))
-    console.print(f"run ended after {duration_s} s: {result.reason}; exit code {result.exit_code}")
-    console.print("results:", end=" ")
-    console.print(str(result.output_directory), soft_wrap=True)
+    out = console()
+    out.print(table(result.figures, live=False))
+    out.print(f"run ended after {duration_s} s: {result.reason}; exit code {result.exit_code}")
+    out.print("results:", end=" ")
+    out.print(str(result.output_directory), soft_wrap=True)
 
 
 class RunScreen:

@@ -6,9 +6,8 @@ from contextlib import closing
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from rich.console import Console
 
-from robbie_mp.cli.figures import as_data, table
+from robbie_mp.cli.figures import as_data, console, table
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.observe import RunObserver
 
@@ -40,5 +39,5 @@ def show_once(arguments: argparse.Namespace) -> int:
             }
             print(json.dumps(data, indent=2))
         else:
-            Console(highlight=False).print(table(modules, live=True))
+            console().print(table(modules, live=True))
     return 0

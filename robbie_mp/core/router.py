@@ -88,8 +88,8 @@ class Router:
         """Handle every record that waits in any ring once; return how many there were."""
         handled = 0
         for link in tuple(self._links):
-            if link.faulted:
-                continue
+            if link.faulted or link is not self._slots[link.slot].link:
+                continue  # the supervisor's own ring may just have said that it died
             try:
                 waiting = link.outbound.waiting()
                 for _ in range(waiting):

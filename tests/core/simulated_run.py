@@ -21,6 +21,34 @@ def zeros(count: int) -> Words:
     return array("Q", bytes(8 * count))
 
 
+class Mapped:
+    """A core's map of a module's words; looking at it after it was closed is an error, as with real maps."""
+
+    def __init__(self, words: Words):
+        self._words: Words | None = words
+
+    def __getitem__(self, index: int) -> int:
+        assert self._words is not None, "the map was closed"
+        return self._words[index]
+
+    def __setitem__(self, index: int, value: int) -> None:
+        assert self._words is not None, "the map was closed"
+        self._words[index] = value
+
+    def __len__(self) -> int:
+        assert self._words is not None, "the map was closed"
+        return len(self._words)
+
+    def close(self) -> None:
+        self._words = None
+
+
+def memory_close(memory: LinkMemory) -> None:
+    for words in (memory.out_words, memory.in_words):
+        assert isinstance(words, Mapped)
+        words.close()
+
+
 @dataclass
 class SimulatedModule:
     """One incarnation of a module; what it published and received is its own journal."""
@@ -107,7 +135,10 @@ class SimulatedRun:
 
     def _connect(self, slot: int, incarnation: int) -> LinkMemory:
         module = self.modules[slot, incarnation]
-        return LinkMemory(incarnation, module.out, module.into, lambda: None, lambda: None)
+        memory = LinkMemory(
+            incarnation, Mapped(module.out), Mapped(module.into), lambda: None, lambda: memory_close(memory)
+        )
+        return memory
 
     def start(self, slot: int, incarnation: int = 1) -> SimulatedModule:
         module = self._make(slot, incarnation)
