@@ -17,6 +17,7 @@ from workers.state_machine import StateMachine
 
 RECOVER_M_PER_S = 0.15
 RECOVER_RAD_PER_S = 0.8
+SAME_PLACE_M = 0.5
 
 
 class ExplorerState(StrEnum):
@@ -54,7 +55,7 @@ class ExplorerSettings:
         patience_s: A goal that has not come nearer for so long is given up.
         blocked_s: A robot that wants to drive and may not for so long frees itself.
         recover_s: How long it tries to.
-        max_recoveries: After so many without progress it ends exploring, or returning.
+        max_recoveries: After so many at one place it ends exploring, or returning.
         time_limit_s: After so long it ends exploring, whatever is left.
         returns_home: Whether it drives back to where it started.
     """
@@ -80,6 +81,12 @@ class Explorer:
         follower: Steers along the planned ways.
         exploration: Chooses where to go.
         home_xy_m: Where to return to; the first pose if absent.
+
+    Attributes:
+        machine: The task's states and why the present one was entered.
+        plan: The newest plan: path, goal and frontiers.
+        exploring_ended: Why exploring has ended; None while it has not.
+        home_xy_m: `(2,)`, m, map frame; None before the first pose.
     """
 
     def __init__(
@@ -94,6 +101,7 @@ class Explorer:
         self.settings = settings or ExplorerSettings()
         self.machine = StateMachine(ExplorerState.WAIT, TRANSITIONS, clock)
         self.plan = Plan(PlanResult.NO_WAY)
+        self.exploring_ended: str | None = None
         self.home_xy_m = None if home_xy_m is None else np.asarray(home_xy_m, float)
         self._clock = clock
         self._guard = guard
@@ -107,8 +115,8 @@ class Explorer:
         self._began_s: float | None = None
         self._moved_s = -math.inf
         self._explored_plans = 0
-        self._is_explored = False
         self._recoveries = 0
+        self._stuck_xy_m: NDArray[np.float64] | None = None
 
     @property
     def state(self) -> ExplorerState:
@@ -167,7 +175,7 @@ class Explorer:
         self._planned_s = -math.inf
         self._moved_s = self._clock()
         self._progress.restart()
-        self.machine.go(ExplorerState.RETURN if self._is_explored else ExplorerState.EXPLORE, reason)
+        self.machine.go(ExplorerState.RETURN if self.exploring_ended else ExplorerState.EXPLORE, reason)
 
     def _make_plan(self) -> None:
         self._planned_s = self._clock()
@@ -204,12 +212,10 @@ class Explorer:
         if self.plan.goal_xy_m is None:
             return False
         idle_s = self._progress.idle_s(self.plan.goal_xy_m, self.plan.cost_m, self._clock())
-        if idle_s == 0.0:
-            self._recoveries = 0
         return idle_s > self.settings.patience_s
 
     def _end_exploration(self, reason: str) -> None:
-        self._is_explored = True
+        self.exploring_ended = reason
         self._recoveries = 0
         self._progress.restart()
         self._planned_s = -math.inf
@@ -217,7 +223,10 @@ class Explorer:
         self.machine.go(ExplorerState.RETURN if self.settings.returns_home else ExplorerState.DONE, reason)
 
     def _recover(self, reason: str) -> None:
-        """Try to get free; when that has not helped several times, end what the robot is doing."""
+        """Try to get free; when that has not helped several times at one place, give up."""
+        here = self._pose[0][:2]
+        if self._stuck_xy_m is None or np.hypot(*(here - self._stuck_xy_m)) > SAME_PLACE_M:
+            self._stuck_xy_m, self._recoveries = here, 0
         self._recoveries += 1
         if self._recoveries <= self.settings.max_recoveries:
             self.machine.go(ExplorerState.RECOVER, reason)
