@@ -11,7 +11,8 @@ from hw.simulated_drive import SimulatedDrive
 from hw.simulated_laser import SimulatedLaser
 from tests.workers.exploration_world import RESOLUTION_M, TruePoseMap
 from workers.collision_guard import CollisionGuard
-from workers.explorer import Explorer, ExplorerState
+from workers.explorer import Explorer
+from workers.explorer_states import ExplorerState
 
 DEMO = Path(__file__).parents[2] / "profiles" / "arenas" / "demo.yaml"
 LATENCY_S = 0.05

@@ -5,7 +5,8 @@ import pytest
 
 from tests.workers.exploration_world import RESOLUTION_M, drawn_cells
 from workers.collision_guard import CollisionGuard
-from workers.explorer import Explorer, ExplorerSettings, ExplorerState
+from workers.explorer import Explorer
+from workers.explorer_states import ExplorerSettings, ExplorerState
 from workers.path_follower import HALT
 
 ANGLES = np.radians(np.arange(-180, 180))
