@@ -1,0 +1,92 @@
+"""The position in the buffer, as far as it is known while the code is written."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+
+from robbie_mp.messages.codec.placement import (
+    LARGEST_ALIGNMENT,
+    Placement,
+    loop_positions,
+    padding,
+    place,
+    positions_after_numbers,
+)
+from robbie_mp.messages.codec.plan import Loop, Run
+from robbie_mp.messages.codec.source import Source
+
+
+class Cursor:
+    """Where the generated code is: at a number known now, or at what the variable `_i` will hold.
+
+    Args:
+        source: where lines that move `_i` are appended.
+    """
+
+    def __init__(self, source: Source):
+        self._source = source
+        self._known: int | None = 0
+        self._starts = frozenset({0})
+
+    @property
+    def expression(self) -> str:
+        """The position in the generated code."""
+        return "_i" if self._known is None else str(self._known)
+
+    def placements(self, run: Run) -> dict[int, Placement]:
+        """Return how the run lies for each position modulo 8 that is possible here."""
+        return {start: place(run.items, start) for start in self._starts}
+
+    def advance(self, size: int) -> None:
+        """Move on by a number of bytes known now."""
+        self._starts = frozenset((start + size) % LARGEST_ALIGNMENT for start in self._starts)
+        if self._known is None:
+            self._source.line(f"_i += {size}")
+        else:
+            self._known += size
+
+    def advance_by_table(self, placements: dict[int, Placement], size: str) -> None:
+        """Move on by what the expression `size` will be, which depends on the position."""
+        self._starts = frozenset((start + at.size) % LARGEST_ALIGNMENT for start, at in placements.items())
+        self._source.line(f"_i += {size}")
+
+    def move_past_text(self, stop: str) -> None:
+        """Move on to where the expression `stop` will point; nothing is known about it."""
+        self._known, self._starts = None, frozenset(range(LARGEST_ALIGNMENT))
+        self._source.line(f"_i = {stop}")
+
+    def materialise(self) -> None:
+        """Have the position in `_i` from here on, because branches or loops follow."""
+        if self._known is not None:
+            self._source.line(f"_i = {self._known}")
+            self._known = None
+
+    def align_numbers(self, size: int, *before: str) -> None:
+        """Move `_i` over the gap before the elements of a sequence, if there can be one.
+
+        A length word comes before, so the position is a multiple of four: only 8-byte elements can have a
+        gap, and it is four bytes.
+
+        Args:
+            size: of an element.
+            before: lines that handle the gap before it is passed.
+        """
+        gaps = {padding(start, size) for start in self._starts}
+        if gaps == {0}:
+            return
+        with self._source.block("if _i & 7 != 4:") if 0 in gaps else nullcontext():
+            for line in (*before, "_i += 4"):
+                self._source.line(line)
+
+    def move_past_numbers(self, size: int) -> None:
+        """Note that a sequence with elements of this size, perhaps empty, was passed."""
+        self._starts = positions_after_numbers(size, self._starts)
+
+    def enter_loop(self, loop: Loop) -> None:
+        """Prepare for a body that starts at many positions."""
+        self.materialise()
+        self._starts = loop_positions(loop, self._starts)
+
+    def leave_loop(self, loop: Loop) -> None:
+        """Note that what follows starts where the loop's body may end, or where it began."""
+        self._starts = loop_positions(loop, self._starts)

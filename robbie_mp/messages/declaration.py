@@ -1,0 +1,177 @@
+"""Reads the declaration of a message class: annotations become fields and constants."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin, get_type_hints
+
+from robbie_mp.messages.errors import DeclarationError
+from robbie_mp.messages.field_types import (
+    Field,
+    FieldType,
+    FixedLength,
+    Items,
+    MaxLength,
+    Nested,
+    Numbers,
+    Primitive,
+    Text,
+)
+from robbie_mp.messages.fitting import fit
+from robbie_mp.messages.primitives import primitive_of
+
+TYPE_NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*")
+TAKEN_NAMES = frozenset(
+    {
+        "type_name",
+        "version",
+        "has_views",
+        "encoded_size",
+        "encode_into",
+        "encode",
+        "decode",
+        "forget_arrays",
+        "self",
+    }
+)
+"""What `Message` has itself, or generated code needs."""
+
+
+class Constant(NamedTuple):
+    """A named constant of a message type, as in `uint8 FULL=4`."""
+
+    name: str
+    type: Primitive | Text
+    value: Any
+
+
+class Declaration(NamedTuple):
+    """What the body of a message class declares."""
+
+    fields: tuple[Field, ...]
+    constants: tuple[Constant, ...]
+
+
+def read_declaration(class_name: str, type_name: str, namespace: Mapping[str, Any]) -> Declaration:
+    """Return the fields and constants that the namespace of a class body declares.
+
+    Raises:
+        DeclarationError: the type name or a field's name or annotation is not possible.
+        FieldError: a default does not fit its field.
+    """
+    if not TYPE_NAME.fullmatch(type_name):
+        raise DeclarationError(
+            f"{class_name}: its ROS name is {type_name!r}; write "
+            f'class {class_name}(Message, name="package_name/msg/{class_name}")'
+        )
+    fields, constants = [], []
+    for name, annotation in _annotations(class_name, namespace).items():
+        if get_origin(annotation) is ClassVar:
+            constants += _constant(name, get_args(annotation)[0], namespace)
+        else:
+            fields.append(_field(class_name, type_name, name, annotation, namespace))
+    return Declaration(tuple(fields), tuple(constants))
+
+
+def _annotations(class_name: str, namespace: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the annotations of a class body, evaluated by typing as those of a class that has only them."""
+    about = {
+        name: namespace[name] for name in namespace if name.startswith("__annot") or name == "__module__"
+    }
+    try:
+        return get_type_hints(type(class_name, (), about), include_extras=True)
+    except NameError as error:
+        raise DeclarationError(
+            f"{class_name}: {error}; types of fields must be known in its module when the class is made"
+        ) from error
+
+
+def _constant(name: str, annotation: Any, namespace: Mapping[str, Any]) -> list[Constant]:
+    """Return the constant; none for a class variable that ROS has no type for."""
+    kind = Text() if annotation is str else primitive_of(annotation)
+    return (
+        []
+        if kind is None or name not in namespace
+        else [Constant(name, kind, fit(name, kind, namespace[name]))]
+    )
+
+
+def _field(
+    class_name: str, type_name: str, name: str, annotation: Any, namespace: Mapping[str, Any]
+) -> Field:
+    if name != python_name(name) or name.startswith("_") or "__" in name:
+        advice = (
+            f"call it {python_name(name)}, the schema will say {name}"
+            if name.isidentifier()
+            else "call it another"
+        )
+        raise DeclarationError(f"{class_name}.{name}: a field cannot have this name; {advice}")
+    kind = field_type(f"{class_name}.{name}", annotation)
+    if name not in namespace:
+        return Field(name, kind)
+    return Field(name, kind, fit(f"{type_name}.{name}", kind, namespace[name]))
+
+
+def python_name(schema_name: str) -> str:
+    """Return what a field is called in Python: an underscore follows a name that is taken."""
+    taken = keyword.iskeyword(schema_name) or schema_name in TAKEN_NAMES
+    return f"{schema_name}_" if taken else schema_name
+
+
+def field_type(path: str, annotation: Any) -> FieldType:
+    """Return the field type that an annotation stands for.
+
+    Args:
+        path: class and field, for the error text.
+        annotation: such as `float32`, `Array[float32]`, `list[Point]`, `str`, a message class.
+
+    Raises:
+        DeclarationError: it stands for none.
+    """
+    if get_origin(annotation) is Annotated:
+        plain, *notes = get_args(annotation)
+        found = [note for note in notes if isinstance(note, FieldType)]
+        kind = found[0] if found else field_type(path, plain)
+        for note in notes:
+            if isinstance(note, FixedLength | MaxLength):
+                kind = _limited(path, kind, note)
+        return kind
+    if annotation is bool:
+        return primitive_of(bool)  # type: ignore[return-value]
+    if annotation is str:
+        return Text()
+    if get_origin(annotation) is list:
+        return _items(path, get_args(annotation)[0])
+    if isinstance(annotation, type) and hasattr(annotation, "_fields") and hasattr(annotation, "type_name"):
+        return Nested(annotation)
+    raise DeclarationError(f"{path}: {annotation!r} has no encoding; {_advice(annotation)}")
+
+
+def _limited(path: str, kind: FieldType, note: FixedLength | MaxLength) -> FieldType:
+    if isinstance(note, FixedLength) and isinstance(kind, Numbers | Items):
+        return replace(kind, length=note.length)
+    if isinstance(note, MaxLength) and isinstance(kind, Numbers | Items | Text):
+        return replace(kind, max_length=note.length)
+    raise DeclarationError(f"{path}: {note} says nothing about a {kind}")
+
+
+def _items(path: str, annotation: Any) -> Items:
+    element = field_type(path, annotation)
+    if isinstance(element, Primitive):
+        raise DeclarationError(
+            f"{path}: write Array[{element}] for a sequence of numbers; it becomes a numpy array"
+        )
+    if isinstance(element, Numbers | Items):
+        raise DeclarationError(f"{path}: ROS has no sequences of sequences; put the inner one into a message")
+    return Items(element)
+
+
+def _advice(annotation: Any) -> str:
+    if annotation is int:
+        return "say which integer: int8 to int64, uint8 to uint64"
+    if annotation is float:
+        return "say which float: float32 or float64"
+    return "fields are primitives, bool, str, Array[…], list[…] of strings or messages, and messages"

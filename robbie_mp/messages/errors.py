@@ -1,0 +1,47 @@
+"""What the messages package refuses, and why."""
+
+from robbie_mp.errors import RobbieError
+
+
+class MessageError(RobbieError):
+    """The root of the errors of this package."""
+
+
+class DeclarationError(MessageError, TypeError):
+    """A message class is declared in a way that has no encoding."""
+
+
+class FieldError(MessageError):
+    """A value does not fit its field; the text names message type, field, what was expected and given."""
+
+
+class FieldTypeError(FieldError, TypeError):
+    """A value has a type that its field cannot hold."""
+
+
+class FieldValueError(FieldError, ValueError):
+    """A value has the right type, but is out of range, too long, or of the wrong shape."""
+
+
+class BufferTooSmall(MessageError, ValueError):
+    """A message does not fit into the buffer it should be written to."""
+
+
+class DecodeError(MessageError, ValueError):
+    """Bytes are not an encoding of the message type; the text names type, field and offset."""
+
+
+class SchemaError(MessageError, ValueError):
+    """A ros2msg schema text cannot be understood."""
+
+
+class UnknownType(MessageError, LookupError):
+    """A registry does not know the name of a message type."""
+
+
+class DuplicateType(MessageError, ValueError):
+    """A registry already knows another message type by this name."""
+
+
+class VersionError(MessageError, ValueError):
+    """Bytes of another version of a message type cannot become the version we have."""

@@ -1,0 +1,158 @@
+"""What a field of a message can be: the five kinds of types that CDR and ros2msg share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from robbie_mp.messages.message import Message
+
+
+@dataclass(frozen=True, slots=True)
+class Primitive:
+    """One number or truth value of fixed size.
+
+    Attributes:
+        name: its name in ros2msg, as in `float32`.
+        code: its letter in the struct module.
+        size: bytes, which is its alignment too.
+        zero: its default.
+    """
+
+    name: str
+    code: str
+    size: int
+    zero: bool | int | float
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The numpy type of its arrays: little endian, as on the wire."""
+        return np.dtype("<" + self.code)
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A UTF-8 string of at most `max_length` bytes (None: any)."""
+
+    max_length: int | None = None
+
+    def __str__(self) -> str:
+        return "string" if self.max_length is None else f"string<={self.max_length}"
+
+
+@dataclass(frozen=True, slots=True)
+class Nested:
+    """Another message inside a message."""
+
+    message: type[Message]
+
+    def __str__(self) -> str:
+        return short_name(self.message.type_name)
+
+
+@dataclass(frozen=True, slots=True)
+class Several:
+    """Elements of one type: exactly `length` of them, or a sequence of at most `max_length` (None: any)."""
+
+    element: Primitive | Text | Nested
+    length: int | None = None
+    max_length: int | None = None
+
+    def __str__(self) -> str:
+        if self.length is not None:
+            return f"{self.element}[{self.length}]"
+        return f"{self.element}[]" if self.max_length is None else f"{self.element}[<={self.max_length}]"
+
+
+@dataclass(frozen=True, slots=True)
+class Numbers(Several):
+    """Primitives, held as a numpy array."""
+
+    element: Primitive
+
+
+@dataclass(frozen=True, slots=True)
+class Items(Several):
+    """Strings or nested messages, held as a list."""
+
+    element: Text | Nested
+
+
+FieldType = Primitive | Text | Nested | Numbers | Items
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field of a message.
+
+    Attributes:
+        name: its name in Python.
+        type: what it holds.
+        declared_default: what the declaration says it is when it is not given; None if it does not say.
+    """
+
+    name: str
+    type: FieldType
+    declared_default: Any = None
+
+    @property
+    def schema_name(self) -> str:
+        """Its name in ros2msg; only in Python an underscore follows names that Python or Message needs."""
+        return self.name.removesuffix("_")
+
+    @property
+    def default(self) -> Any:
+        """What the field is when it is not given."""
+        return natural_default(self.type) if self.declared_default is None else self.declared_default
+
+
+@dataclass(frozen=True, slots=True)
+class FixedLength:
+    """Annotation for exactly `length` elements: `Annotated[list[Point], FixedLength(4)]`."""
+
+    length: int
+
+
+@dataclass(frozen=True, slots=True)
+class MaxLength:
+    """Annotation for at most `length` elements, or bytes of a string: `Annotated[str, MaxLength(20)]`."""
+
+    length: int
+
+
+def fields_of(message_type: type[Message]) -> tuple[Field, ...]:
+    """Return the fields of a message type, in the order in which they are encoded."""
+    return message_type._fields
+
+
+def short_name(type_name: str) -> str:
+    """Return a type name as ros2msg texts write it: `std_msgs/Header` for `std_msgs/msg/Header`."""
+    package, _, name = type_name.split("/")
+    return f"{package}/{name}"
+
+
+def natural_default(kind: FieldType) -> Any:
+    """Return the default of a field that declares none: 0, False, "", empty, or the nested type's default."""
+    match kind:
+        case Primitive():
+            return kind.zero
+        case Text():
+            return ""
+        case Nested():
+            return kind.message()
+        case Numbers():
+            return constant_array(np.zeros(kind.length or 0, kind.element.dtype))
+        case Items():
+            return [natural_default(kind.element) for _ in range(kind.length or 0)]
+
+
+def constant_array(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Return the array, read-only from now on, so that many messages can share it."""
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,144 @@
+"""Makes a value what a field holds, or says why it cannot be.
+
+The constructors do the common cases themselves and come here with the others.
+"""
+
+from __future__ import annotations
+
+import reprlib
+from struct import Struct
+from struct import error as StructError
+from typing import Any
+
+import numpy as np
+
+from robbie_mp.messages.errors import FieldError, FieldTypeError, FieldValueError
+from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Primitive, Text
+
+
+def fit(path: str, kind: FieldType, value: Any) -> Any:
+    """Return `value` as a field of this type holds it.
+
+    Args:
+        path: message type and field, for the error text.
+        kind: the field's type.
+        value: what was given.
+
+    Raises:
+        FieldTypeError: it has a type that the field cannot hold.
+        FieldValueError: it is out of range, too long, or of the wrong shape.
+    """
+    match kind:
+        case Primitive():
+            return _fit_primitive(path, kind, value)
+        case Text():
+            return _fit_text(path, kind, value)
+        case Nested():
+            if type(value) is not kind.message:
+                raise wrong_type(path, f"a {kind.message.__name__}", value)
+            return value
+        case Numbers():
+            return _fit_numbers(path, kind, value)
+        case Items():
+            return _fit_items(path, kind, value)
+
+
+def wrong_type(path: str, expected: str, value: Any) -> FieldError:
+    """Return the error for a value that is something else."""
+    return FieldTypeError(f"{path}: expected {expected}, got {reprlib.repr(value)} ({type(value).__name__})")
+
+
+def _fit_primitive(path: str, kind: Primitive, value: Any) -> bool | int | float:
+    if kind.name == "bool":
+        if not isinstance(value, bool | np.bool_):
+            raise wrong_type(path, "a bool", value)
+        return bool(value)
+    coding = Struct("<" + kind.code)
+    try:
+        number: int | float = coding.unpack(coding.pack(value))[0]
+        return number
+    except (StructError, OverflowError) as error:
+        if kind.code not in "fd" and hasattr(value, "__index__"):
+            limits = np.iinfo(kind.dtype)
+            raise FieldValueError(f"{path}: {kind} is {limits.min} to {limits.max}, got {value}") from None
+        if isinstance(error, OverflowError):
+            raise FieldValueError(f"{path}: {value} is too large for {kind}") from None
+        raise wrong_type(path, f"a {kind}", value) from None
+
+
+def _fit_text(path: str, kind: Text, value: Any) -> str:
+    if not isinstance(value, str):
+        raise wrong_type(path, "a str", value)
+    if "\0" in value:
+        raise FieldValueError(
+            f"{path}: NUL ends a string in CDR and cannot be inside, got {reprlib.repr(value)}"
+        )
+    try:
+        size = len(value.encode())
+    except UnicodeEncodeError as error:
+        raise FieldValueError(f"{path}: {reprlib.repr(value)} is not UTF-8: {error.reason}") from None
+    _check_length(path, size, kind.max_length, "bytes")
+    return str(value)
+
+
+def _fit_items(path: str, kind: Items, value: Any) -> list[Any]:
+    if isinstance(value, str | bytes) or not hasattr(value, "__iter__"):
+        raise wrong_type(path, f"a list for {kind}", value)
+    items = [fit(f"{path}[{index}]", kind.element, item) for index, item in enumerate(value)]
+    if kind.length is not None and len(items) != kind.length:
+        raise FieldValueError(f"{path}: expected {kind.length} elements, got {len(items)}")
+    _check_length(path, len(items), kind.max_length, "elements")
+    return items
+
+
+def _fit_numbers(path: str, kind: Numbers, value: Any) -> np.ndarray[Any, Any]:
+    array = _as_array(path, kind, value)
+    if array.ndim != 1 or (kind.length is not None and array.shape != (kind.length,)):
+        expected = "(N,)" if kind.length is None else f"({kind.length},)"
+        raise FieldValueError(
+            f"{path}: expected an array of shape {expected}, got {array.shape}; see numpy's reshape"
+        )
+    _check_length(path, len(array), kind.max_length, "elements")
+    return np.ascontiguousarray(_cast(path, kind.element, array))
+
+
+def _as_array(path: str, kind: Numbers, value: Any) -> np.ndarray[Any, Any]:
+    if isinstance(value, bytes | bytearray) and kind.element.code == "B":
+        return np.frombuffer(value, np.uint8)
+    if isinstance(value, bool | int | float | str):
+        hint = "; an int stands for a number of elements in a loan only" if isinstance(value, int) else ""
+        raise FieldTypeError(
+            f"{path}: expected an array for {kind}, got {value!r} ({type(value).__name__}){hint}"
+        )
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise FieldValueError(f"{path}: expected an array for {kind}: {error}") from None
+    return array if array.size or array.ndim != 1 else array.astype(kind.element.dtype)
+
+
+ACCEPTED_KINDS = {"b": "b", "i": "iu", "u": "iu", "f": "fiu"}
+"""Kinds of numpy arrays that a field of a kind takes: no fractions for integers, only truth for truth."""
+
+
+def _cast(path: str, element: Primitive, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    dtype = element.dtype
+    if array.dtype == dtype:
+        return array
+    if array.dtype.kind not in ACCEPTED_KINDS[dtype.kind]:
+        raise FieldTypeError(f"{path}: expected an array of {element}, got one of {array.dtype}")
+    if dtype.kind in "iu" and array.size:
+        limits = np.iinfo(dtype)
+        low, high = int(array.min()), int(array.max())
+        if low < limits.min or high > limits.max:
+            raise FieldValueError(f"{path}: {element} is {limits.min} to {limits.max}, got {low} to {high}")
+    try:
+        with np.errstate(over="raise"):
+            return array.astype(dtype)
+    except FloatingPointError:
+        raise FieldValueError(f"{path}: some numbers are too large for {element}") from None
+
+
+def _check_length(path: str, length: int, limit: int | None, unit: str) -> None:
+    if limit is not None and length > limit:
+        raise FieldValueError(f"{path}: at most {limit} {unit} fit, got {length}")

@@ -1,0 +1,78 @@
+"""Messages written in place: the large arrays are filled where the subscribers will read them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from robbie_mp.messages.codec.generate import loan_encoder
+from robbie_mp.messages.errors import FieldTypeError, FieldValueError
+from robbie_mp.messages.field_types import Numbers, fields_of
+from robbie_mp.messages.message import Message, replace
+
+_Message = TypeVar("_Message", bound=Message)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout(Generic[_Message]):
+    """Where everything in a message will be, before some of its arrays have contents.
+
+    Attributes:
+        size: bytes of the encoding.
+        loaned: the fields whose elements are left to be filled.
+    """
+
+    size: int
+    loaned: frozenset[str]
+    _outline: _Message
+
+    def write(self, buffer: memoryview, offset: int = 0) -> _Message:
+        """Write all but the elements of the loaned arrays.
+
+        Args:
+            buffer: writable bytes.
+            offset: where in the buffer the encoding begins.
+
+        Returns:
+            The message; its loaned arrays are writable views of the buffer, with whatever was there.
+
+        Raises:
+            BufferTooSmall: it does not fit.
+        """
+        if not self.loaned:
+            self._outline.encode_into(buffer, offset)
+            return self._outline
+        encode = loan_encoder(type(self._outline), self.loaned)
+        return replace(self._outline, **encode(self._outline, buffer, offset))
+
+
+def lay_out(message_type: type[_Message], fields: Mapping[str, object]) -> Layout[_Message]:
+    """Plan a message some of whose arrays will be filled in place.
+
+    Args:
+        message_type: its class.
+        fields: as its constructor takes them; but an int for a sequence of numbers (`Array[…]`, a field of
+            the message itself) lends that many elements, not initialised.
+
+    Raises:
+        FieldError: a value does not fit its field.
+    """
+    lent = {
+        field.name: _elements(f"{message_type.type_name}.{field.schema_name}", field.type, count)
+        for field in fields_of(message_type)
+        if isinstance(field.type, Numbers) and isinstance(count := fields.get(field.name), int)
+    }
+    outline = message_type(**{**fields, **lent})
+    return Layout(outline.encoded_size(), frozenset(lent), outline)
+
+
+def _elements(path: str, kind: Numbers, count: int) -> np.ndarray[tuple[int], np.dtype[np.generic]]:
+    """Return an array that stands for the loaned one; its memory is never touched."""
+    if kind.length is not None or isinstance(count, bool):
+        raise FieldTypeError(f"{path}: expected an array for {kind}, got {count!r}; only sequences are lent")
+    if count < 0:
+        raise FieldValueError(f"{path}: cannot lend {count} elements")
+    return np.empty(count, kind.element.dtype)

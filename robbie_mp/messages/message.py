@@ -1,0 +1,208 @@
+"""What a message is: immutable typed data that knows its encoding."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeVar, dataclass_transform
+
+import numpy as np
+
+from robbie_mp.messages.codec.generate import LoanEncoder, generate
+from robbie_mp.messages.declaration import Constant, read_declaration
+from robbie_mp.messages.errors import DeclarationError
+from robbie_mp.messages.field_types import Field, Items, Nested, Numbers, natural_default
+from robbie_mp.messages.text import represent
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from typing_extensions import Buffer
+
+    from robbie_mp.messages.versions import Upgrade
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True)
+class MessageType(type):
+    """Makes a message class of a class body: fields become slots, the codec is generated.
+
+    Args:
+        class_name: the name of the class.
+        bases: `Message`, or none for `Message` itself.
+        namespace: the class body.
+        name: its ROS name, as in `sensor_msgs/msg/LaserScan`.
+        version: counts the changes of its fields, from 1.
+        upgrades: for each older version how it becomes the next one.
+    """
+
+    def __new__(
+        metacls,
+        class_name: str,
+        bases: tuple[type, ...],
+        namespace: dict[str, Any],
+        /,
+        *,
+        name: str = "",
+        version: int = 1,
+        upgrades: Mapping[int, Upgrade] | None = None,
+    ) -> MessageType:
+        """Make the class."""
+        if not bases:
+            return super().__new__(metacls, class_name, bases, namespace)
+        if bases != (Message,):
+            raise DeclarationError(
+                f"{class_name}: messages do not inherit from messages; nest one as a field"
+            )
+        declaration = read_declaration(class_name, name, namespace)
+        slots = tuple(field.name for field in declaration.fields)
+        body = {key: value for key, value in namespace.items() if key not in slots}
+        body |= {
+            "__slots__": (),
+            "type_name": name,
+            "version": version,
+            "has_views": any(map(_has_arrays, declaration.fields)),
+            "_fields": declaration.fields,
+            "_constants": declaration.constants,
+            "_upgrades": dict(upgrades or {}),
+            "_source": {},
+            "_loan_encoders": {},
+            "_blank": (blank := type(f"{class_name}InTheMaking", (), {"__slots__": slots})),
+        }
+        return super().__new__(metacls, class_name, (*bases, blank), body)
+
+
+class Message(metaclass=MessageType):
+    """Immutable typed data with a version; the only way modules talk.
+
+    A subclass declares the fields:
+
+        class LaserScan(Message, name="sensor_msgs/msg/LaserScan", version=1):
+            header: Header
+            angle_min: float32  # rad
+            ranges: Array[float32]  # (N,) m
+
+    Its constructor takes them as keyword arguments. What is left out is 0, False, "", empty, or what the
+    declaration says. It raises FieldError for a value that does not fit. Arrays are not copied: do not
+    change one that you gave to a message.
+    """
+
+    __slots__ = ()
+
+    type_name: ClassVar[str]
+    """Its ROS name, as in `sensor_msgs/msg/LaserScan`."""
+    version: ClassVar[int]
+    """Counts the changes of its fields, from 1."""
+    has_views: ClassVar[bool]
+    """Whether a decoded message may hold arrays that are views of the buffer it was decoded from."""
+
+    _fields: ClassVar[tuple[Field, ...]]
+    _constants: ClassVar[tuple[Constant, ...]]
+    _upgrades: ClassVar[dict[int, Upgrade]]
+    _source: ClassVar[dict[str, str]]
+    """The source of the functions generated so far, by name."""
+    _loan_encoders: ClassVar[dict[frozenset[str], LoanEncoder]]
+    _blank: ClassVar[type[Any]]
+    """Holds the slots, mutable: a message is filled as an object of that, then gets its class."""
+
+    # Four functions are generated for each class when they are first called: these here generate them.
+
+    def __new__(cls, **fields: Any) -> Self:
+        """Make a message."""
+        made: Self = generate(cls, "__new__")(cls, **fields)
+        return made
+
+    def encoded_size(self) -> int:
+        """Return the bytes of the encoding, the 4 of the encapsulation header included."""
+        size: int = generate(type(self), "encoded_size")(self)
+        return size
+
+    def encode_into(self, buffer: memoryview, offset: int = 0) -> int:
+        """Write the encoding (XCDR1, little endian) into a buffer.
+
+        Args:
+            buffer: writable bytes. Arrays in it are aligned if the place is a multiple of 8, plus 4.
+            offset: where in the buffer.
+
+        Returns:
+            The size of the encoding.
+
+        Raises:
+            BufferTooSmall: it does not fit.
+            FieldError: a list or an array was changed after the message was made and does not fit its field.
+        """
+        size: int = generate(type(self), "encode_into")(self, buffer, offset)
+        return size
+
+    def encode(self) -> bytes:
+        """Return the encoding (XCDR1, little endian)."""
+        buffer = bytearray(self.encoded_size())
+        self.encode_into(memoryview(buffer))
+        return bytes(buffer)
+
+    @classmethod
+    def decode(cls, buffer: Buffer) -> Self:
+        """Return the message that these bytes encode.
+
+        Its arrays are views of the buffer, read-only if the buffer is; each keeps the object `buffer` alive.
+
+        Raises:
+            DecodeError: the bytes are no encoding of this type.
+        """
+        message: Self = generate(cls, "decode")(buffer)
+        return message
+
+    def forget_arrays(self) -> None:
+        """Let go of all arrays, which become as if they had not been given.
+
+        For who lent the memory they lie in and takes it back; nobody else should see a message change.
+        """
+        for field in self._fields:
+            if isinstance(field.type, Numbers):
+                object.__setattr__(self, field.name, natural_default(field.type))
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(
+            f"{type(self).__name__} is immutable; make one with another {name}: see replace()"
+        )
+
+    def __delattr__(self, name: str) -> NoReturn:
+        raise AttributeError(f"{type(self).__name__} is immutable")
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        return all(
+            np.array_equal(mine, theirs) if isinstance(mine, np.ndarray) else mine == theirs
+            for mine, theirs in (
+                (getattr(self, field.name), getattr(other, field.name)) for field in self._fields
+            )
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        return represent(self)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _decode_as, (type(self), self.encode())
+
+
+def _decode_as(message_type: type[Message], data: bytes) -> Message:
+    return message_type.decode(data)
+
+
+def _has_arrays(field: Field) -> bool:
+    kind = field.type.element if isinstance(field.type, Items) else field.type
+    return isinstance(kind, Numbers) or (isinstance(kind, Nested) and kind.message.has_views)
+
+
+_Message = TypeVar("_Message", bound=Message)
+
+
+def replace(message: _Message, **changes: Any) -> _Message:
+    """Return a copy of a message with some fields changed.
+
+    Raises:
+        FieldError: a value does not fit its field.
+    """
+    fields = {field.name: getattr(message, field.name) for field in message._fields}
+    return type(message)(**fields | changes)

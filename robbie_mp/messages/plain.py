@@ -1,0 +1,45 @@
+"""Messages as plain dictionaries, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from robbie_mp.messages.errors import FieldTypeError
+from robbie_mp.messages.field_types import FieldType, Items, Nested, fields_of
+from robbie_mp.messages.message import Message
+from robbie_mp.suggest import did_you_mean
+
+_Message = TypeVar("_Message", bound=Message)
+
+
+def as_dict(message: Message) -> dict[str, Any]:
+    """Return the fields of a message by name; nested messages as dictionaries too, arrays as they are."""
+    return {field.name: _plain(getattr(message, field.name)) for field in fields_of(type(message))}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Message):
+        return as_dict(value)
+    return [_plain(item) for item in value] if isinstance(value, list) else value
+
+
+def from_dict(message_type: type[_Message], fields: Mapping[str, Any]) -> _Message:
+    """Return the message with these fields; nested messages may be given as dictionaries.
+
+    Raises:
+        FieldError: there is no such field, or a value does not fit.
+    """
+    kinds = {field.name: field.type for field in fields_of(message_type)}
+    for name in fields:
+        if name not in kinds:
+            raise FieldTypeError(f"{message_type.type_name} has no field {name!r}{did_you_mean(name, kinds)}")
+    return message_type(**{name: _typed(kinds[name], value) for name, value in fields.items()})
+
+
+def _typed(kind: FieldType, value: Any) -> Any:
+    if isinstance(kind, Nested) and isinstance(value, Mapping):
+        return from_dict(kind.message, value)
+    if isinstance(kind, Items) and isinstance(value, list):
+        return [_typed(kind.element, item) for item in value]
+    return value

@@ -1,0 +1,79 @@
+"""The names that declare fields: `float32`, `uint8`, …, and `Array[float32]`.
+
+A type checker sees them as `float`, `int`, `bool` and `numpy.ndarray`; a message class finds in them what to
+encode. Plain `bool` and `str` need no name of their own here.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robbie_mp.messages.errors import DeclarationError
+from robbie_mp.messages.field_types import Numbers, Primitive
+
+bool_ = Annotated[bool, Primitive("bool", "?", 1, False)]
+byte = Annotated[int, Primitive("byte", "B", 1, 0)]
+char = Annotated[int, Primitive("char", "B", 1, 0)]
+int8 = Annotated[int, Primitive("int8", "b", 1, 0)]
+uint8 = Annotated[int, Primitive("uint8", "B", 1, 0)]
+int16 = Annotated[int, Primitive("int16", "h", 2, 0)]
+uint16 = Annotated[int, Primitive("uint16", "H", 2, 0)]
+int32 = Annotated[int, Primitive("int32", "i", 4, 0)]
+uint32 = Annotated[int, Primitive("uint32", "I", 4, 0)]
+int64 = Annotated[int, Primitive("int64", "q", 8, 0)]
+uint64 = Annotated[int, Primitive("uint64", "Q", 8, 0)]
+float32 = Annotated[float, Primitive("float32", "f", 4, 0.0)]
+float64 = Annotated[float, Primitive("float64", "d", 8, 0.0)]
+
+PRIMITIVES: dict[str, Primitive] = {
+    get_args(alias)[1].name: get_args(alias)[1]
+    for alias in (
+        bool_, byte, char, int8, uint8, int16, uint16, int32, uint32, int64, uint64, float32, float64
+    )
+}  # fmt: skip
+
+
+def primitive_of(annotation: object) -> Primitive | None:
+    """Return the primitive that an annotation such as `float32` or `bool` stands for; None if none."""
+    if annotation is bool:
+        return PRIMITIVES["bool"]
+    if get_origin(annotation) is Annotated:
+        return next((note for note in get_args(annotation)[1:] if isinstance(note, Primitive)), None)
+    return None
+
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeAliasType, TypeVar
+
+    _Element = TypeVar("_Element")
+    _Length = TypeVar("_Length", default=Any)
+    # Type checkers see an array; element type and length are for the encoding.
+    Array = TypeAliasType("Array", NDArray[Any], type_params=(_Element, _Length))
+else:
+
+    class Array:
+        """A one-dimensional numpy array of primitives: `Array[float32]`, or `Array[float64, Literal[36]]`.
+
+        With a length it is a fixed array, which has always that many elements. `Array[float64, 36]` means the
+        same, but type checkers accept a number in a type as `Literal` only.
+        """
+
+        def __class_getitem__(cls, parameters: object) -> object:
+            """Return the annotation for arrays of the primitive, of the length if one is given."""
+            element, length = parameters if isinstance(parameters, tuple) else (parameters, None)
+            if get_origin(length) is Literal:
+                (length,) = get_args(length)
+            primitive = primitive_of(element)
+            if primitive is None:
+                raise DeclarationError(
+                    f"Array[{element!r}]: an array holds a primitive such as float32; "
+                    "write list[…] for strings and messages"
+                )
+            if length is not None and (not isinstance(length, int) or length < 1):
+                raise DeclarationError(
+                    f"Array[{primitive}, {length!r}]: the length of a fixed array is an int >= 1"
+                )
+            return Annotated[np.ndarray, Numbers(primitive, length)]

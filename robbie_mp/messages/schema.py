@@ -1,0 +1,109 @@
+"""The ros2msg text of a message type, as MCAP files carry it.
+
+Source: https://mcap.dev/spec/registry#ros2msg; the definitions themselves are described in
+https://docs.ros.org/en/rolling/Concepts/Basic/About-Interfaces.html
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from robbie_mp.messages.declaration import Constant
+from robbie_mp.messages.field_types import (
+    Field,
+    FieldType,
+    Items,
+    Nested,
+    Numbers,
+    Primitive,
+    Text,
+    fields_of,
+    natural_default,
+    short_name,
+)
+from robbie_mp.messages.message import Message
+
+SEPARATOR = "=" * 80
+
+
+def schema_text(message_type: type[Message]) -> str:
+    """Return the definition of a type followed by those of all types in it, directly or not."""
+    nested = (
+        f"{SEPARATOR}\nMSG: {short_name(inner.type_name)}\n{_definition(inner)}"
+        for inner in nested_types(message_type)
+    )
+    return "".join((_definition(message_type), *nested))
+
+
+def nested_types(message_type: type[Message]) -> list[type[Message]]:
+    """Return all types in a type, directly or not, each once, in the order in which they first occur."""
+    found: dict[str, type[Message]] = {}
+    for inner in _directly_nested(message_type):
+        for one in (inner, *nested_types(inner)):
+            found.setdefault(one.type_name, one)
+    return list(found.values())
+
+
+def layout(message_type: type[Message]) -> tuple[tuple[str, Any], ...]:
+    """Return names and encodings of all fields: two types with equal layouts read each other's bytes."""
+    return tuple((field.schema_name, _shape(field.type)) for field in fields_of(message_type))
+
+
+def _shape(kind: FieldType) -> Any:
+    match kind:
+        case Primitive():
+            return kind.code
+        case Text():
+            return "string"
+        case Nested():
+            return layout(kind.message)
+        case Numbers() | Items():
+            return _shape(kind.element), kind.length
+
+
+def _directly_nested(message_type: type[Message]) -> Iterator[type[Message]]:
+    for field in fields_of(message_type):
+        kind: FieldType = field.type.element if isinstance(field.type, Items) else field.type
+        if isinstance(kind, Nested):
+            yield kind.message
+
+
+def _definition(message_type: type[Message]) -> str:
+    lines = (*map(_constant_line, message_type._constants), *map(_field_line, fields_of(message_type)))
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _constant_line(constant: Constant) -> str:
+    return f"{constant.type} {constant.name}={_literal(constant.value)}"
+
+
+def _field_line(field: Field) -> str:
+    return f"{field.type} {field.schema_name}{_default(field)}"
+
+
+def _default(field: Field) -> str:
+    """Return the default as a definition states it; "" if it goes without saying or cannot be said."""
+    kind, value = field.type, field.declared_default
+    if (
+        value is None
+        or isinstance(kind, Nested)
+        or (isinstance(kind, Items) and isinstance(kind.element, Nested))
+    ):
+        return ""
+    return "" if np.array_equal(value, natural_default(kind)) else f" {_literal(value)}"
+
+
+def _literal(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace('"', '\\"')
+        return f'"{escaped}"'
+    if isinstance(value, np.ndarray):
+        return _literal(value.tolist())
+    if isinstance(value, list):
+        return f"[{', '.join(map(_literal, value))}]"
+    return repr(value)

@@ -1,0 +1,25 @@
+"""Log lines (ROS rcl_interfaces)."""
+
+from typing import ClassVar
+
+from robbie_mp.messages.message import Message
+from robbie_mp.messages.primitives import uint8, uint32
+from robbie_mp.messages.stock.builtin_interfaces import Time
+
+
+class Log(Message, name="rcl_interfaces/msg/Log", version=1):
+    """A line that a module logged."""
+
+    DEBUG: ClassVar[uint8] = 10
+    INFO: ClassVar[uint8] = 20
+    WARN: ClassVar[uint8] = 30
+    ERROR: ClassVar[uint8] = 40
+    FATAL: ClassVar[uint8] = 50
+
+    stamp: Time
+    level: uint8  # one of the constants above
+    name: str  # of the logger
+    msg: str
+    file: str  # source file that logged it
+    function: str
+    line: uint32  # in the file

@@ -1,0 +1,37 @@
+"""The stock messages by name."""
+
+from robbie_mp.messages.registry import TypeRegistry
+from robbie_mp.messages.stock import (
+    geometry_msgs,
+    nav_msgs,
+    rcl_interfaces,
+    robbie_msgs,
+    sensor_msgs,
+    tf2_msgs,
+)
+
+
+def stock_registry() -> TypeRegistry:
+    """Return a new registry that knows all stock messages."""
+    return TypeRegistry(
+        (
+            geometry_msgs.PoseStamped,
+            geometry_msgs.TwistStamped,
+            nav_msgs.OccupancyGrid,
+            nav_msgs.Odometry,
+            nav_msgs.Path,
+            rcl_interfaces.Log,
+            robbie_msgs.DriveCommand,
+            robbie_msgs.ModuleState,
+            sensor_msgs.BatteryState,
+            sensor_msgs.CompressedImage,
+            sensor_msgs.Image,
+            sensor_msgs.Imu,
+            sensor_msgs.JointState,
+            sensor_msgs.Joy,
+            sensor_msgs.LaserScan,
+            sensor_msgs.NavSatFix,
+            sensor_msgs.PointCloud2,
+            tf2_msgs.TFMessage,
+        )
+    )

@@ -1,0 +1,107 @@
+"""How messages of an older version become what the program has now.
+
+A class at version 3 says how version 1 becomes 2 and 2 becomes 3:
+
+    class Battery(Message, name="team_msgs/msg/Battery", version=3, upgrades={
+        1: Upgrade(percent_to_ratio, schema="float32 percent"),
+        2: Upgrade(add_cell_count),
+    }):
+        ratio: float32
+        cells: uint8
+
+A step works on plain dictionaries (see `as_dict`), because there is no class for the versions between.
+Old bytes are decoded by the old schema, which the log carries; `schema` is for bytes that come without.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+from robbie_mp.messages.errors import VersionError
+from robbie_mp.messages.plain import as_dict, from_dict
+from robbie_mp.messages.schema import layout, schema_text
+from robbie_mp.messages.schema_parser import message_type_from_schema
+
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
+
+    from robbie_mp.messages.message import Message
+
+_Message = TypeVar("_Message", bound="Message")
+
+
+class Upgrade(NamedTuple):
+    """One step from a version to the next.
+
+    Attributes:
+        step: takes the fields of the older version, returns those of the next one.
+        schema: the ros2msg text of the older version; "" if it always comes with the bytes.
+    """
+
+    step: Callable[[dict[str, Any]], dict[str, Any]]
+    schema: str = ""
+
+
+def decode_version(message_type: type[_Message], data: Buffer, version: int, schema: str = "") -> _Message:
+    """Decode bytes that were written as some version of a message type, and bring them up to date.
+
+    Args:
+        message_type: the class we have.
+        data: the encoding.
+        version: which version was written.
+        schema: the ros2msg text that came with the bytes; "" if none did.
+
+    Raises:
+        VersionError: the version is newer than ours, a step or the old schema is missing, a step fails, or
+            the schema is not what this version has here.
+        DecodeError: the bytes are no encoding of that version.
+        SchemaError: the schema text is not understood.
+    """
+    ours = message_type.version
+    if version > ours:
+        raise VersionError(
+            f"{message_type.type_name}: version {version} was written, {ours} is the newest here; "
+            "update this program"
+        )
+    if version == ours:
+        _check_same_layout(message_type, schema)
+        return message_type.decode(data)
+    steps = [_step(message_type, number, version) for number in range(version, ours)]
+    schema = schema or steps[0].schema
+    if not schema:
+        raise VersionError(
+            f"{message_type.type_name}: version {version} came without a schema, the class declares none; "
+            f"declare upgrades={{{version}: Upgrade(…, schema=…)}}"
+        )
+    written = message_type_from_schema(message_type.type_name, schema, version)
+    fields = as_dict(written.decode(data))
+    for number, upgrade in enumerate(steps, start=version):
+        try:
+            fields = upgrade.step(fields)
+        except Exception as error:
+            raise VersionError(
+                f"{message_type.type_name}: the step from version {number} to {number + 1} failed: {error!r}"
+            ) from error
+    return from_dict(message_type, fields)
+
+
+def _step(message_type: type[Message], number: int, written: int) -> Upgrade:
+    if number not in message_type._upgrades:
+        raise VersionError(
+            f"{message_type.type_name}: version {written} cannot become {message_type.version}: the step "
+            f"from {number} to {number + 1} is missing; declare it in upgrades={{{number}: Upgrade(…)}}"
+        )
+    return message_type._upgrades[number]
+
+
+def _check_same_layout(message_type: type[Message], schema: str) -> None:
+    """Refuse a schema that lays fields out in another way than the class of the same version."""
+    if not schema or schema == schema_text(message_type):
+        return
+    written = message_type_from_schema(message_type.type_name, schema)
+    if layout(written) != layout(message_type):
+        raise VersionError(
+            f"{message_type.type_name}: what was written as version {message_type.version} has "
+            "other fields than the class of that version; whoever changes a message, or one nested in it, raises its version"
+        )
