@@ -5,7 +5,7 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.layout import NAME_WORDS
 from robbie_mp.transport.records import MessageHandling
-from robbie_mp.transport.words import write_text
+from robbie_mp.transport.words import read_text, write_text
 
 ROW_OPEN = 1
 ROW_CLOSED = 2
@@ -78,12 +78,52 @@ class Channel:
 
 
 class Directory:
-    """All channels and subscriptions of a run."""
+    """All channels and subscriptions of a run; those that a dead core left are found again."""
 
     def __init__(self, tables: CoreTables):
         self._tables = tables
         self._channels: dict[tuple[str, int, str], Channel] = {}
         self.subscriptions: list[Subscription] = []
+        self._read_subscriptions()
+        self._read_channels()
+
+    def _read_subscriptions(self) -> None:
+        words = self._tables.words
+        for index in range(self._tables.sizes.subscriptions):
+            at = self._tables.subscription(index)
+            state = words[at + layout.SUBSCRIPTION_STATE]
+            if not state:
+                break
+            wish = Wish(
+                0,
+                read_text(words, at + layout.SUBSCRIPTION_TYPE, NAME_WORDS),
+                words[at + layout.SUBSCRIPTION_VERSION],
+                read_text(words, at + layout.SUBSCRIPTION_TOPIC, NAME_WORDS),
+                MessageHandling(words[at + layout.SUBSCRIPTION_HANDLING]),
+            )
+            entry = Subscription(index, at, words[at + layout.SUBSCRIPTION_SLOT], wish)
+            entry.counts = [words[at + layout.SUBSCRIPTION_ROUTED + column] for column in range(5)]
+            if state == ROW_CLOSED:
+                entry.type_name = ""
+            self.subscriptions.append(entry)
+
+    def _read_channels(self) -> None:
+        words = self._tables.words
+        for index in range(self._tables.sizes.channels):
+            at = self._tables.channel(index)
+            if not words[at + layout.CHANNEL_STATE]:
+                break
+            type_name = read_text(words, at + layout.CHANNEL_TYPE, NAME_WORDS)
+            version = words[at + layout.CHANNEL_VERSION]
+            channel = self.channel(
+                type_name, version, read_text(words, at + layout.CHANNEL_TOPIC, NAME_WORDS)
+            )
+            channel.messages = words[at + layout.CHANNEL_MESSAGES]
+            channel.bytes = words[at + layout.CHANNEL_BYTES]
+
+    def by_index(self, index: int) -> Channel:
+        """Find a channel by its row."""
+        return next(channel for channel in self._channels.values() if channel.index == index)
 
     def channel(self, type_name: str, version: int, topic: str) -> Channel:
         """Find a channel, or open it.
@@ -118,7 +158,6 @@ class Directory:
                 wish.type_name, wish.version, wish.topic, newest_only,
             )  # fmt: skip
             if entry.slot == slot and same_wish:
-                entry.declaration = wish.declaration
                 return entry
         index = len(self.subscriptions)
         if index == self._tables.sizes.subscriptions:

@@ -5,13 +5,16 @@ a committing store, and the row carries the new values of all counters that the 
 cut short after its commit can be finished from the row alone, and one cut short before it never was.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
 from robbie_mp.core.directory import Channel, Subscription
 from robbie_mp.core.tables import CoreTables
 from robbie_mp.transport import layout
+from robbie_mp.transport.words import WORD_MAX
+
+NO_RECORD = WORD_MAX
 
 
 class Outcome(IntEnum):
@@ -63,21 +66,25 @@ class Ledger:
         index = self._tables.free_handles.pop()
         at = self._tables.handle(index)
         words = self._words
+        words[at + layout.HANDLE_RECORD] = NO_RECORD  # a row half written must not seem to be for its record
         words[at + layout.HANDLE_SOURCE] = handle.source
         words[at + layout.HANDLE_OFFSET] = handle.offset
         words[at + layout.HANDLE_BYTES] = handle.size
         words[at + layout.HANDLE_CHANNEL] = handle.channel
         words[at + layout.HANDLE_STAMP_NS] = handle.stamp_ns
         words[at + layout.HANDLE_BLOCK] = handle.block
-        words[at + layout.HANDLE_RECORD] = record
         words[at + layout.HANDLE_PUBLISHER_ROUTED] = publisher_routed
         words[at + layout.HANDLE_CHANNEL_MESSAGES] = channel.messages + 1
         words[at + layout.HANDLE_CHANNEL_BYTES] = channel.bytes + handle.size
+        words[at + layout.HANDLE_RECORD] = record
         words[at] = handle.sequence  # commits: from here on the message is routed
+        self._note_handle(index, handle)
+        return index
+
+    def _note_handle(self, index: int, handle: Handle) -> None:
         self._handles[index] = handle
         key = (handle.source & 0xFFFF, handle.source >> 32)
         self._live_of_source[key] = self._live_of_source.get(key, 0) + 1
-        return index
 
     def handle(self, index: int) -> Handle:
         """A live message."""
@@ -95,6 +102,10 @@ class Ledger:
             return None
         del self._live_of_source[key]
         return key
+
+    def sources(self) -> set[tuple[int, int]]:
+        """Slot and incarnation of every publisher with live messages."""
+        return set(self._live_of_source)
 
     def has_live(self, slot: int, incarnation: int) -> bool:
         """Whether messages of that publisher are alive."""
@@ -160,3 +171,78 @@ class Ledger:
         """Enter what became of a reference and free it."""
         self.count(index, outcome)
         self.close_reference(index)
+
+    # -- after a crash of the core -----------------------------------------------------------------------
+
+    def read_handles(self) -> list[int]:
+        """Find the messages that a dead core left; return the indices of their rows."""
+        found = []
+        words = self._words
+        for index in range(self._tables.sizes.handles):
+            at = self._tables.handle(index)
+            if words[at]:
+                columns = (words[at + column] for column in range(len(Handle._fields)))
+                self._note_handle(index, Handle(*columns))
+                found.append(index)
+        alive = set(found)
+        self._tables.free_handles[:] = [row for row in self._tables.free_handles if row not in alive]
+        return found
+
+    def read_references(self, subscriptions: Sequence[Subscription]) -> list[tuple[int, Outcome]]:
+        """Find the references that a dead core left, and complete the counts they carry.
+
+        Returns:
+            Row and state of each; one with an outcome other than DELIVERED is still to be closed.
+        """
+        found = []
+        words = self._words
+        for index in range(self._tables.sizes.references):
+            at = self._tables.reference(index)
+            if not words[at]:
+                continue
+            state, nth = Outcome(words[at] & 0xFF), words[at] >> 8
+            subscription = subscriptions[words[at + layout.REFERENCE_SUBSCRIPTION]]
+            handle = words[at + layout.REFERENCE_HANDLE]
+            self._references[index] = (words[at + layout.REFERENCE_SEQUENCE], handle, subscription)
+            self._holders[handle] += 1
+            self._complete_count(subscription, state - 1, nth)
+            found.append((index, state))
+        alive = {index for index, _ in found}
+        self._tables.free_references[:] = [row for row in self._tables.free_references if row not in alive]
+        return found
+
+    def _complete_count(self, subscription: Subscription, column: int, nth: int) -> None:
+        if subscription.counts[column] < nth:
+            subscription.counts[column] = nth
+            self._words[subscription.at + layout.SUBSCRIPTION_ROUTED + column] = nth
+
+    def pushed_at(self, index: int) -> int:
+        """Number of the inbound record that was to bring a reference, plus one; 0 if it waits."""
+        return self._words[self._tables.reference(index) + layout.REFERENCE_PUSHED_AT]
+
+    def is_held(self, handle: int) -> bool:
+        """Whether any reference to a message is left."""
+        return self._holders[handle] > 0
+
+    def claimants(self, handle: int) -> set[int]:
+        """Indices of the subscriptions that have a reference to a message."""
+        return {entry[2].index for entry in self._references if entry is not None and entry[1] == handle}
+
+    def was_claimed(self, subscription: Subscription, sequence: int) -> bool:
+        """Whether a subscription has had its reference to the message of this sequence."""
+        return self._words[subscription.at + layout.SUBSCRIPTION_LAST_SEQUENCE] >= sequence
+
+    def entered_as(self, slot: int, incarnation: int, record: int) -> int | None:
+        """Find the row, live or freed, into which the message of an outbound record was entered."""
+        words = self._words
+        for index in range(self._tables.sizes.handles):
+            at = self._tables.handle(index)
+            if words[at + layout.HANDLE_RECORD] == record:
+                source = words[at + layout.HANDLE_SOURCE]
+                if (source & 0xFFFF, source >> 32) == (slot, incarnation):
+                    return index
+        return None
+
+    def row(self, handle: int, column: int) -> int:
+        """A word of a handle's row."""
+        return self._words[self._tables.handle(handle) + column]

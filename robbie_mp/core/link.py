@@ -62,7 +62,12 @@ class Link:
         self.wake_after_freed = 0
         self.ready = False
         self.faulted = False
-        self._want_release = 0
+        self._want_release = into[layout.IN_WANT_RELEASE]
+        self._first_record = self.outbound.tail
+
+    def is_said_again(self) -> bool:
+        """Whether the record being handled may have been handled before, by a core that died over it."""
+        return self.outbound.tail == self._first_record
 
     def want_release(self, want: int) -> bool:
         """Ask the module to post when it releases (or not to); True if that is news to it."""

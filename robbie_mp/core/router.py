@@ -10,6 +10,13 @@ from dataclasses import dataclass
 from robbie_mp.core.directory import Channel, Directory, Subscription, TableFull
 from robbie_mp.core.ledger import Handle, Ledger, Outcome
 from robbie_mp.core.link import Link, LinkMemory, ProtocolViolation, Slot
+from robbie_mp.core.recovery import (
+    KNOWN_DEAD,
+    restore_declarations,
+    restore_references,
+    restore_slot,
+    unclaimed,
+)
 from robbie_mp.core.tables import CoreTables
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound, Outbound
@@ -81,6 +88,73 @@ class Router:
             Outbound.RELEASE: self._release,
             Outbound.WAIT_FREED: self._wait_freed,
         }
+
+    def recover(self) -> None:
+        """Take over from a core that died: rebuild everything from the tables and the rings.
+
+        On fresh tables this does nothing.
+        """
+        words = self._words
+        self._sequence = words[layout.CORE_LAST_SEQUENCE]
+        for slot in self._slots:
+            restore_slot(slot, words)
+            if incarnation := words[slot.at + layout.PUBLISHER_LINKED]:
+                self.module_up(slot.index, incarnation)
+        handles = self._ledger.read_handles()
+        for link in self._links:
+            link.ready = words[self._slots[link.slot].at + layout.PUBLISHER_READY] == link.incarnation
+            restore_declarations(link, self._directory)
+        restore_references(self._slots, self._ledger, self._directory)
+        for link in self._links:
+            self._finish_publishing(link)
+        for index in handles:
+            if self._ledger.row(index, layout.HANDLE_SEQUENCE) and not self._ledger.is_held(index):
+                self._give_back(index)
+        self._restore_dead_sources()
+        for slot in self._slots:
+            if slot.link is not None:
+                if slot.link.ready:
+                    self._pump(slot, slot.link)
+                slot.link.wake()
+            self._write_queue_figures(slot, slot.link)
+
+    def _finish_publishing(self, link: Link) -> None:
+        """Bring the record at a ring's tail to its end if it is a message that was entered or refused."""
+        if not link.outbound.waiting() or link.outbound.peek()[0] != Outbound.PUBLISH:
+            return
+        slot = self._slots[link.slot]
+        if slot.refused_tag == refused_tag(link):
+            self._refuse(slot, link, link.outbound.peek()[6])
+            link.outbound.take()
+            return
+        index = self._ledger.entered_as(link.slot, link.incarnation, link.outbound.tail)
+        if index is None:
+            return
+        nth = self._ledger.row(index, layout.HANDLE_PUBLISHER_ROUTED)
+        if self._ledger.row(index, layout.HANDLE_SEQUENCE):
+            channel = self._directory.by_index(self._ledger.handle(index).channel)
+            slot.routed = nth - 1
+            channel.messages = self._ledger.row(index, layout.HANDLE_CHANNEL_MESSAGES) - 1
+            channel.bytes = (
+                self._ledger.row(index, layout.HANDLE_CHANNEL_BYTES) - self._ledger.handle(index).size
+            )
+            self._route(slot, channel, index, unclaimed(self._ledger, index, channel.subscriptions))
+            link.outbound.take()
+        elif slot.routed >= nth:
+            link.outbound.take()  # routed to its end, and even given back
+
+    def _restore_dead_sources(self) -> None:
+        """Find out whose messages outlive them, and say again whose do not."""
+        connected = {(link.slot, link.incarnation) for link in self._links}
+        self._dead_sources = self._ledger.sources() - connected
+        for slot in self._slots:
+            last = max(
+                self._words[slot.at + column] for column in (layout.PUBLISHER_LINKED, layout.PUBLISHER_READY)
+            )
+            for incarnation in range(max(1, last - KNOWN_DEAD), last + 1):
+                source = (slot.index, incarnation)
+                if source not in connected and source not in self._dead_sources:
+                    self._segments_gone(source)
 
     # -- the loop's view -------------------------------------------------------------------------------
 
@@ -224,7 +298,9 @@ class Router:
         link.channels[record[1]] = self._directory.channel(wish.type_name, wish.version, wish.topic)
 
     def _subscribe(self, _slot: Slot, link: Link, record: Record) -> None:
-        entry = self._directory.subscribe(link.slot, link.declaration(record[1]))
+        wish = link.declaration(record[1])
+        entry = self._directory.subscribe(link.slot, wish)
+        entry.declaration = wish.declaration
         entry.declared_by = link.incarnation
 
     def _ready(self, slot: Slot, link: Link, _record: Record) -> None:
@@ -259,9 +335,9 @@ class Router:
             return
         handle = Handle(self._sequence + 1, source, offset, size, channel.index, stamp, block)
         index = self._ledger.open_handle(handle, link.outbound.tail, slot.routed + 1, channel)
-        self._route(slot, channel, index)
+        self._route(slot, channel, index, channel.subscriptions)
 
-    def _route(self, slot: Slot, channel: Channel, index: int) -> None:
+    def _route(self, slot: Slot, channel: Channel, index: int, subscriptions: Sequence[Subscription]) -> None:
         """Count an entered message and queue it for everyone who wants it."""
         handle = self._ledger.handle(index)
         words = self._words
@@ -274,10 +350,10 @@ class Router:
         words[channel.at + layout.CHANNEL_MESSAGES] = channel.messages
         words[channel.at + layout.CHANNEL_BYTES] = channel.bytes
         words[channel.at + layout.CHANNEL_LAST_STAMP_NS] = handle.stamp_ns
-        claims = [(entry, self._ledger.open_reference(entry, index)) for entry in channel.subscriptions]
+        claims = [(entry, self._ledger.open_reference(entry, index)) for entry in subscriptions]
         for entry, reference in claims:
             self._enqueue(entry, reference, handle.size)
-        if not claims:
+        if not self._ledger.is_held(index):
             self._give_back(index)
 
     def _refuse(self, slot: Slot, link: Link, block: int) -> None:
@@ -343,6 +419,8 @@ class Router:
         """Handled, but held: the credit comes back, the block does not."""
         reference = record[1]
         if reference not in link.pushed or self._ledger.reference(reference)[0] != record[2]:
+            if link.is_said_again():
+                return
             raise ProtocolViolation(f"it is done with reference {reference}, which it does not have")
         del link.pushed[reference]
         link.pinned.add(reference)
@@ -359,7 +437,7 @@ class Router:
         elif reference in link.pinned and self._ledger.reference(reference)[0] == record[2]:
             link.pinned.remove(reference)
             self._ledger.close_reference(reference)
-        else:
+        elif not link.is_said_again():
             raise ProtocolViolation(f"it released reference {reference}, which it does not have")
         if slot.waiting:
             self._pump(slot, link)

@@ -21,11 +21,30 @@ def zeros(count: int) -> Words:
     return array("Q", bytes(8 * count))
 
 
-class Mapped:
-    """A core's map of a module's words; looking at it after it was closed is an error, as with real maps."""
+class CoreDied(Exception):
+    """The core was killed between two stores."""
 
-    def __init__(self, words: Words):
+
+class Fuse:
+    """Kills the core before the store with a given number, counted from the start of each core."""
+
+    def __init__(self) -> None:
+        self.stores = 0
+        self.deaths: list[int] = []
+        """For each core in turn: how many stores it lives to see; an empty list lets it live."""
+
+    def burn(self) -> None:
+        if self.deaths and self.stores >= self.deaths[0]:
+            raise CoreDied
+        self.stores += 1
+
+
+class Mapped:
+    """What the core maps: its stores are counted, and looking at it after it was closed is an error."""
+
+    def __init__(self, words: Words, fuse: Fuse):
         self._words: Words | None = words
+        self._fuse = fuse
 
     def __getitem__(self, index: int) -> int:
         assert self._words is not None, "the map was closed"
@@ -33,6 +52,7 @@ class Mapped:
 
     def __setitem__(self, index: int, value: int) -> None:
         assert self._words is not None, "the map was closed"
+        self._fuse.burn()
         self._words[index] = value
 
     def __len__(self) -> int:
@@ -115,19 +135,25 @@ class SimulatedRun:
         sizes = TableSizes(slots, channels=8, subscriptions=16, handles=handles, references=4 * handles)
         self.words = zeros(sizes.words)
         self.tables = CoreTables.create(self.words, sizes)
+        self.fuse = Fuse()
+        self.limits = [SlotLimits(queue_messages, queue_bytes)] * slots
         self.reports: list[str] = []
         self.modules: dict[tuple[int, int], SimulatedModule] = {}
-        self.router = Router(
-            self.tables,
-            RouterLimits(RING_RECORDS, CREDIT, message_bytes=1 << 20),
-            [SlotLimits(queue_messages, queue_bytes)] * slots,
-            self._connect,
-            self.reports.append,
-        )
+        self.crashes = 0
         self.supervisor = self._make(0, 1)
+        self.router = self._make_core()
         self.router.module_up(0, 1)
         self.supervisor.ready()
         self.run_core()
+
+    def _make_core(self) -> Router:
+        return Router(
+            CoreTables.attach(Mapped(self.words, self.fuse)),
+            RouterLimits(RING_RECORDS, CREDIT, message_bytes=1 << 20),
+            self.limits,
+            self._connect,
+            self.reports.append,
+        )
 
     def _make(self, slot: int, incarnation: int) -> SimulatedModule:
         module = self.modules[slot, incarnation] = SimulatedModule(slot, incarnation)
@@ -136,9 +162,36 @@ class SimulatedRun:
     def _connect(self, slot: int, incarnation: int) -> LinkMemory:
         module = self.modules[slot, incarnation]
         memory = LinkMemory(
-            incarnation, Mapped(module.out), Mapped(module.into), lambda: None, lambda: memory_close(memory)
+            incarnation,
+            Mapped(module.out, self.fuse),
+            Mapped(module.into, self.fuse),
+            lambda: None,
+            lambda: memory_close(memory),
         )
         return memory
+
+    def run_core(self) -> None:
+        """Let the core work until it would sleep; if it dies, a new one takes over."""
+        while True:
+            try:
+                while self.router.drain() or self.router.before_sleep():
+                    pass
+                return
+            except CoreDied:
+                self._replace_core()
+
+    def _replace_core(self) -> None:
+        while True:
+            self.crashes += 1
+            self.fuse.deaths.pop(0)
+            self.fuse.stores = 0
+            try:
+                self.router = self._make_core()
+                self.router.recover()
+                self.router.module_up(0, 1)
+                return
+            except CoreDied:
+                pass
 
     def start(self, slot: int, incarnation: int = 1) -> SimulatedModule:
         module = self._make(slot, incarnation)
@@ -153,10 +206,6 @@ class SimulatedRun:
     def gone(self, module: SimulatedModule, *, clean: bool) -> None:
         self.supervisor.endpoint.send(Outbound.MODULE_GONE, module.slot, int(clean))
         self.run_core()
-
-    def run_core(self) -> None:
-        while self.router.drain() or self.router.before_sleep():
-            pass
 
     def supervisor_notices(self) -> list[tuple[Inbound, int, int]]:
         notices = []

@@ -1,0 +1,94 @@
+"""A new core takes over what a dead one left: it finishes the one step that was cut short.
+
+The dead core's memory is complete up to one store, and each step of the router ends in a commit (see
+`ledger`). So at most one record of one ring has been handled in part. What it was is told by the tables:
+
+- a message whose handle row is committed is routed to whom it has not reached yet, and its record is taken;
+- a message counted as refused is given back, and its record is taken;
+- every other record is simply handled again: the steps it stands for do nothing when done before.
+"""
+
+from robbie_mp.core.directory import Directory, Subscription
+from robbie_mp.core.ledger import Ledger, Outcome
+from robbie_mp.core.link import Link, Slot
+from robbie_mp.transport import layout
+from robbie_mp.transport.records import Outbound
+from robbie_mp.transport.words import Words
+
+KNOWN_DEAD = 8
+"""So many earlier incarnations of each module may have died without their users having been told."""
+
+
+def restore_slot(slot: Slot, words: Words) -> None:
+    """Read a slot's counters."""
+    slot.routed = words[slot.at + layout.PUBLISHER_ROUTED]
+    refused = words[slot.at + layout.PUBLISHER_REFUSED]
+    slot.refused = refused >> layout.REFUSED_TAG_BITS
+    slot.refused_tag = refused & ((1 << layout.REFUSED_TAG_BITS) - 1) if slot.refused else -1
+    slot.waiting_peak = words[slot.at + layout.PUBLISHER_WAITING_PEAK]
+
+
+def restore_declarations(link: Link, directory: Directory) -> None:
+    """Read again what a module has declared so far."""
+    for number in range(layout.DECLARATION_COUNT):
+        kind = link.out_words[
+            layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS + layout.DECLARATION_KIND
+        ]
+        if kind not in (Outbound.ADVERTISE, Outbound.SUBSCRIBE):
+            return
+        wish = link.declaration(number)
+        if kind == Outbound.ADVERTISE:
+            link.channels[number] = directory.channel(wish.type_name, wish.version, wish.topic)
+        else:
+            entry = directory.subscribe(link.slot, wish)
+            entry.declaration = number
+            entry.declared_by = link.incarnation
+
+
+def restore_references(slots: list[Slot], ledger: Ledger, directory: Directory) -> None:
+    """Sort the references: which wait, which were pushed, which are pinned, which are to be closed."""
+    waiting: list[tuple[int, int, int]] = []
+    pushed: list[tuple[int, int]] = []
+    for index, state in ledger.read_references(directory.subscriptions):
+        sequence, _, subscription = ledger.reference(index)
+        link = slots[subscription.slot].link
+        pushed_at = ledger.pushed_at(index)
+        if state is Outcome.DELIVERED and link is not None:
+            link.pinned.add(index)
+        elif state is not Outcome.HELD:
+            ledger.close_reference(index)
+        elif link is not None and 0 < pushed_at <= link.inbound.head:
+            pushed.append((pushed_at, index))
+        else:
+            waiting.append((sequence, subscription.index, index))
+    for pushed_at, index in sorted(pushed):
+        restored = slots[ledger.reference(index)[2].slot].link
+        assert restored is not None
+        restored.pushed[index] = pushed_at - 1
+    for _, _, index in sorted(waiting):
+        _restore_waiting(slots, ledger, index)
+
+
+def _restore_waiting(slots: list[Slot], ledger: Ledger, index: int) -> None:
+    _, handle, subscription = ledger.reference(index)
+    slot = slots[subscription.slot]
+    ledger.mark_waiting(index)
+    if subscription.newest_only:
+        if subscription.queued is not None:
+            slot.waiting_bytes -= slot.waiting.pop(subscription.queued)
+            ledger.finish(subscription.queued, Outcome.REPLACED)
+        subscription.queued = index
+    size = ledger.handle(handle).size
+    slot.waiting[index] = size
+    slot.waiting_bytes += size
+
+
+def unclaimed(ledger: Ledger, handle: int, subscriptions: list[Subscription]) -> list[Subscription]:
+    """Subscriptions that a message cut short in routing has not reached yet."""
+    sequence = ledger.handle(handle).sequence
+    reached = ledger.claimants(handle)
+    return [
+        entry
+        for entry in subscriptions
+        if entry.index not in reached and not ledger.was_claimed(entry, sequence)
+    ]

@@ -1,0 +1,130 @@
+"""Every store of the core is a crash point: it dies before each one in turn, and a new core takes over."""
+
+from collections.abc import Callable
+
+import pytest
+
+from tests.core.history import History
+
+Scenario = Callable[[History], None]
+
+
+def fan_out(history: History) -> None:
+    for _ in range(3):
+        history.publish(1)
+        history.core()
+        for slot in (2, 3):
+            history.handle(slot)
+        history.core()
+
+
+def backpressure(history: History) -> None:
+    for _ in range(11):
+        history.publish(1)
+    history.core()
+    for _ in range(3):
+        history.handle(2)
+        history.handle(3)
+        history.core()
+
+
+def full_table(history: History) -> None:
+    for _ in range(8):
+        history.publish(1)
+        history.publish(2)
+    history.core()
+    history.handle(2)
+    history.core()
+
+
+def full_ring(history: History) -> None:
+    for _ in range(20):
+        history.publish(1)
+    history.core()
+
+
+def newest_replaced(history: History) -> None:
+    history.publish(1)
+    history.core()
+    history.keep(3)
+    for _ in range(4):
+        history.publish(2)
+        history.core()
+    history.handle(3)
+    history.let_go(3)
+    history.core()
+
+
+def owner_dead(history: History) -> None:
+    for _ in range(3):
+        history.publish(1)
+    history.kill(1)
+    history.handle(2)
+    history.core()
+    history.start(1)
+    history.publish(1)
+    history.core()
+
+
+def subscriber_dead(history: History) -> None:
+    for _ in range(7):
+        history.publish(1)
+        history.core()
+    history.keep(2)
+    history.core()
+    history.begin_and_die(2)
+    history.publish(1)
+    history.core()
+    history.start(2)
+    history.begin_and_die(3)
+    history.start(3)
+    history.core()
+
+
+def both_dead(history: History) -> None:
+    for _ in range(5):
+        history.publish(1)
+        history.publish(2)
+        history.core()
+    history.begin_and_die(2)
+    history.kill(1)
+    history.kill(3)
+    history.start(3)
+    history.start(1)
+    history.publish(1)
+    history.start(2)
+    history.core()
+
+
+SCENARIOS = (
+    fan_out, backpressure, full_table, full_ring, newest_replaced, owner_dead, subscriber_dead, both_dead,
+)  # fmt: skip
+SETTINGS = ({"handles": 12}, {"queue_messages": 1, "handles": 12}, {"handles": 4})
+
+
+def play(scenario: Scenario, settings: dict[str, int], deaths: tuple[int, ...]) -> History:
+    history = History(deaths, **settings)
+    scenario(history)
+    history.finish()
+    return history
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=["roomy", "short queues", "small tables"])
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_core_may_die_before_any_store(scenario: Scenario, settings: dict[str, int]) -> None:
+    stores = play(scenario, settings, ()).run.fuse.stores
+    for death in range(stores):
+        history = play(scenario, settings, (death,))
+        assert history.run.crashes == 1
+    print(f"{scenario.__name__}: {stores} crash points, 0 violations")
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_core_may_die_again_while_it_recovers(scenario: Scenario) -> None:
+    stores = play(scenario, SETTINGS[0], ()).run.fuse.stores
+    tried = 0
+    for first in range(0, stores, 23):
+        for second in range(0, 24, 3):
+            play(scenario, SETTINGS[0], (first, second))
+            tried += 1
+    print(f"{scenario.__name__}: {tried} double crashes, 0 violations")

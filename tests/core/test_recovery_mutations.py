@@ -1,0 +1,54 @@
+"""Breaking any single step of the recovery must be noticed by the crash points, or they prove nothing."""
+
+from collections.abc import Callable
+
+import pytest
+
+from robbie_mp.core import router as router_module
+from robbie_mp.core.directory import Subscription
+from robbie_mp.core.ledger import Ledger
+from robbie_mp.core.link import Link
+from robbie_mp.core.router import Router
+from tests.core.test_crash_points import SCENARIOS, SETTINGS, play
+
+
+def nothing(*_arguments: object, **_named: object) -> None:
+    """Do not do this step."""
+
+
+def forget_what_was_claimed(
+    _ledger: Ledger, _handle: int, subscriptions: list[Subscription]
+) -> list[Subscription]:
+    return subscriptions
+
+
+MUTATIONS: dict[str, tuple[object, str, Callable[..., object]]] = {
+    "counts are not completed": (Ledger, "_complete_count", nothing),
+    "a message cut short in routing is not finished": (Router, "_finish_publishing", nothing),
+    "a message cut short in routing is sent to everybody again": (
+        router_module, "unclaimed", forget_what_was_claimed,
+    ),
+    "a record said again is taken for a violation": (Link, "is_said_again", lambda _link: False),
+    "pushing is not noted": (Ledger, "mark_pushed", nothing),
+    "declarations are not read again": (router_module, "restore_declarations", nothing),
+    "references are not read again": (router_module, "restore_references", nothing),
+    "counters are not read again": (router_module, "restore_slot", nothing),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS)
+def test_broken_recovery_is_noticed(mutation: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    owner, name, replacement = MUTATIONS[mutation]
+    monkeypatch.setattr(owner, name, replacement)
+    assert _violated(), "no crash point noticed it"
+
+
+def _violated() -> bool:
+    for scenario in SCENARIOS:
+        for settings in SETTINGS:
+            for death in range(0, 400, 3):
+                try:
+                    play(scenario, settings, (death,))
+                except (AssertionError, KeyError, IndexError, AttributeError):
+                    return True
+    return False
