@@ -5,14 +5,16 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import psutil
 import pytest
 
 from robbie_mp.profile.checking_process import PreflightError
+from robbie_mp.profile.model import ModuleSpec, Profile
 from robbie_mp.profile.preflight import preflight
+from robbie_mp.profile.problem import ProfileError
 
 from .conftest import Robot
 
@@ -47,7 +49,9 @@ class Unrelated:
 
 ASK = """
 from robbie_mp.profile.load import load_profile
+from robbie_mp.profile.model import ModuleSpec, Profile
 from robbie_mp.profile.preflight import preflight
+from robbie_mp.profile.problem import ProfileError
 preflight(load_profile("demo"), timeout_s=0.5, base_class="base_of_modules:Base")
 """
 
@@ -358,3 +362,71 @@ def test_a_base_class_that_cannot_be_imported_is_no_error_of_the_profile(robot: 
         PreflightError, match=r"(?s)cannot be checked; nowhere:Base:.*no Python module 'nowhere'"
     ):
         preflight(robot.load(), base_class="nowhere:Base")
+
+
+def test_by_default_classes_must_be_modules(robot: Robot) -> None:
+    robot.write_code(
+        "mods.real",
+        """
+        from robbie_mp.module import Module, setting
+        class Real(Module):
+            rate_hz: float = setting(10.0, "how often")
+        """,
+    )
+    robot.write("demo", "modules: {real: {class: 'mods.real:Real'}}")
+    assert preflight(robot.load()).settings == {"real": {"rate_hz": 10.0}}
+    robot.write("demo", f"modules:\n  plain: {PLAIN}")
+    with pytest.raises(
+        ProfileError, match=r"^profiles/demo\.yaml:2: .* not derived from robbie_mp\.module\.Module$"
+    ):
+        preflight(robot.load())
+
+
+class ScriptedChecks:
+    """In place of checking processes: each one says what the script has for it."""
+
+    def __init__(self, *rounds: list[dict[str, object]]) -> None:
+        self.rounds = list(rounds)
+        self.asked: list[list[str]] = []
+
+    def __call__(
+        self, _profile: Profile, modules: list[ModuleSpec], _timeout_s: float, _base_class: str
+    ) -> Generator[dict[str, object], None, None]:
+        self.asked.append([module.name for module in modules])
+        yield from self.rounds.pop(0)
+
+
+SOUND: dict[str, object] = {"result": {"errors": [], "settings": {}, "failure": ""}}
+
+
+def scripted(monkeypatch: pytest.MonkeyPatch, *rounds: list[dict[str, object]]) -> ScriptedChecks:
+    checks = ScriptedChecks(*rounds)
+    monkeypatch.setattr("robbie_mp.profile.preflight.check_events", checks)
+    return checks
+
+
+def test_a_crash_between_two_modules_is_blamed_on_neither(monkeypatch: pytest.MonkeyPatch) -> None:
+    profile = Profile("made", (ModuleSpec("a", "m:A"), ModuleSpec("b", "n:B")))
+    checks = scripted(
+        monkeypatch, [{"begin": "a"}, SOUND, {"broken": "ended"}], [{"begin": "b"}, SOUND, {"end": True}]
+    )
+    findings = preflight(profile)
+    assert (findings.settings, findings.failures) == ({"a": {}, "b": {}}, {})
+    assert checks.asked == [["a", "b"], ["b"]]
+
+
+def test_code_that_has_crashed_is_not_tried_again_for_another_class_of_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    profile = Profile("made", (ModuleSpec("a", "m:A"), ModuleSpec("other", "n:C"), ModuleSpec("b", "m:B")))
+    checks = scripted(
+        monkeypatch, [{"begin": "a"}, {"broken": "hung"}], [{"begin": "other"}, SOUND, {"end": True}]
+    )
+    assert preflight(profile).failures == dict.fromkeys(["a", "b"], "m: hung while it was imported")
+    assert checks.asked == [["a", "other", "b"], ["other"]]
+
+
+def test_a_process_that_does_not_even_begin_is_an_error_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    scripted(monkeypatch, [{"broken": "ended with exit code 1"}])
+    with pytest.raises(PreflightError, match="checks the profile's classes ended with exit code 1"):
+        preflight(Profile("made", (ModuleSpec("a", "m:A"),)))

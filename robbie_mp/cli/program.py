@@ -1,0 +1,67 @@
+"""The program `robbie`: find the command, run it, and turn its errors into text and an exit code."""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module, metadata
+
+from robbie_mp.errors import RobbieError
+
+COMMANDS = ("run", "list", "top", "profile", "clean")
+"""In the order in which help lists them."""
+
+FAILED = 1
+BAD_USAGE = 2
+INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; return 0 if it went well, 1 if what it did failed, 2 for bad usage or a bad profile."""
+    argv = list(sys.argv[1:] if arguments is None else arguments)
+    parser = _parser(argv[:1])
+    parsed = parser.parse_args(argv)
+    try:
+        code: int = parsed.command(parsed)
+        sys.stdout.flush()
+    except BrokenPipeError:  # as in `robbie profile show demo | head -1`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except RobbieError as error:
+        print(error, file=sys.stderr)
+        return _exit_code(error)
+    return code
+
+
+def top() -> int:
+    """Run `robbie top`."""
+    return main(["top", *sys.argv[1:]])
+
+
+def _exit_code(error: RobbieError) -> int:
+    from robbie_mp.profile.problem import ProfileError  # noqa: PLC0415
+
+    return BAD_USAGE if isinstance(error, ProfileError) else FAILED
+
+
+def _parser(first: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser with the one command that is asked for, or with all of them."""
+    parser = argparse.ArgumentParser(
+        prog="robbie",
+        description="Run a robot whose every module is a process, and look into it.",
+        epilog="`robbie COMMAND --help` tells more about a command.",
+    )
+    parser.add_argument("--version", action="version", version=f"robbie {_version()}")
+    subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for command in first if first and first[0] in COMMANDS else COMMANDS:
+        import_module(f"robbie_mp.cli.{command}").add_parser(subparsers)
+    return parser
+
+
+def _version() -> str:
+    try:
+        return metadata.version("robbie-mp")
+    except metadata.PackageNotFoundError:
+        return "(not installed)"
