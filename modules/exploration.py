@@ -12,7 +12,7 @@ class Exploration(Module):
 
     period_s: float = setting(0.06, "time between drive commands", minimum=0.01)
     command_valid_for_s: float = setting(0.3, "the drive stops when no newer command comes", minimum=0.01)
-    time_limit_s: float = setting(38.0, "after so long the robot goes home, whatever is left", minimum=1.0)
+    time_limit_s: float = setting(42.0, "after so long the robot goes home, whatever is left", minimum=1.0)
     returns_home: bool = setting(True, "drive back to the start at the end")
 
     def setup(self) -> None:

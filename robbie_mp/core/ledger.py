@@ -232,16 +232,15 @@ class Ledger:
         """Whether a subscription has had its reference to the message of this sequence."""
         return self._words[subscription.at + layout.SUBSCRIPTION_LAST_SEQUENCE] >= sequence
 
-    def entered_as(self, slot: int, incarnation: int, record: int) -> int | None:
-        """Find the row, live or freed, into which the message of an outbound record was entered."""
+    def entered(self) -> dict[tuple[int, int, int], int]:
+        """Rows, live or freed, by slot, incarnation and outbound record of the message entered there last."""
+        found = {}
         words = self._words
         for index in range(self._tables.sizes.handles):
             at = self._tables.handle(index)
-            if words[at + layout.HANDLE_RECORD] == record:
-                source = words[at + layout.HANDLE_SOURCE]
-                if (source & 0xFFFF, source >> 32) == (slot, incarnation):
-                    return index
-        return None
+            if source := words[at + layout.HANDLE_SOURCE]:
+                found[source & 0xFFFF, source >> 32, words[at + layout.HANDLE_RECORD]] = index
+        return found
 
     def row(self, handle: int, column: int) -> int:
         """A word of a handle's row."""

@@ -1,4 +1,4 @@
-"""The core's process: attach, route until told to stop, sleep when there is nothing to route."""
+"""The core's process: take over what there is, route until told to stop, sleep when nothing is to route."""
 
 import signal
 import sys
@@ -46,6 +46,7 @@ class CoreProcess:
     def run(self) -> None:
         """Route until SIGTERM."""
         signal.signal(signal.SIGTERM, self._on_terminate)
+        self._router.recover()
         self._router.module_up(SUPERVISOR_SLOT, 1)
         router = self._router
         while not self._stopping:

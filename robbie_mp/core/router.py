@@ -4,7 +4,7 @@ What is written where, and why each step can be repeated after a crash, is the l
 gets what and when.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from robbie_mp.core.directory import Channel, Directory, Subscription, TableFull
@@ -105,8 +105,9 @@ class Router:
             link.ready = words[self._slots[link.slot].at + layout.PUBLISHER_READY] == link.incarnation
             restore_declarations(link, self._directory)
         restore_references(self._slots, self._ledger, self._directory)
+        entered = self._ledger.entered()
         for link in self._links:
-            self._finish_publishing(link)
+            self._finish_publishing(link, entered)
         for index in handles:
             if self._ledger.row(index, layout.HANDLE_SEQUENCE) and not self._ledger.is_held(index):
                 self._give_back(index)
@@ -118,7 +119,7 @@ class Router:
                 slot.link.wake()
             self._write_queue_figures(slot, slot.link)
 
-    def _finish_publishing(self, link: Link) -> None:
+    def _finish_publishing(self, link: Link, entered: Mapping[tuple[int, int, int], int]) -> None:
         """Bring the record at a ring's tail to its end if it is a message that was entered or refused."""
         if not link.outbound.waiting() or link.outbound.peek()[0] != Outbound.PUBLISH:
             return
@@ -127,7 +128,7 @@ class Router:
             self._refuse(slot, link, link.outbound.peek()[6])
             link.outbound.take()
             return
-        index = self._ledger.entered_as(link.slot, link.incarnation, link.outbound.tail)
+        index = entered.get((link.slot, link.incarnation, link.outbound.tail))
         if index is None:
             return
         nth = self._ledger.row(index, layout.HANDLE_PUBLISHER_ROUTED)

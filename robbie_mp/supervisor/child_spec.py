@@ -72,6 +72,6 @@ class ChildSpec:
 
     @classmethod
     def of_core(cls, argv: tuple[str, ...], environment: Mapping[str, str]) -> Self:
-        """Describe the child that routes the messages; it is not restarted."""
-        restart = RestartPolicy(policy=RestartWhen.NEVER)
+        """Describe the child that routes the messages; it takes over from its dead predecessor."""
+        restart = RestartPolicy(policy=RestartWhen.ALWAYS, max_restarts=20, backoff_s=0.01)
         return cls("core", argv, environment, ChildKind.CORE, restart=restart, essential=True)

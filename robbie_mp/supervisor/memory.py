@@ -13,7 +13,7 @@ from robbie_mp.supervisor.child_spec import ChildKind
 from robbie_mp.supervisor.plan import RunPlan
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.transport import layout, names
-from robbie_mp.transport.board import Board, SlotState, Totals
+from robbie_mp.transport.board import Board, SlotState
 from robbie_mp.transport.endpoint import Notice
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.outbox import Outbox
@@ -57,7 +57,10 @@ class RunMemory:
         self._run_id = plan.run_id
         self._slots = {name: slot for slot, name in enumerate(plan.names)}
         self._incarnations: dict[int, tuple[int, IncarnationMemory]] = {}
+        self._dying: set[int] = set()
+        """Slots whose module is dead and not reclaimed yet."""
         self._reclaimed: set[tuple[int, int]] = set()
+        self._heartbeat_before = 0
         self.faulted: list[tuple[str, int]] = []
         with contextlib.ExitStack() as on_failure:
             on_failure.callback(self.close)
@@ -91,10 +94,21 @@ class RunMemory:
         """Make the memory of a child that is about to start, and tell the core."""
         slot = self._slots[name]
         if name == CORE:
+            self._open_core(incarnation)
             return
         memory = IncarnationMemory.create(self._run_id, slot, incarnation, self._plan.sizes)
         self._incarnations[slot] = (incarnation, memory)
         self._endpoint.send(Outbound.MODULE_UP, slot, incarnation)
+
+    def _open_core(self, incarnation: int) -> None:
+        """Tell a restarted core again what the dead one may have heard, but not finished or answered."""
+        self._heartbeat_before = self._core_words[layout.CORE_HEARTBEAT_NS]
+        if incarnation == 1:
+            return
+        for slot, (of_slot, _) in self._incarnations.items():
+            if slot != SUPERVISOR_SLOT:
+                is_dead = slot in self._dying
+                self._endpoint.send(Outbound.MODULE_DOWN if is_dead else Outbound.MODULE_UP, slot, of_slot)
 
     def started(self, name: str, incarnation: int, pid: int) -> None:
         """Write a child's pid on the board."""
@@ -105,7 +119,7 @@ class RunMemory:
     def is_ready(self, name: str, incarnation: int) -> bool:
         """Whether a child has finished its setup."""
         if name == CORE:
-            return self._core_words[layout.CORE_HEARTBEAT_NS] != 0
+            return self._core_words[layout.CORE_HEARTBEAT_NS] != self._heartbeat_before
         current, memory = self._incarnations[self._slots[name]]
         return current == incarnation and memory.out.words[layout.OUT_READY] == 1
 
@@ -116,13 +130,14 @@ class RunMemory:
         slot = self._slots[name]
         words = self._incarnations[slot][1].out.words
         row = self.board.read(slot)
-        past = Totals(
-            row.past.published + words[layout.OUT_PUBLISHED],
-            row.past.refused + words[layout.OUT_REFUSED],
-            row.past.handled + words[layout.OUT_HANDLED],
-            row.past.cpu_ns,
+        past = replace(
+            row.past,
+            published=row.past.published + words[layout.OUT_PUBLISHED],
+            refused=row.past.refused + words[layout.OUT_REFUSED],
+            handled=row.past.handled + words[layout.OUT_HANDLED],
         )
         self.board.write(slot, replace(row, pid=0, past=past))
+        self._dying.add(slot)
         self._endpoint.send(Outbound.MODULE_DOWN, slot, incarnation)
 
     def is_reclaimed(self, name: str, incarnation: int) -> bool:
@@ -134,6 +149,7 @@ class RunMemory:
         if (slot, incarnation) not in self._reclaimed:
             return False
         self._reclaimed.discard((slot, incarnation))
+        self._dying.discard(slot)
         _, memory = self._incarnations.pop(slot)
         memory.close()
         unlink_incarnation(self._run_id, slot, incarnation)
@@ -155,7 +171,12 @@ class RunMemory:
         restarts = row.restarts + (change.old is ChildState.BACKOFF and change.new is ChildState.STARTING)
         pid = row.pid if change.new.has_process else 0
         state = STATES.index(change.new) + 1
-        self.board.write(slot, replace(row, state=state, pid=pid, restarts=restarts, reason=change.reason))
+        past = row.past
+        if change.exit_status is not None:
+            past = replace(past, cpu_ns=past.cpu_ns + round(change.exit_status.cpu_s * 1e9))
+        self.board.write(
+            slot, replace(row, state=state, pid=pid, restarts=restarts, reason=change.reason, past=past)
+        )
         if change.new.is_final and change.name != CORE:
             clean = change.new is ChildState.STOPPED
             self._endpoint.send(Outbound.MODULE_GONE, slot, int(clean))

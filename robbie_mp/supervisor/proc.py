@@ -39,6 +39,8 @@ class ProcessStat:
     parent: int
     session: int
     start_ticks: int
+    cpu_ticks: int
+    """Time on a processor, in user and kernel mode, in clock ticks."""
 
     @property
     def is_dead(self) -> bool:
@@ -55,7 +57,8 @@ def read_stat(pid: int) -> ProcessStat | None:
         return None  # gone, or hidden from us
     # The command's name, in parentheses, may itself hold blanks and parentheses: count from the last one.
     fields = text.rpartition(b")")[2].split()
-    return ProcessStat(pid, fields[0].decode(), int(fields[1]), int(fields[3]), int(fields[19]))
+    cpu_ticks = int(fields[11]) + int(fields[12])
+    return ProcessStat(pid, fields[0].decode(), int(fields[1]), int(fields[3]), int(fields[19]), cpu_ticks)
 
 
 def processes() -> Iterator[ProcessStat]:

@@ -5,9 +5,11 @@ import os
 import signal
 import subprocess
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
+
+from robbie_mp.supervisor.proc import read_stat
 
 
 @dataclass(frozen=True)
@@ -16,6 +18,8 @@ class ExitStatus:
 
     code: int | None = None
     signal: int | None = None
+    cpu_s: float = field(default=0.0, compare=False)
+    """Time it spent on a processor."""
 
     @property
     def is_clean(self) -> bool:
@@ -88,9 +92,11 @@ class ChildProcess:
         ended = os.waitid(os.P_PIDFD, self.pidfd, os.WEXITED | os.WNOHANG | os.WNOWAIT)
         if ended is None:
             return None
+        stat = read_stat(self.pid)  # of the zombie
+        cpu_s = stat.cpu_ticks / os.sysconf("SC_CLK_TCK") if stat else 0.0
         if ended.si_code == os.CLD_EXITED:
-            return ExitStatus(code=ended.si_status)
-        return ExitStatus(signal=ended.si_status)
+            return ExitStatus(code=ended.si_status, cpu_s=cpu_s)
+        return ExitStatus(signal=ended.si_status, cpu_s=cpu_s)
 
     def terminate(self) -> None:
         """Ask it to end; a stopped process is continued, for it could not hear the request."""

@@ -1,0 +1,132 @@
+"""Mapping: from odometry and laser scans to a map and the robot's place in it."""
+
+import json
+
+import numpy as np
+
+from robbie_mp.messages import (
+    Header,
+    LaserScan,
+    MapMetaData,
+    OccupancyGrid,
+    Odometry,
+    Point,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    TFMessage,
+    Time,
+)
+from robbie_mp.module import MessageHandling, Module, setting
+from workers.grid_mapper import GridMapper
+from workers.map_picture import draw_map
+
+
+class Mapping(Module):
+    """Feeds the mapper with every odometry message and every scan, and publishes what it finds.
+
+    On an ordered stop it writes `map.png`, `trajectory.txt` (lines of `t x y theta`: s, m, m, rad; map frame)
+    and `mapping.json` (what it has counted itself).
+    """
+
+    resolution_m: float = setting(0.05, "edge of a grid cell", minimum=0.005)
+    max_range_m: float = setting(30.0, "returns from farther away are not used", minimum=0.1)
+    period_s: float = setting(1.0, "time between maps", minimum=0.05)
+    draw_truth: bool = setting(False, "draw the simulated robot's true path into the picture")
+
+    def setup(self) -> None:
+        """Start with an empty map."""
+        self.mapper = GridMapper(resolution_m=self.resolution_m, max_range_m=self.max_range_m)
+        self.odometry_messages = 0
+        self.scans = 0
+        self.drawn_scans = 0
+        self.true_path: list[tuple[float, float]] = []
+        self.subscribe(Odometry, self.on_odometry, topic="odom")
+        self.subscribe(LaserScan, self.on_scan)
+        self.subscribe(TFMessage, self.on_transforms, topic="tf_static")
+        if self.draw_truth:
+            self.subscribe(Odometry, self.on_truth, MessageHandling.KEEP_ONLY_NEWEST, topic="ground_truth")
+
+    def on_transforms(self, message: TFMessage) -> None:
+        """Learn where the laser sits on the robot."""
+        for transform in message.transforms:
+            if transform.child_frame_id == "laser" and not self.scans:
+                place = transform.transform
+                yaw_rad = place.rotation.yaw
+                self.mapper.laser_pose = np.array([place.translation.x, place.translation.y, yaw_rad])
+
+    def on_odometry(self, odometry: Odometry) -> None:
+        """Add where the wheels say the robot is; publish where the map says it is."""
+        self.odometry_messages += 1
+        self.mapper.add_odometry(odometry.header.stamp.nanoseconds / 1e9, planar(odometry.pose.pose))
+        x_m, y_m, heading_rad = self.mapper.pose
+        self.publish(
+            PoseStamped(
+                header=Header(stamp=odometry.header.stamp, frame_id="map"),
+                pose=Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(heading_rad)),
+            ),
+            topic="map_pose",
+        )
+
+    def on_scan(self, scan: LaserScan) -> None:
+        """Add a scan."""
+        self.scans += 1
+        self.mapper.add_scan(
+            scan.header.stamp.nanoseconds / 1e9,
+            scan.ranges,
+            scan.angle_min,
+            scan.angle_increment,
+            scan.range_min,
+            scan.range_max,
+        )
+
+    def on_truth(self, truth: Odometry) -> None:
+        """Note where the simulated robot really is."""
+        self.true_path.append(planar(truth.pose.pose)[:2])
+
+    def tick(self) -> None:
+        """Publish the map if it has changed."""
+        if self.scans == self.drawn_scans:
+            return
+        self.drawn_scans = self.scans
+        cells, corner_m, resolution_m = self.mapper.grid()
+        info = MapMetaData(
+            resolution=resolution_m,
+            width=cells.shape[1],
+            height=cells.shape[0],
+            origin=Pose(position=Point(x=corner_m[0], y=corner_m[1])),
+        )
+        stamp = Time.from_nanoseconds(self.clock.now_ns())
+        header = Header(stamp=stamp, frame_id="map")
+        with self.loan(OccupancyGrid, header=header, info=info, data=cells.size) as grid:
+            grid.data[:] = cells.ravel()
+        self.status = (
+            f"{self.scans} scans, {self.odometry_messages} odometry, {self.mapper.loops_closed} loops, "
+            f"map {cells.shape[1]}x{cells.shape[0]}"
+        )
+
+    def teardown(self) -> None:
+        """Write the results."""
+        trajectory = self.mapper.trajectory()
+        np.savetxt(self.output_directory / "trajectory.txt", trajectory, fmt=["%.6f", "%.6f", "%.6f", "%.8f"])
+        cells, corner_m, resolution_m = self.mapper.grid()
+        draw_map(
+            self.output_directory / "map.png",
+            cells,
+            corner_m,
+            resolution_m,
+            estimated_path=trajectory[:, 1:3],
+            true_path=np.array(self.true_path) if self.true_path else None,
+        )
+        counted = {
+            "odometry_messages": self.odometry_messages,
+            "scans": self.scans,
+            "loops_closed": self.mapper.loops_closed,
+            "refused": dict(self.mapper.refused),
+        }
+        (self.output_directory / "mapping.json").write_text(json.dumps(counted, indent=2) + "\n")
+
+
+def planar(pose: Pose) -> tuple[float, float, float]:
+    """Return x (m), y (m) and heading (rad) of a pose."""
+    return pose.position.x, pose.position.y, pose.orientation.yaw
