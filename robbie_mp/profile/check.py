@@ -14,10 +14,12 @@ import sys
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, TextIO, TypeVar
 
 from robbie_mp.settings import SettingError, examine_settings
 from robbie_mp.suggest import did_you_mean
+
+Class = TypeVar("Class")
 
 
 class NotAModule(Exception):
@@ -31,7 +33,7 @@ def main() -> None:
     sys.path.insert(0, request["workspace"])
     this_process = os.getpid()
     try:
-        base = load_class(request["base_class"])
+        base = load_class(request["base_class"], object)
     except Exception:
         _emit(events, {"useless": traceback.format_exc()})
         raise
@@ -84,7 +86,7 @@ def _examine(module: dict[str, Any], base: type, workspace: Path) -> dict[str, o
     return {"errors": errors, "settings": settings, "failure": failure}
 
 
-def load_class(class_path: str, base: type = object) -> type:
+def load_class(class_path: str, base: type[Class]) -> type[Class]:
     """Import the class that `package.module:Class` names.
 
     Raises:
@@ -100,13 +102,14 @@ def load_class(class_path: str, base: type = object) -> type:
             near = did_you_mean(error.name, _siblings(error.name))
             raise NotAModule(f"there is no Python module {error.name!r}{near}") from None
         raise
-    found = getattr(module, class_name, None)
+    found: Any = getattr(module, class_name, None)
     if found is None:
         classes = [name for name, value in vars(module).items() if isinstance(value, type)]
         raise NotAModule(f"{module_name} has no class {class_name!r}{did_you_mean(class_name, classes)}")
     if not (isinstance(found, type) and issubclass(found, base)):
         raise NotAModule(f"{class_path} is not derived from {base.__module__}.{base.__qualname__}")
-    return found
+    checked: type[Class] = found
+    return checked
 
 
 def _siblings(module_name: str) -> list[str]:

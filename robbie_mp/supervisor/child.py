@@ -1,7 +1,6 @@
 """What runs in a child: `python -m robbie_mp.supervisor.child RUN_FOLDER NAME`."""
 
 import faulthandler
-import importlib
 import logging
 import os
 import signal
@@ -15,7 +14,9 @@ from robbie_mp.core.process import CoreProcess
 from robbie_mp.core.router import SlotLimits
 from robbie_mp.core.tables import CoreTables
 from robbie_mp.module import Module, ModuleContext
+from robbie_mp.profile.check import load_class
 from robbie_mp.runner import ModuleRunner
+from robbie_mp.settings import check_settings
 from robbie_mp.supervisor.die_with_parent import die_with_parent
 from robbie_mp.supervisor.leftovers import MARKER
 from robbie_mp.supervisor.memory import CORE
@@ -74,28 +75,24 @@ def run_module(plan: RunPlan, name: str, incarnation: int) -> None:
     inbox = Inbox(endpoint, make_views(plan.run_id), words)
     board = Board(Segment.attach(names.board(plan.run_id), SegmentKind.BOARD).words)
     bus = SharedMemoryBus(outbox, inbox, _Describer(plan.run_id, board))
-    output_directory = Path(plan.output_directory)
+    sys.path.insert(0, plan.workspace)
+    module_class = load_class(planned.class_path, Module)
+    folders = {setting: Path(folder) for setting, folder in planned.folder_of.items()}
     context = ModuleContext(
         name=name,
-        settings=dict(planned.settings),
+        settings=check_settings(
+            module_class, planned.settings, folder=Path(plan.workspace), folder_of=folders
+        ),
         bus=bus,
         clock=SystemClock(),
         config=Config(plan.config),
-        output_directory=output_directory,
+        output_directory=Path(plan.output_directory),
         show_status=lambda line: write_text(words, layout.OUT_STATUS, LINE_WORDS, line),
     )
-    module = load_class(plan.workspace, planned.class_path)(context)
+    module = module_class(context)
     runner = ModuleRunner(module, endpoint, inbox, outbox, memory.wakeup, words, lambda: board.may_go)
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
     runner.run()
-
-
-def load_class(workspace: str, class_path: str) -> type[Module]:
-    """Import a module class from the workspace or from what is installed."""
-    sys.path.insert(0, workspace)
-    module_name, _, class_name = class_path.partition(":")
-    found: type[Module] = getattr(importlib.import_module(module_name), class_name)
-    return found
 
 
 class _Describer:

@@ -18,6 +18,8 @@ class PlannedModule:
     name: str
     class_path: str
     settings: dict[str, Any]
+    folder_of: dict[str, str]
+    """What a relative path in a setting starts from, for settings where that is not the workspace."""
     memory: MemoryLimits
     queue: QueueLimits
 

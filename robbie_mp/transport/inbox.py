@@ -77,7 +77,7 @@ class Inbox:
                 whole = np.frombuffer(view, np.uint8)
                 let_go, reference = self._let_go, delivery.reference
                 pin = weakref.ref(whole, lambda _: let_go.append(reference))
-                message = message_type.decode(whole)
+                message = message_type.decode(whole.data)
                 del whole
             else:
                 message = message_type.decode(view)

@@ -108,7 +108,7 @@ class Outbox:
             block = self._allocate(plan.size)
         start = block.buffer[block.offset : block.offset + plan.size] if block else bytearray(plan.size)
         whole = np.frombuffer(start, np.uint8)
-        message = plan.write(memoryview(whole))
+        message = plan.write(whole.data)
         try:
             yield message
         except BaseException:
