@@ -75,6 +75,7 @@ def test_child_that_fails_is_restarted_until_its_budget_is_used_up(tmp_path: Pat
     assert end.reason == "exit code 1; all 2 restarts within 60 s are used up"
     assert end.last_lines[-1] == "RuntimeError: no such device: /dev/laser"
     assert end.last_lines[0] == "Traceback (most recent call last):"
+    assert end.last_lines.count(end.last_lines[0]) == 1, "lines of an earlier start"
     assert run.tree.stop_reason == "all modules have ended"
 
 
