@@ -39,7 +39,7 @@ class EventLoop:
         watched = self._selector.get_map()
         for key, _ in self._selector.select(max(0.0, timeout_s)):
             # An earlier callback may have closed this descriptor, and its number may be another's by now.
-            if True:
+            if watched.get(key.fd) is key:
                 key.data()
         now_s = self._clock()
         while self._timers and self._timers[0][0] <= now_s:
