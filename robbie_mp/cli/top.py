@@ -6,7 +6,6 @@ from contextlib import closing
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-
 from robbie_mp.cli.figures import as_data, console, table
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.observe import RunObserver

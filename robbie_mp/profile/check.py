@@ -70,7 +70,7 @@ def _examine(module: dict[str, Any], base: type, workspace: Path) -> dict[str, o
     settings: dict[str, object] = {}
     failure = ""
     try:
-        cls = load_class(module["class_path"], base)
+        cls: type = load_class(module["class_path"], base)
         folder_of = {name: Path(folder) for name, folder in module["folder_of"].items()}
         settings, found = examine_settings(cls, module["settings"], folder=workspace, folder_of=folder_of)
         errors += [(("settings", error.setting), str(error)) for error in found]

@@ -83,4 +83,11 @@ class RunPlan:
 
 
 def _planned(module: ModuleSpec) -> PlannedModule:
-    return PlannedModule(module.name, module.class_path, dict(module.settings), module.memory, module.queue)
+    return PlannedModule(
+        name=module.name,
+        class_path=module.class_path,
+        settings=dict(module.settings),
+        folder_of={name: str(folder) for name, folder in module.folder_of.items()},
+        memory=module.memory,
+        queue=module.queue,
+    )
