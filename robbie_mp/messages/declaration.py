@@ -19,6 +19,7 @@ from robbie_mp.messages.field_types import (
     Numbers,
     Primitive,
     Text,
+    constant_array,
 )
 from robbie_mp.messages.fitting import fit
 from robbie_mp.messages.primitives import primitive_of
@@ -112,7 +113,8 @@ def _field(
     kind = field_type(f"{class_name}.{name}", annotation)
     if name not in namespace:
         return Field(name, kind)
-    return Field(name, kind, fit(f"{type_name}.{name}", kind, namespace[name]))
+    default = fit(f"{type_name}.{name}", kind, namespace[name])
+    return Field(name, kind, constant_array(default.copy()) if isinstance(kind, Numbers) else default)
 
 
 def python_name(schema_name: str) -> str:

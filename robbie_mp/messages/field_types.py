@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from robbie_mp.messages.errors import DeclarationError
+
 if TYPE_CHECKING:
     from robbie_mp.messages.message import Message
 
@@ -63,6 +65,11 @@ class Several:
     element: Primitive | Text | Nested
     length: int | None = None
     max_length: int | None = None
+
+    def __post_init__(self) -> None:
+        for length in (self.length, self.max_length):
+            if length is not None and not (isinstance(length, int) and length >= 1):
+                raise DeclarationError(f"{self}: the length of an array is an int >= 1")
 
     def __str__(self) -> str:
         if self.length is not None:

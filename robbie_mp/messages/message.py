@@ -151,7 +151,7 @@ class Message(metaclass=MessageType):
         return message
 
     def forget_arrays(self) -> None:
-        """Let go of all arrays, which become as if they had not been given.
+        """Let go of the message's own arrays (not those of nested messages); they become as if not given.
 
         For who lent the memory they lie in and takes it back; nobody else should see a message change.
         """

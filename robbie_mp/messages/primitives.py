@@ -72,8 +72,4 @@ else:
                     f"Array[{element!r}]: an array holds a primitive such as float32; "
                     "write list[…] for strings and messages"
                 )
-            if length is not None and (not isinstance(length, int) or length < 1):
-                raise DeclarationError(
-                    f"Array[{primitive}, {length!r}]: the length of a fixed array is an int >= 1"
-                )
             return Annotated[np.ndarray, Numbers(primitive, length)]

@@ -73,7 +73,7 @@ class _Builder:
             if content := COMMENT.sub(lambda found: found[1] or "", line).strip():
                 try:
                     self._declare(type_name, content, annotations, body)
-                except (ValueError, SyntaxError) as error:
+                except (ValueError, SyntaxError, MessageError) as error:
                     raise SchemaError(
                         f"{type_name}: in the line {content!r} of its schema: {error}"
                     ) from error

@@ -102,6 +102,6 @@ def _check_same_layout(message_type: type[Message], schema: str) -> None:
     written = message_type_from_schema(message_type.type_name, schema)
     if layout(written) != layout(message_type):
         raise VersionError(
-            f"{message_type.type_name}: what was written as version {message_type.version} has "
-            "other fields than the class of that version; whoever changes a message, or one nested in it, raises its version"
+            f"{message_type.type_name}: what was written as version {message_type.version} has other fields "
+            "than the class; whoever changes a message, or one nested in it, raises its version"
         )

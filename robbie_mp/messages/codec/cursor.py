@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 
 from robbie_mp.messages.codec.placement import (
     LARGEST_ALIGNMENT,
@@ -82,11 +83,10 @@ class Cursor:
         """Note that a sequence with elements of this size, perhaps empty, was passed."""
         self._starts = positions_after_numbers(size, self._starts)
 
-    def enter_loop(self, loop: Loop) -> None:
-        """Prepare for a body that starts at many positions."""
+    @contextmanager
+    def loop(self, loop: Loop) -> Iterator[None]:
+        """Know the positions possible in the body, and behind the loop even if it has no elements."""
         self.materialise()
-        self._starts = loop_positions(loop, self._starts)
-
-    def leave_loop(self, loop: Loop) -> None:
-        """Note that what follows starts where the loop's body may end, or where it began."""
-        self._starts = loop_positions(loop, self._starts)
+        self._starts = possible = loop_positions(loop, self._starts)
+        yield
+        self._starts = possible

@@ -167,12 +167,10 @@ class _DecoderWriter(StepWriter):
         start = self.cursor.expression
         with self.source.block(f"if {length} * {smallest_size(loop.body)} > _end - {start}:"):
             self.source.line('raise _ValueError("too many elements")')
-        self.cursor.enter_loop(loop)
         self.source.line(f"{value.variable} = []")
-        with self.source.block(f"for _ in _range({length}):"):
+        with self.cursor.loop(loop), self.source.block(f"for _ in _range({length}):"):
             self._body(loop.body)
             self.source.line(f"{value.variable}.append({item})")
-        self.cursor.leave_loop(loop)
 
 
 def smallest_size(plan: Plan) -> int:

@@ -109,10 +109,11 @@ class _EncoderWriter(StepWriter):
         if loop.length is not None:
             with self.source.block(f"if _len({loop.value.variable}) != {loop.length}:"):
                 self.source.line('raise _ValueError("wrong number of elements")')
-        self.cursor.enter_loop(loop)
-        with self.source.block(f"for {loop.value.item.variable} in {loop.value.variable}:"):
+        with (
+            self.cursor.loop(loop),
+            self.source.block(f"for {loop.value.item.variable} in {loop.value.variable}:"),
+        ):
             self._body(loop.body)
-        self.cursor.leave_loop(loop)
 
 
 def _packed(item: RunItem) -> str:

@@ -85,7 +85,7 @@ def _explain_encoding(message: Message, buffer: memoryview | None, error: Except
         for field in fields_of(type(message)):
             fit(f"{message.type_name}.{field.schema_name}", field.type, getattr(message, field.name))
     except FieldError as found:
-        return found
+        return found.with_traceback(None)
     if buffer is not None and len(buffer) < message.encoded_size():
         return BufferTooSmall(
             f"{message.type_name} needs {message.encoded_size()} bytes, the buffer has {len(buffer)}"

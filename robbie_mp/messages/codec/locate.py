@@ -29,7 +29,7 @@ def find_failure(type_name: str, fields: Sequence[Field], data: memoryview) -> D
     try:
         _Walk(type_name, data).whole_message(fields)
     except DecodeError as found:
-        return found
+        return found.with_traceback(None)  # its frames would keep each other, and the buffer, alive
     return None
 
 

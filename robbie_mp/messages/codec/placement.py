@@ -89,7 +89,7 @@ def positions_after_numbers(size: int, starts: frozenset[int]) -> frozenset[int]
 
 
 def loop_positions(loop: Loop, starts: frozenset[int]) -> frozenset[int]:
-    """Return where an element of the loop, and so what follows the loop, may start."""
+    """Return where an element of the loop, or what follows the loop, may start."""
     while not (ends := positions_after(loop.body, starts)) <= starts:
         starts |= ends
     return starts

@@ -64,7 +64,8 @@ class _SizerWriter(StepWriter):
         self.cursor.move_past_numbers(size)
 
     def loop(self, loop: Loop) -> None:
-        self.cursor.enter_loop(loop)
-        with self.source.block(f"for {loop.value.item.variable} in {loop.value.variable}:"):
+        with (
+            self.cursor.loop(loop),
+            self.source.block(f"for {loop.value.item.variable} in {loop.value.variable}:"),
+        ):
             self._body(loop.body)
-        self.cursor.leave_loop(loop)

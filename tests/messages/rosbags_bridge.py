@@ -1,0 +1,57 @@
+"""The rosbags library as an independent codec."""
+
+import math
+from typing import Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from robbie_mp.messages import Message
+from robbie_mp.messages.field_types import fields_of
+
+
+def jazzy() -> Typestore:
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def store_with(type_name: str, schema: str) -> Typestore:
+    """A type store that knows the types of a ros2msg text."""
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(schema, type_name))
+    return store
+
+
+def to_rosbags(store: Typestore, message: Message) -> Any:
+    """The same message as an object of rosbags."""
+    return store.types[message.type_name](
+        **{
+            field.schema_name: _value(store, getattr(message, field.name))
+            for field in fields_of(type(message))
+        }
+    )
+
+
+def _value(store: Typestore, value: Any) -> Any:
+    if isinstance(value, Message):
+        return to_rosbags(store, value)
+    if isinstance(value, list):
+        return [_value(store, item) for item in value]
+    return value
+
+
+def assert_same(ours: Any, theirs: Any) -> None:
+    """Field by field; NaN equals NaN."""
+    if isinstance(ours, Message):
+        for field in fields_of(type(ours)):
+            assert_same(getattr(ours, field.name), getattr(theirs, field.schema_name))
+    elif isinstance(ours, list):
+        assert len(ours) == len(theirs)
+        for mine, its in zip(ours, theirs, strict=True):
+            assert_same(mine, its)
+    elif isinstance(ours, np.ndarray):
+        np.testing.assert_array_equal(
+            ours, np.frombuffer(theirs, np.uint8) if isinstance(theirs, bytes) else theirs
+        )
+    else:
+        assert ours == theirs or (math.isnan(ours) and math.isnan(theirs))
