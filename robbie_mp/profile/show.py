@@ -11,6 +11,7 @@ from robbie_mp.profile.reader import CORE_SCHEMA
 
 DEFAULT = "default"
 COMMENT_COLUMN = 48
+LINE_BREAKS = frozenset("\x85\u2028\u2029")
 KeyPath = tuple[str, ...]
 
 
@@ -88,9 +89,21 @@ def to_lines(tree: Mapping[str, Any], origins: Mapping[KeyPath, str], path: KeyP
             yield Line(f"{indent}{inline(key)}: {inline(value)}", origins[here])
 
 
+def _dump(value: object, *, allow_unicode: bool) -> str:
+    text: str = yaml.dump(
+        value,
+        Dumper=_Dumper,
+        default_flow_style=True,
+        allow_unicode=allow_unicode,
+        sort_keys=False,
+        width=1 << 30,
+    )
+    return text
+
+
 def inline(value: object) -> str:
     """Return a value as YAML on one line, which a profile may contain just so."""
-    text: str = yaml.dump(
-        value, Dumper=_Dumper, default_flow_style=True, allow_unicode=True, sort_keys=False, width=1 << 30
-    )
+    text = _dump(value, allow_unicode=True)
+    if not LINE_BREAKS.isdisjoint(text):  # PyYAML would write them as they are, and read them as blanks
+        text = _dump(value, allow_unicode=False)
     return text.removesuffix("\n").removesuffix("\n...").rstrip("\n")
