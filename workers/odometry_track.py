@@ -1,0 +1,66 @@
+"""What wheel odometry said, in the order it came, and where between it a laser sweep belongs."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.planar_pose import compose, relative
+from workers.row_log import RowLog
+
+SAME_STAMP_S = 1e-4
+SEARCHED = 200  # newest entries looked through for a sweep's stamp
+
+
+@dataclass(frozen=True)
+class Place:
+    """A moment in the track.
+
+    Attributes:
+        position: Number of the odometry entry since the beginning; between two entries, a fraction.
+        pose: Odometry's pose then (x, y, heading), odometry frame.
+    """
+
+    position: float
+    pose: NDArray[np.float64]
+
+
+class OdometryTrack:
+    """Stamps and poses of odometry in recording order.
+
+    Args:
+        most_entries: Beyond this the older half is forgotten.
+    """
+
+    def __init__(self, most_entries: int) -> None:
+        self.log = RowLog(4, most_entries)
+
+    def add(self, stamp_s: float, pose: ArrayLike) -> None:
+        """Append an entry: its stamp and the pose (x m, y m, heading rad)."""
+        self.log.add([stamp_s, *np.asarray(pose, float)])
+
+    def numbered(self, position: int) -> Place:
+        """Return an entry by its number; one forgotten or yet to come gives the nearest there is."""
+        row = int(np.clip(position - self.log.forgotten, 0, len(self.log) - 1))
+        return Place(row + self.log.forgotten, self.log.rows[row, 1:].copy())
+
+    def at(self, stamp_s: float) -> Place | None:
+        """Find the place of a stamp, or None if it is not between the newest entries.
+
+        Stamps may be out of order (clocks that jitter); the order of recording is what counts. So an entry
+        with the very same stamp comes first, the newest of them; then the newest pair of successive entries
+        with the stamp between them, and the pose is interpolated.
+        """
+        begin = max(0, len(self.log) - SEARCHED)
+        newest = self.log.rows[begin:]
+        stamps = newest[:, 0]
+        same = np.flatnonzero(np.abs(stamps - stamp_s) < SAME_STAMP_S)
+        if len(same):
+            return self.numbered(self.log.forgotten + begin + int(same[-1]))
+        around = np.flatnonzero((stamps[:-1] < stamp_s) & (stamp_s < stamps[1:]))
+        if len(around) == 0:
+            return None
+        before, after = newest[around[-1]], newest[around[-1] + 1]
+        share = (stamp_s - before[0]) / (after[0] - before[0])
+        pose = compose(before[1:], share * relative(before[1:], after[1:]))
+        return Place(self.log.forgotten + begin + around[-1] + share, pose)

@@ -1,0 +1,135 @@
+"""Pose graph: poses tied together by measured relative poses, and the poses that fit all of them best.
+
+Lu and Milios, "Globally consistent range scan alignment for environment mapping" (Autonomous Robots, 1997);
+solved as in Grisetti, Kümmerle, Stachniss and Burgard, "A tutorial on graph-based SLAM" (2010), by
+Gauss-Newton over sparse matrices. An edge that closes a loop counts the less the worse it fits (Agarwal et
+al., "Robust map optimization using dynamic covariance scaling", ICRA 2013), so that one false match cannot
+bend the map.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.linalg import splu
+
+from workers.planar_pose import relative, wrap_angle
+
+DOUBT = 10.0  # an edge's squared error (in its own standard deviations) beyond which it counts less
+MOST_ROUNDS = 10
+SETTLED_M = 1e-3
+
+
+class PoseGraph:
+    """Poses `(N, 3)` and the edges between them; the first pose stays where it is."""
+
+    def __init__(self) -> None:
+        self.poses = np.zeros((0, 3))
+        self._ends: list[tuple[int, int]] = []
+        self._measured: list[NDArray[np.float64]] = []
+        self._information: list[NDArray[np.float64]] = []
+        self._robust: list[bool] = []
+
+    def add_pose(self, pose: ArrayLike) -> int:
+        """Add a pose and return its number."""
+        self.poses = np.vstack([self.poses, np.asarray(pose, float)])
+        return len(self.poses) - 1
+
+    def add_edge(
+        self, base: int, seen: int, measured: ArrayLike, information: ArrayLike, closes_loop: bool = False
+    ) -> None:
+        """Tie two poses: `seen` was measured from `base`, with inverse covariance `information` `(3, 3)`."""
+        self._ends.append((base, seen))
+        self._measured.append(np.asarray(measured, float))
+        self._information.append(np.asarray(information, float))
+        self._robust.append(closes_loop)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return all there is to know, as arrays."""
+        return {
+            "poses": self.poses.copy(),
+            "ends": np.array(self._ends, dtype=np.int64).reshape(-1, 2),
+            "measured": np.array(self._measured).reshape(-1, 3),
+            "information": np.array(self._information).reshape(-1, 3, 3),
+            "closes_loop": np.array(self._robust, dtype=bool),
+        }
+
+    @staticmethod
+    def from_state(state: Mapping[str, NDArray[Any]]) -> "PoseGraph":
+        """Make the graph that `state` was taken from."""
+        graph = PoseGraph()
+        graph.poses = np.array(state["poses"])
+        edges = (state[name] for name in ("ends", "measured", "information", "closes_loop"))
+        for ends, measured, information, closes_loop in zip(*edges, strict=True):
+            graph.add_edge(int(ends[0]), int(ends[1]), measured, information, bool(closes_loop))
+        return graph
+
+    def distances_m(self, start: int, limit_m: float = np.inf) -> NDArray[np.float64]:
+        """Return how far along edges each pose lies from one: what its uncertainty grows with."""
+        ends = np.array(self._ends)
+        lengths = np.hypot(*np.array(self._measured)[:, :2].T) + 1e-6
+        shape = (len(self.poses), len(self.poses))
+        graph = csr_matrix((lengths, (ends[:, 0], ends[:, 1])), shape=shape)
+        return dijkstra(graph, directed=False, indices=start, limit=limit_m)
+
+    def optimise(self) -> float:
+        """Move the poses to where they fit the edges best.
+
+        Returns:
+            The farthest that any pose was moved, m.
+        """
+        if not self._ends:
+            return 0.0
+        before = self.poses.copy()
+        ends, measured = np.array(self._ends), np.array(self._measured)
+        information, robust = np.array(self._information), np.array(self._robust)
+        for _ in range(MOST_ROUNDS):
+            step = self._step(ends, measured, information, robust)
+            self.poses[1:] += step
+            self.poses[:, 2] = wrap_angle(self.poses[:, 2])
+            if np.abs(step).max() < SETTLED_M:
+                break
+        return float(np.hypot(*(self.poses - before)[:, :2].T).max())
+
+    def _step(
+        self,
+        ends: NDArray[np.int64],
+        measured: NDArray[np.float64],
+        information: NDArray[np.float64],
+        robust: NDArray[np.bool_],
+    ) -> NDArray[np.float64]:
+        """One Gauss-Newton step for all poses but the first, `(N - 1, 3)`."""
+        error = relative(self.poses[ends[:, 0]], self.poses[ends[:, 1]]) - measured
+        error[:, 2] = wrap_angle(error[:, 2])
+        squared = np.einsum("ei,eij,ej->e", error, information, error)
+        trust = np.where(robust, np.minimum(1.0, 2 * DOUBT / (DOUBT + squared)) ** 2, 1.0)
+        information = information * trust[:, None, None]
+        jacobians = _jacobians(self.poses[ends[:, 0]], self.poses[ends[:, 1]])
+        weighted = np.einsum("eaji,ejk->eaik", jacobians, information)
+        blocks = np.einsum("eaij,ebjk->eabik", weighted, jacobians)
+        rights = -np.einsum("eaij,ej->eai", weighted, error)
+        variables = ends[:, :, None] * 3 + np.arange(3)
+        rows = np.broadcast_to(variables[:, :, None, :, None], blocks.shape)
+        columns = np.broadcast_to(variables[:, None, :, None, :], blocks.shape)
+        size = 3 * len(self.poses)
+        system = coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size)).tocsc()
+        right = np.bincount(variables.ravel(), rights.ravel(), minlength=size)
+        factors = splu(system[3:, 3:], permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+        return factors.solve(right[3:]).reshape(-1, 3)
+
+
+def _jacobians(base: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Derivatives of `relative(base, seen)` by both, `(E, 2, 3, 3)`."""
+    cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])
+    dx, dy = seen[:, 0] - base[:, 0], seen[:, 1] - base[:, 1]
+    result = np.zeros((len(base), 2, 3, 3))
+    result[:, 1, 0, 0], result[:, 1, 0, 1] = cos, sin
+    result[:, 1, 1, 0], result[:, 1, 1, 1] = -sin, cos
+    result[:, 1, 2, 2] = 1
+    result[:, 0] = -result[:, 1]
+    result[:, 0, 0, 2] = -sin * dx + cos * dy
+    result[:, 0, 1, 2] = -cos * dx - sin * dy
+    return result

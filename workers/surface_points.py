@@ -1,0 +1,79 @@
+"""Points on surfaces, with the direction each surface faces: what scan matching works on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.planar_pose import relative, rotate, transform_points
+
+NEIGHBOURS_EACH_SIDE = 6
+SMALLEST_REACH_M = 0.2
+REACH_PER_RANGE = 0.06  # a wall seen at a grazing angle leaves wide gaps between far beams
+FLATNESS = 0.1  # greatest share of the spread across a surface to that along it
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Points where beams ended, and the normal of the surface there.
+
+    Attributes:
+        points: `(N, 2) float64`, m.
+        normals: `(N, 2) float64`, unit vectors to the side it was seen from; zero where
+            there is no surface to be made out.
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+
+    @staticmethod
+    def from_bearings(bearings_rad: NDArray[np.float64], ranges_m: NDArray[np.float64]) -> "SurfacePoints":
+        """Take the ends of beams, in the order they were swept, in the laser's frame."""
+        points = ranges_m[:, None] * np.column_stack([np.cos(bearings_rad), np.sin(bearings_rad)])
+        return SurfacePoints(points, _normals(points, ranges_m))
+
+    def moved(self, pose: ArrayLike) -> "SurfacePoints":
+        """Carry the points into the frame `pose` is given in."""
+        heading = float(np.asarray(pose)[2])
+        return SurfacePoints(transform_points(pose, self.points), rotate(heading, self.normals))
+
+    def seen_from(self, pose: ArrayLike) -> "SurfacePoints":
+        """Carry the points from the frame `pose` is given in into the frame of `pose`."""
+        return self.moved(relative(pose, np.zeros(3)))
+
+    def thinned(self, most: int) -> "SurfacePoints":
+        """Leave out points, evenly, until no more than `most` are left."""
+        every = -(-len(self) // most)
+        return SurfacePoints(self.points[::every], self.normals[::every])
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @staticmethod
+    def joined(scans: "list[SurfacePoints]") -> "SurfacePoints":
+        """Put scans given in one frame together."""
+        return SurfacePoints(
+            np.concatenate([scan.points for scan in scans]), np.concatenate([scan.normals for scan in scans])
+        )
+
+
+def _normals(points: NDArray[np.float64], ranges: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Fit a line through each point's neighbours in the sweep (principal components of those near enough)."""
+    reach = np.maximum(SMALLEST_REACH_M, REACH_PER_RANGE * ranges)
+    moments = np.zeros((len(points), 6))  # count, x, y, xx, xy, yy of the neighbours, seen from the point
+    moments[:, 0] = 1.0
+    for shift in range(1, min(NEIGHBOURS_EACH_SIDE, len(points) - 1) + 1):
+        step = points[shift:] - points[:-shift]
+        near = (np.hypot(step[:, 0], step[:, 1]) < np.minimum(reach[shift:], reach[:-shift])).astype(float)
+        x, y = step[:, 0] * near, step[:, 1] * near
+        even = np.column_stack([near, x, y, x * x, x * y, y * y])
+        moments[:-shift] += even
+        moments[shift:] += even * [1, -1, -1, 1, 1, 1]
+    count, x, y, xx, xy, yy = moments.T
+    xx, xy, yy = xx - x * x / count, xy - x * y / count, yy - y * y / count
+    heading = 0.5 * np.arctan2(2 * xy, xx - yy)  # of the surface
+    spread, middle = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
+    known = (count >= 3) & (middle - spread < FLATNESS * (middle + spread))
+    normals = np.column_stack([-np.sin(heading), np.cos(heading)]) * known[:, None]
+    normals[np.einsum("ij,ij->i", normals, points) > 0] *= -1
+    return normals
