@@ -1,11 +1,6 @@
 """Messages: declared as classes, encoded as ROS 2 does (CDR), described by ros2msg schemas.
 
-from robbie_mp.messages import Array, Header, Message, float32
-
-class LaserScan(Message, name="sensor_msgs/msg/LaserScan", version=1):
-header: Header
-angle_min: float32  # rad
-ranges: Array[float32]  # (N,) m
+How to declare one, versions, loans and limits: docs/messages.md.
 """
 
 from robbie_mp.messages.errors import (
@@ -21,7 +16,7 @@ from robbie_mp.messages.errors import (
     UnknownType,
     VersionError,
 )
-from robbie_mp.messages.field_types import FixedLength, MaxLength
+from robbie_mp.messages.field_types import DEFAULT, FixedLength, MaxLength
 from robbie_mp.messages.loans import Layout, lay_out
 from robbie_mp.messages.message import Message, replace
 from robbie_mp.messages.plain import as_dict, from_dict
@@ -80,6 +75,7 @@ from robbie_mp.messages.stock.tf2_msgs import TFMessage
 from robbie_mp.messages.versions import Upgrade, decode_version
 
 __all__ = [
+    "DEFAULT",
     "Array",
     "BatteryState",
     "BufferTooSmall",

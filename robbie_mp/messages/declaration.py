@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin, g
 
 from robbie_mp.messages.errors import DeclarationError
 from robbie_mp.messages.field_types import (
+    DEFAULT,
     Field,
     FieldType,
     FixedLength,
@@ -111,7 +112,7 @@ def _field(
         )
         raise DeclarationError(f"{class_name}.{name}: a field cannot have this name; {advice}")
     kind = field_type(f"{class_name}.{name}", annotation)
-    if name not in namespace:
+    if namespace.get(name, DEFAULT) is DEFAULT:
         return Field(name, kind)
     default = fit(f"{type_name}.{name}", kind, namespace[name])
     return Field(name, kind, constant_array(default.copy()) if isinstance(kind, Numbers) else default)

@@ -94,6 +94,18 @@ class Items(Several):
 FieldType = Primitive | Text | Nested | Numbers | Items
 
 
+class _Default:
+    def __repr__(self) -> str:
+        return "DEFAULT"
+
+
+DEFAULT: Any = _Default()
+"""What a field is when it is not given: 0, False, "", empty, or the nested type's default.
+
+That is so without it, too; but a type checker lets a field be left out only if something is assigned to it.
+"""
+
+
 @dataclass(frozen=True, slots=True)
 class Field:
     """One field of a message.
@@ -101,12 +113,12 @@ class Field:
     Attributes:
         name: its name in Python.
         type: what it holds.
-        declared_default: what the declaration says it is when it is not given; None if it does not say.
+        declared_default: what the declaration says it is when it is not given.
     """
 
     name: str
     type: FieldType
-    declared_default: Any = None
+    declared_default: Any = DEFAULT
 
     @property
     def schema_name(self) -> str:
@@ -116,7 +128,7 @@ class Field:
     @property
     def default(self) -> Any:
         """What the field is when it is not given."""
-        return natural_default(self.type) if self.declared_default is None else self.declared_default
+        return natural_default(self.type) if self.declared_default is DEFAULT else self.declared_default
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,7 +63,7 @@ def _fit_primitive(path: str, kind: Primitive, value: Any) -> bool | int | float
             raise FieldValueError(f"{path}: {kind} is {limits.min} to {limits.max}, got {value}") from None
         if isinstance(error, OverflowError):
             raise FieldValueError(f"{path}: {value} is too large for {kind}") from None
-        raise wrong_type(path, f"a {kind}", value) from None
+        raise wrong_type(path, str(kind), value) from None
 
 
 def _fit_text(path: str, kind: Text, value: Any) -> str:

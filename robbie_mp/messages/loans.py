@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-import numpy as np
-
 from robbie_mp.messages.codec.generate import loan_encoder
 from robbie_mp.messages.errors import FieldTypeError, FieldValueError
 from robbie_mp.messages.field_types import Numbers, fields_of
@@ -61,18 +59,31 @@ def lay_out(message_type: type[_Message], fields: Mapping[str, object]) -> Layou
         FieldError: a value does not fit its field.
     """
     lent = {
-        field.name: _elements(f"{message_type.type_name}.{field.schema_name}", field.type, count)
+        field.name: _Elements(_checked(f"{message_type.type_name}.{field.schema_name}", field.type, count))
         for field in fields_of(message_type)
         if isinstance(field.type, Numbers) and isinstance(count := fields.get(field.name), int)
     }
-    outline = message_type(**{**fields, **lent})
+    outline = message_type(**{name: value for name, value in fields.items() if name not in lent})
+    for name, elements in lent.items():
+        object.__setattr__(outline, name, elements)
     return Layout(outline.encoded_size(), frozenset(lent), outline)
 
 
-def _elements(path: str, kind: Numbers, count: int) -> np.ndarray[tuple[int], np.dtype[np.generic]]:
-    """Return an array that stands for the loaned one; its memory is never touched."""
+class _Elements:
+    """Stands for a lent array while its place is not known; all that the encoder asks for is the length."""
+
+    __slots__ = ("_count",)
+
+    def __init__(self, count: int):
+        self._count = count
+
+    def __len__(self) -> int:
+        return self._count
+
+
+def _checked(path: str, kind: Numbers, count: int) -> int:
     if kind.length is not None or isinstance(count, bool):
         raise FieldTypeError(f"{path}: expected an array for {kind}, got {count!r}; only sequences are lent")
-    if count < 0:
-        raise FieldValueError(f"{path}: cannot lend {count} elements")
-    return np.empty(count, kind.element.dtype)
+    if count < 0 or (kind.max_length is not None and count > kind.max_length):
+        raise FieldValueError(f"{path}: cannot lend {count} elements of {kind}")
+    return count

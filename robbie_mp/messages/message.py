@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self, TypeVar, dataclass_transform
 
 import numpy as np
 
@@ -14,8 +14,6 @@ from robbie_mp.messages.field_types import Field, Items, Nested, Numbers, natura
 from robbie_mp.messages.text import represent
 
 if TYPE_CHECKING:
-    from typing import Self
-
     from typing_extensions import Buffer
 
     from robbie_mp.messages.versions import Upgrade
@@ -54,6 +52,7 @@ class MessageType(type):
             )
         declaration = read_declaration(class_name, name, namespace)
         slots = tuple(field.name for field in declaration.fields)
+        blank = type(f"{class_name}InTheMaking", (), {"__slots__": slots})
         body = {key: value for key, value in namespace.items() if key not in slots}
         body |= {
             "__slots__": (),
@@ -65,7 +64,7 @@ class MessageType(type):
             "_upgrades": dict(upgrades or {}),
             "_source": {},
             "_loan_encoders": {},
-            "_blank": (blank := type(f"{class_name}InTheMaking", (), {"__slots__": slots})),
+            "_blank": blank,
         }
         return super().__new__(metacls, class_name, (*bases, blank), body)
 

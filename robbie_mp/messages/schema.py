@@ -13,6 +13,7 @@ import numpy as np
 
 from robbie_mp.messages.declaration import Constant
 from robbie_mp.messages.field_types import (
+    DEFAULT,
     Field,
     FieldType,
     Items,
@@ -87,11 +88,7 @@ def _field_line(field: Field) -> str:
 def _default(field: Field) -> str:
     """Return the default as a definition states it; "" if it goes without saying or cannot be said."""
     kind, value = field.type, field.declared_default
-    if (
-        value is None
-        or isinstance(kind, Nested)
-        or (isinstance(kind, Items) and isinstance(kind.element, Nested))
-    ):
+    if value is DEFAULT or isinstance(kind, Nested) or isinstance(getattr(kind, "element", None), Nested):
         return ""
     return "" if np.array_equal(value, natural_default(kind)) else f" {_literal(value)}"
 

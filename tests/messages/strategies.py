@@ -56,19 +56,6 @@ def messages(message_type: type[Message]) -> st.SearchStrategy[Any]:
 
 # Not byte: rosbags takes it for signed, ROS 2 has it as an octet.
 PRIMITIVE_NAMES = [each for each in PRIMITIVES if each != "byte"]
-    "bool",
-    "char",
-    "int8",
-    "uint8",
-    "int16",
-    "uint16",
-    "int32",
-    "uint32",
-    "int64",
-    "uint64",
-    "float32",
-    "float64",
-]
 
 
 @st.composite

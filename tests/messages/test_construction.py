@@ -85,10 +85,10 @@ def test_a_long_array_is_abbreviated_in_the_text(length: int) -> None:
 
 
 WRONG_TYPES = [
-    (Time, {"sec": 1.5}, "sec: expected a int32, got 1.5 (float)"),
-    (Time, {"sec": "1"}, "sec: expected a int32, got '1' (str)"),
-    (Time, {"sec": None}, "sec: expected a int32, got None (NoneType)"),
-    (Vector3, {"x": "1"}, "x: expected a float64, got '1' (str)"),
+    (Time, {"sec": 1.5}, "sec: expected int32, got 1.5 (float)"),
+    (Time, {"sec": "1"}, "sec: expected int32, got '1' (str)"),
+    (Time, {"sec": None}, "sec: expected int32, got None (NoneType)"),
+    (Vector3, {"x": "1"}, "x: expected float64, got '1' (str)"),
     (PointCloud2, {"is_dense": 1}, "is_dense: expected a bool, got 1 (int)"),
     (Header, {"frame_id": b"map"}, "frame_id: expected a str, got b'map' (bytes)"),
     (LaserScan, {"header": Time()}, "header: expected a Header, got Time(sec=0, nanosec=0) (Time)"),

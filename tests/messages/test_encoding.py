@@ -27,6 +27,10 @@ class Empty(Message, name="test_msgs/msg/Empty"):
     pass
 
 
+class Fleet(Message, name="test_msgs/msg/Fleet"):
+    robots: list[JointState]
+
+
 class Awkward(Message, name="test_msgs/msg/Awkward"):
     """Fields named as what generated code uses."""
 
@@ -104,6 +108,13 @@ def test_a_list_changed_after_the_fact_is_refused_when_encoded() -> None:
     for encode in (state.encode, state.encoded_size):
         with pytest.raises(FieldError, match=r"sensor_msgs/msg/JointState\.name\[1\]: expected a str, got 3"):
             encode()
+
+
+def test_a_list_changed_deep_inside_is_refused_when_encoded() -> None:
+    message = Fleet(robots=[JointState(name=["left"])])
+    message.robots[0].name.append(3)  # type: ignore[arg-type]
+    with pytest.raises(FieldError, match=r"sensor_msgs/msg/JointState\.name\[1\]: expected a str, got 3"):
+        message.encode()
 
 
 def test_up_to_three_bytes_may_follow_a_message() -> None:

@@ -65,10 +65,8 @@ def test_a_large_loan_allocates_no_memory_for_its_elements() -> None:
     tracemalloc.start()
     try:
         layout = lay_out(Image, {"data": size})
-        after_planning = tracemalloc.get_traced_memory()[0]
-        tracemalloc.reset_peak()
         image = layout.write(buffer)
-        assert tracemalloc.get_traced_memory()[1] - after_planning < 10_000
+        assert tracemalloc.get_traced_memory()[1] < 10_000
     finally:
         tracemalloc.stop()
     image.data[-1] = 7
@@ -102,5 +100,5 @@ def test_only_sequences_are_lent() -> None:
         lay_out(Imu, {"orientation_covariance": 9})
     with pytest.raises(FieldTypeError, match="only sequences are lent"):
         lay_out(Image, {"data": True})
-    with pytest.raises(FieldTypeError, match="height: expected a uint32"):
+    with pytest.raises(FieldTypeError, match="height: expected uint32"):
         lay_out(Image, {"height": "tall", "data": 3})

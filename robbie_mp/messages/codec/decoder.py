@@ -28,7 +28,7 @@ from robbie_mp.messages.codec.plan import (
 )
 from robbie_mp.messages.codec.source import Source
 from robbie_mp.messages.codec.step_writer import StepWriter
-from robbie_mp.messages.field_types import Nested, Primitive, Text, constant_array, fields_of
+from robbie_mp.messages.field_types import Nested, Numbers, Primitive, Text, fields_of, natural_default
 
 if TYPE_CHECKING:
     from robbie_mp.messages.message import Message
@@ -62,10 +62,9 @@ def read_truths(data: memoryview, _dtype: object, count: int, offset: int) -> ND
 class _DecoderWriter(StepWriter):
     def write(self, plan: Plan, message_type: type[Message]) -> None:
         line, block = self.source.line, self.source.block
-        access = self.source.name("_pinned", pinned) if message_type.has_views else "_bytes"
         with block("def decode(_buffer):"):
             with block("try:"):
-                line(f"_data = {access}(_buffer)")
+                line(f"_data = {self._access(plan, message_type)}")
                 line("_end = _len(_data)")
                 self._body(plan)
                 with block(f"if _end - {self.cursor.expression} > {MAX_TRAILING_BYTES}:"):
@@ -74,6 +73,13 @@ class _DecoderWriter(StepWriter):
                 line("return self")
             with block("except _Exception as _error:"):
                 line("raise _locate_failure(_buffer, _error) from _error")
+
+    def _access(self, plan: Plan, message_type: type[Message]) -> str:
+        """Return the expression for the bytes in the form that suits what is read from them."""
+        if message_type.has_views:
+            return f"{self.source.name('_pinned', pinned)}(_buffer)"
+        # One run needs one unpack, which takes any buffer; strings are cut faster out of bytes.
+        return "_buffer" if len(plan.steps) == 1 else "_bytes(_buffer)"
 
     def _body(self, plan: Plan) -> None:
         self.steps(plan)
@@ -95,8 +101,8 @@ class _DecoderWriter(StepWriter):
         self.source.line(f"{name}.__class__ = {final}")
 
     def run(self, run: Run, placements: dict[int, Placement]) -> None:
-        targets = "".join(f"{target}, " for target in map(_unpacked, run.items) if target)
-        assignment = f"({targets.rstrip()}) = " if targets else ""
+        targets = [target for target in map(_unpacked, run.items) if target]
+        assignment = f"[{', '.join(targets)}] = " if targets else ""
         arrays = [item for item in run.items if isinstance(item, FixedNumbers)]
         start = self.cursor.expression
         if len(placements) == 1:
@@ -144,7 +150,7 @@ class _DecoderWriter(StepWriter):
 
     def numbers(self, step: NumbersBody) -> None:
         element, value = step.element, step.value
-        empty = self.source.name(f"_no_{element}", constant_array(np.empty(0, element.dtype)))
+        empty = self.source.name(f"_no_{element}", natural_default(Numbers(element)))
         self.cursor.materialise()
         with self.source.block(f"if {value.length}:"):
             self.cursor.align_numbers(element.size)

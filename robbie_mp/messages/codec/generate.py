@@ -14,7 +14,7 @@ from robbie_mp.messages.codec.plan import plan_message
 from robbie_mp.messages.codec.sizer import write_sizer
 from robbie_mp.messages.codec.source import Source
 from robbie_mp.messages.errors import BufferTooSmall, DecodeError, FieldError, MessageError
-from robbie_mp.messages.field_types import fields_of
+from robbie_mp.messages.field_types import Items, fields_of
 from robbie_mp.messages.fitting import fit
 
 if TYPE_CHECKING:
@@ -82,15 +82,22 @@ def _fit_field(message_type: type[Message], name: str, value: object) -> Any:
 def _explain_encoding(message: Message, buffer: memoryview | None, error: Exception) -> Exception:
     """Return the error that says why a message could not be encoded."""
     try:
-        for field in fields_of(type(message)):
-            fit(f"{message.type_name}.{field.schema_name}", field.type, getattr(message, field.name))
+        if buffer is not None and len(buffer) < (size := message.encoded_size()):
+            return BufferTooSmall(f"{message.type_name} needs {size} bytes, the buffer has {len(buffer)}")
+        _check_fields(message)
     except FieldError as found:
         return found.with_traceback(None)
-    if buffer is not None and len(buffer) < message.encoded_size():
-        return BufferTooSmall(
-            f"{message.type_name} needs {message.encoded_size()} bytes, the buffer has {len(buffer)}"
-        )
     return MessageError(f"{message.type_name} cannot be encoded into this buffer: {error}")
+
+
+def _check_fields(message: Message) -> None:
+    """Raise the FieldError for what does not fit in a message or in a nested one."""
+    for field in fields_of(type(message)):
+        value = getattr(message, field.name)
+        fit(f"{message.type_name}.{field.schema_name}", field.type, value)
+        for inner in value if isinstance(field.type, Items) else [value]:
+            if hasattr(inner, "type_name"):
+                _check_fields(inner)
 
 
 def _locate_failure(message_type: type[Message], buffer: Any, error: Exception) -> Exception:

@@ -1,14 +1,10 @@
 """Points in time and spans of time (ROS builtin_interfaces)."""
 
-from __future__ import annotations
+from typing import Self
 
-from typing import TYPE_CHECKING
-
+from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import int32, uint32
-
-if TYPE_CHECKING:
-    from typing import Self
 
 NANOSECONDS_PER_SECOND = 1_000_000_000
 
@@ -16,8 +12,8 @@ NANOSECONDS_PER_SECOND = 1_000_000_000
 class Time(Message, name="builtin_interfaces/msg/Time", version=1):
     """A point in time, counted from the clock's epoch."""
 
-    sec: int32 = 0  # s, may be negative
-    nanosec: uint32 = 0  # ns on top of sec, 0 to 999 999 999
+    sec: int32 = DEFAULT  # s, may be negative
+    nanosec: uint32 = DEFAULT  # ns on top of sec, 0 to 999 999 999
 
     @property
     def nanoseconds(self) -> int:
@@ -34,8 +30,8 @@ class Time(Message, name="builtin_interfaces/msg/Time", version=1):
 class Duration(Message, name="builtin_interfaces/msg/Duration", version=1):
     """A span of time."""
 
-    sec: int32 = 0  # s, may be negative
-    nanosec: uint32 = 0  # ns on top of sec, 0 to 999 999 999
+    sec: int32 = DEFAULT  # s, may be negative
+    nanosec: uint32 = DEFAULT  # ns on top of sec, 0 to 999 999 999
 
     @property
     def nanoseconds(self) -> int:

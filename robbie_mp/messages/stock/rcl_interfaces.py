@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import uint8, uint32
 from robbie_mp.messages.stock.builtin_interfaces import Time
@@ -16,10 +17,10 @@ class Log(Message, name="rcl_interfaces/msg/Log", version=1):
     ERROR: ClassVar[uint8] = 40
     FATAL: ClassVar[uint8] = 50
 
-    stamp: Time
-    level: uint8  # one of the constants above
-    name: str  # of the logger
-    msg: str
-    file: str  # source file that logged it
-    function: str
-    line: uint32  # in the file
+    stamp: Time = DEFAULT
+    level: uint8 = DEFAULT  # one of the constants above
+    name: str = DEFAULT  # of the logger
+    msg: str = DEFAULT
+    file: str = DEFAULT  # source file that logged it
+    function: str = DEFAULT
+    line: uint32 = DEFAULT  # in the file

@@ -1,5 +1,6 @@
 """What Robbie-MP says itself, where ROS has no message for it."""
 
+from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import float64, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
@@ -9,19 +10,19 @@ from robbie_mp.messages.stock.std_msgs import Header
 class ModuleState(Message, name="robbie_msgs/msg/ModuleState", version=1):
     """The supervisor saw a module change its state."""
 
-    stamp: Time
-    module: str  # its name in the profile
-    state: str  # STARTING, RUNNING, BACKOFF, FAILED or STOPPED
-    incarnation: uint64  # counts the module's processes, from 1
-    pid: uint32  # of its process; 0 if it has none
-    restarts: uint32  # so far in this run
-    reason: str  # why it changed, for people
+    stamp: Time = DEFAULT
+    module: str = DEFAULT  # its name in the profile
+    state: str = DEFAULT  # STARTING, RUNNING, BACKOFF, FAILED or STOPPED
+    incarnation: uint64 = DEFAULT  # counts the module's processes, from 1
+    pid: uint32 = DEFAULT  # of its process; 0 if it has none
+    restarts: uint32 = DEFAULT  # so far in this run
+    reason: str = DEFAULT  # why it changed, for people
 
 
 class DriveCommand(Message, name="robbie_msgs/msg/DriveCommand", version=1):
     """Drive at a velocity, for a while: the device stops when `valid_for` passes without a newer command."""
 
-    header: Header  # stamp: when it was decided
-    linear_m_per_s: float64  # forward
-    angular_rad_per_s: float64  # counter-clockwise seen from above
-    valid_for: Duration
+    header: Header = DEFAULT  # stamp: when it was decided
+    linear_m_per_s: float64 = DEFAULT  # forward
+    angular_rad_per_s: float64 = DEFAULT  # counter-clockwise seen from above
+    valid_for: Duration = DEFAULT

@@ -2,6 +2,7 @@
 
 from typing import ClassVar, Literal
 
+from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import Array, float32, float64, int8, int32, uint8, uint16, uint32
 from robbie_mp.messages.stock.geometry_msgs import Quaternion, Vector3
@@ -9,40 +10,41 @@ from robbie_mp.messages.stock.std_msgs import Header
 
 
 class LaserScan(Message, name="sensor_msgs/msg/LaserScan", version=1):
-    """One sweep of a planar laser range finder."""
+    """One sweep of a planar laser range finder.
 
-    header: (
-        Header  # stamp: of the first ray; frame_id: the scanner's, rays turn about its z axis from its x axis
-    )
-    angle_min: float32  # rad, of the first ray
-    angle_max: float32  # rad, of the last ray
-    angle_increment: float32  # rad between rays
-    time_increment: float32  # s between rays
-    scan_time: float32  # s between sweeps
-    range_min: float32  # m, nearer ranges are no measurement
-    range_max: float32  # m, farther ranges are no return
-    ranges: Array[float32]  # (N,) m
-    intensities: Array[float32]  # (N,) in the device's unit, or empty
+    Angles are about the z axis of the frame, counter-clockwise, 0 along the x axis.
+    """
+
+    header: Header = DEFAULT  # stamp: of the first ray; frame_id: the scanner's
+    angle_min: float32 = DEFAULT  # rad, of the first ray
+    angle_max: float32 = DEFAULT  # rad, of the last ray
+    angle_increment: float32 = DEFAULT  # rad between rays
+    time_increment: float32 = DEFAULT  # s between rays
+    scan_time: float32 = DEFAULT  # s between sweeps
+    range_min: float32 = DEFAULT  # m, nearer ranges are no measurement
+    range_max: float32 = DEFAULT  # m, farther ranges are no return
+    ranges: Array[float32] = DEFAULT  # (N,) m
+    intensities: Array[float32] = DEFAULT  # (N,) in the device's unit, or empty
 
 
 class Image(Message, name="sensor_msgs/msg/Image", version=1):
     """An uncompressed camera image."""
 
-    header: Header  # stamp: of the exposure; frame_id: the camera's optical frame, x right, y down, z forward
-    height: uint32  # rows
-    width: uint32  # columns
-    encoding: str  # of a pixel, as in "rgb8", "bgr8", "mono8", "16UC1"
-    is_bigendian: uint8  # 1 if the values of a pixel are
-    step: uint32  # bytes in a row
-    data: Array[uint8]  # (height * step,)
+    header: Header = DEFAULT  # stamp: of the exposure; frame_id: the camera's, x right, y down, z forward
+    height: uint32 = DEFAULT  # rows
+    width: uint32 = DEFAULT  # columns
+    encoding: str = DEFAULT  # of a pixel, as in "rgb8", "bgr8", "mono8", "16UC1"
+    is_bigendian: uint8 = DEFAULT  # 1 if the values of a pixel are
+    step: uint32 = DEFAULT  # bytes in a row
+    data: Array[uint8] = DEFAULT  # (height * step,)
 
 
 class CompressedImage(Message, name="sensor_msgs/msg/CompressedImage", version=1):
     """A compressed camera image."""
 
-    header: Header
-    format: str  # as in "jpeg", "png"
-    data: Array[uint8]  # (N,) the compressed file
+    header: Header = DEFAULT
+    format: str = DEFAULT  # as in "jpeg", "png"
+    data: Array[uint8] = DEFAULT  # (N,) the compressed file
 
 
 class PointField(Message, name="sensor_msgs/msg/PointField", version=1):
@@ -57,36 +59,36 @@ class PointField(Message, name="sensor_msgs/msg/PointField", version=1):
     FLOAT32: ClassVar[uint8] = 7
     FLOAT64: ClassVar[uint8] = 8
 
-    name: str  # as in "x", "y", "z", "intensity"
-    offset: uint32  # bytes from the start of the point
-    datatype: uint8  # one of the constants above
-    count: uint32  # of elements
+    name: str = DEFAULT  # as in "x", "y", "z", "intensity"
+    offset: uint32 = DEFAULT  # bytes from the start of the point
+    datatype: uint8 = DEFAULT  # one of the constants above
+    count: uint32 = DEFAULT  # of elements
 
 
 class PointCloud2(Message, name="sensor_msgs/msg/PointCloud2", version=1):
     """Points in space, with other values to each."""
 
-    header: Header
-    height: uint32  # rows; 1 if the points have no order
-    width: uint32  # points in a row
-    fields: list[PointField]  # what is in a point
-    is_bigendian: bool
-    point_step: uint32  # bytes of a point
-    row_step: uint32  # bytes of a row
-    data: Array[uint8]  # (height * row_step,)
-    is_dense: bool  # no point is invalid (NaN)
+    header: Header = DEFAULT
+    height: uint32 = DEFAULT  # rows; 1 if the points have no order
+    width: uint32 = DEFAULT  # points in a row
+    fields: list[PointField] = DEFAULT  # what is in a point
+    is_bigendian: bool = DEFAULT
+    point_step: uint32 = DEFAULT  # bytes of a point
+    row_step: uint32 = DEFAULT  # bytes of a row
+    data: Array[uint8] = DEFAULT  # (height * row_step,)
+    is_dense: bool = DEFAULT  # no point is invalid (NaN)
 
 
 class Imu(Message, name="sensor_msgs/msg/Imu", version=1):
     """What an inertial measurement unit measures. A covariance that begins with -1: there is no such data."""
 
-    header: Header
-    orientation: Quaternion
-    orientation_covariance: Array[float64, Literal[9]]  # row-major 3 x 3, rad^2
-    angular_velocity: Vector3  # rad/s
-    angular_velocity_covariance: Array[float64, Literal[9]]  # row-major 3 x 3, (rad/s)^2
-    linear_acceleration: Vector3  # m/s^2, gravity included
-    linear_acceleration_covariance: Array[float64, Literal[9]]  # row-major 3 x 3, (m/s^2)^2
+    header: Header = DEFAULT
+    orientation: Quaternion = DEFAULT
+    orientation_covariance: Array[float64, Literal[9]] = DEFAULT  # row-major 3 x 3, rad^2
+    angular_velocity: Vector3 = DEFAULT  # rad/s
+    angular_velocity_covariance: Array[float64, Literal[9]] = DEFAULT  # row-major 3 x 3, (rad/s)^2
+    linear_acceleration: Vector3 = DEFAULT  # m/s^2, gravity included
+    linear_acceleration_covariance: Array[float64, Literal[9]] = DEFAULT  # row-major 3 x 3, (m/s^2)^2
 
 
 class BatteryState(Message, name="sensor_msgs/msg/BatteryState", version=1):
@@ -116,40 +118,40 @@ class BatteryState(Message, name="sensor_msgs/msg/BatteryState", version=1):
     POWER_SUPPLY_TECHNOLOGY_TERNARY: ClassVar[uint8] = 7
     POWER_SUPPLY_TECHNOLOGY_VRLA: ClassVar[uint8] = 8
 
-    header: Header
-    voltage: float32  # V
-    temperature: float32  # °C
-    current: float32  # A, negative when discharging
-    charge: float32  # Ah left
-    capacity: float32  # Ah when last full
-    design_capacity: float32  # Ah
-    percentage: float32  # charge as a ratio, 0 to 1
-    power_supply_status: uint8  # one of the constants above
-    power_supply_health: uint8
-    power_supply_technology: uint8
-    present: bool
-    cell_voltage: Array[float32]  # (cells,) V, or empty
-    cell_temperature: Array[float32]  # (cells,) °C, or empty
-    location: str  # slot of the battery
-    serial_number: str
+    header: Header = DEFAULT
+    voltage: float32 = DEFAULT  # V
+    temperature: float32 = DEFAULT  # °C
+    current: float32 = DEFAULT  # A, negative when discharging
+    charge: float32 = DEFAULT  # Ah left
+    capacity: float32 = DEFAULT  # Ah when last full
+    design_capacity: float32 = DEFAULT  # Ah
+    percentage: float32 = DEFAULT  # charge as a ratio, 0 to 1
+    power_supply_status: uint8 = DEFAULT  # one of the constants above
+    power_supply_health: uint8 = DEFAULT
+    power_supply_technology: uint8 = DEFAULT
+    present: bool = DEFAULT
+    cell_voltage: Array[float32] = DEFAULT  # (cells,) V, or empty
+    cell_temperature: Array[float32] = DEFAULT  # (cells,) °C, or empty
+    location: str = DEFAULT  # slot of the battery
+    serial_number: str = DEFAULT
 
 
 class JointState(Message, name="sensor_msgs/msg/JointState", version=1):
     """Where joints are and how they move. Each array has an element for each name, or none at all."""
 
-    header: Header
-    name: list[str]
-    position: Array[float64]  # (joints,) rad or m
-    velocity: Array[float64]  # (joints,) rad/s or m/s
-    effort: Array[float64]  # (joints,) Nm or N
+    header: Header = DEFAULT
+    name: list[str] = DEFAULT
+    position: Array[float64] = DEFAULT  # (joints,) rad or m
+    velocity: Array[float64] = DEFAULT  # (joints,) rad/s or m/s
+    effort: Array[float64] = DEFAULT  # (joints,) Nm or N
 
 
 class Joy(Message, name="sensor_msgs/msg/Joy", version=1):
     """The sticks and buttons of a gamepad."""
 
-    header: Header
-    axes: Array[float32]  # (axes,) -1 to 1
-    buttons: Array[int32]  # (buttons,) 1 pressed, 0 not
+    header: Header = DEFAULT
+    axes: Array[float32] = DEFAULT  # (axes,) -1 to 1
+    buttons: Array[int32] = DEFAULT  # (buttons,) 1 pressed, 0 not
 
 
 class NavSatStatus(Message, name="sensor_msgs/msg/NavSatStatus", version=1):
@@ -167,7 +169,7 @@ class NavSatStatus(Message, name="sensor_msgs/msg/NavSatStatus", version=1):
     SERVICE_GALILEO: ClassVar[uint16] = 8
 
     status: int8 = -2  # one of the constants above
-    service: uint16 = 0  # sum of the SERVICE constants
+    service: uint16 = DEFAULT  # sum of the SERVICE constants
 
 
 class NavSatFix(Message, name="sensor_msgs/msg/NavSatFix", version=1):
@@ -178,10 +180,10 @@ class NavSatFix(Message, name="sensor_msgs/msg/NavSatFix", version=1):
     COVARIANCE_TYPE_DIAGONAL_KNOWN: ClassVar[uint8] = 2
     COVARIANCE_TYPE_KNOWN: ClassVar[uint8] = 3
 
-    header: Header  # frame_id: the antenna's
-    status: NavSatStatus
-    latitude: float64  # degrees, north positive
-    longitude: float64  # degrees, east positive
-    altitude: float64  # m above the ellipsoid
-    position_covariance: Array[float64, Literal[9]]  # row-major 3 x 3 of east, north, up, m^2
-    position_covariance_type: uint8  # one of the constants above
+    header: Header = DEFAULT  # frame_id: the antenna's
+    status: NavSatStatus = DEFAULT
+    latitude: float64 = DEFAULT  # degrees, north positive
+    longitude: float64 = DEFAULT  # degrees, east positive
+    altitude: float64 = DEFAULT  # m above the ellipsoid
+    position_covariance: Array[float64, Literal[9]] = DEFAULT  # row-major 3 x 3 of east, north, up, m^2
+    position_covariance_type: uint8 = DEFAULT  # one of the constants above

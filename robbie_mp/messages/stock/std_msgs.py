@@ -1,5 +1,6 @@
 """What many messages begin with (ROS std_msgs)."""
 
+from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.stock.builtin_interfaces import Time
 
@@ -7,5 +8,5 @@ from robbie_mp.messages.stock.builtin_interfaces import Time
 class Header(Message, name="std_msgs/msg/Header", version=1):
     """When and in which frame the data of a message was taken."""
 
-    stamp: Time = Time()
-    frame_id: str = ""  # coordinate frame, as in "map", "odom", "base_link", "laser"
+    stamp: Time = DEFAULT
+    frame_id: str = DEFAULT  # coordinate frame, as in "map", "odom", "base_link", "laser"
