@@ -1,9 +1,11 @@
 """The robot's base: passes drive commands to the drive and says where the wheels think it is."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from hw.arena_file import read_arena
 from hw.drive import DriveCommandError, DriveState
+from hw.pose import Pose as Pose2D
 from hw.simulated_drive import SimulatedDrive
 from robbie_mp.messages import (
     DriveCommand,
@@ -19,10 +21,13 @@ from robbie_mp.messages import (
     Vector3,
 )
 from robbie_mp.module import Module, setting
+from workers.planar_pose import relative
 
 
 class SimulatedBase(Module):
     """The base of a simulated robot. It also tells where the robot really is, on topic `ground_truth`.
+
+    The map frame is where the robot started, as for a real robot's odometry.
 
     A drive command expires: when no newer one comes in time, the drive stops by itself, whatever became of
     the module that sent it.
@@ -34,7 +39,9 @@ class SimulatedBase(Module):
 
     def setup(self) -> None:
         """Put the robot at the arena's start."""
-        self.drive = SimulatedDrive(read_arena(self.arena), self._time_s, seed=self.seed)
+        arena = read_arena(self.arena)
+        self.start = arena.start
+        self.drive = SimulatedDrive(arena, self._time_s, seed=self.seed)
         self.subscribe(DriveCommand, self.on_command)
 
     def on_command(self, command: DriveCommand) -> None:
@@ -53,6 +60,7 @@ class SimulatedBase(Module):
         state, truth = self.drive.read(), self.drive.ground_truth()
         stamp = Time.from_nanoseconds(self.clock.now_ns())
         self.publish(odometry(state, stamp, "odom"), topic="odom")
+        truth = replace(truth, pose=Pose2D(*relative(self.start, truth.pose)))
         self.publish(odometry(truth, stamp, "map"), topic="ground_truth")
         self.status = (
             f"{state.linear_m_per_s:.2f} m/s, {state.angular_rad_per_s:.2f} rad/s, "

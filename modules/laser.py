@@ -22,7 +22,9 @@ class SimulatedLaserRangeFinder(Module):
     def setup(self) -> None:
         """Make the laser; it measures nothing until it knows where it is."""
         geometry = LaserGeometry(range_max_m=self.range_max_m)
-        self.laser = SimulatedLaser(read_arena(self.arena), geometry, noise_m=self.noise_m, seed=self.seed)
+        arena = read_arena(self.arena)
+        self.start = arena.start
+        self.laser = SimulatedLaser(arena, geometry, noise_m=self.noise_m, seed=self.seed)
         self.stamp = Time()
         self.scans = 0
         self.subscribe(Odometry, self.on_truth, MessageHandling.KEEP_ONLY_NEWEST, topic="ground_truth")
@@ -32,7 +34,7 @@ class SimulatedLaserRangeFinder(Module):
         position = truth.pose.pose.position
         self.stamp = truth.header.stamp
         robot = Pose(position.x, position.y, truth.pose.pose.orientation.yaw)
-        self.laser.place(robot, self.stamp.nanoseconds / 1e9)
+        self.laser.place(self.start.plus(robot), self.stamp.nanoseconds / 1e9)
 
     def tick(self) -> None:
         """Publish a scan."""

@@ -82,7 +82,7 @@ class Inbox:
             else:
                 message = message_type.decode(view)
         except RobbieError as error:
-            self._log.error("a message was lost: %s", error)
+            self._log.error("a message was lost: %s", str(error))  # the error itself would hold frames and views
         else:
             handler(message)
             del message

@@ -1,0 +1,251 @@
+"""Whole runs: what a robot's owner relies on."""
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+import psutil
+
+from tests.run.robot import Ended, Robot, is_running, kill, wait_until
+
+COUNTING = """
+modules:
+  listener:
+    class: zoo.modules:Listener
+  counter:
+    class: zoo.modules:Counter
+    settings: {count: 300}
+    ends_run: true
+"""
+ENDLESS = """
+modules:
+  one: {class: zoo.modules:Idle}
+  two: {class: zoo.modules:Idle}
+"""
+
+
+def test_run_ends_well_when_its_task_is_done(robot: Robot) -> None:
+    robot.write_profile(COUNTING)
+    ended = robot.run()
+    assert ended.exit_code == 0, ended.stderr
+    assert robot.journal("listener") == list(range(300))
+    assert ended.modules["counter"]["published"] == 300
+    assert ended.modules["listener"]["handled"] == 300
+    assert ended.modules["listener"]["dropped"] == ended.modules["listener"]["lost"] == 0
+    books = ended.modules["listener"]["subscriptions"][0]
+    assert books["routed"] == books["delivered"] == 300
+    assert ended.modules["listener"]["cpu_s"] > 0
+
+
+def test_every_module_and_the_core_are_processes_of_their_own(robot: Robot) -> None:
+    robot.write_profile(ENDLESS)
+    process = robot.start()
+    figures = robot.until(
+        lambda modules: all(modules[name]["state"] == "RUNNING" for name in ("one", "two", "core"))
+    )
+    pids = {figures[name]["pid"] for name in ("one", "two", "core")}
+    assert len(pids) == 3
+    assert all(psutil.Process(pid).ppid() == process.pid for pid in pids)
+    assert all(os.getsid(pid) == pid for pid in pids), "Ctrl-C would reach them"
+    process.send_signal(signal.SIGINT)
+    assert Ended.wait_for(process).exit_code == 0
+
+
+def test_array_seen_by_publisher_and_two_subscribers_is_one_piece_of_memory(robot: Robot) -> None:
+    robot.write_profile(
+        """
+modules:
+  left: {class: "zoo.modules:Viewer"}
+  right: {class: "zoo.modules:Viewer"}
+  camera: {class: "zoo.modules:Camera", ends_run: true}
+"""
+    )
+    assert robot.run().exit_code == 0
+    camera, left, right = (
+        json.loads((robot.output / f"{name}.json").read_text()) for name in ("camera", "left", "right")
+    )
+    assert len({place["pid"] for place in (camera, left, right)}) == 3
+    assert (
+        (camera["inode"], camera["offset"])
+        == (left["inode"], left["offset"])
+        == (right["inode"], right["offset"])
+    )
+    assert camera["rights"] == "rw-s"
+    for viewer in (left, right):
+        assert viewer["rights"] == "r--s", "a wild pointer could write it"
+        assert "read-only" in viewer["refused"]
+        assert viewer["refused_flag"]
+        assert viewer["sum"] == sum(value % 251 for value in range(1_000_000))
+
+
+def test_killed_subscriber_loses_only_the_message_in_its_hands(robot: Robot) -> None:
+    robot.write_profile(COUNTING + '  watcher: {class: "zoo.modules:StateWatcher"}\n')
+    ended = robot.run("--set", "listener.die_at=100")
+    assert ended.exit_code == 0, ended.stderr
+    assert robot.journal("listener") == [number for number in range(300) if number != 100]
+    assert ended.modules["listener"]["restarts"] == 1
+    assert ended.modules["listener"]["lost"] == 1
+    assert ended.modules["counter"]["restarts"] == 0
+    states = (robot.output / "states").read_text().splitlines()
+    assert "listener BACKOFF" in states
+    assert "counter BACKOFF" not in states
+
+
+def test_killed_core_loses_nothing(robot: Robot) -> None:
+    robot.write_profile(COUNTING.replace("count: 300", "count: 20000"))
+    process = robot.start()
+    for restarts in range(3):
+        figures = robot.until(
+            lambda modules, restarts=restarts: (
+                modules["core"]["restarts"] == restarts
+                and modules["core"]["pid"] != 0
+                and modules["listener"]["handled"] > 500 * (restarts + 1)
+            )
+        )
+        kill(figures["core"]["pid"])
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    assert robot.journal("listener") == list(range(20000))
+    assert ended.modules["core"]["restarts"] == 3
+    assert ended.modules["listener"]["lost"] == ended.modules["listener"]["dropped"] == 0
+    assert ended.modules["listener"]["restarts"] == ended.modules["counter"]["restarts"] == 0
+
+
+def test_two_runs_at_once_do_not_disturb_each_other(robot: Robot) -> None:
+    robot.write_profile(COUNTING)
+    outputs = [robot.folder / "first", robot.folder / "second"]
+    processes = [robot.start(output=output) for output in outputs]
+    for process, output in zip(processes, outputs, strict=True):
+        assert Ended.wait_for(process).exit_code == 0
+        assert [int(line) for line in (output / "listener.journal").read_text().split()] == list(range(300))
+
+
+def test_module_that_crashes_in_setup_is_failed_with_its_traceback(robot: Robot) -> None:
+    robot.write_profile(
+        """
+modules:
+  broken:
+    class: zoo.modules:CrashInSetup
+    restart: {max_restarts: 2, backoff_s: 0.01}
+"""
+    )
+    ended = robot.run()
+    assert ended.exit_code == 1
+    assert ended.modules["broken"]["state"] == "FAILED"
+    assert "RuntimeError: the device is not there" in ended.stderr
+
+
+def test_module_that_crashes_at_import_is_failed_with_its_traceback(robot: Robot) -> None:
+    (robot.folder / "zoo" / "broken.py").write_text("import robbie_mp\nraise OSError('no such camera')\n")
+    robot.write_profile(
+        "modules:\n  broken:\n    class: zoo.broken:Camera\n    restart: {max_restarts: 1, backoff_s: 0.01}\n"
+    )
+    ended = robot.run()
+    assert ended.exit_code == 1
+    assert "OSError: no such camera" in ended.stderr
+    assert ended.modules["broken"]["state"] == "FAILED"
+
+
+def test_failed_essential_module_stops_the_robot(robot: Robot) -> None:
+    robot.write_profile(
+        ENDLESS + '  broken: {class: "zoo.modules:CrashInSetup", essential: true, restart: {policy: never}}\n'
+    )
+    ended = robot.run()
+    assert ended.exit_code == 1
+    assert ended.modules["one"]["state"] == "STOPPED"
+    assert "broken" in ended.summary["reason"]
+
+
+def test_crash_in_a_handler_restarts_that_module_alone(robot: Robot) -> None:
+    robot.write_profile(
+        COUNTING.replace("count: 300", "count: 7") + '  fragile: {class: "zoo.modules:CrashInHandler"}\n'
+    )
+    ended = robot.run()
+    assert ended.exit_code == 0
+    assert ended.modules["fragile"]["restarts"] == 2
+    assert ended.modules["fragile"]["lost"] == 2
+    assert ended.modules["fragile"]["handled"] == 5
+    assert robot.journal("listener") == list(range(7))
+
+
+def test_message_that_can_never_fit_is_a_clear_error(robot: Robot) -> None:
+    robot.write_profile(
+        """
+modules:
+  camera:
+    class: zoo.modules:TooLarge
+    restart: {policy: never}
+    memory: {segment_bytes: 65536, limit_bytes: 262144}
+"""
+    )
+    ended = robot.run()
+    assert ended.exit_code == 1
+    assert "MessageTooLarge" in ended.stderr
+    assert "raise memory.limit_bytes in the profile" in ended.stderr
+
+
+def test_field_of_the_wrong_type_is_a_clear_error(robot: Robot) -> None:
+    robot.write_profile('modules:\n  driver: {class: "zoo.modules:WrongField", restart: {policy: never}}\n')
+    ended = robot.run()
+    assert ended.exit_code == 1
+    assert "robbie_msgs/msg/DriveCommand.linear_m_per_s" in ended.stderr
+    assert "fast" in ended.stderr
+
+
+def test_full_memory_refuses_and_counts_and_nobody_else_notices(robot: Robot) -> None:
+    robot.write_profile(
+        COUNTING
+        + """
+  holder: {class: "zoo.modules:Holder"}
+  flood:
+    class: zoo.modules:Flood
+    memory: {segment_bytes: 1000000, limit_bytes: 4000000}
+"""
+    )
+    process = robot.start("--set", "counter.count=3000")
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    assert robot.journal("listener") == list(range(3000))
+    flood = ended.modules["flood"]
+    assert flood["refused"] > 0
+    assert flood["published"] >= len(robot.journal("holder")) > 10
+    assert flood["restarts"] == 0
+
+
+def test_children_die_with_a_killed_supervisor_and_the_next_run_sweeps(robot: Robot) -> None:
+    robot.write_profile(ENDLESS)
+    process = robot.start()
+    figures = robot.until(lambda modules: all(modules[name]["state"] == "RUNNING" for name in ("one", "two")))
+    pids = [figures[name]["pid"] for name in ("one", "two", "core")]
+    process.kill()
+    process.wait()
+    assert wait_until(lambda: not any(map(is_running, pids)), limit_s=5) < 1.0
+    assert any("robbie-" in name for name in os.listdir("/dev/shm")), "nothing was there to sweep"
+    robot.write_profile(COUNTING, "second")
+    assert robot.run(profile="second").exit_code == 0
+
+
+def test_list_shows_the_run_and_its_modules(robot: Robot) -> None:
+    robot.write_profile(ENDLESS)
+    robot.start()
+    robot.until(lambda modules: modules["two"]["state"] == "RUNNING")
+    listed = json.loads(robot.command("list", "--json").stdout)
+    assert [run["profile"] for run in listed] == ["robot"]
+    assert listed[0]["modules"]["one"] == "RUNNING"
+    assert "one RUNNING" in " ".join(robot.command("list").stdout.split())
+    table = robot.command("top", "--once").stdout
+    assert "one" in table
+    assert "RUNNING" in table
+
+
+def test_slow_restart_of_the_run_leaves_no_name_behind(robot: Robot) -> None:
+    robot.write_profile(ENDLESS)
+    process = robot.start()
+    robot.until(lambda modules: modules["two"]["state"] == "RUNNING")
+    process.send_signal(signal.SIGTERM)
+    started = time.monotonic()
+    assert Ended.wait_for(process).exit_code == 0
+    assert time.monotonic() - started < 10
+    assert not list(Path("/dev/shm").glob("*robbie-*"))

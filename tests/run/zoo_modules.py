@@ -1,0 +1,188 @@
+"""Well and ill behaved modules for tests; copied into each test's workspace."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+
+from robbie_mp.messages import DriveCommand, Duration, Header, Image, ModuleState, Time
+from robbie_mp.module import MessageHandling, Module, setting
+
+
+class Journal(Module):
+    """Writes numbers into a file, one line each, that survive whatever happens to the process."""
+
+    def note(self, number: int) -> None:
+        with open(self.output_directory / f"{self.name}.journal", "a") as journal:
+            journal.write(f"{number}\n")
+
+
+class Counter(Journal):
+    """Publishes so many numbered messages as fast as they are handled, then ends."""
+
+    count: int = setting(100, "messages")
+    limit: int = setting(50, "messages on their way at once")
+    period_s: float = setting(0.01, "between looks")
+
+    def setup(self) -> None:
+        self.number = 0
+
+    def tick(self) -> None:
+        while self.number < self.count:
+            if self.outstanding >= self.limit:
+                self.wake_after_freed(self.limit // 2)
+                return
+            if not self.publish(
+                DriveCommand(header=Header(stamp=Time(sec=self.number)), valid_for=Duration(sec=1))
+            ):
+                return
+            self.number += 1
+        if self.outstanding == 0:
+            self.stop()
+
+
+class Listener(Journal):
+    """Journals the number of every message it handles."""
+
+    newest: bool = setting(False, "keep only the newest")
+    die_at: int = setting(-1, "the number at which the first incarnation kills itself in its handler")
+
+    def setup(self) -> None:
+        handling = MessageHandling.KEEP_ONLY_NEWEST if self.newest else MessageHandling.ALWAYS_DELIVER
+        self.subscribe(DriveCommand, self.on_command, handling)
+
+    def on_command(self, command: DriveCommand) -> None:
+        number = command.header.stamp.sec
+        if number == self.die_at and not Path(self.output_directory, "died").exists():
+            Path(self.output_directory, "died").touch()
+            os.kill(os.getpid(), 9)
+        self.note(number)
+
+
+class Idle(Module):
+    """Does nothing."""
+
+
+class Camera(Module):
+    """Publishes one loaned image whose pages it tells by where they are mapped."""
+
+    period_s = 0.05
+
+    def tick(self) -> None:
+        if getattr(self, "sent", False):
+            if self.outstanding == 0:
+                self.stop()
+            return
+        with self.loan(Image, height=1000, width=1000, encoding="mono8", step=1000, data=1_000_000) as image:
+            image.data[:] = np.arange(1_000_000) % 251
+            (self.output_directory / "camera.json").write_text(json.dumps(where(image.data)))
+        self.sent = True
+
+
+class Viewer(Module):
+    """Says where an image's pages are, and whether they can be written."""
+
+    def setup(self) -> None:
+        self.subscribe(Image, self.on_image)
+
+    def on_image(self, image: Image) -> None:
+        found = where(image.data)
+        found["sum"] = int(image.data.sum())
+        try:
+            image.data[0] = 99
+        except ValueError as error:
+            found["refused"] = str(error)
+        try:
+            image.data.flags.writeable = True
+        except ValueError as error:
+            found["refused_flag"] = str(error)
+        (self.output_directory / f"{self.name}.json").write_text(json.dumps(found))
+
+
+def where(array: np.ndarray) -> dict[str, object]:
+    """File, offset in it and rights of the memory that an array lies in."""
+    address = array.__array_interface__["data"][0]
+    for line in Path("/proc/self/maps").read_text().splitlines():
+        span, rights, offset, _device, inode, *name = line.split()
+        start, end = (int(part, 16) for part in span.split("-"))
+        if start <= address < end:
+            return {
+                "inode": int(inode),
+                "offset": int(offset, 16) + address - start,
+                "rights": rights,
+                "name": name[0],
+                "pid": os.getpid(),
+            }
+    raise LookupError(hex(address))
+
+
+class CrashInSetup(Module):
+    """Never gets ready."""
+
+    def setup(self) -> None:
+        raise RuntimeError("the device is not there")
+
+
+class CrashInHandler(Module):
+    """Fails at the third message."""
+
+    def setup(self) -> None:
+        self.seen = 0
+        self.subscribe(DriveCommand, self.on_command)
+
+    def on_command(self, _command: DriveCommand) -> None:
+        self.seen += 1
+        if self.seen == 3:
+            raise ZeroDivisionError("third message")
+
+
+class TooLarge(Module):
+    """Publishes a message that its memory cannot hold."""
+
+    period_s = 0.05
+
+    def tick(self) -> None:
+        self.publish(Image(data=np.zeros(1_000_000, np.uint8)))
+
+
+class WrongField(Module):
+    """Publishes a message whose field has the wrong type."""
+
+    period_s = 0.05
+
+    def tick(self) -> None:
+        self.publish(DriveCommand(linear_m_per_s="fast"))
+
+
+class StateWatcher(Journal):
+    """Journals every change of state that it is told: the restarts of the module it watches."""
+
+    def setup(self) -> None:
+        self.subscribe(ModuleState, self.on_state)
+
+    def on_state(self, state: ModuleState) -> None:
+        with open(self.output_directory / "states", "a") as file:
+            file.write(f"{state.module} {state.state}\n")
+
+
+class Holder(Journal):
+    """Keeps every image it gets, and lets go of all when it has three."""
+
+    def setup(self) -> None:
+        self.kept: list[np.ndarray] = []
+        self.subscribe(Image, self.on_image)
+
+    def on_image(self, image: Image) -> None:
+        self.kept.append(image.data)
+        self.note(len(self.kept))
+
+
+class Flood(Module):
+    """Publishes as much as it can."""
+
+    period_s = 0.001
+
+    def tick(self) -> None:
+        for _ in range(200):
+            self.publish(Image(data=np.zeros(100_000, np.uint8)))

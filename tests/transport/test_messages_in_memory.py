@@ -1,0 +1,249 @@
+"""Typed messages from outbox to inbox through a real data segment and a core, in one process."""
+
+import gc
+import threading
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from robbie_mp.bus import PublishAfterStop
+from robbie_mp.clock import SystemClock
+from robbie_mp.messages import FieldError, Header, Image, Time
+from robbie_mp.supervisor.memory import unlink_data_segments
+from robbie_mp.transport import layout
+from robbie_mp.transport.blocks import MessageTooLarge
+from robbie_mp.transport.inbox import Inbox
+from robbie_mp.transport.outbox import Outbox
+from robbie_mp.transport.records import MessageHandling
+from robbie_mp.transport.run_memory import make_block_store, make_views
+from robbie_mp.transport.segment import SegmentMissing
+from tests.core.simulated_run import SimulatedRun
+
+RUN_ID = "7e57ab1e"
+
+
+class Pair:
+    """A publisher and a subscriber of images."""
+
+    def __init__(self) -> None:
+        self.run = SimulatedRun(queue_messages=5000, handles=5000)
+        sender, receiver = self.run.start(1), self.run.start(2)
+        self.sender_words, self.receiver_words = sender.out, receiver.out
+        blocks = make_block_store(RUN_ID, 1, 1, segment_bytes=1 << 16, limit_bytes=1 << 21)
+        self.outbox = Outbox(sender.endpoint, blocks, sender.out, SystemClock())
+        self.views = make_views(RUN_ID)
+        self.inbox = Inbox(receiver.endpoint, self.views, receiver.out)
+        self.on_image: Callable[[Image], None] = lambda _image: None
+        self.inbox.subscribe(Image, self._handle, MessageHandling.ALWAYS_DELIVER, "")
+        sender.ready()
+        receiver.ready()
+        self.run.run_core()
+
+    def pass_on(self) -> None:
+        """Let the core route and the subscriber handle everything."""
+        self.run.run_core()
+        while (delivery := self.inbox.take()) is not None:
+            self.inbox.handle(delivery)
+            self.inbox.release_let_go()
+            self.run.run_core()
+
+    def _handle(self, image: Image) -> None:
+        self.on_image(image)
+
+    def close(self) -> None:
+        self.on_image = lambda _image: None
+        self.outbox.close()
+        self.views.close()
+        gc.collect()  # this pair is a cycle, and unmaps what it still maps only when that is collected
+        unlink_data_segments(RUN_ID, 1, 1)
+
+
+@pytest.fixture
+def pair() -> Iterator[Pair]:
+    made = Pair()
+    yield made
+    made.close()
+
+
+def picture(value: int, size: int = 1000) -> Image:
+    return Image(
+        header=Header(stamp=Time(sec=value)), height=1, width=size, data=np.full(size, value, np.uint8)
+    )
+
+
+def test_message_comes_as_it_went(pair: Pair) -> None:
+    seen: list[Image] = []
+    pair.on_image = seen.append
+    sent = picture(7)
+    assert pair.outbox.publish(sent, "camera")
+    pair.pass_on()
+    assert seen == [sent]
+
+
+def test_received_array_cannot_be_written(pair: Pair) -> None:
+    def write(image: Image) -> None:
+        image.data[0] = 1
+
+    pair.on_image = write
+    pair.outbox.publish(picture(7), "")
+    with pytest.raises(ValueError, match="read-only"):
+        pair.pass_on()
+
+
+def test_block_is_pinned_until_the_last_array_dies(pair: Pair) -> None:
+    kept: list[np.ndarray] = []
+    pair.on_image = lambda image: kept.append(image.data[10:20][::2])
+    pair.outbox.publish(picture(7), "")
+    pair.pass_on()
+    assert pair.receiver_words[layout.OUT_PINNED] == 1
+    for value in range(50):  # whatever else is published, the kept array stays as it is
+        pair.on_image = lambda _image: None
+        pair.outbox.publish(picture(100 + value), "")
+        pair.pass_on()
+    assert kept[0].tolist() == [7] * 5
+    assert pair.outbox.outstanding == 1
+    kept.clear()
+    pair.inbox.release_let_go()
+    pair.run.run_core()
+    assert pair.receiver_words[layout.OUT_PINNED] == 0
+    assert pair.outbox.outstanding == 0
+
+
+def test_message_let_go_in_another_thread_is_released(pair: Pair) -> None:
+    kept: list[Image] = []
+    pair.on_image = kept.append
+    pair.outbox.publish(picture(7), "")
+    pair.pass_on()
+    thread = threading.Thread(target=kept.clear)
+    thread.start()
+    thread.join()
+    pair.inbox.release_let_go()
+    pair.run.run_core()
+    assert pair.outbox.outstanding == 0
+
+
+def test_message_in_a_reference_cycle_is_released_by_the_garbage_collector(pair: Pair) -> None:
+    def make_cycle(image: Image) -> None:
+        cycle: list[object] = [image.data]
+        cycle.append(cycle)
+
+    pair.on_image = make_cycle
+    pair.outbox.publish(picture(7), "")
+    pair.pass_on()
+    gc.collect()
+    pair.inbox.release_let_go()
+    pair.run.run_core()
+    assert pair.outbox.outstanding == 0
+
+
+def test_loan_is_filled_in_place_and_published_at_its_end(pair: Pair) -> None:
+    seen: list[bytes] = []
+    pair.on_image = lambda image: seen.append(image.data.tobytes())
+    fields = {"height": 2, "width": 3, "encoding": "mono8", "step": 3, "data": 6}
+    with pair.outbox.loan(Image, "", fields) as image:
+        image.data[:] = range(6)
+        pair.pass_on()
+        assert seen == []
+    pair.pass_on()
+    assert seen == [bytes(range(6))]
+
+
+def test_array_kept_beyond_its_loan_cannot_change_the_message(
+    pair: Pair, caplog: pytest.LogCaptureFixture
+) -> None:
+    seen: list[list[int]] = []
+    pair.on_image = lambda image: seen.append(image.data.tolist())
+    with pair.outbox.loan(Image, "", {"data": 4}) as image:
+        kept = image.data
+        kept[:] = 1
+    kept[:] = 2
+    pair.pass_on()
+    assert seen == [[1] * 4]
+    assert "still referred to" in caplog.text
+    assert pair.outbox.outstanding == 1  # its block is not used again as long as it is held
+    del kept
+    assert pair.outbox.outstanding == 0
+
+
+def test_exception_takes_a_loan_back(pair: Pair) -> None:
+    with pytest.raises(OSError, match="cable"), pair.outbox.loan(Image, "", {"data": 4}):
+        raise OSError("the camera's cable is out")
+    pair.pass_on()
+    assert pair.sender_words[layout.OUT_PUBLISHED] == 0
+    gc.collect()
+    assert pair.outbox.outstanding == 0
+
+
+def test_loan_with_full_memory_is_counted_and_does_not_fail(pair: Pair) -> None:
+    while pair.outbox.publish(picture(1, 100_000), ""):
+        pass
+    refused = pair.sender_words[layout.OUT_REFUSED]
+    with pair.outbox.loan(Image, "", {"data": 100_000}) as image:
+        image.data[:] = 3
+    assert pair.sender_words[layout.OUT_REFUSED] == refused + 1
+
+
+def test_full_memory_refuses_until_something_is_released(pair: Pair) -> None:
+    accepted = 0
+    while pair.outbox.publish(picture(1, 100_000), ""):
+        accepted += 1
+    assert 5 < accepted < 25
+    assert pair.sender_words[layout.OUT_PUBLISHED] == accepted
+    pair.pass_on()
+    assert pair.outbox.publish(picture(1, 100_000), "")
+
+
+def test_large_message_gets_a_segment_of_its_own(pair: Pair) -> None:
+    seen: list[int] = []
+    pair.on_image = lambda image: seen.append(int(image.data.sum()))
+    pair.outbox.publish(picture(1, 10), "")
+    pair.outbox.publish(picture(1, 500_000), "")
+    pair.pass_on()
+    assert seen == [10, 500_000]
+    assert pair.sender_words[layout.OUT_SEGMENTS] == 2
+
+
+def test_message_that_can_never_fit_is_an_error(pair: Pair) -> None:
+    with pytest.raises(MessageTooLarge, match=r"raise memory\.limit_bytes"):
+        pair.outbox.publish(picture(1, 4_000_000), "")
+
+
+def test_publishing_after_the_stop_is_an_error_that_says_what_to_do(pair: Pair) -> None:
+    pair.outbox.close()
+    with pytest.raises(PublishAfterStop, match=r"teardown\(\)"):
+        pair.outbox.publish(picture(1), "")
+
+
+def test_message_changed_into_something_wrong_gives_its_block_back(pair: Pair) -> None:
+    message = Image()
+    object.__setattr__(message, "data", "no array")
+    with pytest.raises(FieldError):
+        pair.outbox.publish(message, "")
+    assert pair.outbox.outstanding == 0
+
+
+def test_garbage_in_the_publishers_memory_is_counted_and_nobody_dies(
+    pair: Pair, caplog: pytest.LogCaptureFixture
+) -> None:
+    seen: list[Image] = []
+    pair.on_image = seen.append
+    pair.outbox.publish(picture(1), "")
+    pair.run.run_core()
+    delivery = pair.inbox.take()
+    assert delivery is not None
+    pair.inbox.handle(delivery._replace(size=1 << 40))
+    assert seen == []
+    assert "a message was lost" in caplog.text
+    pair.run.run_core()
+    assert pair.outbox.outstanding == 0
+
+
+def test_maps_of_a_dead_publisher_go_when_its_last_message_is_released(pair: Pair) -> None:
+    pair.outbox.publish(picture(1), "")
+    pair.pass_on()
+    pair.run.kill(pair.run.modules[1, 1])
+    assert pair.inbox.take() is None
+    unlink_data_segments(RUN_ID, 1, 1)
+    with pytest.raises(SegmentMissing):
+        pair.views.view(layout.pack_source(1, 0, 1), 0, 1)
