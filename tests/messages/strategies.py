@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
@@ -11,6 +12,8 @@ from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Pr
 from robbie_mp.messages.primitives import PRIMITIVES
 
 MAX_ELEMENTS = 20
+PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+"""A busy machine is no failure."""
 
 
 def primitives(kind: Primitive) -> st.SearchStrategy[Any]:

@@ -11,7 +11,7 @@ from robbie_mp.messages import DecodeError, Message, message_type_from_schema, s
 from robbie_mp.messages.codec.locate import find_failure
 from robbie_mp.messages.field_types import fields_of
 
-from .strategies import messages
+from .strategies import PATIENT, messages
 
 STOCK = list(stock_registry())
 VARIABLE = message_type_from_schema(
@@ -37,14 +37,14 @@ def decode_or_explain(message_type: type[Message], data: bytes) -> None:
 
 
 @given(ANY_TYPE, st.binary(max_size=300))
-@settings(max_examples=200, deadline=None)
+@settings(PATIENT, max_examples=200)
 def test_garbage(message_type: type[Message], garbage: bytes) -> None:
     decode_or_explain(message_type, garbage)
     decode_or_explain(message_type, b"\x00\x01\x00\x00" + garbage)
 
 
 @given(st.data())
-@settings(max_examples=60, deadline=None)
+@settings(PATIENT, max_examples=60)
 def test_a_message_with_some_bytes_changed(data: st.DataObject) -> None:
     message_type = data.draw(ANY_TYPE)
     encoded = bytearray(data.draw(messages(message_type)).encode())
@@ -54,7 +54,7 @@ def test_a_message_with_some_bytes_changed(data: st.DataObject) -> None:
 
 
 @given(st.data())
-@settings(max_examples=40, deadline=None)
+@settings(PATIENT, max_examples=40)
 def test_a_message_cut_off_anywhere(data: st.DataObject) -> None:
     message_type = data.draw(ANY_TYPE)
     encoded = data.draw(messages(message_type)).encode()

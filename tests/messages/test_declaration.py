@@ -117,6 +117,15 @@ def test_a_default_must_fit() -> None:
         declare(uint8, field="count", count=300)
 
 
+def test_annotations_may_be_text() -> None:
+    head = "from __future__ import annotations\nclass Late(Message, name='test_msgs/msg/Late'):\n    x: "
+    namespace: dict[str, Any] = {"__name__": __name__, "Message": Message}
+    exec(f"{head}Array[float32]", namespace)
+    assert schema_text(namespace["Late"]) == "float32[] x\n"
+    with pytest.raises(DeclarationError, match="Late: name 'Unknown' is not defined"):
+        exec(f"{head}list[Unknown]", namespace)
+
+
 def test_messages_do_not_inherit_from_messages() -> None:
     with pytest.raises(DeclarationError, match="nest one"):
 

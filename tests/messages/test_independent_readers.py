@@ -8,7 +8,7 @@ from mcap_ros2._dynamic import generate_dynamic
 from robbie_mp.messages import Message, message_type_from_schema, schema_text, stock_registry
 
 from .rosbags_bridge import assert_same, jazzy, store_with, to_rosbags
-from .strategies import definitions, messages
+from .strategies import PATIENT, definitions, messages
 
 STOCK = list(stock_registry())
 JAZZY = jazzy()
@@ -33,7 +33,7 @@ def test_a_stock_type_has_the_fields_of_ros_in_their_order(message_type: type[Me
 
 @stock(STOCK)
 @given(data=st.data())
-@settings(max_examples=8, deadline=None, phases=GENERATE_ONLY)
+@settings(PATIENT, max_examples=8, phases=GENERATE_ONLY)
 def test_a_stock_message_is_the_same_for_all_three(message_type: type[Message], data: st.DataObject) -> None:
     name = message_type.type_name
     message = data.draw(messages(message_type))
@@ -44,7 +44,7 @@ def test_a_stock_message_is_the_same_for_all_three(message_type: type[Message], 
 
 
 @given(schema=definitions(), data=st.data())
-@settings(max_examples=40, deadline=None, phases=GENERATE_ONLY)
+@settings(PATIENT, max_examples=40, phases=GENERATE_ONLY)
 def test_any_type_is_the_same_bytes_for_rosbags(schema: str, data: st.DataObject) -> None:
     message_type = message_type_from_schema("random_msgs/msg/Main", schema)
     store = store_with(message_type.type_name, schema)

@@ -4,6 +4,8 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from robbie_mp.messages import (
     BufferTooSmall,
@@ -14,11 +16,26 @@ from robbie_mp.messages import (
     Imu,
     JointState,
     LaserScan,
+    Message,
     PointCloud2,
     PointField,
     lay_out,
+    stock_registry,
 )
+from robbie_mp.messages.field_types import Numbers, fields_of
 
+from .strategies import PATIENT, messages
+
+
+def sequences(message_type: type[Message]) -> set[str]:
+    return {
+        field.name
+        for field in fields_of(message_type)
+        if isinstance(field.type, Numbers) and field.type.length is None
+    }
+
+
+LENDING = [each for each in stock_registry() if sequences(each)]
 RANGES, INTENSITIES = np.arange(7, dtype=np.float32), np.arange(3, dtype=np.float32)
 
 
@@ -33,6 +50,22 @@ def test_a_filled_loan_is_the_encoded_message(offset: int) -> None:
     assert layout.size == whole.encoded_size()
     assert buffer[offset:] == whole.encode()
     assert scan == whole
+
+
+@pytest.mark.parametrize("message_type", LENDING, ids=lambda each: each.type_name)
+@given(data=st.data())
+@settings(PATIENT, max_examples=5)
+def test_any_arrays_of_a_stock_message_can_be_lent(message_type: type[Message], data: st.DataObject) -> None:
+    message = data.draw(messages(message_type))
+    fields = {field.name: getattr(message, field.name) for field in fields_of(message_type)}
+    lent = data.draw(st.sets(st.sampled_from(sorted(sequences(message_type)))))
+    layout = lay_out(message_type, fields | {name: len(fields[name]) for name in lent})
+    buffer = bytearray(layout.size)
+    made = layout.write(memoryview(buffer))
+    for name in lent:
+        if len(fields[name]):
+            getattr(made, name)[:] = fields[name]
+    assert buffer == message.encode()
 
 
 def test_arrays_before_and_after_the_loaned_one_are_written() -> None:
