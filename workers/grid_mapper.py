@@ -129,7 +129,7 @@ class GridMapper:
         if not len(self._anchors):
             return newest.copy()
         anchor = self._anchors.rows[-1]
-        return self._robot(compose(self._anchor_poses()[-1], relative(anchor[1:4], self._laser(newest))))
+        return self._robot(compose(self._corrected(anchor), relative(anchor[1:4], self._laser(newest))))
 
     def trajectory(self) -> NDArray[np.float64]:
         """Return where the robot was, `(M, 4)`: stamp (s), x, y (m), heading (rad), map frame.
@@ -143,7 +143,7 @@ class GridMapper:
             return odometry.copy()
         anchors = self._anchors.rows
         rows = anchors[:, 0] - self._odometry.log.forgotten
-        poses = corrected(self._laser(odometry[:, 1:]), rows, anchors[:, 1:4], self._anchor_poses())
+        poses = corrected(self._laser(odometry[:, 1:]), rows, anchors[:, 1:4], self._corrected(anchors))
         return np.column_stack([odometry[:, 0], self._robot(poses)])
 
     def grid(self) -> tuple[NDArray[np.int8], NDArray[np.float64], float]:
@@ -214,7 +214,7 @@ class GridMapper:
         if len(self._keys) == self.limits.key_sweeps:
             self.refused["sweeps beyond the limit of key sweeps"] += 1
             return
-        match = self._tracker.match(sweep, self._anchor_poses()[-1], step)
+        match = self._tracker.match(sweep, self._corrected(last), step)
         base = len(self._keys) - 1
         offset = relative(self._keys.poses[base], match.pose)
         if np.hypot(offset[0], offset[1]) < KEY_M and abs(offset[2]) < KEY_RAD:
@@ -232,10 +232,9 @@ class GridMapper:
     ) -> None:
         self._anchors.add([place.position, *odometry, key, *offset])
 
-    def _anchor_poses(self) -> NDArray[np.float64]:
-        """The laser's poses at the anchors, `(A, 3)`, map frame."""
-        anchors = self._anchors.rows
-        return compose(self._keys.poses[anchors[:, 4].astype(int)], anchors[:, 5:8])
+    def _corrected(self, anchors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The laser's poses at anchors `(..., 8)`, as the map has them now: `(..., 3)`, map frame."""
+        return compose(self._keys.poses[anchors[..., 4].astype(int)], anchors[..., 5:8])
 
     def _laser(self, robot: NDArray[np.float64]) -> NDArray[np.float64]:
         return compose(robot, self.laser_pose)

@@ -4,10 +4,12 @@ Lu and Milios, "Globally consistent range scan alignment for environment mapping
 solved as in Grisetti, Kümmerle, Stachniss and Burgard, "A tutorial on graph-based SLAM" (2010), by
 Gauss-Newton over sparse matrices. An edge that closes a loop counts the less the worse it fits (Agarwal et
 al., "Robust map optimization using dynamic covariance scaling", ICRA 2013), so that one false match cannot
-bend the map.
+bend the map; that doubt grows while solving (Yang et al., "Graduated non-convexity for robust spatial
+perception", RA-L 2020).
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,8 @@ from scipy.sparse.linalg import splu
 from workers.planar_pose import relative, wrap_angle
 
 DOUBT = 10.0  # an edge's squared error (in its own standard deviations) beyond which it counts less
-MOST_ROUNDS = 10
+DOUBT_GROWTH = 4.0  # from round to round, until DOUBT is reached
+MOST_ROUNDS = 20
 SETTLED_M = 1e-3
 
 
@@ -32,6 +35,7 @@ class PoseGraph:
         self._measured: list[NDArray[np.float64]] = []
         self._information: list[NDArray[np.float64]] = []
         self._robust: list[bool] = []
+        self._settled_edges = 0  # edges there were at the last optimisation
 
     def add_pose(self, pose: ArrayLike) -> int:
         """Add a pose and return its number."""
@@ -55,6 +59,7 @@ class PoseGraph:
             "measured": np.array(self._measured).reshape(-1, 3),
             "information": np.array(self._information).reshape(-1, 3, 3),
             "closes_loop": np.array(self._robust, dtype=bool),
+            "settled_edges": np.array(self._settled_edges),
         }
 
     @staticmethod
@@ -65,6 +70,7 @@ class PoseGraph:
         edges = (state[name] for name in ("ends", "measured", "information", "closes_loop"))
         for ends, measured, information, closes_loop in zip(*edges, strict=True):
             graph.add_edge(int(ends[0]), int(ends[1]), measured, information, bool(closes_loop))
+        graph._settled_edges = int(state["settled_edges"])
         return graph
 
     def distances_m(self, start: int, limit_m: float = np.inf) -> NDArray[np.float64]:
@@ -84,41 +90,59 @@ class PoseGraph:
         if not self._ends:
             return 0.0
         before = self.poses.copy()
-        ends, measured = np.array(self._ends), np.array(self._measured)
-        information, robust = np.array(self._information), np.array(self._robust)
+        edges = _Edges(
+            *(np.array(each) for each in (self._ends, self._measured, self._information, self._robust))
+        )
+        # What is new may pull hard at first, for after a long way round it starts far from fitting.
+        new = edges.doubtful & (np.arange(len(self._ends)) >= self._settled_edges)
+        doubt = max(DOUBT, float(edges.squared_errors(self.poses)[new].max(initial=0.0)))
         for _ in range(MOST_ROUNDS):
-            step = self._step(ends, measured, information, robust)
+            step = self._step(edges, doubt)
             self.poses[1:] += step
             self.poses[:, 2] = wrap_angle(self.poses[:, 2])
-            if np.abs(step).max() < SETTLED_M:
+            if doubt == DOUBT and np.abs(step).max() < SETTLED_M:
                 break
+            doubt = max(DOUBT, doubt / DOUBT_GROWTH)
+        self._settled_edges = len(self._ends)
         return float(np.hypot(*(self.poses - before)[:, :2].T).max())
 
-    def _step(
-        self,
-        ends: NDArray[np.int64],
-        measured: NDArray[np.float64],
-        information: NDArray[np.float64],
-        robust: NDArray[np.bool_],
-    ) -> NDArray[np.float64]:
+    def _step(self, edges: "_Edges", doubt: float) -> NDArray[np.float64]:
         """One Gauss-Newton step for all poses but the first, `(N - 1, 3)`."""
-        error = relative(self.poses[ends[:, 0]], self.poses[ends[:, 1]]) - measured
-        error[:, 2] = wrap_angle(error[:, 2])
-        squared = np.einsum("ei,eij,ej->e", error, information, error)
-        trust = np.where(robust, np.minimum(1.0, 2 * DOUBT / (DOUBT + squared)) ** 2, 1.0)
-        information = information * trust[:, None, None]
-        jacobians = _jacobians(self.poses[ends[:, 0]], self.poses[ends[:, 1]])
-        weighted = np.einsum("eaji,ejk->eaik", jacobians, information)
+        error = edges.errors(self.poses)
+        trust = np.minimum(1.0, 2 * doubt / (doubt + edges.squared_errors(self.poses))) ** 2
+        trust = np.where(edges.doubtful, trust, 1.0)
+        jacobians = _jacobians(self.poses[edges.ends[:, 0]], self.poses[edges.ends[:, 1]])
+        weighted = np.einsum("eaji,ejk->eaik", jacobians, edges.information * trust[:, None, None])
         blocks = np.einsum("eaij,ebjk->eabik", weighted, jacobians)
         rights = -np.einsum("eaij,ej->eai", weighted, error)
-        variables = ends[:, :, None] * 3 + np.arange(3)
+        variables = edges.ends[:, :, None] * 3 + np.arange(3)
         rows = np.broadcast_to(variables[:, :, None, :, None], blocks.shape)
         columns = np.broadcast_to(variables[:, None, :, None, :], blocks.shape)
         size = 3 * len(self.poses)
         system = coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size)).tocsc()
         right = np.bincount(variables.ravel(), rights.ravel(), minlength=size)
         factors = splu(system[3:, 3:], permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-        return factors.solve(right[3:]).reshape(-1, 3)
+        return np.asarray(factors.solve(right[3:])).reshape(-1, 3)
+
+
+@dataclass(frozen=True)
+class _Edges:
+    """All edges as arrays: ends `(E, 2)`, measured `(E, 3)`, information `(E, 3, 3)`, doubtful `(E,)`."""
+
+    ends: NDArray[np.int64]
+    measured: NDArray[np.float64]
+    information: NDArray[np.float64]
+    doubtful: NDArray[np.bool_]
+
+    def errors(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        error = relative(poses[self.ends[:, 0]], poses[self.ends[:, 1]]) - self.measured
+        error[:, 2] = wrap_angle(error[:, 2])
+        return error
+
+    def squared_errors(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Each edge's squared error, in its own standard deviations."""
+        error = self.errors(poses)
+        return np.asarray(np.einsum("ei,eij,ej->e", error, self.information, error))
 
 
 def _jacobians(base: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArray[np.float64]:
