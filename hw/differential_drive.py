@@ -21,9 +21,9 @@ class DifferentialDrive:
     wheel_radius_m: float = 0.05
     axle_m: float = 0.32
     ticks_per_turn: int = 2048
-    max_linear_m_per_s: float = 0.6
+    max_linear_m_per_s: float = 0.8
     max_angular_rad_per_s: float = 2.0
-    max_wheel_m_per_s: float = 0.7
+    max_wheel_m_per_s: float = 1.0
     max_linear_m_per_s2: float = 1.0
     max_angular_rad_per_s2: float = 5.0
 

@@ -1,5 +1,6 @@
 """The robot's base: passes drive commands to the drive and says where the wheels think it is."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,8 +69,10 @@ class SimulatedBase(Module):
         )
 
     def teardown(self) -> None:
-        """Stop the robot."""
+        """Stop the robot; write into `base.json` how often it hit something or got no new command in time."""
         self.drive.stop()
+        counted = {"collisions": self.drive.collisions, "expired_commands": self.drive.expired_commands}
+        (self.output_directory / "base.json").write_text(json.dumps(counted) + "\n")
 
     def _time_s(self) -> float:
         return self.clock.monotonic_ns() / 1e9

@@ -5,6 +5,7 @@ from robbie_mp.messages import DriveCommand, Duration, Header, LaserScan, Occupa
 from robbie_mp.module import MessageHandling, Module, setting
 from workers.collision_guard import CollisionGuard
 from workers.explorer import Explorer, ExplorerSettings
+from workers.path_follower import FollowerSettings, PathFollower
 
 
 class Exploration(Module):
@@ -12,7 +13,8 @@ class Exploration(Module):
 
     period_s: float = setting(0.06, "time between drive commands", minimum=0.01)
     command_valid_for_s: float = setting(0.3, "the drive stops when no newer command comes", minimum=0.01)
-    time_limit_s: float = setting(42.0, "after so long the robot goes home, whatever is left", minimum=1.0)
+    max_linear_m_per_s: float = setting(0.7, "fastest speed ahead", minimum=0.05)
+    time_limit_s: float = setting(33.0, "after so long the robot goes home, whatever is left", minimum=1.0)
     returns_home: bool = setting(True, "drive back to the start at the end")
 
     def setup(self) -> None:
@@ -47,7 +49,12 @@ class Exploration(Module):
                 range_max_m=scan.range_max,
             )
             settings = ExplorerSettings(time_limit_s=self.time_limit_s, returns_home=self.returns_home)
-            self.explorer = Explorer(self._time_s, CollisionGuard(geometry.angles_rad()), settings)
+            self.explorer = Explorer(
+                self._time_s,
+                CollisionGuard(geometry.angles_rad()),
+                settings,
+                PathFollower(FollowerSettings(max_linear_m_per_s=self.max_linear_m_per_s)),
+            )
         self.explorer.see_sweep(scan.ranges, self._published_s())
 
     def tick(self) -> None:
