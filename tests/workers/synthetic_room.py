@@ -15,9 +15,7 @@ CORNERS = {
     "door": [(6.2, 6), (6.2, 5.3), (6.9, 5.3), (6.9, 6)],
     "screen": [(5.5, 0), (5.9, 1.1)],
 }
-SEGMENTS = np.array(
-    [[*a, *b] for line in CORNERS.values() for a, b in pairwise(line)], float
-)
+SEGMENTS = np.array([[*a, *b] for line in CORNERS.values() for a, b in pairwise(line)], float)
 ANGLE_MIN_RAD, BEAMS = -np.pi / 2, 180
 INCREMENT_RAD = np.pi / BEAMS
 RANGE_MAX_M = 12.0
