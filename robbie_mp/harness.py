@@ -7,6 +7,8 @@ from types import TracebackType
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 from robbie_mp.bus import Envelope, MessageType, PublishAfterStop
+from robbie_mp.checkpoint.decoder import decode
+from robbie_mp.checkpoint.encoder import encode
 from robbie_mp.clock import ManualClock
 from robbie_mp.config import Config
 from robbie_mp.messages import Message, lay_out
@@ -32,7 +34,7 @@ class ModuleHarness(Generic[ModuleClass]):
             assert harness.take(DriveCommand)
 
     Messages pass through their bytes on the way in and out, so handlers see what they see in a robot:
-    read-only arrays, and wrong field types are errors.
+    read-only arrays, and wrong field types are errors. So do checkpoints.
 
     Args:
         module_class: the class under test.
@@ -40,6 +42,7 @@ class ModuleHarness(Generic[ModuleClass]):
         config: the robot's configuration, dotted keys.
         output_directory: where it may write results.
         name: its name in the profile.
+        restored: the state it finds from its last incarnation, as `harness.checkpoint` of another harness.
     """
 
     def __init__(
@@ -50,9 +53,11 @@ class ModuleHarness(Generic[ModuleClass]):
         config: Mapping[str, object] | None = None,
         output_directory: Path | None = None,
         name: str = "module",
+        restored: object = None,
     ):
         self.clock = ManualClock()
         self.bus = HarnessBus(self.clock)
+        self._checkpoints = HarnessCheckpoints(restored)
         checked = check_settings(module_class, settings or {})
         module_class.check(checked)
         self.module = module_class(
@@ -62,6 +67,7 @@ class ModuleHarness(Generic[ModuleClass]):
                 bus=self.bus,
                 clock=self.clock,
                 config=Config(config or {}),
+                checkpoints=self._checkpoints,
                 output_directory=output_directory or Path.cwd(),
                 show_status=lambda _line: None,
             )
@@ -97,6 +103,11 @@ class ModuleHarness(Generic[ModuleClass]):
         self.clock.advance((end_ns - self.clock.monotonic_ns()) / 1e9)
 
     @property
+    def checkpoint(self) -> Any:
+        """The state that the module would find if it were killed now; None if it would start fresh."""
+        return decode(self._checkpoints.image).state
+
+    @property
     def published(self) -> list[Published]:
         """Everything the module has sent and the test has not taken."""
         return self.bus.published
@@ -112,6 +123,23 @@ class ModuleHarness(Generic[ModuleClass]):
                 kept.append(entry)
         self.bus.published[:] = kept
         return taken
+
+
+class HarnessCheckpoints:
+    """Keeps the image of a module's newest checkpoint, without any limit."""
+
+    def __init__(self, restored: object):
+        self.image = encode(restored)
+
+    @property
+    def restored(self) -> Any:
+        """The state in the image, with arrays of its own."""
+        return decode(self.image).state
+
+    def save(self, state: object) -> bool:
+        """Replace the image."""
+        self.image = encode(state)
+        return True
 
 
 class HarnessBus:

@@ -5,9 +5,10 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from robbie_mp.bus import Bus, Envelope, MessageType
+from robbie_mp.checkpoint.keeper import Checkpoints
 from robbie_mp.clock import Clock
 from robbie_mp.config import Config
 from robbie_mp.messages import Message
@@ -26,6 +27,7 @@ class ModuleContext:
     bus: Bus
     clock: Clock
     config: Config
+    checkpoints: Checkpoints
     output_directory: Path
     show_status: Callable[[str], None]
 
@@ -59,9 +61,12 @@ class Module:
         self.clock = context.clock
         self.config = context.config
         self.output_directory = context.output_directory
+        self.restored: Any = context.checkpoints.restored
+        """What was given to `checkpoint` last, its arrays as copies to keep; None for a fresh start."""
         self.log = logging.getLogger(context.name)
         self.stop_requested = False
         self._bus = context.bus
+        self._checkpoints = context.checkpoints
         self._show_status = context.show_status
         self._status = ""
         apply_settings(self, context.settings)
@@ -135,6 +140,25 @@ class Module:
             MessageTooLarge, PublishAfterStop, FieldError: as for `publish`.
         """
         return self._bus.loan(message_type, topic, fields)
+
+    def checkpoint(self, state: object) -> bool:
+        """Keep state outside this process: should it die, the next one finds the state in `restored`.
+
+        Each checkpoint takes the place of the last one, once it is complete. What happens after the last
+        checkpoint and before a crash is forgotten: messages handled in that time do not come again. A
+        checkpoint copies every array once, so its cost grows with the state.
+
+        Args:
+            state: None, bool, int, float, str, bytes, numpy arrays and numbers, in lists, tuples and dicts.
+
+        Returns:
+            False if there is no memory for it; the last one stays, and a warning is logged.
+
+        Raises:
+            UnsupportedState: there is something else in the state.
+            CheckpointTooLarge: it is larger than the profile's `memory.checkpoint_bytes`.
+        """
+        return self._checkpoints.save(state)
 
     @property
     def envelope(self) -> Envelope:

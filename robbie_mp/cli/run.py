@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.live import Live
 
+from robbie_mp.checkpoint.file import checkpoint_file, set_aside
 from robbie_mp.cli.figures import as_data, console, table
 from robbie_mp.cli.profile import add_profile_arguments
 from robbie_mp.observe import RunObserver
 from robbie_mp.profile.load import load_profile
+from robbie_mp.profile.model import Profile
 from robbie_mp.profile.preflight import preflight
 from robbie_mp.supervisor.output import OutputLine
 from robbie_mp.supervisor.run import RunListener, RunResult, default_output_directory, run_profile
@@ -39,6 +41,11 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser.add_argument(
         "--output", type=Path, metavar="DIR", help="where results and logs go (output/PROFILE/TIME)"
     )
+    parser.add_argument(
+        "--fresh",
+        action="store_true",
+        help="set aside the checkpoints that earlier runs left on disk (state/PROFILE/MODULE.checkpoint)",
+    )
     parser.add_argument("--quiet", action="store_true", help="print only the summary and what failed")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.set_defaults(command=run)
@@ -48,6 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Run a profile."""
     profile = load_profile(arguments.profile, overrides=arguments.overrides)
     findings = preflight(profile)
+    if arguments.fresh:
+        _set_checkpoints_aside(profile)
     output = arguments.output or default_output_directory(profile.name, datetime.now())
     screen = RunScreen(quiet=arguments.quiet or arguments.json)
     started_s = time.monotonic()
@@ -60,6 +69,13 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         _print_summary(result, summary["duration_s"])
     return result.exit_code
+
+
+def _set_checkpoints_aside(profile: Profile) -> None:
+    for module in profile.modules:
+        aside = set_aside(checkpoint_file(profile.workspace, profile.name, module.name), "replaced")
+        if aside is not None:
+            print(f"{module.name} starts fresh; its last checkpoint is kept as {aside}", file=sys.stderr)
 
 
 def _summary(profile_name: str, result: RunResult, duration_s: float) -> dict[str, object]:

@@ -6,7 +6,15 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-from robbie_mp.profile.model import CoreLimits, MemoryLimits, ModuleSpec, Profile, QueueLimits, RestartPolicy
+from robbie_mp.profile.model import (
+    CheckpointPolicy,
+    CoreLimits,
+    MemoryLimits,
+    ModuleSpec,
+    Profile,
+    QueueLimits,
+    RestartPolicy,
+)
 from robbie_mp.profile.problem import Place, Problem, ProfileError
 from robbie_mp.profile.reader import Node
 from robbie_mp.suggest import did_you_mean
@@ -80,6 +88,7 @@ class _Builder:
             restart=self.nested(RestartPolicy, content, where, "restart"),
             memory=self.memory(content, where),
             queue=self.nested(QueueLimits, content, where, "queue"),
+            checkpoint=self.nested(CheckpointPolicy, content, where, "checkpoint"),
         )
 
     def class_path(self, module: Node, content: dict[str, Node], where: str, siblings: list[str]) -> str:

@@ -53,6 +53,18 @@ class MemoryLimits:
     """Size of its first data segment; a message that needs more gets a segment of its own."""
     limit_bytes: int = bounded(256 << 20, 4096, MAX_BYTES)
     """All its data segments together."""
+    checkpoint_bytes: int = bounded(64 << 20, 4096, MAX_BYTES)
+    """Its largest checkpoint; two are kept."""
+
+
+@dataclass(frozen=True)
+class CheckpointPolicy:
+    """Whether a module's checkpoints outlive the run."""
+
+    persist: bool = False
+    """Keep them on disk as well, for the next run of the profile."""
+    persist_every_s: float = bounded(10.0, 0, AGES_S)
+    """The disk is written at most so often, and on an ordered stop."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +93,7 @@ class ModuleSpec:
     """From SIGTERM to SIGKILL on an ordered stop."""
     memory: MemoryLimits = MemoryLimits()
     queue: QueueLimits = QueueLimits()
+    checkpoint: CheckpointPolicy = CheckpointPolicy()
     folder_of: Mapping[str, Path] = field(default_factory=dict)
     """What a relative path in a setting starts from, for settings where that is not the workspace."""
 

@@ -8,6 +8,9 @@ import sys
 from pathlib import Path
 
 from robbie_mp.bus import Envelope
+from robbie_mp.checkpoint.buffers import CheckpointBuffers
+from robbie_mp.checkpoint.file import checkpoint_file
+from robbie_mp.checkpoint.keeper import CheckpointKeeper, DiskPolicy
 from robbie_mp.clock import SystemClock
 from robbie_mp.config import Config
 from robbie_mp.core.process import CoreProcess
@@ -78,6 +81,7 @@ def run_module(plan: RunPlan, name: str, incarnation: int) -> None:
     sys.path.insert(0, plan.workspace)
     module_class = load_class(planned.class_path, Module)
     folders = {setting: Path(folder) for setting, folder in planned.folder_of.items()}
+    checkpoints = open_checkpoints(plan, slot, incarnation)
     context = ModuleContext(
         name=name,
         settings=check_settings(
@@ -86,6 +90,7 @@ def run_module(plan: RunPlan, name: str, incarnation: int) -> None:
         bus=bus,
         clock=SystemClock(),
         config=Config(plan.config),
+        checkpoints=checkpoints,
         output_directory=Path(plan.output_directory),
         show_status=lambda line: write_text(words, layout.OUT_STATUS, LINE_WORDS, line),
     )
@@ -93,6 +98,18 @@ def run_module(plan: RunPlan, name: str, incarnation: int) -> None:
     runner = ModuleRunner(module, endpoint, inbox, outbox, memory.wakeup, words, lambda: board.may_go)
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
     runner.run()
+    checkpoints.close()
+
+
+def open_checkpoints(plan: RunPlan, slot: int, incarnation: int) -> CheckpointKeeper:
+    """Find what earlier incarnations or runs of a module have left, and prepare to leave something."""
+    planned = plan.modules[slot - 1]
+    disk = None
+    if planned.checkpoint.persist:
+        path = checkpoint_file(Path(plan.workspace), plan.profile_name, planned.name)
+        disk = DiskPolicy(path, planned.checkpoint.persist_every_s)
+    buffers = CheckpointBuffers(plan.run_id, slot, incarnation, planned.memory.checkpoint_bytes)
+    return CheckpointKeeper(buffers, disk, logging.getLogger(planned.name))
 
 
 class _Describer:

@@ -5,7 +5,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from robbie_mp.profile.model import CoreLimits, MemoryLimits, ModuleSpec, Profile, QueueLimits
+from robbie_mp.profile.model import (
+    CheckpointPolicy,
+    CoreLimits,
+    MemoryLimits,
+    ModuleSpec,
+    Profile,
+    QueueLimits,
+)
 from robbie_mp.transport.run_memory import RingSizes
 
 PLAN_FILE = "plan.json"
@@ -22,6 +29,7 @@ class PlannedModule:
     """What a relative path in a setting starts from, for settings where that is not the workspace."""
     memory: MemoryLimits
     queue: QueueLimits
+    checkpoint: CheckpointPolicy
 
 
 @dataclass(frozen=True)
@@ -75,7 +83,11 @@ class RunPlan:
         data["modules"] = tuple(
             PlannedModule(
                 **module
-                | {"memory": MemoryLimits(**module["memory"]), "queue": QueueLimits(**module["queue"])}
+                | {
+                    "memory": MemoryLimits(**module["memory"]),
+                    "queue": QueueLimits(**module["queue"]),
+                    "checkpoint": CheckpointPolicy(**module["checkpoint"]),
+                }
             )
             for module in data["modules"]
         )
@@ -90,4 +102,5 @@ def _planned(module: ModuleSpec) -> PlannedModule:
         folder_of={name: str(folder) for name, folder in module.folder_of.items()},
         memory=module.memory,
         queue=module.queue,
+        checkpoint=module.checkpoint,
     )

@@ -3,12 +3,13 @@
 Each segment has exactly one writing process. Offsets are counted in words of 8 bytes; `*_WORDS` is a size.
 Change anything here and raise `LAYOUT_VERSION`: it is stamped in every segment and checked on attaching.
 
-    segment   written by           read by
-    board     supervisor           all: who runs, in which state
-    core      core                 all: channels, subscriptions, counters, handle and reference tables
-    out       the module           core, supervisor, tools: outbound ring, declarations, own counters
-    in        core                 the module: inbound ring, freed ring
-    data      the module           its subscribers: the messages themselves
+    segment     written by         read by
+    board       supervisor         all: who runs, in which state
+    core        core               all: channels, subscriptions, counters, handle and reference tables
+    out         the module         core, supervisor, tools: outbound ring, declarations, own counters
+    in          core               the module: inbound ring, freed ring
+    data        the module         its subscribers: the messages themselves
+    checkpoint  the module         its next incarnation: its state
 """
 
 from enum import IntEnum
@@ -25,6 +26,7 @@ class SegmentKind(IntEnum):
     OUT = 3
     IN = 4
     DATA = 5
+    CHECKPOINT = 6
 
 
 # The header of every segment.
@@ -167,6 +169,11 @@ IN_HEAD = HEADER_WORDS + 1
 IN_FREED_HEAD = HEADER_WORDS + 2
 IN_WANT_RELEASE = HEADER_WORDS + 3
 IN_RING = HEADER_WORDS + 16
+
+# checkpoint: one of the two that a module alternates between. The sequence is its commit word: written last,
+# 0 while there is no checkpoint, or half of one. The image begins at a multiple of 64 bytes.
+CHECKPOINT_SEQUENCE = HEADER_WORDS
+CHECKPOINT_IMAGE = HEADER_WORDS + 8
 
 RECORD_WORDS = 8
 FREED_RECORDS = 4096  # also the bound of messages that a module may have outstanding

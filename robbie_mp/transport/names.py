@@ -41,6 +41,11 @@ def data(run_id: str, slot: int, incarnation: int, segment: int) -> str:
     return f"{data_prefix(run_id, slot, incarnation)}{segment}"
 
 
+def checkpoint(run_id: str, slot: int, number: int) -> str:
+    """One of the two segments for a module's checkpoints; they outlive its incarnations."""
+    return f"robbie-{run_id}-checkpoint-{slot}-{number}"
+
+
 def data_prefix(run_id: str, slot: int, incarnation: int) -> str:
     """What the names of all its data segments begin with."""
     return f"robbie-{run_id}-data-{slot}-{incarnation}-"

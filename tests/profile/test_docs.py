@@ -8,7 +8,14 @@ import pytest
 import yaml
 
 from robbie_mp.profile.build import PROFILE_KEYS
-from robbie_mp.profile.model import CoreLimits, MemoryLimits, ModuleSpec, QueueLimits, RestartPolicy
+from robbie_mp.profile.model import (
+    CheckpointPolicy,
+    CoreLimits,
+    MemoryLimits,
+    ModuleSpec,
+    QueueLimits,
+    RestartPolicy,
+)
 
 from .conftest import Robot
 
@@ -22,25 +29,35 @@ def documented(heading: str) -> dict[str, str]:
     return {row[1].strip(" `"): row[3].strip(" `") for row in rows}
 
 
+def in_yaml(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
 @pytest.mark.parametrize(
     ("heading", "section"),
-    [("restart", RestartPolicy), ("memory", MemoryLimits), ("queue", QueueLimits), ("core", CoreLimits)],
+    [
+        ("restart", RestartPolicy),
+        ("memory", MemoryLimits),
+        ("queue", QueueLimits),
+        ("checkpoint", CheckpointPolicy),
+        ("core", CoreLimits),
+    ],
 )
 def test_every_key_of_a_section_is_documented_with_its_default(heading: str, section: type) -> None:
     assert is_dataclass(section)
-    assert documented(heading) == {field.name: str(field.default) for field in fields(section)}
+    assert documented(heading) == {field.name: in_yaml(field.default) for field in fields(section)}
 
 
 def test_every_key_of_a_module_is_documented_with_its_default() -> None:
     plain = {
-        field.name: str(field.default).lower()
+        field.name: in_yaml(field.default)
         for field in fields(ModuleSpec)
         if isinstance(field.default, bool | float)
     }
     table = documented("Keys of a module")
     assert table == {
         "class": "required",
-        **dict.fromkeys(["settings", "restart", "memory", "queue"], "{}"),
+        **dict.fromkeys(["settings", "restart", "memory", "queue", "checkpoint"], "{}"),
         **plain,
     }
 

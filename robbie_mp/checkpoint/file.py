@@ -1,0 +1,106 @@
+"""A checkpoint on disk: one file, which is the old one or the new one whatever the machine is cut off at."""
+
+import contextlib
+import os
+from pathlib import Path
+
+from robbie_mp.checkpoint.decoder import Checkpoint, decode
+from robbie_mp.checkpoint.image import HEADER, read_header
+from robbie_mp.errors import RobbieError
+
+STATE_FOLDER = "state"
+SUFFIX = ".checkpoint"
+UNFINISHED = ".new"
+
+
+class CheckpointFileError(RobbieError, OSError):
+    """The system does not let us read or rename the file of a checkpoint."""
+
+
+def checkpoint_file(workspace: Path, profile_name: str, module_name: str) -> Path:
+    """Return where the checkpoints of a profile's module are kept, the same for every run."""
+    return workspace / STATE_FOLDER / profile_name / f"{module_name}{SUFFIX}"
+
+
+def read_file(path: Path) -> Checkpoint | None:
+    """Read the checkpoint in a file; None if there is no file.
+
+    Raises:
+        CheckpointDamaged: the file holds none.
+        CheckpointTooNew: it has a form that this version does not know.
+        CheckpointFileError: it cannot be read.
+    """
+    try:
+        with open(path, "rb") as file:
+            begin = file.read(HEADER.size)
+            header = read_header(memoryview(begin), os.fstat(file.fileno()).st_size)
+            return decode(begin + file.read(header.size - len(begin)))
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise CheckpointFileError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def write_file(path: Path, image: memoryview | bytes) -> None:
+    """Put an image in the place of the file, durably; the file before stays until the new one is complete.
+
+    Raises:
+        OSError: the disk is full, or does not let us; the file before stays.
+    """
+    _make_folder(path.parent)
+    unfinished = path.with_name(f"{path.name}.{os.getpid()}{UNFINISHED}")
+    try:
+        with open(unfinished, "wb") as file:
+            file.write(image)
+            file.flush()
+            os.fsync(file.fileno())
+        unfinished.replace(path)
+    except OSError:
+        unfinished.unlink(missing_ok=True)
+        raise
+    _sync_folder(path.parent)
+
+
+def set_aside(path: Path, why: str) -> Path | None:
+    """Rename a file so that it is out of the way, but not lost; returns its new path, None if there is none.
+
+    Args:
+        path: the checkpoint's file.
+        why: becomes part of the name; a file set aside before for the same reason is replaced.
+
+    Raises:
+        CheckpointFileError: it cannot be renamed.
+    """
+    aside = path.with_name(f"{path.name}.{why}")
+    try:
+        path.replace(aside)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise CheckpointFileError(f"{path} cannot be renamed to {aside.name}: {error.strerror}") from error
+    return aside
+
+
+def remove_unfinished(path: Path) -> None:
+    """Remove what processes that were killed while they wrote this checkpoint have left."""
+    for unfinished in path.parent.glob(f"{path.name}.*{UNFINISHED}"):
+        pid = unfinished.name.removeprefix(f"{path.name}.").removesuffix(UNFINISHED)
+        if pid.isdigit() and not Path("/proc", pid).exists():
+            with contextlib.suppress(OSError):
+                unfinished.unlink()
+
+
+def _make_folder(folder: Path) -> None:
+    """Make a folder, durably, with all that it lies in."""
+    if not folder.is_dir():
+        _make_folder(folder.parent)
+        folder.mkdir(exist_ok=True)
+        _sync_folder(folder.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)

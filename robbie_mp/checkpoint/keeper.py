@@ -1,0 +1,112 @@
+"""The checkpoints of one incarnation of a module: what it finds, and what it leaves for the next."""
+
+import logging
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from robbie_mp.checkpoint.buffers import CheckpointBuffers
+from robbie_mp.checkpoint.decoder import Checkpoint
+from robbie_mp.checkpoint.disk_writer import DiskWriter
+from robbie_mp.checkpoint.encoder import lay_out
+from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooNew
+from robbie_mp.checkpoint.file import CheckpointFileError, read_file, remove_unfinished, set_aside
+from robbie_mp.transport.segment import SharedMemoryFull
+
+
+class Checkpoints(Protocol):
+    """What a module sees of all this."""
+
+    @property
+    def restored(self) -> Any:
+        """The state to go on from; None for a fresh start."""
+
+    def save(self, state: object) -> bool:
+        """Keep a state outside the process; False if there is no memory for it."""
+
+
+@dataclass(frozen=True)
+class DiskPolicy:
+    """Where checkpoints go that shall outlive the run, and how often at most."""
+
+    path: Path
+    every_s: float
+
+
+class CheckpointKeeper:
+    """Keeps checkpoints in shared memory and, if there is a policy for it, on disk.
+
+    What an earlier incarnation of this run left comes first; what an earlier run left on disk counts only for
+    the first start. A checkpoint that cannot be read is no reason not to start: it is told, and the module
+    starts fresh; a file is kept aside.
+
+    Args:
+        buffers: the shared memory.
+        disk: None keeps nothing on disk.
+        log: hears of what is found, refused or damaged.
+
+    Attributes:
+        restored: the state to go on from; None for a fresh start.
+        refused: how many checkpoints there was no memory for.
+    """
+
+    def __init__(self, buffers: CheckpointBuffers, disk: DiskPolicy | None, log: logging.Logger):
+        self._buffers = buffers
+        self._log = log
+        self.refused = 0
+        for damage in buffers.damaged:
+            log.warning("the newest checkpoint is left out: %s", damage)
+        found = buffers.found
+        if found is None and disk is not None:
+            found = self._read(disk.path)
+        if found is not None:
+            log.info("goes on from a checkpoint that is %.1f s old", (time.time_ns() - found.taken_ns) / 1e9)
+        self.restored = None if found is None else found.state
+        self._disk: DiskWriter | None = None
+        if disk is not None:
+            remove_unfinished(disk.path)
+            self._disk = DiskWriter(disk.path, disk.every_s, buffers.newest, log)
+            if buffers.found is not None:
+                self._disk.write_soon()  # the process that took it may have been killed before it could
+
+    def save(self, state: object) -> bool:
+        """Keep a state; False if there is no memory for it, and the one before stays.
+
+        Raises:
+            UnsupportedState, CheckpointTooLarge: the one before stays.
+        """
+        try:
+            self._buffers.write(lay_out(state), time.time_ns())
+        except SharedMemoryFull as error:
+            self.refused += 1
+            if self.refused.bit_count() == 1:  # the 1st, 2nd, 4th, 8th …
+                self._log.warning("%d checkpoints refused; the last one stays: %s", self.refused, error)
+            return False
+        if self._disk is not None:
+            self._disk.write_soon()
+        return True
+
+    def close(self) -> None:
+        """Bring to disk what is not there yet, and unmap the memory; it stays for the next incarnation."""
+        if self._disk is not None:
+            self._disk.close()
+        self._buffers.close()
+
+    def _read(self, path: Path) -> Checkpoint | None:
+        try:
+            return read_file(path)
+        except CheckpointFileError as error:
+            self._log.warning("starts fresh: %s", error)
+        except CheckpointDamaged as error:
+            self._log.warning("starts fresh: %s; %s", error, _kept_aside(path, "damaged"))
+        except CheckpointTooNew as error:
+            self._log.warning("starts fresh: %s; %s", error, _kept_aside(path, "too-new"))
+        return None
+
+
+def _kept_aside(path: Path, why: str) -> str:
+    try:
+        return f"the file is kept as {set_aside(path, why)}"
+    except CheckpointFileError as error:
+        return str(error)
