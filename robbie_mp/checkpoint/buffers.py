@@ -42,7 +42,7 @@ class CheckpointBuffers:
         self._held: Segment | None = None
         self._segments = [self._attached(name) for name in self._name]
         self.found: Checkpoint | None = None
-        self.damaged: list[CheckpointDamaged | CheckpointTooNew] = []
+        self.damaged: list[str] = []
         self._newest = 0
         self._sequence = 0
         self._read_newest()
@@ -118,7 +118,7 @@ class CheckpointBuffers:
                 if found.sequence != sequence:
                     raise CheckpointDamaged(f"checkpoint {sequence} says that it is {found.sequence}")
             except (CheckpointDamaged, CheckpointTooNew) as error:
-                self.damaged.append(error)
+                self.damaged.append(str(error))  # the error itself would keep the memory mapped
                 continue
             self.found, self._newest, self._sequence = found, number, sequence
             return

@@ -1,7 +1,6 @@
 """From the bytes of a checkpoint, whatever they hold, to the state or to an error of ours."""
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,13 +47,6 @@ class _Reader:
     def __init__(self, pieces: memoryview):
         self._pieces = pieces
         self._unread = len(pieces)
-        self._readers: dict[str, Callable[[list[Any]], Any]] = {
-            "tuple": self._tuple,
-            "dict": self._dict,
-            "bytes": self._bytes,
-            "array": self._array,
-            "scalar": self._scalar,
-        }
 
     def value(self, node: Any) -> Any:
         if type(node) is list:
@@ -62,25 +54,25 @@ class _Reader:
         if type(node) is not dict:
             return node
         ((tag, body),) = node.items()
-        return self._readers[tag](body)
+        return KINDS[tag](self, body)
 
-    def _tuple(self, items: list[Any]) -> tuple[Any, ...]:
+    def read_tuple(self, items: list[Any]) -> tuple[Any, ...]:
         return tuple(self.value(item) for item in items)
 
-    def _dict(self, pairs: list[Any]) -> dict[Any, Any]:
+    def read_dict(self, pairs: list[Any]) -> dict[Any, Any]:
         return {self.value(key): self.value(item) for key, item in pairs}
 
-    def _bytes(self, body: list[Any]) -> bytes:
+    def read_bytes(self, body: list[Any]) -> bytes:
         offset, size = body
         return bytes(self._piece(offset, size))
 
-    def _scalar(self, body: list[Any]) -> Any:
-        return self._array(body)[()]
+    def read_scalar(self, body: list[Any]) -> Any:
+        return self.read_array(body)[()]
 
-    def _array(self, body: list[Any]) -> NDArray[Any]:
+    def read_array(self, body: list[Any]) -> NDArray[Any]:
         dtype_name, shape, offset = body
-        if not DTYPE.fullmatch(dtype_name):
-            raise ValueError(f"an array of {dtype_name!r:.40}")
+        if not DTYPE.fullmatch(dtype_name) or not all(type(length) is int for length in shape):
+            raise ValueError(f"an array of {dtype_name!r:.40} and shape {shape!r:.40}")
         dtype = np.dtype(dtype_name)
         size = dtype.itemsize
         for length in shape:
@@ -94,3 +86,13 @@ class _Reader:
         if not inside or offset % ALIGNMENT or self._unread < 0:
             raise ValueError(f"{size} bytes at {offset} of {len(self._pieces)}")
         return self._pieces[offset : offset + size]
+
+
+KINDS = {
+    "tuple": _Reader.read_tuple,
+    "dict": _Reader.read_dict,
+    "bytes": _Reader.read_bytes,
+    "array": _Reader.read_array,
+    "scalar": _Reader.read_scalar,
+}
+"""How each kind of node is read that is not just JSON."""

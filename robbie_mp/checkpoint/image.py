@@ -36,7 +36,7 @@ MAGIC = b"ROBBIECP"
 HEADER = struct.Struct("<8sIIQQQQ16x")
 CRC_BEGIN = 16
 ALIGNMENT = 64
-DTYPE = re.compile(r"[<>|][biufcSUmM][0-9]{1,9}(\[[0-9]*[A-Za-z]{1,2}(/[0-9]+)?\])?")
+DTYPE = re.compile(r"[<>|][biufcSUmM][1-9][0-9]{0,8}(\[[0-9]*[A-Za-z]{1,2}(/[0-9]+)?\])?")
 """Numbers, times, and texts of fixed length, of either byte order; no Python objects and no records."""
 
 

@@ -1,0 +1,51 @@
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from robbie_mp.checkpoint.buffers import CheckpointBuffers
+from robbie_mp.transport import names
+from robbie_mp.transport.segment import unlink_segment
+
+RUN = f"{os.getpid():08d}"[-8:]
+SLOT = 1
+
+
+class SlotOfARun:
+    """The shared memory for one module's checkpoints, whose processes come and go."""
+
+    def __init__(self) -> None:
+        self._open: list[CheckpointBuffers] = []
+
+    def start(self, limit_bytes: int = 1 << 20) -> CheckpointBuffers:
+        """A new incarnation; those before have ended."""
+        self.end()
+        self._open.append(CheckpointBuffers(RUN, SLOT, len(self._open) + 1, limit_bytes))
+        return self._open[-1]
+
+    def end(self) -> None:
+        for buffers in self._open:
+            buffers.close()
+        self._open.clear()
+
+    def name(self, number: int) -> str:
+        return names.checkpoint(RUN, SLOT, number)
+
+
+@pytest.fixture
+def slot() -> Iterator[SlotOfARun]:
+    made = SlotOfARun()
+    yield made
+    made.end()
+    for number in (0, 1):
+        unlink_segment(made.name(number))
+
+
+@pytest.fixture
+def full_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From now on there is no room in /dev/shm."""
+
+    def refuse(_fd: int, _offset: int, _size: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", refuse)

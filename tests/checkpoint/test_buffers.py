@@ -1,0 +1,179 @@
+"""The two segments that checkpoints alternate between."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robbie_mp.checkpoint.buffers import IMAGE_BEGIN, CheckpointBuffers
+from robbie_mp.checkpoint.decoder import decode
+from robbie_mp.checkpoint.encoder import encode, lay_out
+from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooLarge
+from robbie_mp.transport import layout
+from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.segment import Segment, SharedMemoryFull
+from tests.checkpoint.conftest import RUN, SLOT, SlotOfARun
+
+
+def write(buffers: CheckpointBuffers, *numbers: int, size: int = 10) -> None:
+    for number in numbers:
+        buffers.write(lay_out({"number": number, "array": np.full(size, number)}), taken_ns=number)
+
+
+def number_in(buffers: CheckpointBuffers) -> int | None:
+    return None if buffers.found is None else buffers.found.state["number"]
+
+
+def scribble(slot: SlotOfARun, number: int, offset: int, data: bytes) -> None:
+    with open(Path("/dev/shm") / slot.name(number), "r+b") as file:
+        file.seek(offset)
+        file.write(data)
+
+
+def segments(slot: SlotOfARun) -> dict[str, int]:
+    return {path.name: path.stat().st_size for path in Path("/dev/shm").glob(slot.name(0)[:-1] + "*")}
+
+
+def test_first_incarnation_finds_nothing_and_makes_nothing(slot: SlotOfARun) -> None:
+    assert slot.start().found is None
+    assert segments(slot) == {}
+
+
+def test_next_incarnation_finds_the_newest_and_goes_on(slot: SlotOfARun) -> None:
+    for number in range(1, 6):
+        buffers = slot.start()
+        assert number_in(buffers) == (number - 1 or None)
+        assert buffers.damaged == []
+        write(buffers, number)
+    assert slot.start().found.sequence == 5
+
+
+def test_two_segments_hold_checkpoints_of_equal_size_for_ever(slot: SlotOfARun) -> None:
+    buffers = slot.start()
+    write(buffers, 1, 2)
+    inodes = {name: os.stat(f"/dev/shm/{name}").st_ino for name in segments(slot)}
+    write(buffers, *range(3, 20))
+    assert {name: os.stat(f"/dev/shm/{name}").st_ino for name in segments(slot)} == inodes
+    assert len(inodes) == 2
+
+
+def test_state_may_grow_and_shrink(slot: SlotOfARun) -> None:
+    buffers = slot.start()
+    for number, size in enumerate([10, 3000, 4000, 10, 50_000, 20_000], 1):
+        write(buffers, number, size=size)
+        reader = CheckpointBuffers(RUN, SLOT, 9, 1 << 20)
+        assert number_in(reader) == number
+        reader.close()
+    assert len(segments(slot)) == 2
+
+
+def test_slowly_growing_state_seldom_needs_a_new_segment(slot: SlotOfARun) -> None:
+    buffers = slot.start()
+    inodes = set()
+    for size in range(1000, 2000, 10):
+        write(buffers, 1, size=size)
+        inodes |= {os.stat(f"/dev/shm/{name}").st_ino for name in segments(slot)}
+    assert len(inodes) <= 10
+
+
+def test_state_of_exactly_the_limit_is_kept_and_one_byte_more_is_not(slot: SlotOfARun) -> None:
+    size = lay_out({"number": 1, "array": np.zeros(10)}).size
+    exact = slot.start(limit_bytes=size)
+    write(exact, 1)
+    assert number_in(slot.start(limit_bytes=size)) == 1
+    small = slot.start(limit_bytes=size - 1)
+    with pytest.raises(CheckpointTooLarge, match=r"memory\.checkpoint_bytes"):
+        write(small, 2)
+    assert number_in(slot.start()) == 1
+
+
+def test_full_memory_keeps_the_last_checkpoint(slot: SlotOfARun, request: pytest.FixtureRequest) -> None:
+    buffers = slot.start()
+    write(buffers, 1, 2)
+    request.getfixturevalue("full_memory")
+    with pytest.raises(SharedMemoryFull):
+        write(buffers, 3, size=10_000)
+    with pytest.raises(SharedMemoryFull):  # and again: the segment it would go to is gone
+        write(buffers, 3, size=10_000)
+    request.getfixturevalue("monkeypatch").undo()
+    assert number_in(slot.start()) == 2
+    write(slot.start(), 3, size=10_000)
+    assert number_in(slot.start()) == 3
+
+
+@pytest.mark.parametrize("offset", [0, 12, 16, 40, 64, 200])
+def test_damaged_checkpoint_is_told_and_the_one_before_is_found(slot: SlotOfARun, offset: int) -> None:
+    write(slot.start(), 1, 2)
+    scribble(slot, 0, IMAGE_BEGIN + offset, b"\xee\xee\xee")  # the first goes to segment 1
+    buffers = slot.start()
+    assert number_in(buffers) == 1
+    assert len(buffers.damaged) == 1
+    write(buffers, 3)
+    again = slot.start()
+    assert (number_in(again), again.damaged) == (3, [])
+
+
+def test_two_damaged_checkpoints_are_told_and_replaced(slot: SlotOfARun) -> None:
+    write(slot.start(), 1, 2)
+    for number in (0, 1):
+        scribble(slot, number, IMAGE_BEGIN + 70, b"\xee")
+    buffers = slot.start()
+    assert buffers.found is None
+    assert len(buffers.damaged) == 2
+    write(buffers, 3, 4)
+    again = slot.start()
+    assert (number_in(again), again.damaged) == (4, [])
+
+
+@pytest.mark.parametrize("sequence", [1, 2**64 - 1])
+def test_sequence_that_is_not_the_checkpoints_own_is_damage(slot: SlotOfARun, sequence: int) -> None:
+    write(slot.start(), 1, 2)
+    scribble(slot, 0, layout.CHECKPOINT_SEQUENCE * 8, sequence.to_bytes(8, "little"))
+    buffers = slot.start()
+    assert number_in(buffers) == 1
+    write(buffers, 3, 4)
+    assert number_in(slot.start()) == 4
+
+
+@pytest.mark.parametrize("content", [b"", b"x", bytes(4096), b"\xff" * 4096])
+def test_what_is_no_segment_is_replaced(slot: SlotOfARun, content: bytes) -> None:
+    for number in (0, 1):
+        (Path("/dev/shm") / slot.name(number)).write_bytes(content)
+    buffers = slot.start()
+    assert buffers.found is None
+    write(buffers, 1, 2)
+    assert number_in(slot.start()) == 2
+
+
+def test_segment_is_allocated_whole_and_says_whose_it_is(slot: SlotOfARun) -> None:
+    write(slot.start(), 1, size=100_000)
+    (name,) = segments(slot)
+    assert os.stat(f"/dev/shm/{name}").st_blocks * 512 >= 800_000
+    segment = Segment.attach(name, SegmentKind.CHECKPOINT)
+    assert (segment.words[layout.HEADER_SLOT], segment.words[layout.HEADER_INCARNATION]) == (1, 1)
+    segment.close()
+
+
+def test_held_checkpoint_stays_while_new_ones_are_written(slot: SlotOfARun) -> None:
+    buffers = slot.start()
+    write(buffers, 1, 2)
+    with buffers.newest() as image:
+        write(buffers, 3, 4, 5)
+        assert decode(image).state["number"] == 2
+        assert bytes(image) == encode({"number": 2, "array": np.full(10, 2)}, 2, 2)
+    assert len(segments(slot)) == 2
+    with buffers.newest() as image:
+        assert decode(image).state["number"] == 5
+    write(buffers, 6, 7)
+    assert number_in(slot.start()) == 7
+
+
+def test_nothing_is_held_when_there_is_nothing(slot: SlotOfARun) -> None:
+    with pytest.raises(LookupError), slot.start().newest():
+        pass
+    write(slot.start(), 1)
+    scribble(slot, 1, IMAGE_BEGIN, b"\xee")
+    buffers = slot.start()
+    with pytest.raises((LookupError, CheckpointDamaged)), buffers.newest():
+        pass

@@ -1,0 +1,28 @@
+"""Whatever a process is killed at, the checkpoint before, or the one it stored, is there and whole."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCENARIOS = {"first": 60, "second": 60, "third": 30, "larger": 60, "smaller": 30, "at random": 40}
+"""The least number of deaths, so that a scenario that kills nobody is no success."""
+PROJECT = Path(__file__).parents[2]
+
+
+def deaths(scenario: str) -> int:
+    command = [sys.executable, "-m", "tests.checkpoint.killing", scenario]
+    ended = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=50, check=False)
+    assert ended.returncode == 0, ended.stderr
+    return int(ended.stdout)
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_killed_process_leaves_a_whole_checkpoint_in_shared_memory(scenario: str) -> None:
+    assert deaths(scenario) >= SCENARIOS[scenario]
+
+
+@pytest.mark.parametrize("scenario", ["file", "file at random"])
+def test_killed_process_leaves_a_whole_file(scenario: str) -> None:
+    assert deaths(scenario) >= 25
