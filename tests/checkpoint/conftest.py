@@ -1,5 +1,6 @@
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -28,17 +29,27 @@ class SlotOfARun:
             buffers.close()
         self._open.clear()
 
+    def forget(self) -> None:
+        """The run has ended."""
+        self.end()
+        for number in (0, 1):
+            unlink_segment(self.name(number))
+
     def name(self, number: int) -> str:
         return names.checkpoint(RUN, SLOT, number)
+
+    def scribble(self, number: int, offset: int, data: bytes) -> None:
+        """Overwrite a part of a segment."""
+        with open(Path("/dev/shm") / self.name(number), "r+b") as file:
+            file.seek(offset)
+            file.write(data)
 
 
 @pytest.fixture
 def slot() -> Iterator[SlotOfARun]:
     made = SlotOfARun()
     yield made
-    made.end()
-    for number in (0, 1):
-        unlink_segment(made.name(number))
+    made.forget()
 
 
 @pytest.fixture

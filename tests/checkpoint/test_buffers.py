@@ -25,12 +25,6 @@ def number_in(buffers: CheckpointBuffers) -> int | None:
     return None if buffers.found is None else buffers.found.state["number"]
 
 
-def scribble(slot: SlotOfARun, number: int, offset: int, data: bytes) -> None:
-    with open(Path("/dev/shm") / slot.name(number), "r+b") as file:
-        file.seek(offset)
-        file.write(data)
-
-
 def segments(slot: SlotOfARun) -> dict[str, int]:
     return {path.name: path.stat().st_size for path in Path("/dev/shm").glob(slot.name(0)[:-1] + "*")}
 
@@ -105,7 +99,7 @@ def test_full_memory_keeps_the_last_checkpoint(slot: SlotOfARun, request: pytest
 @pytest.mark.parametrize("offset", [0, 12, 16, 40, 64, 200])
 def test_damaged_checkpoint_is_told_and_the_one_before_is_found(slot: SlotOfARun, offset: int) -> None:
     write(slot.start(), 1, 2)
-    scribble(slot, 0, IMAGE_BEGIN + offset, b"\xee\xee\xee")  # the first goes to segment 1
+    slot.scribble(0, IMAGE_BEGIN + offset, b"\xee\xee\xee")  # the first goes to segment 1
     buffers = slot.start()
     assert number_in(buffers) == 1
     assert len(buffers.damaged) == 1
@@ -117,7 +111,7 @@ def test_damaged_checkpoint_is_told_and_the_one_before_is_found(slot: SlotOfARun
 def test_two_damaged_checkpoints_are_told_and_replaced(slot: SlotOfARun) -> None:
     write(slot.start(), 1, 2)
     for number in (0, 1):
-        scribble(slot, number, IMAGE_BEGIN + 70, b"\xee")
+        slot.scribble(number, IMAGE_BEGIN + 70, b"\xee")
     buffers = slot.start()
     assert buffers.found is None
     assert len(buffers.damaged) == 2
@@ -129,7 +123,7 @@ def test_two_damaged_checkpoints_are_told_and_replaced(slot: SlotOfARun) -> None
 @pytest.mark.parametrize("sequence", [1, 2**64 - 1])
 def test_sequence_that_is_not_the_checkpoints_own_is_damage(slot: SlotOfARun, sequence: int) -> None:
     write(slot.start(), 1, 2)
-    scribble(slot, 0, layout.CHECKPOINT_SEQUENCE * 8, sequence.to_bytes(8, "little"))
+    slot.scribble(0, layout.CHECKPOINT_SEQUENCE * 8, sequence.to_bytes(8, "little"))
     buffers = slot.start()
     assert number_in(buffers) == 1
     write(buffers, 3, 4)
@@ -173,7 +167,7 @@ def test_nothing_is_held_when_there_is_nothing(slot: SlotOfARun) -> None:
     with pytest.raises(LookupError), slot.start().newest():
         pass
     write(slot.start(), 1)
-    scribble(slot, 1, IMAGE_BEGIN, b"\xee")
+    slot.scribble(1, IMAGE_BEGIN, b"\xee")
     buffers = slot.start()
     with pytest.raises((LookupError, CheckpointDamaged)), buffers.newest():
         pass

@@ -1,0 +1,221 @@
+"""What one incarnation of a module leaves for the next, in the same run and in the next one."""
+
+import logging
+import os
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robbie_mp.checkpoint import disk_writer
+from robbie_mp.checkpoint.buffers import IMAGE_BEGIN
+from robbie_mp.checkpoint.encoder import encode
+from robbie_mp.checkpoint.errors import CheckpointTooLarge, UnsupportedState
+from robbie_mp.checkpoint.file import read_file, write_file
+from robbie_mp.checkpoint.keeper import CheckpointKeeper, DiskPolicy
+from tests.checkpoint.conftest import SlotOfARun
+
+NEVER_S = 1e6
+Starter = Callable[..., CheckpointKeeper]
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "module.checkpoint"
+
+
+@pytest.fixture
+def start(slot: SlotOfARun, path: Path) -> Iterator[Starter]:
+    """Starts an incarnation; on disk it writes once at once, and then only at its end."""
+    keepers: list[CheckpointKeeper] = []
+
+    def starter(every_s: float | None = NEVER_S, limit_bytes: int = 1 << 20) -> CheckpointKeeper:
+        disk = None if every_s is None else DiskPolicy(path, every_s)
+        keepers.append(CheckpointKeeper(slot.start(limit_bytes), disk, logging.getLogger("module")))
+        return keepers[-1]
+
+    yield starter
+    for keeper in keepers:
+        keeper.close()
+
+
+def on_disk(path: Path) -> Any:
+    found = read_file(path)
+    return None if found is None else found.state
+
+
+@contextmanager
+def slow_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Any]]:
+    """A disk that begins to write and then waits for the end of the block; gives what has been written."""
+    may_end = threading.Event()
+    written: list[Any] = []
+
+    def write(path: Path, image: memoryview) -> None:
+        assert may_end.wait(10)
+        write_file(path, image)
+        written.append(on_disk(path))
+
+    monkeypatch.setattr(disk_writer, "write_file", write)
+    try:
+        yield written
+    finally:
+        may_end.set()
+
+
+def test_first_start_is_fresh(start: Starter) -> None:
+    assert start(every_s=None).restored is None
+
+
+def test_restarted_module_goes_on(start: Starter, caplog: pytest.LogCaptureFixture) -> None:
+    assert start(every_s=None).save({"scans": 3})
+    caplog.set_level(logging.INFO)
+    assert start(every_s=None).restored == {"scans": 3}
+    assert "goes on from a checkpoint" in caplog.text
+
+
+def test_state_none_is_a_fresh_start(start: Starter) -> None:
+    keeper = start(every_s=None)
+    keeper.save([1])
+    keeper.save(None)
+    assert start(every_s=None).restored is None
+
+
+def test_without_persist_nothing_is_on_disk(start: Starter, path: Path) -> None:
+    keeper = start(every_s=None)
+    keeper.save([1])
+    keeper.close()
+    assert list(path.parent.iterdir()) == []
+
+
+def test_refused_state_leaves_the_last_one(start: Starter) -> None:
+    keeper = start(every_s=None, limit_bytes=4096)
+    keeper.save([1])
+    with pytest.raises(CheckpointTooLarge):
+        keeper.save(np.zeros(10_000))
+    with pytest.raises(UnsupportedState):
+        keeper.save({1, 2})
+    assert start(every_s=None).restored == [1]
+
+
+def test_full_memory_is_counted_and_told_ever_more_seldom(
+    start: Starter, caplog: pytest.LogCaptureFixture, request: pytest.FixtureRequest
+) -> None:
+    keeper = start(every_s=None)
+    keeper.save([1])
+    request.getfixturevalue("full_memory")
+    assert [keeper.save([2]) for _ in range(10)] == [False] * 10
+    assert keeper.refused == 10
+    assert [record.args[0] for record in caplog.records if record.args] == [1, 2, 4, 8]
+    assert start(every_s=None).restored == [1]
+
+
+def test_next_run_goes_on_from_disk(start: Starter, slot: SlotOfARun, path: Path) -> None:
+    keeper = start()
+    for number in range(5):
+        keeper.save({"number": number})
+    keeper.close()
+    assert on_disk(path) == {"number": 4}
+    slot.forget()
+    assert start().restored == {"number": 4}
+
+
+def test_memory_of_this_run_is_newer_than_the_disk(start: Starter, path: Path) -> None:
+    write_file(path, encode("old"))
+    keeper = start()
+    assert keeper.restored == "old"
+    keeper.save("new")
+    write_file(path, encode("old"))
+    assert start().restored == "new"
+
+
+def test_what_a_killed_process_could_not_write_its_successor_writes(start: Starter, path: Path) -> None:
+    start(every_s=None).save("new")  # as if killed before its thread came to it
+    assert on_disk(path) is None
+    start().close()
+    assert on_disk(path) == "new"
+
+
+def test_module_does_not_wait_for_the_disk_and_disk_gets_the_newest(
+    start: Starter, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with slow_disk(monkeypatch) as written:
+        keeper = start(every_s=0.0)
+        for number in range(100):
+            assert keeper.save(number)
+        assert written == []
+    keeper.close()
+    assert written[-1] == 99
+    assert len(written) <= 3
+    assert written == sorted(written)
+
+
+def test_disk_is_written_at_most_once_in_a_period_and_at_the_end(
+    start: Starter, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with slow_disk(monkeypatch) as written:
+        keeper = start(every_s=NEVER_S)
+        keeper.save(0)
+    for number in range(1, 100):
+        keeper.save(number)
+    keeper.close()
+    assert written[-1] == 99
+    assert len(written) == 2
+
+
+def test_full_disk_is_told_and_the_module_goes_on(
+    start: Starter, path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def refuse(_fd: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    keeper = start()
+    with monkeypatch.context() as full:
+        full.setattr(os, "fsync", refuse)
+        assert keeper.save([1])
+        keeper.close()
+    assert "not on disk: [Errno 28] No space" in caplog.text
+    assert on_disk(path) is None
+
+
+@pytest.mark.parametrize(
+    ("content", "why"), [(b"garbage", "damaged"), (encode([1])[:8] + b"\7" + encode([1])[9:], "too-new")]
+)
+def test_file_that_makes_no_sense_is_told_and_kept_aside(
+    start: Starter, path: Path, caplog: pytest.LogCaptureFixture, content: bytes, why: str
+) -> None:
+    path.write_bytes(content)
+    keeper = start()
+    assert keeper.restored is None
+    assert "starts fresh" in caplog.text
+    assert f"kept as {path}.{why}" in caplog.text
+    assert Path(f"{path}.{why}").read_bytes() == content
+    keeper.save([2])
+    keeper.close()
+    assert on_disk(path) == [2]
+
+
+def test_file_that_cannot_be_read_is_told(
+    start: Starter, path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path.mkdir()
+    assert start().restored is None
+    assert f"starts fresh: {path} cannot be read" in caplog.text
+
+
+def test_damaged_memory_is_told_and_does_not_spoil_the_file(
+    start: Starter, slot: SlotOfARun, path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    keeper = start()
+    keeper.save("good")
+    keeper.close()
+    keeper = start(every_s=None)
+    keeper.save("bad")
+    keeper.save("bad")
+    for number in (0, 1):
+        slot.scribble(number, IMAGE_BEGIN + 40, b"\xee")
+    assert start().restored == "good"
+    assert caplog.text.count("is left out") == 2
