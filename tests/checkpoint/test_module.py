@@ -1,0 +1,113 @@
+"""Checkpoints as a module sees them: in a test, and in whole runs."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robbie_mp.checkpoint.encoder import encode
+from robbie_mp.checkpoint.errors import UnsupportedState
+from robbie_mp.checkpoint.file import read_file, write_file
+from robbie_mp.harness import ModuleHarness
+from tests.checkpoint import remembering
+from tests.checkpoint.remembering import Remembering
+from tests.run.robot import Robot
+
+PROFILE = """
+modules:
+  memory:
+    class: remembering:Remembering
+    ends_run: true
+    checkpoint: {{persist: {persist}, persist_every_s: 0.01}}
+    restart: {{backoff_s: 0.001}}
+"""
+
+
+def test_harness_shows_what_a_killed_module_would_find(tmp_path: Path) -> None:
+    with ModuleHarness(Remembering, {"until": 5}, output_directory=tmp_path) as harness:
+        assert harness.module.restored is None
+        assert harness.checkpoint is None
+        harness.advance(0.005)
+        state = harness.checkpoint
+        assert state["count"] == 3
+        assert (state["array"] == 3).all()
+    with ModuleHarness(Remembering, output_directory=tmp_path, restored=state) as harness:
+        harness.advance(0)
+        assert (harness.module.count, harness.module.lives) == (4, 2)
+        assert (state["array"] == 3).all(), "the module was given the test's own array"
+
+
+def test_harness_refuses_what_a_robot_refuses(tmp_path: Path) -> None:
+    with ModuleHarness(Remembering, output_directory=tmp_path) as harness:
+        with pytest.raises(UnsupportedState):
+            harness.module.checkpoint({"counts": {1, 2}})
+        harness.module.checkpoint({"image": np.zeros((2, 2)).T})
+        assert harness.checkpoint["image"].flags.c_contiguous
+
+
+@pytest.fixture
+def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
+    runtime = tmp_path / "runtime"
+    runtime.mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    workspace = tmp_path / "workspace"
+    workspace.mkdir()
+    made = Robot(workspace)
+    (workspace / "remembering.py").write_text(Path(remembering.__file__).read_text())
+    yield made
+    made.close()
+
+
+def journal(robot: Robot) -> list[str]:
+    return (robot.output / "memory.journal").read_text().splitlines()
+
+
+def checkpoint_path(robot: Robot) -> Path:
+    return robot.folder / "state" / "robot" / "memory.checkpoint"
+
+
+def test_killed_module_goes_on_from_its_last_checkpoint(robot: Robot) -> None:
+    robot.write_profile(PROFILE.format(persist="false"))
+    ended = robot.run("--set", "memory.dies_at=[5, 6, 15]", "--set", "memory.elements=100000")
+    assert ended.exit_code == 0, ended.stderr
+    assert journal(robot) == [
+        "begins at 0, life 1",
+        "begins at 4, life 2",
+        "begins at 5, life 3",
+        "begins at 14, life 4",
+        "ends at 20, life 4",
+    ]
+    assert ended.modules["memory"]["restarts"] == 3
+    assert not (robot.folder / "state").exists()
+    assert not list(Path("/dev/shm").glob("robbie-*-checkpoint-*")), "the run has ended"
+
+
+def test_next_run_goes_on_where_the_last_one_ended_unless_it_is_to_be_fresh(robot: Robot) -> None:
+    robot.write_profile(PROFILE.format(persist="true"))
+    for arguments in (["memory.until=5"], ["memory.until=8"]):
+        assert robot.run("--set", *arguments).exit_code == 0
+    fresh = robot.run("--set", "memory.until=3", "--fresh")
+    assert fresh.exit_code == 0
+    assert "memory starts fresh; its last checkpoint is kept as" in fresh.stderr
+    assert journal(robot) == [
+        "begins at 0, life 1",
+        "ends at 5, life 1",
+        "begins at 5, life 2",
+        "ends at 8, life 2",
+        "begins at 0, life 1",
+        "ends at 3, life 1",
+    ]
+    found = [read_file(path) for path in (checkpoint_path(robot), Path(f"{checkpoint_path(robot)}.replaced"))]
+    assert [one.state["count"] for one in found if one is not None] == [3, 8]
+
+
+@pytest.mark.parametrize("content", [b"garbage", encode([1])[:8] + b"\7" + encode([1])[9:]])
+def test_spoiled_file_does_not_keep_the_robot_from_starting(robot: Robot, content: bytes) -> None:
+    robot.write_profile(PROFILE.format(persist="true"))
+    write_file(checkpoint_path(robot), content)
+    ended = robot.run("--set", "memory.until=3")
+    assert ended.exit_code == 0, ended.stderr
+    assert "starts fresh" in (robot.output / "log" / "memory.log").read_text()
+    assert journal(robot) == ["begins at 0, life 1", "ends at 3, life 1"]
