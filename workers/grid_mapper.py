@@ -164,7 +164,7 @@ class GridMapper:
         return self._closer.closed
 
     def state(self) -> dict[str, Any]:
-        """Return what the mapper knows as plain data and arrays; waiting sweeps are left out."""
+        """Return what the mapper knows as plain data and arrays; the next message may change the arrays."""
         return {
             "settings": {
                 "resolution_m": self._renderer.grid.resolution_m,
@@ -176,16 +176,27 @@ class GridMapper:
             "odometry": self._odometry.log.state(),
             "anchors": self._anchors.state(),
             "keys": self._keys.state(),
+            "loops": self._closer.state(),
+            "map": self._renderer.state(),
+            "waiting": [
+                {"stamp_s": one.stamp_s, "arrival": one.arrival, "sweep": one.sweep.state()}
+                for one in self._waiting
+            ],
         }
 
     @staticmethod
     def from_state(state: Mapping[str, Any]) -> "GridMapper":
-        """Make a mapper that goes on from what `state` returned; its grid is drawn anew when asked for."""
+        """Make a mapper that goes on just as the one whose `state` this is; ranges were kept as float32."""
         mapper = GridMapper(**state["settings"], limits=Limits(**state["limits"]))
         mapper.refused.update(state["refused"])
         mapper._odometry.log.restore(state["odometry"])
         mapper._anchors.restore(state["anchors"])
         mapper._keys.restore(state["keys"])
+        mapper._closer.restore(state["loops"])
+        mapper._renderer.restore(state["map"])
+        for one in state["waiting"]:
+            sweep = LaserSweep.from_state(one["sweep"])
+            mapper._waiting.append(_WaitingSweep(one["stamp_s"], sweep, one["arrival"]))
         return mapper
 
     def _place_waiting(self) -> None:

@@ -1,6 +1,8 @@
 """One sweep of a planar laser: the points it hit, and the space it looked through."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,6 +44,18 @@ class LaserSweep:
         returned = np.isfinite(ranges)
         hits = SurfacePoints.from_bearings(bearings[returned], ranges[returned])
         return LaserSweep(hits, ranges, angle_min_rad, angle_increment_rad)
+
+    def state(self) -> dict[str, Any]:
+        """Return the sweep as it was measured; ranges as lasers give them, `float32`."""
+        return {
+            "ranges_m": self.ranges_m.astype(np.float32),
+            "bearings_rad": (self.angle_min_rad, self.angle_increment_rad),
+        }
+
+    @staticmethod
+    def from_state(state: Mapping[str, Any]) -> "LaserSweep":
+        """Make the sweep that `state` was taken from."""
+        return LaserSweep.from_ranges(state["ranges_m"], *state["bearings_rad"], 0.0, np.inf)
 
     def looked_through(self, places: ArrayLike) -> NDArray[np.bool_]:
         """Tell which places `(M, 2)`, m, laser's frame, were seen to be free: by three beams side by side."""

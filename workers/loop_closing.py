@@ -5,6 +5,9 @@ graph (Olson, "Robust and efficient robotic mapping", 2008). A candidate counts 
 neither side looked through what the other side hit, so that places that merely look alike are told apart.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,6 +45,16 @@ class LoopCloser:
         self._looked_at_m = 0.0
         self._waiting = 0
         self.closed = 0
+
+    def state(self) -> dict[str, float]:
+        """Return how far it has come."""
+        return {"looked_at_m": self._looked_at_m, "waiting": self._waiting, "closed": self.closed}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take over what `state` returned."""
+        self._looked_at_m = float(state["looked_at_m"])
+        self._waiting = int(state["waiting"])
+        self.closed = int(state["closed"])
 
     def look(self) -> bool:
         """Look for loops at the newest key sweep; returns whether the map was moved to close one."""

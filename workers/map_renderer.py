@@ -1,5 +1,8 @@
 """Draw key sweeps into an occupancy grid, and draw again those whose poses have moved since."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,6 +49,15 @@ class MapRenderer:
             except GridFull:
                 continue
         self.left_out = int(np.isnan(self._drawn[:, 0]).sum())
+
+    def state(self) -> dict[str, Any]:
+        """Return what is drawn and where; arrays that the next `update` may change."""
+        return {"drawn": self._drawn, "grid": self.grid.state()}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take over what `state` returned."""
+        self._drawn = np.array(state["drawn"], float)
+        self.grid.restore(state["grid"])
 
     def _sweep(
         self, number: int, pose: NDArray[np.float64]

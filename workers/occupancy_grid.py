@@ -6,7 +6,9 @@ Moravec and Elfes (ICRA 1985): the evidence of each sweep adds to the log-odds o
 can be taken out again exactly when its pose turns out to be another.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,6 +63,16 @@ class OccupancyGrid:
         log_odds = LOG_ODDS_HIT * self._hits[seen] + LOG_ODDS_PASS * self._passes[seen]
         percent[seen] = np.round(100 / (1 + np.exp(-log_odds)))
         return percent, self._corner * self.resolution_m
+
+    def state(self) -> dict[str, Any]:
+        """Return the counts of all cells and where they lie; arrays that the next `add` may change."""
+        return {"corner": self._corner, "hits": self._hits, "passes": self._passes}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take over what `state` returned."""
+        self._corner = np.array(state["corner"], dtype=np.int64)
+        self._hits = np.array(state["hits"], dtype=np.int32)
+        self._passes = np.array(state["passes"], dtype=np.int32)
 
     def _drawn(self, origin_xy_m: ArrayLike, points: ArrayLike) -> "_Sweep":
         """Draw a sweep for itself; a cell it hit is not one it looked through."""

@@ -52,9 +52,9 @@ class PoseGraph:
         self._robust.append(closes_loop)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return all there is to know, as arrays."""
+        """Return all there is to know, as arrays; `optimise` may change them."""
         return {
-            "poses": self.poses.copy(),
+            "poses": self.poses,
             "ends": np.array(self._ends, dtype=np.int64).reshape(-1, 2),
             "measured": np.array(self._measured).reshape(-1, 3),
             "information": np.array(self._information).reshape(-1, 3, 3),

@@ -37,8 +37,8 @@ class RowLog:
         return self.forgotten + self._count
 
     def state(self) -> dict[str, Any]:
-        """Return the rows and how many came before them."""
-        return {"rows": self.rows.copy(), "forgotten": self.forgotten}
+        """Return the rows and how many came before them; the next `add` may change the rows."""
+        return {"rows": self.rows, "forgotten": self.forgotten}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Take over what `state` returned."""
