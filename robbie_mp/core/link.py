@@ -11,6 +11,7 @@ from robbie_mp.transport.records import Inbound, MessageHandling
 from robbie_mp.transport.ring import NumberRingWriter, RingPlace, RingReader, RingWriter
 from robbie_mp.transport.words import Words, read_text
 
+REPLACEMENT_CHARACTER = "\ufffd"
 _HANDLINGS = frozenset(int(handling) for handling in MessageHandling)
 
 
@@ -59,6 +60,7 @@ class Link:
         self.pinned: set[int] = set()
         """References it has handled, but holds."""
         self.notices: deque[tuple[Inbound, int, int, int]] = deque()
+        self._credit = credit
         self.wake_after_freed = 0
         self.ready = False
         self.faulted = False
@@ -90,14 +92,17 @@ class Link:
         type_name = read_text(words, at + layout.DECLARATION_TYPE, layout.NAME_WORDS)
         topic = read_text(words, at + layout.DECLARATION_TOPIC, layout.NAME_WORDS)
         handling = words[at + layout.DECLARATION_HANDLING]
-        if not type_name or handling not in _HANDLINGS:
-            raise ProtocolViolation(f"declaration {number} has type '{type_name}' and handling {handling}")
+        # What is no UTF-8 would read otherwise when a new core finds it in the tables.
+        if not type_name or handling not in _HANDLINGS or REPLACEMENT_CHARACTER in type_name + topic:
+            raise ProtocolViolation(
+                f"declaration {number} has type '{type_name}', topic '{topic}' and handling {handling}"
+            )
         version = words[at + layout.DECLARATION_VERSION]
         return Wish(number, type_name, version, topic, MessageHandling(handling))
 
     def send_notices(self) -> None:
-        """Push what the module is to be told, as far as there is room."""
-        while self.notices and self.inbound.room() > 0:
+        """Push what the module is to be told, as far as there is room besides that for its credits."""
+        while self.notices and self.inbound.room() > self._credit:
             kind, first, second, third = self.notices.popleft()
             self.inbound.push(kind, first, second, third, 0, 0, 0)
             self.wake()

@@ -18,12 +18,16 @@ from robbie_mp.core.recovery import (
     unclaimed,
 )
 from robbie_mp.core.tables import CoreTables
+from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound, Outbound
 from robbie_mp.transport.ring import Record, RingCorrupt
+from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.transport.words import WORD_MAX, Fence
 
 SUPERVISOR_SLOT = 0
+BROKEN = (ProtocolViolation, RingCorrupt, TableFull)
+"""What a module is faulted for."""
 
 
 @dataclass(frozen=True)
@@ -103,11 +107,17 @@ class Router:
         handles = self._ledger.read_handles()
         for link in self._links:
             link.ready = words[self._slots[link.slot].at + layout.PUBLISHER_READY] == link.incarnation
-            restore_declarations(link, self._directory)
+            try:
+                restore_declarations(link, self._directory)
+            except BROKEN as error:
+                self._fault(link, error)
         restore_references(self._slots, self._ledger, self._directory)
         entered = self._ledger.entered()
         for link in self._links:
-            self._finish_publishing(link, entered)
+            try:
+                self._finish_publishing(link, entered)
+            except BROKEN as error:
+                self._fault(link, error)
         for index in handles:
             if self._ledger.row(index, layout.HANDLE_SEQUENCE) and not self._ledger.is_held(index):
                 self._give_back(index)
@@ -121,7 +131,7 @@ class Router:
 
     def _finish_publishing(self, link: Link, entered: Mapping[tuple[int, int, int], int]) -> None:
         """Bring the record at a ring's tail to its end if it is a message that was entered or refused."""
-        if not link.outbound.waiting() or link.outbound.peek()[0] != Outbound.PUBLISH:
+        if link.faulted or not link.outbound.waiting() or link.outbound.peek()[0] != Outbound.PUBLISH:
             return
         slot = self._slots[link.slot]
         if slot.refused_tag == refused_tag(link):
@@ -170,8 +180,8 @@ class Router:
                 for _ in range(waiting):
                     self._receive(link)
                 handled += waiting
-            except (ProtocolViolation, RingCorrupt, TableFull) as error:
-                self._fault(link, str(error))
+            except BROKEN as error:
+                self._fault(link, error)
         return handled
 
     def before_sleep(self) -> bool:
@@ -214,7 +224,12 @@ class Router:
         known = self._slots[slot].link
         if known is not None and known.incarnation == incarnation:
             return  # said again after a restart of the core
-        link = Link(slot, self._connect(slot, incarnation), self._limits.ring_records, self._limits.credit)
+        try:
+            memory = self._connect(slot, incarnation)
+        except (SegmentMissing, SegmentMismatch) as error:
+            self._accuse(slot, incarnation, str(error))
+            return
+        link = Link(slot, memory, self._limits.ring_records, self._limits.credit)
         self._slots[slot].link = link
         self._links.append(link)
         self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = incarnation
@@ -227,6 +242,7 @@ class Router:
         elif kind == Outbound.MODULE_DOWN:
             if link is not None and link.incarnation == incarnation:
                 self._reclaim(link)
+            self._bury(slot, incarnation)
             self._notify(SUPERVISOR_SLOT, (Inbound.RECLAIMED, slot, incarnation, 0))
         elif kind == Outbound.MODULE_GONE:
             outcome = Outcome.DROPPED if record[2] else Outcome.LOST
@@ -239,8 +255,8 @@ class Router:
         try:
             while not link.faulted and link.outbound.waiting():
                 self._receive(link)
-        except (ProtocolViolation, RingCorrupt, TableFull) as error:
-            self._report(f"{self._name(link)} died leaving a broken ring: {error}")
+        except BROKEN as error:
+            self._report(f"{_name(link.slot, link.incarnation)} died leaving a broken ring: {error}")
         slot.link = None
         self._links.remove(link)
         self._freed_waits -= link.wake_after_freed > 0
@@ -252,14 +268,17 @@ class Router:
                 self._wait_again(slot, reference)
         for reference in link.pinned:
             self._ledger.close_reference(reference)
-        source = (link.slot, link.incarnation)
-        if self._ledger.has_live(*source):
-            self._dead_sources.add(source)
-        else:
-            self._segments_gone(source)
         self._write_queue_figures(slot, None)
-        self._words[slot.at + layout.PUBLISHER_LINKED] = 0
         link.close()
+
+    def _bury(self, slot: int, incarnation: int) -> None:
+        """Note that an incarnation is dead and has been taken back; its messages may live on."""
+        if self._ledger.has_live(slot, incarnation):
+            self._dead_sources.add((slot, incarnation))
+        else:
+            self._segments_gone((slot, incarnation))
+        if self._slots[slot].link is None:
+            self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = 0
 
     def _wait_again(self, slot: Slot, reference: int) -> None:
         """Put a message that its module never began to handle back in front of the queue."""
@@ -275,16 +294,16 @@ class Router:
         slot.waiting.move_to_end(reference, last=False)
         slot.waiting_bytes += size
 
-    def _fault(self, link: Link, what: str) -> None:
-        """Take no more records of a module that broke the protocol, and have it killed."""
+    def _fault(self, link: Link, error: RobbieError) -> None:
+        """Take no more records of a module that broke the protocol, send it none, and have it killed."""
         link.faulted = True
-        self._words[layout.CORE_FAULTS] = self._words[layout.CORE_FAULTS] + 1
-        self._report(f"{self._name(link)} is faulted: {what}")
-        self._notify(SUPERVISOR_SLOT, (Inbound.FAULTED, link.slot, link.incarnation, 0))
+        link.ready = False
+        self._accuse(link.slot, link.incarnation, str(error))
 
-    @staticmethod
-    def _name(link: Link) -> str:
-        return f"module in slot {link.slot}, incarnation {link.incarnation},"
+    def _accuse(self, slot: int, incarnation: int, what: str) -> None:
+        self._words[layout.CORE_FAULTS] = self._words[layout.CORE_FAULTS] + 1
+        self._report(f"{_name(slot, incarnation)} is faulted: {what}")
+        self._notify(SUPERVISOR_SLOT, (Inbound.FAULTED, slot, incarnation, 0))
 
     def _notify(self, slot: int, notice: tuple[Inbound, int, int, int]) -> None:
         link = self._slots[slot].link
@@ -495,6 +514,10 @@ class Router:
 def refused_tag(link: Link) -> int:
     """Name the record at the tail of a link's outbound ring in few bits."""
     return (link.incarnation & 0xFF) << 16 | link.outbound.tail & 0xFFFF
+
+
+def _name(slot: int, incarnation: int) -> str:
+    return f"module in slot {slot}, incarnation {incarnation},"
 
 
 _CONTROL = (Outbound.MODULE_UP, Outbound.MODULE_DOWN, Outbound.MODULE_GONE)

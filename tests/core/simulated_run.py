@@ -1,6 +1,7 @@
 """A core and modules on plain arrays in one process: every step happens when the test says so."""
 
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from robbie_mp.core.link import LinkMemory
@@ -10,6 +11,7 @@ from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block
 from robbie_mp.transport.endpoint import Delivery, Endpoint, EndpointMemory
 from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
+from robbie_mp.transport.segment import SegmentMismatch
 from robbie_mp.transport.words import Words
 
 RING_RECORDS = 16
@@ -140,6 +142,8 @@ class SimulatedRun:
         self.reports: list[str] = []
         self.modules: dict[tuple[int, int], SimulatedModule] = {}
         self.crashes = 0
+        self.while_dead: Callable[[], None] = lambda: None
+        """What the modules do between a death of the core and its successor."""
         self.supervisor = self._make(0, 1)
         self.router = self._make_core()
         self.router.module_up(0, 1)
@@ -161,6 +165,8 @@ class SimulatedRun:
 
     def _connect(self, slot: int, incarnation: int) -> LinkMemory:
         module = self.modules[slot, incarnation]
+        if module.out[layout.HEADER_MAGIC]:
+            raise SegmentMismatch("its header was written over")
         memory = LinkMemory(
             incarnation,
             Mapped(module.out, self.fuse),
@@ -185,6 +191,7 @@ class SimulatedRun:
             self.crashes += 1
             self.fuse.deaths.pop(0)
             self.fuse.stores = 0
+            self.while_dead()
             try:
                 self.router = self._make_core()
                 self.router.recover()
@@ -192,6 +199,13 @@ class SimulatedRun:
                 return
             except CoreDied:
                 pass
+
+    def restart_core(self) -> None:
+        """Let a new core take over from one that died while it had nothing to do."""
+        self.router = self._make_core()
+        self.router.recover()
+        self.router.module_up(0, 1)
+        self.run_core()
 
     def start(self, slot: int, incarnation: int = 1) -> SimulatedModule:
         module = self._make(slot, incarnation)

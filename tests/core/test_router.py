@@ -1,4 +1,5 @@
 from robbie_mp.transport import layout
+from robbie_mp.transport.endpoint import Delivery
 from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
 from tests.core.simulated_run import CREDIT, SimulatedModule, SimulatedRun
 
@@ -330,3 +331,24 @@ def test_garbage_in_a_ring_faults_its_module_and_the_others_go_on() -> None:
     run.kill(hostile)
     run.run_core()
     assert run.live_references() == 1  # its message waits for its next incarnation
+
+
+def test_notices_never_take_the_room_of_messages() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for incarnation in range(1, 20):
+        run.kill(run.start(3, incarnation))
+    for value in range(CREDIT):
+        publisher.publish(channel, value)
+    run.run_core()
+    received, notices = [], 0
+    for _ in range(CREDIT + 19):
+        record = subscriber.endpoint.take()
+        if isinstance(record, Delivery):
+            received.append(record.stamp_ns)
+            subscriber.endpoint.release(record)
+        else:
+            notices += record is not None
+        run.run_core()
+    assert received == list(range(CREDIT))
+    assert notices == 19
