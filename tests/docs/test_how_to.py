@@ -1,0 +1,101 @@
+"""The modules of docs/how-to.md do what it says."""
+
+import sys
+import threading
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robbie_mp.harness import ModuleHarness
+from robbie_mp.messages import DriveCommand, Image, LaserScan, ModuleState, TwistStamped
+from robbie_mp.settings import SettingError
+from tests.docs.pages import block
+
+
+def run(*marks: str) -> dict[str, Any]:
+    names: dict[str, Any] = {"__name__": __name__}
+    for mark in marks:
+        exec(block("docs/how-to.md", mark), names)
+    return names
+
+
+def add_device(monkeypatch: pytest.MonkeyPatch, name: str, **content: object) -> None:
+    made = ModuleType(f"hw.{name}")
+    vars(made).update(content)
+    monkeypatch.setitem(sys.modules, f"hw.{name}", made)
+
+
+class Imu:
+    """Answers as often as it is told, and fails then."""
+
+    def __init__(self, port: str):
+        self.answers = [0.5, -0.25]
+        self.is_closed = False
+
+    def read(self) -> float:
+        if not self.answers:
+            raise OSError("the cable is out")
+        return self.answers.pop(0)
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+def test_device_in_a_thread_publishes_and_its_failure_ends_the_module(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    add_device(monkeypatch, "imu", Imu=Imu)
+    with ModuleHarness(run("imu")["ImuModule"]) as harness:
+        harness.module.thread.join(5.0)
+        assert [turn.twist.angular.z for turn in harness.take(TwistStamped)] == [0.5, -0.25]
+        with pytest.raises(OSError, match="the cable is out"):
+            harness.advance(0.0)
+    assert harness.module.imu.is_closed
+    assert harness.module.thread not in threading.enumerate()
+
+
+def test_camera_fills_images_in_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Device:
+        def read_into(self, data: Any) -> None:
+            data[:] = 7
+
+    add_device(monkeypatch, "camera", open_camera=Device)
+    with ModuleHarness(run("camera")["Camera"]) as harness:
+        harness.advance(0.0)
+        (image,) = harness.take(Image)
+        assert image.step * image.height == image.data.size
+        assert np.unique(image.data).tolist() == [7]
+
+
+def test_topics() -> None:
+    with ModuleHarness(run("topics")["TwoLasers"]) as harness:
+        harness.send(LaserScan(), topic="laser/front")
+        harness.send(LaserScan(), topic="laser/rear")
+        assert harness.module.seen == ["front", "any: laser/front", "rear", "any: laser/rear"]
+
+
+def test_safety_stop() -> None:
+    with ModuleHarness(run("states")["SafetyStop"]) as harness:
+        harness.send(ModuleState(module="laser", state="RUNNING"))
+        harness.send(ModuleState(module="camera", state="FAILED"))
+        assert not harness.take(DriveCommand)
+        harness.send(ModuleState(module="laser", state="BACKOFF"))
+        assert harness.take(DriveCommand) == [DriveCommand()]
+
+
+def test_settings() -> None:
+    recorder = run("settings")["Recorder"]
+    with pytest.raises(SettingError, match="file"):
+        ModuleHarness(recorder)
+    with ModuleHarness(recorder, {"file": "scans.bin", "mode": "scans"}) as harness:
+        assert harness.module.file == Path("scans.bin").absolute()
+        assert harness.module.give_up_after_s is None
+
+
+def test_its_own_tests_pass() -> None:
+    names = run("newest", "pace", "testing")
+    names["test_planner_says_what_it_plans_on"]()
+    names["test_source_publishes_all_and_ends"]()

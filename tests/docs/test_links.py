@@ -1,0 +1,39 @@
+"""Links between the pages lead somewhere."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.docs.pages import PAGES, ROOT, anchors, blocks, prose
+
+LINK = re.compile(r"\]\((?!https?:)([^)\s]+)\)")
+MENTIONED = re.compile(r"`((?:robbie_mp|tests|modules|workers|hw|profiles|tools|docs)/[\w./]+)`")
+TESTED = ("README.md", "docs/tutorial.md", "docs/how-to.md")
+
+
+def name(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_link_leads_somewhere(page: Path) -> None:
+    for link in LINK.findall(prose(page)):
+        file, _, anchor = link.partition("#")
+        target = page.parent / file if file else page
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target), link
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_file_of_ours_that_is_named_exists(page: Path) -> None:
+    written = {entry.mark.removeprefix("test: file ") for entry in blocks(name(page))}
+    named = set(MENTIONED.findall(prose(page))) - written
+    assert not [path for path in named if not (ROOT / path).exists()]
+
+
+@pytest.mark.parametrize("page", TESTED)
+def test_every_block_of_code_is_tested_or_says_that_it_is_not(page: str) -> None:
+    code = [entry for entry in blocks(page) if entry.language in ("python", "sh", "yaml", "text")]
+    assert code
+    assert not [entry.text for entry in code if not entry.mark.startswith(("test: ", "not tested: "))]

@@ -1,0 +1,37 @@
+"""Limits in docs/reference.md are those of the code."""
+
+import re
+
+from robbie_mp.profile.model import CoreLimits, MemoryLimits, QueueLimits
+from robbie_mp.supervisor.output import OutputLimits
+from robbie_mp.transport import layout
+from tests.docs.pages import ROOT
+
+TEXT = (ROOT / "docs" / "reference.md").read_text()
+ROWS = dict(re.findall(r"^\| ([^|]+) \| ([^|]+) \|[^|\n]*\|$", TEXT.split("## Limits")[1], re.MULTILINE))
+MIB = 1 << 20
+
+
+def test_limits_of_the_layout() -> None:
+    assert ROWS["messages of a module that are on their way"] == str(layout.FREED_RECORDS)
+    assert ROWS["pairs of type and topic that a module publishes or subscribes"] == str(
+        layout.DECLARATION_COUNT
+    )
+    assert ROWS["name of a type or topic"] == f"{layout.NAME_BYTES} bytes"
+    assert ROWS["status line"] == f"{(layout.LINE_WORDS - 1) * 8} bytes"
+
+
+def test_limits_of_the_profile() -> None:
+    queue, memory, core = QueueLimits(), MemoryLimits(), CoreLimits()
+    assert ROWS["messages and bytes that wait for a module"] == f"{queue.messages}, {queue.bytes // MIB} MiB"
+    assert ROWS["memory of a module's messages"] == f"{memory.limit_bytes // MIB} MiB"
+    assert ROWS["checkpoint"] == f"{memory.checkpoint_bytes // MIB} MiB"
+    sizes = f"{core.handles}, {core.references}, {core.channels}, {core.subscriptions}"
+    assert ROWS["messages, references, channels, subscriptions of a run"] == sizes
+
+
+def test_limits_of_the_output() -> None:
+    limits = OutputLimits()
+    rate = f"{limits.burst_lines} at once, then {limits.lines_per_s:g}/s"
+    assert ROWS["lines that a module prints, on each stream"] == rate
+    assert f"what each process printed; {limits.file_bytes // MIB} MiB each" in TEXT

@@ -1,0 +1,154 @@
+"""What docs/tutorial.md says is done, word for word, and what it shows is seen; numbers may differ."""
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.observe import ModuleFigures, RunObserver
+from robbie_mp.supervisor.run_directory import list_runs
+from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
+from tests.docs.pages import ROOT, Block, blocks
+from tests.run.robot import wait_until
+
+PROGRAMS = {
+    "robbie": '-c "import sys; from robbie_mp.cli import main; sys.exit(main())"',
+    "python3": "",
+}
+LIMIT_S = 30.0
+
+
+def shape(text: str) -> str:
+    """A text with all numbers, and all runs of blanks, made equal."""
+    return " ".join(re.sub(r"\d+(\.\d+)?", "0", text).split())
+
+
+class Reader:
+    """Somebody with two terminals who does what the tutorial says."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.answer = ""
+        self.run_output = folder / "run.txt"
+        self.process: subprocess.Popen[bytes] | None = None
+        self.actions: dict[str, Callable[[str], None]] = {
+            "run": self.type,
+            "start": self.start,
+            "output": self.see,
+            "output of the run": self.see_in_first_terminal,
+            "fails with 2": lambda text: self.type(text, exit_code=2),
+            "run when the watch has counted to 10": self.type_when(lambda watch: watch.handled >= 10),
+            "run when the watch was restarted": self.type_when(
+                lambda watch: watch.restarts == 1 and watch.status != ""
+            ),
+            "stop the run": lambda _text: self.stop(),
+        }
+
+    def do(self, step: Block) -> None:
+        action = step.mark.removeprefix("test: ")
+        if action.startswith("file "):
+            (self.folder / action.removeprefix("file ")).write_text(step.text)
+        else:
+            self.actions[action](step.text)
+
+    def type(self, text: str, exit_code: int = 0) -> None:
+        """Type into the second terminal, which stays in the folder it is in."""
+        folder_file = self.folder.parent / "folder"
+        done = subprocess.run(
+            ["sh", "-e"],
+            input=f"{text}\npwd > {shlex.quote(str(folder_file.absolute()))}\n",
+            cwd=self.folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=LIMIT_S,
+            check=False,
+        )
+        self.answer = done.stdout
+        assert done.returncode == exit_code, f"{text}\n{done.stdout}"
+        if exit_code == 0:
+            self.folder = Path(folder_file.read_text().strip())
+
+    def type_when(self, condition: Callable[[ModuleFigures], bool]) -> Callable[[str], None]:
+        def action(text: str) -> None:
+            wait_until(lambda: (watch := self.watch()) is not None and condition(watch), LIMIT_S)
+            self.type(text)
+
+        return action
+
+    def start(self, text: str) -> None:
+        """Start a command in the first terminal."""
+        with self.run_output.open("wb") as output:
+            self.process = subprocess.Popen(
+                shlex.split(text), cwd=self.folder, stdout=output, stderr=subprocess.STDOUT
+            )
+
+    def watch(self) -> ModuleFigures | None:
+        """Figures of the module `watch`, as soon as there is a run."""
+        try:
+            observer = RunObserver(list_runs()[0].run_id)
+        except (IndexError, SegmentMissing, SegmentMismatch):  # not made yet, or only half of it
+            return None
+        watch = observer.modules()[1]
+        observer.close()
+        return watch
+
+    def see(self, text: str) -> None:
+        for line in text.splitlines():
+            assert shape(line) in shape(self.answer), self.answer
+
+    def see_in_first_terminal(self, text: str) -> None:
+        for line in text.splitlines():
+            wait_until(lambda line=line: shape(line) in shape(self.run_output.read_text()), LIMIT_S)
+
+    def stop(self) -> None:
+        """Press Ctrl-C in the first terminal."""
+        assert self.process is not None
+        self.process.send_signal(signal.SIGINT)
+        assert self.process.wait(LIMIT_S) == 0
+        (output,) = (self.folder / "output" / "first").iterdir()
+        assert (output / "summary.json").exists()
+        assert (output / "log" / "watch.log").exists()
+
+
+@pytest.fixture
+def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Reader]:
+    """A reader who has just installed Robbie-MP."""
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    for name, arguments in PROGRAMS.items():
+        program = programs / name
+        program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {arguments} "$@"\n')
+        program.chmod(0o755)
+    runtime = tmp_path / "runtime"
+    runtime.mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("PATH", f"{programs}:{os.environ['PATH']}")
+    home = tmp_path / "home"
+    home.mkdir()
+    made = Reader(home)
+    yield made
+    if made.process is not None and made.process.poll() is None:
+        made.process.send_signal(signal.SIGTERM)
+        made.process.wait(LIMIT_S)
+
+
+def test_whole_tutorial_word_for_word(reader: Reader) -> None:
+    steps = [step for step in blocks("docs/tutorial.md") if step.mark.startswith("test: ")]
+    assert len(steps) > 15
+    for step in steps:
+        reader.do(step)
+
+
+def test_output_that_differs_is_noticed(reader: Reader) -> None:
+    reader.type("echo watch RUNNING 3")
+    reader.see("watch   RUNNING  4")
+    with pytest.raises(AssertionError):
+        reader.see("watch   FAILED  3")
