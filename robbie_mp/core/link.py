@@ -9,7 +9,7 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound, MessageHandling
 from robbie_mp.transport.ring import NumberRingWriter, RingPlace, RingReader, RingWriter
-from robbie_mp.transport.words import Words, read_text
+from robbie_mp.transport.words import Fence, Words, read_text
 
 REPLACEMENT_CHARACTER = "\ufffd"
 _HANDLINGS = frozenset(int(handling) for handling in MessageHandling)
@@ -60,6 +60,7 @@ class Link:
         self.pinned: set[int] = set()
         """References it has handled, but holds."""
         self.notices: deque[tuple[Inbound, int, int, int]] = deque()
+        self._fence = Fence()
         self._credit = credit
         self.wake_after_freed = 0
         self.ready = False
@@ -87,6 +88,7 @@ class Link:
         """
         if number >= layout.DECLARATION_COUNT:
             raise ProtocolViolation(f"declaration {number} is out of range")
+        self._fence()
         at = layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
         words = self.out_words
         type_name = read_text(words, at + layout.DECLARATION_TYPE, layout.NAME_WORDS)

@@ -58,7 +58,7 @@ class Notice(NamedTuple):
 class Endpoint:
     """One incarnation's connection to the core.
 
-    Publishing and releasing may happen in any thread; everything else belongs to the module's main thread.
+    Declaring and publishing may happen in any thread; everything else belongs to the module's main thread.
 
     Args:
         memory: its segments.
@@ -75,6 +75,7 @@ class Endpoint:
         self._wake_core = memory.wake_core
         self._fence = Fence()
         self._lock = threading.Lock()
+        self._declaration_fence = Fence()
         self._declarations = 0
         self._backlog: deque[tuple[Outbound, int, int, int]] = deque()
         # Publishing leaves room for what must be said in any case: what it is done with.
@@ -113,22 +114,24 @@ class Endpoint:
         topic: str,
         handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
     ) -> int:
-        number = self._declarations
-        if number == layout.DECLARATION_COUNT:
-            raise TooManyDeclarations(
-                f"cannot declare {type_name} on topic '{topic}': a module has at most {number} "
-                "pairs of message type and topic"
-            )
         for name in (type_name, topic):
             if len(name.encode()) > layout.NAME_BYTES:
                 raise NameTooLong(f"'{name}' has more than {layout.NAME_BYTES} bytes")
-        at = layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
-        write_text(self._out, at + layout.DECLARATION_TYPE, layout.NAME_WORDS, type_name)
-        write_text(self._out, at + layout.DECLARATION_TOPIC, layout.NAME_WORDS, topic)
-        self._out[at + layout.DECLARATION_VERSION] = version
-        self._out[at + layout.DECLARATION_HANDLING] = handling
-        self._out[at + layout.DECLARATION_KIND] = kind
-        self._declarations += 1
+        with self._lock:
+            number = self._declarations
+            if number == layout.DECLARATION_COUNT:
+                raise TooManyDeclarations(
+                    f"cannot declare {type_name} on topic '{topic}': a module has at most {number} "
+                    "pairs of message type and topic"
+                )
+            at = layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
+            write_text(self._out, at + layout.DECLARATION_TYPE, layout.NAME_WORDS, type_name)
+            write_text(self._out, at + layout.DECLARATION_TOPIC, layout.NAME_WORDS, topic)
+            self._out[at + layout.DECLARATION_VERSION] = version
+            self._out[at + layout.DECLARATION_HANDLING] = handling
+            self._declaration_fence()  # a core that takes over reads the rows without any token that covers them
+            self._out[at + layout.DECLARATION_KIND] = kind
+            self._declarations += 1
         return number
 
     # -- outbound --------------------------------------------------------------------------------------
@@ -144,8 +147,9 @@ class Endpoint:
         """Hand a filled block over; False if the ring is full (then the block is still the caller's)."""
         source = layout.pack_source(self.slot, block.segment, self.incarnation)
         with self._lock:
-            if self._outbound.room() <= self._reserve:
-                return False
+            self._flush()
+            if self._backlog or self._outbound.room() <= self._reserve:
+                return False  # and it never overtakes what waits, such as the declaration of its channel
             self._outbound.push(
                 Outbound.PUBLISH, declaration, source, block.offset, size, stamp_ns, block.number
             )

@@ -12,7 +12,7 @@ from robbie_mp.bus import MessageType
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
 from robbie_mp.transport import layout
-from robbie_mp.transport.endpoint import Delivery, Endpoint, Notice
+from robbie_mp.transport.endpoint import Delivery, Endpoint
 from robbie_mp.transport.records import Inbound, MessageHandling
 from robbie_mp.transport.views import SegmentViews
 from robbie_mp.transport.words import Words
@@ -42,8 +42,6 @@ class Inbox:
         """References whose memory nobody looks at any more; filled by finalizers, in any thread."""
         self._handled = 0
         self.current: Delivery | None = None
-        self.notices: deque[Notice] = deque()
-        """What the core said besides messages; only the supervisor reads it."""
 
     def subscribe(
         self,
@@ -63,7 +61,6 @@ class Inbox:
                 return record
             if record.kind is Inbound.SEGMENTS_GONE:
                 self._views.drop(record.slot, record.incarnation)
-            self.notices.append(record)
         return None
 
     def handle(self, delivery: Delivery) -> None:
@@ -82,22 +79,27 @@ class Inbox:
             else:
                 message = message_type.decode(view)
         except RobbieError as error:
-            self._log.error("a message was lost: %s", str(error))  # the error itself would hold frames and views
+            self._log.error("a message was lost: %s", str(error))  # the error would hold frames and views
         else:
             handler(message)
             del message
         self.current = None
         self._handled += 1
         self._words[layout.OUT_HANDLED] = self._handled
-        if pin is None:
-            self._endpoint.release(delivery)
-        elif pin() is None:
-            self._let_go.remove(delivery.reference)
+        if pin is None or self._is_let_go(delivery.reference):
             self._endpoint.release(delivery)
         else:
             self._pinned[delivery.reference] = (pin, delivery)
             self._words[layout.OUT_PINNED] = len(self._pinned)
             self._endpoint.done(delivery)
+
+    def _is_let_go(self, reference: int) -> bool:
+        """Ask the finalizer's list and not the weak reference, which is dead before the finalizer has run."""
+        try:
+            self._let_go.remove(reference)
+        except ValueError:
+            return False
+        return True
 
     def _view(self, delivery: Delivery) -> memoryview:
         view = self._views.view(delivery.source, delivery.offset, delivery.size)

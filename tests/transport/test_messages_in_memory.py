@@ -2,6 +2,8 @@
 
 import gc
 import threading
+import weakref
+from array import array
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -119,6 +121,50 @@ def test_message_let_go_in_another_thread_is_released(pair: Pair) -> None:
     thread.start()
     thread.join()
     pair.inbox.release_let_go()
+    pair.run.run_core()
+    assert pair.outbox.outstanding == 0
+
+
+def test_message_let_go_by_a_thread_in_the_moment_its_handler_ends_is_released(pair: Pair) -> None:
+    handler_ended, is_dying, handled = threading.Event(), threading.Event(), threading.Event()
+
+    class Words(array):
+        def __setitem__(self, at: int, value: int) -> None:
+            if at == layout.OUT_HANDLED:
+                handler_ended.set()
+                is_dying.wait(10)
+
+    def hold_up_death(_: object) -> None:
+        is_dying.set()
+        handled.wait(10)
+
+    def let_go() -> None:
+        handler_ended.wait(10)
+        kept.clear()
+
+    def keep(image: Image) -> None:
+        kept.append(image)
+        # Called before the finalizer of the inbox, which was registered earlier.
+        whole = image.data.base
+        while isinstance(whole, memoryview):
+            whole = whole.obj
+        watching.append(weakref.ref(whole, hold_up_death))
+
+    kept: list[object] = []
+    watching: list[object] = []
+    inbox = Inbox(pair.run.modules[2, 1].endpoint, pair.views, Words("Q", bytes(8 * layout.OUT_RING)))
+    inbox.subscribe(Image, keep, MessageHandling.ALWAYS_DELIVER, "")
+    pair.run.run_core()
+    pair.outbox.publish(picture(7), "")
+    pair.run.run_core()
+    thread = threading.Thread(target=let_go)
+    thread.start()
+    delivery = inbox.take()
+    assert delivery is not None
+    inbox.handle(delivery)
+    handled.set()
+    thread.join()
+    inbox.release_let_go()
     pair.run.run_core()
     assert pair.outbox.outstanding == 0
 
