@@ -3,11 +3,12 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from hw.arena_file import read_arena
 from hw.drive import DriveCommandError, DriveState
 from hw.pose import Pose as Pose2D
-from hw.simulated_drive import SimulatedDrive
+from hw.simulated_drive import SimulatedDrive, WorldState
 from robbie_mp.messages import (
     DriveCommand,
     Header,
@@ -31,7 +32,7 @@ class SimulatedBase(Module):
     The map frame is where the robot started, as for a real robot's odometry.
 
     A drive command expires: when no newer one comes in time, the drive stops by itself, whatever became of
-    the module that sent it.
+    the module that sent it. A restarted base finds the robot where it was at the last tick, at rest.
     """
 
     arena: Path = setting(..., "the world the robot drives in (YAML)", must_exist=True)
@@ -39,10 +40,11 @@ class SimulatedBase(Module):
     period_s: float = setting(0.05, "time between odometry messages", minimum=0.005)
 
     def setup(self) -> None:
-        """Put the robot at the arena's start."""
+        """Put the robot at the arena's start, or where it was."""
         arena = read_arena(self.arena)
         self.start = arena.start
-        self.drive = SimulatedDrive(arena, self._time_s, seed=self.seed)
+        resumed = None if self.restored is None else world_of(self.restored)
+        self.drive = SimulatedDrive(arena, self._time_s, seed=self.seed, resumed=resumed)
         self.subscribe(DriveCommand, self.on_command)
 
     def on_command(self, command: DriveCommand) -> None:
@@ -57,12 +59,13 @@ class SimulatedBase(Module):
             )
 
     def tick(self) -> None:
-        """Publish odometry, and the truth."""
+        """Publish odometry, and the truth; remember both."""
         state, truth = self.drive.read(), self.drive.ground_truth()
         stamp = Time.from_nanoseconds(self.clock.now_ns())
         self.publish(odometry(state, stamp, "odom"), topic="odom")
         truth = replace(truth, pose=Pose2D(*relative(self.start, truth.pose)))
         self.publish(odometry(truth, stamp, "map"), topic="ground_truth")
+        self.checkpoint(state_of(self.drive.world_state()))
         self.status = (
             f"{state.linear_m_per_s:.2f} m/s, {state.angular_rad_per_s:.2f} rad/s, "
             f"{self.drive.collisions} collisions, {self.drive.expired_commands} expired commands"
@@ -76,6 +79,18 @@ class SimulatedBase(Module):
 
     def _time_s(self) -> float:
         return self.clock.monotonic_ns() / 1e9
+
+
+def state_of(world: WorldState) -> dict[str, object]:
+    """Return a simulated world as plain data."""
+    poses = {"true_pose": tuple(world.true_pose), "odometry": tuple(world.odometry)}
+    return {**poses, "collisions": world.collisions, "expired_commands": world.expired_commands}
+
+
+def world_of(state: dict[str, Any]) -> WorldState:
+    """Return the world that `state_of` made plain data of."""
+    poses = {"true_pose": Pose2D(*state["true_pose"]), "odometry": Pose2D(*state["odometry"])}
+    return WorldState(**state | poses)
 
 
 def odometry(state: DriveState, stamp: Time, frame: str) -> Odometry:

@@ -9,7 +9,11 @@ from workers.path_follower import FollowerSettings, PathFollower
 
 
 class Exploration(Module):
-    """Drives the robot by what mapping and laser see, until nothing is left to explore."""
+    """Drives the robot by what mapping and laser see, until nothing is left to explore.
+
+    Restarted, it still knows where home is, how much of its time it has used, and whether it was on its way
+    back.
+    """
 
     period_s: float = setting(0.06, "time between drive commands", minimum=0.01)
     command_valid_for_s: float = setting(0.3, "the drive stops when no newer command comes", minimum=0.01)
@@ -20,6 +24,8 @@ class Exploration(Module):
     def setup(self) -> None:
         """Make the explorer; it waits for map, pose and laser."""
         self.explorer: Explorer | None = None
+        self.before = self.restored or {"home_xy_m": None, "exploring_ended": None, "used_s": 0.0}
+        self.began_s = self._time_s()
         self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST)
         self.subscribe(PoseStamped, self.on_pose, MessageHandling.KEEP_ONLY_NEWEST, topic="map_pose")
         self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST)
@@ -48,13 +54,16 @@ class Exploration(Module):
                 range_min_m=scan.range_min,
                 range_max_m=scan.range_max,
             )
-            settings = ExplorerSettings(time_limit_s=self.time_limit_s, returns_home=self.returns_home)
+            left_s = self.time_limit_s - self.before["used_s"]
+            settings = ExplorerSettings(time_limit_s=left_s, returns_home=self.returns_home)
             self.explorer = Explorer(
                 self._time_s,
                 CollisionGuard(geometry.angles_rad()),
                 settings,
                 PathFollower(FollowerSettings(max_linear_m_per_s=self.max_linear_m_per_s)),
+                home_xy_m=self.before["home_xy_m"],
             )
+            self.explorer.exploring_ended = self.before["exploring_ended"]
         self.explorer.see_sweep(scan.ranges, self._published_s())
 
     def tick(self) -> None:
@@ -70,6 +79,14 @@ class Exploration(Module):
                 angular_rad_per_s=angular_rad_per_s,
                 valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
             )
+        )
+        ended = self.explorer.exploring_ended
+        self.checkpoint(
+            {
+                "home_xy_m": self.explorer.home_xy_m,
+                "exploring_ended": ended and str(ended),
+                "used_s": self.before["used_s"] + self._time_s() - self.began_s,
+            }
         )
         self.status = self.explorer.status
         if self.explorer.machine.is_final:

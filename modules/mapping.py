@@ -1,9 +1,13 @@
 """Mapping: from odometry and laser scans to a map and the robot's place in it."""
 
 import json
+import math
+import time
+from typing import Any
 
 import numpy as np
 
+from robbie_mp.checkpoint.errors import CheckpointTooLarge
 from robbie_mp.messages import (
     Header,
     LaserScan,
@@ -27,20 +31,29 @@ class Mapping(Module):
 
     On an ordered stop it writes `map.png`, `trajectory.txt` (lines of `t x y theta`: s, m, m, rad; map frame)
     and `mapping.json` (what it has counted itself).
+
+    Restarted, it goes on from its last checkpoint, as if the messages since then had never come: they are
+    neither in the map nor in the counts. There is a checkpoint after every scan, as long as that is cheap.
     """
 
     resolution_m: float = setting(0.05, "edge of a grid cell", minimum=0.005)
     max_range_m: float = setting(30.0, "returns from farther away are not used", minimum=0.1)
     period_s: float = setting(1.0, "time between maps", minimum=0.05)
+    checkpoint_share: float = setting(
+        0.05, "of its time that it may spend on checkpoints", minimum=1e-6, maximum=1.0
+    )
     draw_truth: bool = setting(False, "draw the simulated robot's true path into the picture")
 
     def setup(self) -> None:
-        """Start with an empty map."""
+        """Start with an empty map, or the one there was."""
         self.mapper = GridMapper(resolution_m=self.resolution_m, max_range_m=self.max_range_m)
         self.odometry_messages = 0
         self.scans = 0
-        self.drawn_scans = 0
         self.true_path: list[tuple[float, float]] = []
+        if self.restored is not None:
+            self._restore(self.restored)
+        self.drawn_scans = 0
+        self.next_checkpoint_s = 0.0
         self.subscribe(Odometry, self.on_odometry, topic="odom")
         self.subscribe(LaserScan, self.on_scan)
         self.subscribe(TFMessage, self.on_transforms, topic="tf_static")
@@ -79,6 +92,8 @@ class Mapping(Module):
             scan.range_min,
             scan.range_max,
         )
+        if time.monotonic() >= self.next_checkpoint_s:
+            self._remember()
 
     def on_truth(self, truth: Odometry) -> None:
         """Note where the simulated robot really is."""
@@ -104,6 +119,35 @@ class Mapping(Module):
             f"{self.scans} scans, {self.odometry_messages} odometry, {self.mapper.loops_closed} loops, "
             f"map {cells.shape[1]}x{cells.shape[0]}"
         )
+
+    def _remember(self) -> None:
+        """Take a checkpoint, and let the next one wait the longer, the more this one has cost."""
+        began_s = time.monotonic()
+        state = {
+            "mapper": self.mapper.state(),
+            "odometry_messages": self.odometry_messages,
+            "scans": self.scans,
+            "true_path": np.array(self.true_path).reshape(-1, 2),
+        }
+        try:
+            self.checkpoint(state)
+        except CheckpointTooLarge as error:
+            self.log.warning("a restart would lose what comes from now on: %s", error)
+            self.next_checkpoint_s = math.inf
+            return
+        cost_s = time.monotonic() - began_s
+        self.next_checkpoint_s = began_s + cost_s / self.checkpoint_share
+
+    def _restore(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint, unless that map was made with other settings."""
+        settings = state["mapper"]["settings"]
+        if (settings["resolution_m"], settings["max_range_m"]) != (self.resolution_m, self.max_range_m):
+            self.log.warning("starts with an empty map, because the settings have changed since the last one")
+            return
+        self.mapper = GridMapper.from_state(state["mapper"])
+        self.odometry_messages = state["odometry_messages"]
+        self.scans = state["scans"]
+        self.true_path = [(x_m, y_m) for x_m, y_m in state["true_path"].tolist()]
 
     def teardown(self) -> None:
         """Write the results."""
