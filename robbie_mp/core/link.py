@@ -62,7 +62,8 @@ class Link:
         self.notices: deque[tuple[Inbound, int, int, int]] = deque()
         self._fence = Fence()
         self._credit = credit
-        self.wake_after_freed = 0
+        self.awaited_freed = 0
+        """It wants to be woken when so many of its blocks were ever freed; 0 if it does not wait."""
         self.ready = False
         self.faulted = False
         self._want_release = into[layout.IN_WANT_RELEASE]

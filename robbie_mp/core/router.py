@@ -128,6 +128,8 @@ class Router:
                     self._pump(slot, slot.link)
                 slot.link.wake()
             self._write_queue_figures(slot, slot.link)
+        for link in self._links:
+            self._await_freed(link, link.out_words[layout.OUT_AWAITED_FREED])
 
     def _finish_publishing(self, link: Link, entered: Mapping[tuple[int, int, int], int]) -> None:
         """Bring the record at a ring's tail to its end if it is a message that was entered or refused."""
@@ -259,7 +261,7 @@ class Router:
             self._report(f"{_name(link.slot, link.incarnation)} died leaving a broken ring: {error}")
         slot.link = None
         self._links.remove(link)
-        self._freed_waits -= link.wake_after_freed > 0
+        self._freed_waits -= link.awaited_freed > 0
         begun = link.out_words[layout.OUT_INBOUND_TAIL]
         for reference, record in reversed(list(link.pushed.items())):
             if record < begun:
@@ -383,7 +385,7 @@ class Router:
             slot.refused += 1
             slot.refused_tag = tag
             self._words[slot.at + layout.PUBLISHER_REFUSED] = slot.refused << layout.REFUSED_TAG_BITS | tag
-        link.freed.push(block)
+        self._free(link, block)
 
     def _enqueue(self, subscription: Subscription, reference: int, size: int) -> None:
         slot = self._slots[subscription.slot]
@@ -471,16 +473,21 @@ class Router:
         slot, _, incarnation = layout.unpack_source(handle.source)
         link = self._slots[slot].link
         if link is not None and link.incarnation == incarnation:
-            link.freed.push(handle.block)
-            self._count_freed(link)
+            self._free(link, handle.block)
         self._close_handle(index)
 
-    def _count_freed(self, link: Link) -> None:
-        if link.wake_after_freed:
-            link.wake_after_freed -= 1
-            if not link.wake_after_freed:
-                self._freed_waits -= 1
-                link.wake()
+    def _free(self, link: Link, block: int) -> None:
+        link.freed.push(block)
+        if 0 < link.awaited_freed <= link.freed.head:
+            self._await_freed(link, 0)
+
+    def _await_freed(self, link: Link, total: int) -> None:
+        """Wake a module when so many of its blocks were ever freed: at once if they are."""
+        waits = total > link.freed.head
+        self._freed_waits += waits - (link.awaited_freed > 0)
+        link.awaited_freed = total if waits else 0
+        if not waits:
+            link.wake()
 
     def _close_handle(self, index: int) -> None:
         source = self._ledger.close_handle(index)
@@ -494,8 +501,7 @@ class Router:
             self._notify(link.slot, (Inbound.SEGMENTS_GONE, *source, 0))
 
     def _wait_freed(self, _slot: Slot, link: Link, record: Record) -> None:
-        self._freed_waits += (record[1] > 0) - (link.wake_after_freed > 0)
-        link.wake_after_freed = record[1]
+        self._await_freed(link, record[1])
 
     # -- figures for whoever watches ---------------------------------------------------------------------
 

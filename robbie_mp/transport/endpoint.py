@@ -72,7 +72,8 @@ class Endpoint:
         self.incarnation = memory.incarnation
         self._out = out
         self._in = into
-        self._wake_core = memory.wake_core
+        self.wake_core = memory.wake_core
+        """Has the core look at all rings: a release need not have woken it."""
         self._fence = Fence()
         self._lock = threading.Lock()
         self._declaration_fence = Fence()
@@ -129,7 +130,7 @@ class Endpoint:
             write_text(self._out, at + layout.DECLARATION_TOPIC, layout.NAME_WORDS, topic)
             self._out[at + layout.DECLARATION_VERSION] = version
             self._out[at + layout.DECLARATION_HANDLING] = handling
-            self._declaration_fence()  # a core that takes over reads the rows without any token that covers them
+            self._declaration_fence()  # a core that takes over reads the rows without a token
             self._out[at + layout.DECLARATION_KIND] = kind
             self._declarations += 1
         return number
@@ -141,7 +142,7 @@ class Endpoint:
         with self._lock:
             self._backlog.append((kind, first, second, third))
             self._flush()
-        self._wake_core()
+        self.wake_core()
 
     def publish(self, declaration: int, block: Block, size: int, stamp_ns: int) -> bool:
         """Hand a filled block over; False if the ring is full (then the block is still the caller's)."""
@@ -153,7 +154,7 @@ class Endpoint:
             self._outbound.push(
                 Outbound.PUBLISH, declaration, source, block.offset, size, stamp_ns, block.number
             )
-        self._wake_core()
+        self.wake_core()
         return True
 
     def done(self, delivery: Delivery) -> None:
@@ -172,14 +173,14 @@ class Endpoint:
         # the ring once more after that, so one of the two sees the other. Else the core need not wake up.
         self._fence()
         if self._in[layout.IN_WANT_RELEASE]:
-            self._wake_core()
+            self.wake_core()
 
     def flush(self) -> None:
         """Push what did not fit into the ring before."""
         if self._backlog:
             with self._lock:
                 self._flush()
-            self._wake_core()
+            self.wake_core()
 
     def _flush(self) -> None:
         backlog, outbound = self._backlog, self._outbound
@@ -206,6 +207,14 @@ class Endpoint:
         """Numbers of blocks to which nobody refers any more."""
         return self._freed.take_all()
 
-    def wake_after_freed(self, blocks: int) -> None:
-        """Ask to be woken when so many blocks have been freed."""
-        self.send(Outbound.WAIT_FREED, blocks)
+    @property
+    def freed_count(self) -> int:
+        """Blocks that `freed()` has ever returned."""
+        return self._freed.tail
+
+    def wake_after_freed(self, blocks: int) -> int:
+        """Ask to be woken when so many more blocks have been freed; return what `freed_count` will be then."""
+        total = self._freed.tail + blocks
+        self._out[layout.OUT_AWAITED_FREED] = total  # for a core that takes over
+        self.send(Outbound.WAIT_FREED, total)
+        return total

@@ -14,7 +14,7 @@ Change anything here and raise `LAYOUT_VERSION`: it is stamped in every segment 
 
 from enum import IntEnum
 
-LAYOUT_VERSION = 1
+LAYOUT_VERSION = 2
 MAGIC = int.from_bytes(b"ROBBIEMP", "little")
 
 
@@ -152,6 +152,7 @@ OUT_PINNED = HEADER_WORDS + 11
 OUT_BLOCKS = HEADER_WORDS + 12
 OUT_SEGMENT_BYTES = HEADER_WORDS + 13
 OUT_SEGMENTS = HEADER_WORDS + 14
+OUT_AWAITED_FREED = HEADER_WORDS + 15  # as many blocks ever freed are waited for
 OUT_STATUS = HEADER_WORDS + 16
 OUT_DECLARATIONS = OUT_STATUS + LINE_WORDS + 15
 DECLARATION_COUNT = 256

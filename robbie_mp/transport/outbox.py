@@ -42,7 +42,8 @@ class Outbox:
         self._held: dict[int, weakref.ref[Any]] = {}
         self._published = 0
         self._refused = 0
-        self._awaited = 0
+        self._awaited: int | None = None
+        """So many blocks ever freed are waited for."""
         self._closed = False
 
     @property
@@ -50,21 +51,25 @@ class Outbox:
         """Messages that somebody still waits for or holds."""
         with self._lock:
             self.collect_freed()
+            if self._blocks.taken:
+                self._endpoint.wake_core()
             return self._blocks.taken
 
     def wake_after_freed(self, messages: int) -> None:
         """Have this module woken when so many of its messages have been let go."""
         with self._lock:
-            self._awaited = messages
-        self._endpoint.wake_after_freed(messages)
+            self._awaited = self._endpoint.wake_after_freed(messages)
 
     def room_was_made(self) -> bool:
         """Whether as many messages as were waited for have been let go; says so once."""
         with self._lock:
-            if not self._awaited:
+            if self._awaited is None:
                 return False
             self.collect_freed()
-            return not self._awaited
+            if self._endpoint.freed_count < self._awaited:
+                return False
+            self._awaited = None
+            return True
 
     def collect_freed(self) -> None:
         """Put freed blocks back into the free lists."""
@@ -72,7 +77,6 @@ class Outbox:
             freed = self._endpoint.freed()
             if freed:
                 self._blocks.free(freed)
-                self._awaited = max(0, self._awaited - len(freed))
             while self._let_go:
                 number = self._let_go.popleft()
                 del self._held[number]
@@ -194,6 +198,7 @@ class Outbox:
     def _refuse(self, type_name: str, topic: str) -> bool:
         self._refused += 1
         self._words[layout.OUT_REFUSED] = self._refused
+        self._endpoint.wake_core()  # releases that did not wake it may make room for the next message
         if self._refused & (self._refused - 1) == 0:  # the 1st, 2nd, 4th, 8th, …: loud, but bounded
             self._log.warning(
                 "refused to publish a %s on topic '%s' (%d refused so far): memory or ring are full, "

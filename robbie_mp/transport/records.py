@@ -8,7 +8,7 @@ Outbound, from a module to the core (seven words each):
     PUBLISH      declaration, source, offset, bytes, stamp_ns, block
     DONE         reference, sequence                              handled, but an array of it is still held
     RELEASE      reference, sequence                              handled (if not DONE before) and let go
-    WAIT_FREED   blocks                                           wake me when so many of mine are freed
+    WAIT_FREED   blocks                                           wake me when so many of mine were ever freed
 
 and, from the supervisor only:
 

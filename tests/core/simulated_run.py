@@ -81,9 +81,19 @@ class SimulatedModule:
     into: Words = field(default_factory=lambda: zeros(layout.in_words(CREDIT)))
     blocks_out: set[int] = field(default_factory=set)
     next_block: int = 0
+    wakeups: int = 0
+    """How often the core woke it."""
+    core_wakeups: int = 0
+    """How often it woke the core."""
+
+    def wake(self) -> None:
+        self.wakeups += 1
+
+    def wake_core(self) -> None:
+        self.core_wakeups += 1
 
     def __post_init__(self) -> None:
-        memory = EndpointMemory(self.slot, self.incarnation, self.out, self.into, lambda: None)
+        memory = EndpointMemory(self.slot, self.incarnation, self.out, self.into, self.wake_core)
         self.endpoint = Endpoint(memory, RING_RECORDS, CREDIT)
 
     def ready(self) -> None:
@@ -171,7 +181,7 @@ class SimulatedRun:
             incarnation,
             Mapped(module.out, self.fuse),
             Mapped(module.into, self.fuse),
-            lambda: None,
+            module.wake,
             lambda: memory_close(memory),
         )
         return memory

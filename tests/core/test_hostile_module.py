@@ -14,7 +14,7 @@ from tests.core.simulated_run import RING_RECORDS, SimulatedModule, SimulatedRun
 HOSTILE_SLOT = 3
 OUT_WORDS = layout.out_words(RING_RECORDS)
 DECLARATIONS_USED = 4
-CONTROL_WORDS = range(layout.OUT_HEAD, layout.OUT_READY + 1)
+CONTROL_WORDS = (*range(layout.OUT_HEAD, layout.OUT_READY + 1), layout.OUT_AWAITED_FREED)
 DECLARED_WORDS = range(
     layout.OUT_DECLARATIONS, layout.OUT_DECLARATIONS + DECLARATIONS_USED * layout.DECLARATION_WORDS
 )

@@ -307,7 +307,7 @@ def test_publisher_is_refused_when_its_ring_is_full_but_can_still_release() -> N
     assert publisher.publish(channel, 2)
 
 
-def test_waiting_publisher_is_woken_by_releases_that_would_else_wake_nobody() -> None:
+def test_releases_that_would_else_wake_nobody_wake_the_core_while_a_publisher_waits() -> None:
     run = SimulatedRun()
     publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
     publisher.publish(channel, 1)
@@ -316,6 +316,62 @@ def test_waiting_publisher_is_woken_by_releases_that_would_else_wake_nobody() ->
     publisher.endpoint.wake_after_freed(1)
     run.run_core()
     assert subscriber.into[layout.IN_WANT_RELEASE] == 1
+
+
+def wakes_the_publisher(run: SimulatedRun, publisher: SimulatedModule, subscriber: SimulatedModule) -> bool:
+    before = publisher.wakeups
+    subscriber.handle_all()
+    run.run_core()
+    return publisher.wakeups > before
+
+
+def test_waiting_publisher_is_woken_when_so_many_blocks_have_been_freed() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(2):
+        publisher.publish(channel, value)
+    publisher.endpoint.wake_after_freed(3)
+    run.run_core()
+    assert not wakes_the_publisher(run, publisher, subscriber)
+    publisher.publish(channel, 2)
+    run.run_core()
+    assert wakes_the_publisher(run, publisher, subscriber)
+
+
+def test_blocks_freed_before_the_core_hears_that_they_are_waited_for_count() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(3):
+        publisher.publish(channel, value)
+    run.run_core()
+    subscriber.handle_all()
+    run.run_core()
+    before = publisher.wakeups
+    publisher.endpoint.wake_after_freed(3)
+    run.run_core()
+    assert publisher.wakeups > before
+
+
+def test_publisher_waits_on_when_the_core_dies() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 1)
+    publisher.endpoint.wake_after_freed(1)
+    run.run_core()
+    run.restart_core()
+    assert subscriber.into[layout.IN_WANT_RELEASE] == 1
+    assert wakes_the_publisher(run, publisher, subscriber)
+
+
+def test_refused_messages_wake_a_waiting_publisher_too() -> None:
+    run = SimulatedRun(handles=1)
+    publisher, channel, (_subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 1)
+    publisher.publish(channel, 2)
+    publisher.endpoint.wake_after_freed(1)
+    before = publisher.wakeups
+    run.run_core()
+    assert publisher.wakeups > before
 
 
 def test_garbage_in_a_ring_faults_its_module_and_the_others_go_on() -> None:

@@ -240,6 +240,44 @@ def test_full_memory_refuses_until_something_is_released(pair: Pair) -> None:
     assert pair.outbox.publish(picture(1, 100_000), "")
 
 
+def test_publisher_without_memory_has_the_core_look_for_releases(pair: Pair) -> None:
+    while pair.outbox.publish(picture(1, 100_000), ""):
+        pair.run.run_core()
+    while (delivery := pair.inbox.take()) is not None:
+        pair.inbox.handle(delivery)
+    sender = pair.run.modules[1, 1]
+    before = sender.core_wakeups
+    assert not pair.outbox.publish(picture(1, 100_000), "")
+    assert sender.core_wakeups > before
+    pair.run.run_core()
+    assert pair.outbox.publish(picture(1, 100_000), "")
+
+
+def test_asking_for_outstanding_messages_has_the_core_look_for_releases(pair: Pair) -> None:
+    pair.outbox.publish(picture(1), "")
+    pair.run.run_core()
+    delivery = pair.inbox.take()
+    assert delivery is not None
+    pair.inbox.handle(delivery)
+    sender = pair.run.modules[1, 1]
+    before = sender.core_wakeups
+    assert pair.outbox.outstanding == 1
+    assert sender.core_wakeups > before
+    pair.run.run_core()
+    assert pair.outbox.outstanding == 0
+
+
+def test_room_was_made_when_so_many_messages_were_let_go_and_is_said_once(pair: Pair) -> None:
+    for _ in range(3):
+        pair.outbox.publish(picture(1), "")
+    pair.outbox.wake_after_freed(2)
+    pair.run.run_core()
+    assert not pair.outbox.room_was_made()
+    pair.pass_on()
+    assert pair.outbox.room_was_made()
+    assert not pair.outbox.room_was_made()
+
+
 def test_large_message_gets_a_segment_of_its_own(pair: Pair) -> None:
     seen: list[int] = []
     pair.on_image = lambda image: seen.append(int(image.data.sum()))
