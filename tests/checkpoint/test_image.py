@@ -26,6 +26,7 @@ STATE = {
 }
 
 
+@settings(deadline=None)
 @given(STATES)
 @example({"nan": float("nan"), "minus zero": -0.0, "infinite": float("-inf"), 1: True})
 @example([np.zeros((0, 3)), np.array(5), np.float32(1.5), np.bool_(True), np.datetime64("NaT"), np.str_("ä")])
@@ -91,12 +92,14 @@ def test_what_is_no_plain_data_is_refused_by_its_place(state: Any, text: str) ->
         encode(state)
 
 
+@settings(deadline=None)
 @given(st.binary(max_size=200))
 def test_arbitrary_bytes_are_no_checkpoint(data: bytes) -> None:
     with pytest.raises((CheckpointDamaged, CheckpointTooNew)):
         decode(data)
 
 
+@settings(deadline=None)
 @given(st.data())
 def test_any_changed_byte_is_noticed(data: st.DataObject) -> None:
     image = bytearray(encode(STATE))
@@ -146,7 +149,7 @@ NODES = st.recursive(
 )
 
 
-@settings(max_examples=400)
+@settings(max_examples=400, deadline=None)
 @given(st.one_of(st.binary(max_size=50), NODES.map(lambda node: json.dumps(node).encode())))
 @example(b"[" * 100_000)
 @example(b'{"array":["<f4",["ab",1000000000000],0]}')

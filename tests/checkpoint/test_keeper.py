@@ -4,7 +4,6 @@ import logging
 import os
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -48,22 +47,29 @@ def on_disk(path: Path) -> Any:
     return None if found is None else found.state
 
 
-@contextmanager
-def slow_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Any]]:
-    """A disk that begins to write and then waits for the end of the block; gives what has been written."""
-    may_end = threading.Event()
-    written: list[Any] = []
+class SlowDisk:
+    """A disk that takes its time: a write ends only after `release`."""
 
-    def write(path: Path, image: memoryview) -> None:
-        assert may_end.wait(10)
+    def __init__(self) -> None:
+        self.began = threading.Event()
+        self._may_end = threading.Event()
+        self.written: list[Any] = []
+
+    def write(self, path: Path, image: memoryview) -> None:
+        self.began.set()
+        assert self._may_end.wait(10)
         write_file(path, image)
-        written.append(on_disk(path))
+        self.written.append(on_disk(path))
 
-    monkeypatch.setattr(disk_writer, "write_file", write)
-    try:
-        yield written
-    finally:
-        may_end.set()
+    def release(self) -> None:
+        self._may_end.set()
+
+
+@pytest.fixture
+def slow_disk(monkeypatch: pytest.MonkeyPatch) -> SlowDisk:
+    disk = SlowDisk()
+    monkeypatch.setattr(disk_writer, "write_file", disk.write)
+    return disk
 
 
 def test_first_start_is_fresh(start: Starter) -> None:
@@ -128,6 +134,7 @@ def test_memory_of_this_run_is_newer_than_the_disk(start: Starter, path: Path) -
     keeper = start()
     assert keeper.restored == "old"
     keeper.save("new")
+    keeper.close()
     write_file(path, encode("old"))
     assert start().restored == "new"
 
@@ -139,31 +146,28 @@ def test_what_a_killed_process_could_not_write_its_successor_writes(start: Start
     assert on_disk(path) == "new"
 
 
-def test_module_does_not_wait_for_the_disk_and_disk_gets_the_newest(
-    start: Starter, path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with slow_disk(monkeypatch) as written:
-        keeper = start(every_s=0.0)
-        for number in range(100):
-            assert keeper.save(number)
-        assert written == []
+def test_module_does_not_wait_for_the_disk_which_gets_the_newest(start: Starter, slow_disk: SlowDisk) -> None:
+    keeper = start(every_s=0.0)
+    keeper.save(0)
+    assert slow_disk.began.wait(10)
+    for number in range(1, 100):
+        assert keeper.save(number)
+    assert slow_disk.written == []
+    slow_disk.release()
     keeper.close()
-    assert written[-1] == 99
-    assert len(written) <= 3
-    assert written == sorted(written)
+    assert slow_disk.written == [0, 99]
 
 
-def test_disk_is_written_at_most_once_in_a_period_and_at_the_end(
-    start: Starter, path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with slow_disk(monkeypatch) as written:
-        keeper = start(every_s=NEVER_S)
-        keeper.save(0)
+def test_disk_is_written_at_most_once_in_a_period_and_at_the_end(start: Starter, slow_disk: SlowDisk) -> None:
+    keeper = start(every_s=NEVER_S)
+    slow_disk.release()
+    keeper.save(0)
+    assert slow_disk.began.wait(10)
     for number in range(1, 100):
         keeper.save(number)
     keeper.close()
-    assert written[-1] == 99
-    assert len(written) == 2
+    assert len(slow_disk.written) == 2
+    assert slow_disk.written[-1] == 99
 
 
 def test_full_disk_is_told_and_the_module_goes_on(
