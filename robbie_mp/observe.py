@@ -13,8 +13,10 @@ from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.layout import LINE_WORDS, NAME_WORDS, Activity, SegmentKind
 from robbie_mp.transport.records import MessageHandling
-from robbie_mp.transport.segment import Segment, SegmentMissing
+from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
 from robbie_mp.transport.words import Words, read_text
+
+_ACTIVITIES = {int(activity): activity.name.lower() for activity in Activity}
 
 
 @dataclass(frozen=True)
@@ -174,7 +176,7 @@ class RunObserver:
             pinned=queue[layout.PUBLISHER_PINNED],
             segment_bytes=own[layout.OUT_SEGMENT_BYTES],
             status=read_text(own, layout.OUT_STATUS, LINE_WORDS),
-            activity=Activity(own[layout.OUT_ACTIVITY] & 0xFF).name.lower(),
+            activity=_ACTIVITIES.get(own[layout.OUT_ACTIVITY] & 0xFF, "unknown"),
             subscriptions=subscriptions,
         )
 
@@ -182,7 +184,7 @@ class RunObserver:
         """A copy of the words a module itself writes; zeros if it has none now."""
         try:
             segment = Segment.attach(names.outbound(self._run_id, slot, incarnation), SegmentKind.OUT)
-        except SegmentMissing:
+        except (SegmentMissing, SegmentMismatch):  # gone, or destroyed by the module itself
             return [0] * layout.OUT_DECLARATIONS
         own = [segment.words[index] for index in range(layout.OUT_DECLARATIONS)]
         segment.close()

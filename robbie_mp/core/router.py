@@ -381,7 +381,8 @@ class Router:
     def _refuse(self, slot: Slot, link: Link, block: int) -> None:
         """Count a message for which the tables have no row, and give its block back."""
         tag = refused_tag(link)
-        if tag != slot.refused_tag:  # else it was counted, and the core died before it took the record
+        # A core that died over this record may have counted it already.
+        if tag != slot.refused_tag or not link.is_said_again():
             slot.refused += 1
             slot.refused_tag = tag
             self._words[slot.at + layout.PUBLISHER_REFUSED] = slot.refused << layout.REFUSED_TAG_BITS | tag

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from robbie_mp.transport import layout
 from robbie_mp.transport.layout import LINE_WORDS, NAME_WORDS
-from robbie_mp.transport.words import Words, read_text, write_text
+from robbie_mp.transport.words import WORD_MAX, Words, read_text, write_text
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,10 @@ class Board:
         words[at + layout.SLOT_RESTARTS] = row.restarts
         words[at + layout.SLOT_STARTED_NS] = row.started_ns
         write_text(words, at + layout.SLOT_REASON, LINE_WORDS, row.reason)
-        words[at + layout.SLOT_PAST_PUBLISHED] = row.past.published
-        words[at + layout.SLOT_PAST_REFUSED] = row.past.refused
-        words[at + layout.SLOT_PAST_HANDLED] = row.past.handled
+        # The modules count these themselves, and a wild pointer there must not end the supervisor here.
+        words[at + layout.SLOT_PAST_PUBLISHED] = min(row.past.published, WORD_MAX)
+        words[at + layout.SLOT_PAST_REFUSED] = min(row.past.refused, WORD_MAX)
+        words[at + layout.SLOT_PAST_HANDLED] = min(row.past.handled, WORD_MAX)
         words[at + layout.SLOT_PAST_CPU_NS] = row.past.cpu_ns
 
     def read(self, slot: int) -> SlotState:

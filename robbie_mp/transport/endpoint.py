@@ -213,7 +213,7 @@ class Endpoint:
         return self._freed.tail
 
     def wake_after_freed(self, blocks: int) -> int:
-        """Ask to be woken when so many more blocks have been freed; return what `freed_count` will be then."""
+        """Ask to be woken when so many more blocks have been freed; return the `freed_count` of then."""
         total = self._freed.tail + blocks
         self._out[layout.OUT_AWAITED_FREED] = total  # for a core that takes over
         self.send(Outbound.WAIT_FREED, total)

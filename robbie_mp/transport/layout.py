@@ -177,7 +177,8 @@ CHECKPOINT_SEQUENCE = HEADER_WORDS
 CHECKPOINT_IMAGE = HEADER_WORDS + 8
 
 RECORD_WORDS = 8
-FREED_RECORDS = 4096  # also the bound of messages that a module may have outstanding
+FREED_RECORDS = 8192
+OUTSTANDING_LIMIT = FREED_RECORDS // 2  # of a module's messages: cores that take over may free some twice
 
 
 class Activity(IntEnum):

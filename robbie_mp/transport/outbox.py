@@ -155,7 +155,7 @@ class Outbox:
 
     def _allocate(self, size: int) -> Block | None:
         self.collect_freed()
-        if self._blocks.taken == layout.FREED_RECORDS:
+        if self._blocks.taken == layout.OUTSTANDING_LIMIT:
             return None
         segments = self._blocks.segment_count
         block = self._blocks.allocate(size)

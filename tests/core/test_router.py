@@ -408,3 +408,30 @@ def test_notices_never_take_the_room_of_messages() -> None:
         run.run_core()
     assert received == list(range(CREDIT))
     assert notices == 19
+
+
+def test_blocks_freed_twice_by_dying_cores_push_none_out_of_the_ring() -> None:
+    run = SimulatedRun()
+    publisher, channel, _ = connected(run)
+    for number in range(layout.OUTSTANDING_LIMIT):
+        assert publisher.publish(channel, number)
+        if number >= layout.OUTSTANDING_LIMIT - 30:
+            run.fuse.stores = 0
+            run.fuse.deaths = [number % 30]
+        run.run_core()
+    publisher.collect_freed()
+    assert not publisher.blocks_out
+
+
+def test_refused_message_is_counted_whatever_was_refused_long_before() -> None:
+    run = SimulatedRun(handles=1)
+    publisher, channel, _ = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 0)
+    records = 1 << 16
+    for number in range(records + 1):
+        if number % records == 0:
+            publisher.publish(channel, number)
+        else:
+            publisher.endpoint.send(Outbound.WAIT_FREED)
+        run.run_core()
+    assert run.words[run.tables.publisher(1) + layout.PUBLISHER_REFUSED] >> layout.REFUSED_TAG_BITS == 2

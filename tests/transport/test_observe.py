@@ -1,0 +1,53 @@
+"""Watching a run whose modules have written over their own memory."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from robbie_mp.core.tables import CoreTables, TableSizes
+from robbie_mp.observe import RunObserver
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.board import Board, SlotState, Totals
+from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.words import WORD_MAX
+
+RUN = "testobsv"
+
+
+@pytest.fixture
+def camera() -> Iterator[Segment]:
+    """The out segment of the one module of a run that seems to be going on."""
+    sizes = TableSizes(slots=2, channels=2, subscriptions=2, handles=2, references=2)
+    segments = [
+        Segment.create(names.board(RUN), layout.board_words(3), SegmentKind.BOARD),
+        Segment.create(names.core(RUN), sizes.words, SegmentKind.CORE),
+        Segment.create(names.outbound(RUN, 1, 1), layout.out_words(16), SegmentKind.OUT),
+    ]
+    board = Board(segments[0].words)
+    board.create(["supervisor", "camera", "core"])
+    board.write(1, SlotState("camera", 2, 1, 1, 0, 0, "ready", Totals()))
+    CoreTables.create(segments[1].words, sizes)
+    yield segments[2]
+    for segment in segments:
+        segment.close()
+        segment.unlink()
+
+
+def test_garbage_in_a_modules_own_words_is_shown_as_it_is(camera: Segment) -> None:
+    for at in range(layout.HEADER_WORDS, layout.OUT_DECLARATIONS):
+        camera.words[at] = WORD_MAX
+    observer = RunObserver(RUN)
+    figures = observer.modules()[1]
+    observer.close()
+    assert figures.activity == "unknown"
+    assert figures.published == WORD_MAX
+
+
+def test_module_whose_segment_is_none_any_more_is_still_listed(camera: Segment) -> None:
+    camera.words[layout.HEADER_MAGIC] = 0
+    observer = RunObserver(RUN)
+    figures = observer.modules()[1]
+    observer.close()
+    assert figures.name == "camera"
+    assert figures.published == 0
