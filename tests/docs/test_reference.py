@@ -13,7 +13,7 @@ MIB = 1 << 20
 
 
 def test_limits_of_the_layout() -> None:
-    assert ROWS["messages of a module that are on their way"] == str(layout.FREED_RECORDS)
+    assert ROWS["messages of a module that are on their way"] == str(layout.OUTSTANDING_LIMIT)
     assert ROWS["pairs of type and topic that a module publishes or subscribes"] == str(
         layout.DECLARATION_COUNT
     )
