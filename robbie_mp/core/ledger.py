@@ -28,6 +28,9 @@ class Outcome(IntEnum):
     LOST = 5
 
 
+_FREE, _HELD = Outcome.FREE, Outcome.HELD  # looked up once, not for every message
+
+
 class Handle(NamedTuple):
     """One live message."""
 
@@ -122,7 +125,7 @@ class Ledger:
         words[at + layout.REFERENCE_HANDLE] = handle
         words[at + layout.REFERENCE_SUBSCRIPTION] = subscription.index
         words[at + layout.REFERENCE_PUSHED_AT] = 0
-        words[at] = Outcome.HELD | counts[0] << 8  # commits
+        words[at] = _HELD | counts[0] << 8  # commits
         words[subscription.at + layout.SUBSCRIPTION_ROUTED] = counts[0]
         words[subscription.at + layout.SUBSCRIPTION_LAST_SEQUENCE] = sequence
         self._references[index] = (sequence, handle, subscription)
@@ -160,7 +163,7 @@ class Ledger:
     def close_reference(self, index: int) -> None:
         """Free a reference's row, and give the message back if it was the last."""
         handle = self.reference(index)[1]
-        self._words[self._tables.reference(index)] = Outcome.FREE
+        self._words[self._tables.reference(index)] = _FREE
         self._references[index] = None
         self._tables.free_references.append(index)
         self._holders[handle] -= 1

@@ -36,6 +36,7 @@ class Link:
     def __init__(self, slot: int, memory: LinkMemory, ring_records: int, credit: int):
         self.slot = slot
         self.incarnation = memory.incarnation
+        self.source = layout.pack_source(slot, 0, memory.incarnation)
         self.out_words = memory.out_words
         self.in_words = memory.in_words
         self.wake = memory.wake
@@ -65,7 +66,8 @@ class Link:
         self.awaited_freed = 0
         """It wants to be woken when so many of its blocks were ever freed; 0 if it does not wait."""
         self.ready = False
-        self.faulted = False
+        self.has_ended = False
+        """Nothing is taken from it any more: it broke the protocol, or is dead."""
         self._want_release = into[layout.IN_WANT_RELEASE]
         self._first_record = self.outbound.tail
 

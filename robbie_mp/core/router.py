@@ -25,6 +25,11 @@ from robbie_mp.transport.ring import Record, RingCorrupt
 from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.transport.words import WORD_MAX, Fence
 
+# Looking a member up in its enumeration costs more than all that is done with it for a message.
+_PUBLISH, _RELEASE = Outbound.PUBLISH, Outbound.RELEASE
+_DELIVER = Inbound.DELIVER
+_DELIVERED = Outcome.DELIVERED
+
 SUPERVISOR_SLOT = 0
 BROKEN = (ProtocolViolation, RingCorrupt, TableFull)
 """What a module is faulted for."""
@@ -76,7 +81,7 @@ class Router:
             Slot(index, tables.publisher(index), bound.queue_messages, bound.queue_bytes)
             for index, bound in enumerate(slots)
         ]
-        self._links: list[Link] = []
+        self._links: tuple[Link, ...] = ()
         self._fence = Fence()
         self._sequence = 0
         self._dead_sources: set[tuple[int, int]] = set()
@@ -133,7 +138,7 @@ class Router:
 
     def _finish_publishing(self, link: Link, entered: Mapping[tuple[int, int, int], int]) -> None:
         """Bring the record at a ring's tail to its end if it is a message that was entered or refused."""
-        if link.faulted or not link.outbound.waiting() or link.outbound.peek()[0] != Outbound.PUBLISH:
+        if link.has_ended or not link.outbound.waiting() or link.outbound.peek()[0] != Outbound.PUBLISH:
             return
         slot = self._slots[link.slot]
         if slot.refused_tag == refused_tag(link):
@@ -174,9 +179,9 @@ class Router:
     def drain(self) -> int:
         """Handle every record that waits in any ring once; return how many there were."""
         handled = 0
-        for link in tuple(self._links):
-            if link.faulted or link is not self._slots[link.slot].link:
-                continue  # the supervisor's own ring may just have said that it died
+        for link in self._links:
+            if link.has_ended:
+                continue
             try:
                 waiting = link.outbound.waiting()
                 for _ in range(waiting):
@@ -207,9 +212,9 @@ class Router:
         record = link.outbound.peek()
         kind = record[0]
         slot = self._slots[link.slot]
-        if kind == Outbound.PUBLISH:
+        if kind == _PUBLISH:
             self._publish(slot, link, record)
-        elif kind == Outbound.RELEASE:
+        elif kind == _RELEASE:
             self._release(slot, link, record)
         elif kind in _CONTROL and link.slot == SUPERVISOR_SLOT:
             self._control(Outbound(kind), record)
@@ -233,7 +238,7 @@ class Router:
             return
         link = Link(slot, memory, self._limits.ring_records, self._limits.credit)
         self._slots[slot].link = link
-        self._links.append(link)
+        self._links = (*self._links, link)
         self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = incarnation
 
     def _control(self, kind: Outbound, record: Record) -> None:
@@ -255,12 +260,13 @@ class Router:
         """Take back what a dead module held; what it had not begun to handle waits for its successor."""
         slot = self._slots[link.slot]
         try:
-            while not link.faulted and link.outbound.waiting():
+            while not link.has_ended and link.outbound.waiting():
                 self._receive(link)
         except BROKEN as error:
             self._report(f"{_name(link.slot, link.incarnation)} died leaving a broken ring: {error}")
         slot.link = None
-        self._links.remove(link)
+        link.has_ended = True
+        self._links = tuple(other for other in self._links if other is not link)
         self._freed_waits -= link.awaited_freed > 0
         begun = link.out_words[layout.OUT_INBOUND_TAIL]
         for reference, record in reversed(list(link.pushed.items())):
@@ -298,7 +304,7 @@ class Router:
 
     def _fault(self, link: Link, error: RobbieError) -> None:
         """Take no more records of a module that broke the protocol, send it none, and have it killed."""
-        link.faulted = True
+        link.has_ended = True
         link.ready = False
         self._accuse(link.slot, link.incarnation, str(error))
 
@@ -347,8 +353,7 @@ class Router:
     def _publish(self, slot: Slot, link: Link, record: Record) -> None:
         _, declaration, source, offset, size, stamp, block = record
         channel = link.channels.get(declaration)
-        publisher, _segment, incarnation = layout.unpack_source(source)
-        if channel is None or publisher != link.slot or incarnation != link.incarnation:
+        if channel is None or source & layout.SOURCE_OF_INCARNATION != link.source:
             raise ProtocolViolation(f"it published on declaration {declaration} from source {source:#x}")
         if size > self._limits.message_bytes or offset > WORD_MAX >> 1:
             raise ProtocolViolation(f"it published {size} bytes at offset {offset}")
@@ -360,11 +365,14 @@ class Router:
         self._route(slot, channel, index, channel.subscriptions)
 
     def _route(self, slot: Slot, channel: Channel, index: int, subscriptions: Sequence[Subscription]) -> None:
-        """Count an entered message and queue it for everyone who wants it."""
+        """Send an entered message to everyone who wants it, or queue it for them, and count it."""
         handle = self._ledger.handle(index)
         words = self._words
         self._sequence = handle.sequence
         words[layout.CORE_LAST_SEQUENCE] = handle.sequence
+        claims = [(entry, self._ledger.open_reference(entry, index)) for entry in subscriptions]
+        for entry, reference in claims:
+            self._enqueue(entry, reference, handle)
         slot.routed += 1
         words[slot.at + layout.PUBLISHER_ROUTED] = slot.routed
         channel.messages += 1
@@ -372,9 +380,6 @@ class Router:
         words[channel.at + layout.CHANNEL_MESSAGES] = channel.messages
         words[channel.at + layout.CHANNEL_BYTES] = channel.bytes
         words[channel.at + layout.CHANNEL_LAST_STAMP_NS] = handle.stamp_ns
-        claims = [(entry, self._ledger.open_reference(entry, index)) for entry in subscriptions]
-        for entry, reference in claims:
-            self._enqueue(entry, reference, handle.size)
         if not self._ledger.is_held(index):
             self._give_back(index)
 
@@ -388,8 +393,17 @@ class Router:
             self._words[slot.at + layout.PUBLISHER_REFUSED] = slot.refused << layout.REFUSED_TAG_BITS | tag
         self._free(link, block)
 
-    def _enqueue(self, subscription: Subscription, reference: int, size: int) -> None:
+    def _enqueue(self, subscription: Subscription, reference: int, handle: Handle) -> None:
         slot = self._slots[subscription.slot]
+        link = slot.link
+        if not slot.waiting and link is not None and link.ready and self._may_push(subscription, link):
+            self._push(subscription, reference, handle, link)
+            link.wake()
+        else:
+            self._queue(slot, subscription, reference, handle.size)
+        self._write_queue_figures(slot, link)
+
+    def _queue(self, slot: Slot, subscription: Subscription, reference: int, size: int) -> None:
         if subscription.newest_only:
             if (old := subscription.queued) is not None:
                 self._leave_queue(slot, old)
@@ -397,16 +411,14 @@ class Router:
             subscription.queued = reference
         slot.waiting[reference] = size
         slot.waiting_bytes += size
-        link = slot.link
-        if link is not None and link.ready:
-            self._pump(slot, link)
+        if slot.link is not None and slot.link.ready:
+            self._pump(slot, slot.link)
         while len(slot.waiting) > 1 and (
             len(slot.waiting) > slot.queue_messages or slot.waiting_bytes > slot.queue_bytes
         ):
             oldest = next(iter(slot.waiting))
             self._leave_queue(slot, oldest)
             self._ledger.finish(oldest, Outcome.DROPPED)
-        self._write_queue_figures(slot, link)
 
     def _leave_queue(self, slot: Slot, reference: int) -> None:
         slot.waiting_bytes -= slot.waiting.pop(reference)
@@ -416,27 +428,36 @@ class Router:
 
     def _pump(self, slot: Slot, link: Link) -> None:
         """Push waiting messages in order, as far as the module's credit goes."""
-        waiting, pushed = slot.waiting, link.pushed
-        if not waiting or len(pushed) >= self._limits.credit:
-            return
-        inbound = link.inbound
+        waiting = slot.waiting
         sent = False
-        while waiting and len(pushed) < self._limits.credit:
+        while waiting:
             reference = next(iter(waiting))
             _, handle, subscription = self._ledger.reference(reference)
-            if subscription.newest_only and pushed:
-                break  # it asks for this one by being done with what it has, and then gets the newest
+            if not self._may_push(subscription, link):
+                break
             self._leave_queue(slot, reference)
-            sequence, source, offset, size, channel, stamp, _ = self._ledger.handle(handle)
-            pushed[reference] = inbound.head
-            self._ledger.mark_pushed(reference, inbound.head)
-            inbound.push(
-                Inbound.DELIVER | subscription.declaration << 8 | channel << 32,
-                reference, sequence, source, offset, size, stamp,
-            )  # fmt: skip
+            self._push(subscription, reference, self._ledger.handle(handle), link)
             sent = True
         if sent:
             link.wake()
+
+    def _may_push(self, subscription: Subscription, link: Link) -> bool:
+        """Whether a module may be given the next message: by its credit, or for the newest by having none.
+
+        It asks for the newest by being done with what it has, and then gets what is the newest by then.
+        """
+        pushed = link.pushed
+        return not pushed if subscription.newest_only else len(pushed) < self._limits.credit
+
+    def _push(self, subscription: Subscription, reference: int, handle: Handle, link: Link) -> None:
+        sequence, source, offset, size, channel, stamp, _ = handle
+        inbound = link.inbound
+        link.pushed[reference] = inbound.head
+        self._ledger.mark_pushed(reference, inbound.head)
+        inbound.push(
+            _DELIVER | subscription.declaration << 8 | channel << 32,
+            reference, sequence, source, offset, size, stamp,
+        )  # fmt: skip
 
     def _done(self, slot: Slot, link: Link, record: Record) -> None:
         """Handled, but held: the credit comes back, the block does not."""
@@ -456,7 +477,7 @@ class Router:
         reference = record[1]
         if reference in link.pushed and self._ledger.reference(reference)[0] == record[2]:
             del link.pushed[reference]
-            self._ledger.finish(reference, Outcome.DELIVERED)
+            self._ledger.finish(reference, _DELIVERED)
         elif reference in link.pinned and self._ledger.reference(reference)[0] == record[2]:
             link.pinned.remove(reference)
             self._ledger.close_reference(reference)
@@ -471,9 +492,8 @@ class Router:
     def _give_back(self, index: int) -> None:
         """Give a block back to its owner, if that still lives, and then free the row."""
         handle = self._ledger.handle(index)
-        slot, _, incarnation = layout.unpack_source(handle.source)
-        link = self._slots[slot].link
-        if link is not None and link.incarnation == incarnation:
+        link = self._slots[handle.source & 0xFFFF].link
+        if link is not None and handle.source & layout.SOURCE_OF_INCARNATION == link.source:
             self._free(link, handle.block)
         self._close_handle(index)
 

@@ -13,6 +13,10 @@ from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
 from robbie_mp.transport.ring import NumberRingReader, RingPlace, RingReader, RingWriter
 from robbie_mp.transport.words import Fence, Words, write_text
 
+# Looking a member up in its enumeration costs more than all that is done with it for a message.
+_PUBLISH, _RELEASE = Outbound.PUBLISH, Outbound.RELEASE
+_DELIVER = Inbound.DELIVER
+
 
 class TooManyDeclarations(RobbieError, OverflowError):
     """A module uses more pairs of type and topic than its segment has rows for."""
@@ -151,9 +155,7 @@ class Endpoint:
             self._flush()
             if self._backlog or self._outbound.room() <= self._reserve:
                 return False  # and it never overtakes what waits, such as the declaration of its channel
-            self._outbound.push(
-                Outbound.PUBLISH, declaration, source, block.offset, size, stamp_ns, block.number
-            )
+            self._outbound.push(_PUBLISH, declaration, source, block.offset, size, stamp_ns, block.number)
         self.wake_core()
         return True
 
@@ -163,7 +165,7 @@ class Endpoint:
 
     def release(self, delivery: Delivery) -> None:
         """Say that a message was handled and let go."""
-        self._return(Outbound.RELEASE, delivery)
+        self._return(_RELEASE, delivery)
 
     def _return(self, kind: Outbound, delivery: Delivery) -> None:
         with self._lock:
@@ -198,7 +200,7 @@ class Endpoint:
         first, reference, sequence, source, offset, size, stamp_ns = inbound.peek()
         inbound.take()
         kind = first & 0xFF
-        if kind == Inbound.DELIVER:
+        if kind == _DELIVER:
             declaration = first >> 8 & 0xFFFFFF
             return Delivery(declaration, first >> 32, reference, sequence, source, offset, size, stamp_ns)
         return Notice(Inbound(kind), reference, sequence)

@@ -228,6 +228,10 @@ def pack_source(slot: int, segment: int, incarnation: int) -> int:
     return slot | segment << 16 | incarnation << 32
 
 
+SOURCE_OF_INCARNATION = pack_source(0xFFFF, 0, 0xFFFFFFFF)
+"""Mask of what all data segments of an incarnation have in common."""
+
+
 def unpack_source(source: int) -> tuple[int, int, int]:
     """Return slot, segment and incarnation."""
     return source & 0xFFFF, source >> 16 & 0xFFFF, source >> 32

@@ -62,9 +62,9 @@ class Outbox:
 
     def room_was_made(self) -> bool:
         """Whether as many messages as were waited for have been let go; says so once."""
+        if self._awaited is None:
+            return False
         with self._lock:
-            if self._awaited is None:
-                return False
             self.collect_freed()
             if self._endpoint.freed_count < self._awaited:
                 return False

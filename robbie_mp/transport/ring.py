@@ -70,12 +70,6 @@ class RingWriter:
         words[self._head_at] = head
         self.head = head
 
-    def last(self) -> Record | None:
-        """The record pushed last, for who recovers; None if there was none."""
-        if self.head == 0:
-            return None
-        return _record(self._words, self._records_at + (self.head - 1 & self._mask) * RECORD_WORDS)
-
 
 class RingReader:
     """The reading end."""
@@ -111,28 +105,25 @@ class RingReader:
         Raises:
             RingCorrupt: it does not carry its own number.
         """
+        words = self._words
         at = self._records_at + (self.tail & self._mask) * RECORD_WORDS
-        if self._words[at + 7] != self.tail + 1:
-            raise RingCorrupt(f"record {self.tail} of a ring is numbered {self._words[at + 7]}")
-        return _record(self._words, at)
+        if words[at + 7] != self.tail + 1:
+            raise RingCorrupt(f"record {self.tail} of a ring is numbered {words[at + 7]}")
+        return (
+            words[at],
+            words[at + 1],
+            words[at + 2],
+            words[at + 3],
+            words[at + 4],
+            words[at + 5],
+            words[at + 6],
+        )
 
     def take(self) -> None:
         """Advance the tail: the record was read, its place may be written again."""
         self._fence()
         self.tail += 1
         self._tail_words[self._tail_at] = self.tail
-
-
-def _record(words: Words, at: int) -> Record:
-    return (
-        words[at],
-        words[at + 1],
-        words[at + 2],
-        words[at + 3],
-        words[at + 4],
-        words[at + 5],
-        words[at + 6],
-    )
 
 
 class NumberRingWriter:
