@@ -177,13 +177,6 @@ class Endpoint:
         if self._in[layout.IN_WANT_RELEASE]:
             self.wake_core()
 
-    def flush(self) -> None:
-        """Push what did not fit into the ring before."""
-        if self._backlog:
-            with self._lock:
-                self._flush()
-            self.wake_core()
-
     def _flush(self) -> None:
         backlog, outbound = self._backlog, self._outbound
         while backlog and outbound.room() > 0:
@@ -193,7 +186,14 @@ class Endpoint:
     # -- inbound ---------------------------------------------------------------------------------------
 
     def take(self) -> Delivery | Notice | None:
-        """Take the next record; a message taken is being handled: if this process dies, it dies with it."""
+        """Take the next record; a message taken is being handled: if this process dies, it dies with it.
+
+        Everyone calls this again and again, so here is also pushed what did not fit into the ring before.
+        """
+        if self._backlog:
+            with self._lock:
+                self._flush()
+            self.wake_core()
         inbound = self._inbound
         if not inbound.waiting():
             return None

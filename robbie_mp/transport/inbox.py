@@ -116,4 +116,3 @@ class Inbox:
             _, delivery = self._pinned.pop(let_go.popleft())
             self._words[layout.OUT_PINNED] = len(self._pinned)
             self._endpoint.release(delivery)
-        self._endpoint.flush()

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from robbie_mp.transport import layout
-from robbie_mp.transport.records import Outbound
-from tests.core.simulated_run import RING_RECORDS, SimulatedRun
+from robbie_mp.transport.records import Inbound, Outbound
+from tests.core.simulated_run import RING_RECORDS, SimulatedModule, SimulatedRun
 
 
 @pytest.fixture
@@ -40,12 +40,25 @@ def test_what_did_not_fit_into_the_ring_follows_in_order() -> None:
     channel = module.advertise()
     assert not module.publish(channel, 1)
     run.run_core()
-    module.endpoint.flush()
+    assert module.endpoint.take() is None
     assert not module.publish(channel, 1)
     run.run_core()
     assert module.publish(channel, 1)
     run.run_core()
     assert run.reports == []
+
+
+def test_taking_pushes_what_did_not_fit_into_the_ring_before() -> None:
+    run = SimulatedRun()
+    for incarnation in range(1, RING_RECORDS + 4):
+        run.modules[1, incarnation] = SimulatedModule(1, incarnation)
+        run.supervisor.endpoint.send(Outbound.MODULE_UP, 1, incarnation)
+        run.supervisor.endpoint.send(Outbound.MODULE_DOWN, 1, incarnation)
+    reclaimed = 0
+    for _ in range(10):
+        run.run_core()
+        reclaimed += sum(kind is Inbound.RECLAIMED for kind, _, _ in run.supervisor_notices())
+    assert reclaimed == RING_RECORDS + 3
 
 
 @pytest.mark.usefixtures("threads_switch_often")
