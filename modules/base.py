@@ -23,6 +23,7 @@ from robbie_mp.messages import (
     Vector3,
 )
 from robbie_mp.module import Module, setting
+from robbie_mp.settings import REQUIRED
 from workers.planar_pose import relative
 
 
@@ -35,7 +36,7 @@ class SimulatedBase(Module):
     the module that sent it. A restarted base finds the robot where it was at the last tick, at rest.
     """
 
-    arena: Path = setting(..., "the world the robot drives in (YAML)", must_exist=True)
+    arena: Path = setting(REQUIRED, "the world the robot drives in (YAML)", must_exist=True)
     seed: int = setting(0, "of the wheels' slip")
     period_s: float = setting(0.05, "time between odometry messages", minimum=0.005)
 

@@ -8,12 +8,13 @@ from hw.pose import Pose
 from hw.simulated_laser import SimulatedLaser
 from robbie_mp.messages import Header, LaserScan, Odometry, Time
 from robbie_mp.module import MessageHandling, Module, setting
+from robbie_mp.settings import REQUIRED
 
 
 class SimulatedLaserRangeFinder(Module):
     """A simulated laser; it learns from the simulated base where the robot really is."""
 
-    arena: Path = setting(..., "the world the robot drives in (YAML)", must_exist=True)
+    arena: Path = setting(REQUIRED, "the world the robot drives in (YAML)", must_exist=True)
     seed: int = setting(0, "of the noise")
     noise_m: float = setting(0.01, "standard deviation of a range", minimum=0.0)
     range_max_m: float = setting(10.0, "farther things are not measured", minimum=0.1)

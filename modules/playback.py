@@ -21,7 +21,7 @@ from robbie_mp.messages import (
     Vector3,
 )
 from robbie_mp.module import Module, setting
-from robbie_mp.settings import SettingError
+from robbie_mp.settings import REQUIRED, SettingError
 
 LASER_OFFSET = "robot_frontlaser_offset"
 NO_RETURN_M = 81.0  # CARMEN's way to say it
@@ -34,7 +34,7 @@ class CarmenPlayback(Module):
     As fast as nothing is lost: no more than `outstanding_limit` messages are on their way at any time.
     """
 
-    file: Path = setting(..., "the log", must_exist=True)
+    file: Path = setting(REQUIRED, "the log", must_exist=True)
     rate: float | None = setting(None, "times real time; null: as fast as nothing is lost", minimum=0.001)
     skip_broken: bool = setting(False, "leave out lines that cannot be read, and count them")
     outstanding_limit: int = setting(200, "messages that may be waiting or in work", minimum=1, maximum=4000)

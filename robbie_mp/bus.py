@@ -19,14 +19,6 @@ class PublishAfterStop(RobbieError, RuntimeError):
     """
 
 
-class LoanStillHeld(RobbieError, BufferError):
-    """A loaned array is still referred to when the loan ends; published messages cannot be changed.
-
-    Example scenarios:
-      - the handler keeps `image.data` in an attribute; copy it instead
-    """
-
-
 class Envelope(NamedTuple):
     """What came with a message."""
 

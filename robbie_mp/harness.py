@@ -3,8 +3,11 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
 from types import TracebackType
 from typing import Any, Generic, NamedTuple, Self, TypeVar
+from weakref import finalize
 
 from robbie_mp.bus import Envelope, MessageType, PublishAfterStop
 from robbie_mp.checkpoint.decoder import decode
@@ -40,7 +43,7 @@ class ModuleHarness(Generic[ModuleClass]):
         module_class: the class under test.
         settings: values for its settings; the others have their defaults.
         config: the robot's configuration, dotted keys.
-        output_directory: where it may write results.
+        output_directory: where it may write results; by default a folder that is removed with the harness.
         name: its name in the profile.
         restored: the state it finds from its last incarnation, as `harness.checkpoint` of another harness.
     """
@@ -60,6 +63,9 @@ class ModuleHarness(Generic[ModuleClass]):
         self._checkpoints = HarnessCheckpoints(restored)
         checked = check_settings(module_class, settings or {})
         module_class.check(checked)
+        if output_directory is None:
+            output_directory = Path(mkdtemp(prefix="robbie-harness-"))
+            finalize(self, rmtree, output_directory, ignore_errors=True)
         self.module = module_class(
             ModuleContext(
                 name=name,
@@ -68,7 +74,7 @@ class ModuleHarness(Generic[ModuleClass]):
                 clock=self.clock,
                 config=Config(config or {}),
                 checkpoints=self._checkpoints,
-                output_directory=output_directory or Path.cwd(),
+                output_directory=output_directory,
                 show_status=lambda _line: None,
             )
         )

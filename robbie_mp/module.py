@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from robbie_mp.bus import Bus, Envelope, MessageType
 from robbie_mp.checkpoint.keeper import Checkpoints
@@ -53,8 +53,6 @@ class Module:
 
     period_s: float | None = None
     """Time between ticks; None for a passive module."""
-    catch_up: ClassVar[bool] = False
-    """Whether ticks that were missed are made up for; usually a late robot only wants the next one."""
 
     def __init__(self, context: ModuleContext):
         self.name = context.name
@@ -82,7 +80,10 @@ class Module:
         """
 
     def setup(self) -> None:
-        """Open devices, make workers, subscribe. Runs once in each process, before any message comes."""
+        """Open devices, make workers, subscribe. Runs once in each process, before any message comes.
+
+        What is published here may come before others have subscribed; publish from the first tick on.
+        """
 
     def tick(self) -> None:
         """Do what is to be done every `period_s`."""
@@ -114,7 +115,8 @@ class Module:
         """Send a message to everyone who wants it.
 
         Returns:
-            False if it was refused, because memory or ring are full; this is counted and shown.
+            False if it was refused here, because memory or ring are full. (The core may refuse it later, when
+            its tables are full.) Both are counted and shown.
 
         Raises:
             FieldError: a field has the wrong type or shape.
@@ -135,8 +137,9 @@ class Module:
 
         An exception inside the block takes the message back.
 
+        An array that is still referred to at the end of the block costs a copy of the message, and a warning.
+
         Raises:
-            LoanStillHeld: something still refers to a loaned array at the end of the block.
             MessageTooLarge, PublishAfterStop, FieldError: as for `publish`.
         """
         return self._bus.loan(message_type, topic, fields)

@@ -9,6 +9,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+from robbie_mp.transport.layout import HEADER_CREATOR_PID
+
 SHARED_MEMORY = Path("/dev/shm")
 GRACE_S = 2.0
 
@@ -33,8 +35,23 @@ def _target(fd: str) -> str:
 def _extra(before: dict[str, set[object]]) -> dict[str, set[object]]:
     now = _left_behind()
     extra = {kind: now[kind] - before[kind] for kind in before}
-    extra["descriptor"] = {item for item in extra["descriptor"] if item[1] != "closed" and "/proc/" not in item[1]}
+    extra["descriptor"] = {
+        (fd, target) for fd, target in extra["descriptor"] if target != "closed" and "/proc/" not in target
+    }
+    extra["/dev/shm entry"] = {name for name in extra["/dev/shm entry"] if not _is_of_another_run(name)}
     return {kind: items for kind, items in extra.items() if items}
+
+
+def _is_of_another_run(name: str) -> bool:
+    """Whether a name belongs to a robot that somebody else runs on this machine at the same time."""
+    run_id = name.removeprefix("sem.").split("-")[1]
+    try:
+        board = (SHARED_MEMORY / f"robbie-{run_id}-board").read_bytes()
+        pid = int.from_bytes(board[8 * HEADER_CREATOR_PID :][:8], "little")
+        family = {pid, *(parent.pid for parent in psutil.Process(pid).parents())}
+    except (OSError, psutil.NoSuchProcess):
+        return False
+    return os.getpid() not in family
 
 
 @pytest.fixture(autouse=True)

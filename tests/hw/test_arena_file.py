@@ -9,7 +9,7 @@ from scipy import ndimage
 from hw.arena_file import ArenaError, read_arena
 from hw.pose import Pose
 
-DEMO = Path(__file__).parents[2] / "profiles" / "arenas" / "demo.yaml"
+DEMO = Path(__file__).parents[2] / "hw" / "arenas" / "demo.yaml"
 
 ROOM = """\
 cell_m: 0.5

@@ -34,7 +34,7 @@ from robbie_mp.messages import (
 from tests.checkpoint.states import same
 from tests.workers.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
 
-ARENA = Path(__file__).parents[2] / "profiles" / "arenas" / "demo.yaml"
+ARENA = Path(__file__).parents[2] / "hw" / "arenas" / "demo.yaml"
 EVERY_SCAN = {"checkpoint_share": 1.0}
 DRIVE = Drive.around_the_pillar(12.0)
 

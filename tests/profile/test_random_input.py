@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 
 import yaml
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.profile.load import load_profile
@@ -65,6 +65,7 @@ def test_any_text_is_a_profile_or_a_profile_error(text: str) -> None:
     check(text)
 
 
+@settings(suppress_health_check=[HealthCheck.too_slow])  # the machine may be busy
 @given(FORM, FORM)
 def test_any_values_are_a_profile_or_a_profile_error(demo: object, other: object) -> None:
     check(yaml.dump(demo, allow_unicode=True), yaml.dump(other, allow_unicode=True))

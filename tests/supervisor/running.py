@@ -8,10 +8,12 @@ import time
 from collections.abc import Callable, Generator
 from pathlib import Path
 
+from robbie_mp.proc import read_stat
 from robbie_mp.profile.model import RestartPolicy, RestartWhen
 from robbie_mp.supervisor.child_spec import ChildKind, ChildSpec
+from robbie_mp.supervisor.incarnations import Doing
 from robbie_mp.supervisor.output import OutputLimits, OutputLine, OutputStore
-from robbie_mp.supervisor.proc import read_stat
+from robbie_mp.supervisor.spares import SpareCommand
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.supervisor.tree import Tree
 from tests.supervisor import zoo
@@ -34,6 +36,7 @@ class FolderIncarnations:
         self.changes: list[StateChange] = []
         self.pids: dict[tuple[str, int], int] = {}
         self.refuses: set[str] = set()
+        self.busy: dict[str, Doing] = {}
         self.closed = 0
         self.times_all_started = 0
         self._reclaim_asked: set[tuple[str, int]] = set()
@@ -52,6 +55,13 @@ class FolderIncarnations:
 
     def is_ready(self, name: str, incarnation: int) -> bool:
         return (self.folder / f"{name}.{incarnation}.ready").exists()
+
+    def doing(self, name: str, incarnation: int) -> Doing | None:
+        assert ("open", name, incarnation) in self.calls
+        return self.busy.get(name)
+
+    def describe(self, name: str, incarnation: int, doing: Doing) -> str:
+        return f"hung in {doing.activity.name.lower()} {doing.subscription}"
 
     def died(self, name: str, incarnation: int) -> None:
         assert ("died", name, incarnation) not in self.calls
@@ -95,6 +105,8 @@ class Run:
         run_id: str = "",
         limits: OutputLimits | None = None,
         wall_clock: Callable[[], float] = time.time,
+        clock: Callable[[], float] = time.monotonic,
+        spares: SpareCommand | None = None,
     ):
         folder.joinpath("ready").mkdir()
         self.incarnations = FolderIncarnations(folder / "ready")
@@ -114,6 +126,8 @@ class Run:
             OutputStore(self.logs, self.lines.append, limits or OutputLimits()),
             self._each_turn,
             wall_clock,
+            clock,
+            spares,
         )
 
     def play(self, scenario: Scenario | None = None) -> int:

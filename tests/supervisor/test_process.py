@@ -18,7 +18,7 @@ from tests.supervisor.running import PROJECT, is_gone, wait_for
 @contextmanager
 def started(code: str, **environment: str) -> Iterator[ChildProcess]:
     process = ChildProcess.start(
-        (sys.executable, "-S", "-P", "-c", code), {"PYTHONPATH": str(PROJECT), **environment}
+        (sys.executable, "-S", "-P", "-c", code), {"PYTHONPATH": str(PROJECT), **environment}, "run/child/1"
     )
     try:
         yield process

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.supervisor.proc import ProcessIdentity
+from robbie_mp.proc import ProcessIdentity
 from robbie_mp.supervisor.run_directory import RunDirectory, UnsafeRunFolder, base_folders, list_runs
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.supervisor.proc import ProcessIdentity
+from robbie_mp.proc import ProcessIdentity
 from robbie_mp.supervisor.run_directory import RunDirectory, list_runs
 from robbie_mp.supervisor.sweep import Swept, sweep
 from robbie_mp.transport.layout import (

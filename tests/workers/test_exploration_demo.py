@@ -14,7 +14,7 @@ from workers.collision_guard import CollisionGuard
 from workers.explorer import Explorer
 from workers.explorer_states import ExplorerState
 
-DEMO = Path(__file__).parents[2] / "profiles" / "arenas" / "demo.yaml"
+DEMO = Path(__file__).parents[2] / "hw" / "arenas" / "demo.yaml"
 LATENCY_S = 0.05
 
 
