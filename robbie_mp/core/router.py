@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from robbie_mp.core.directory import Channel, Directory, Subscription, TableFull
 from robbie_mp.core.ledger import Handle, Ledger, Outcome
 from robbie_mp.core.link import Link, LinkMemory, ProtocolViolation, Slot
+from robbie_mp.core.queues import Queues
 from robbie_mp.core.recovery import (
     KNOWN_DEAD,
     restore_declarations,
@@ -27,7 +28,6 @@ from robbie_mp.transport.words import WORD_MAX, Fence
 
 # Looking a member up in its enumeration costs more than all that is done with it for a message.
 _PUBLISH, _RELEASE = Outbound.PUBLISH, Outbound.RELEASE
-_DELIVER = Inbound.DELIVER
 _DELIVERED = Outcome.DELIVERED
 
 SUPERVISOR_SLOT = 0
@@ -81,6 +81,7 @@ class Router:
             Slot(index, tables.publisher(index), bound.queue_messages, bound.queue_bytes)
             for index, bound in enumerate(slots)
         ]
+        self._queues = Queues(self._words, self._ledger, self._slots, limits.credit)
         self._links: tuple[Link, ...] = ()
         self._fence = Fence()
         self._sequence = 0
@@ -130,9 +131,9 @@ class Router:
         for slot in self._slots:
             if slot.link is not None:
                 if slot.link.ready:
-                    self._pump(slot, slot.link)
+                    self._queues.pump(slot, slot.link)
                 slot.link.wake()
-            self._write_queue_figures(slot, slot.link)
+            self._queues.write_figures(slot, slot.link)
         for link in self._links:
             self._await_freed(link, link.out_words[layout.OUT_AWAITED_FREED])
 
@@ -273,10 +274,10 @@ class Router:
             if record < begun:
                 self._ledger.finish(reference, Outcome.LOST)
             else:
-                self._wait_again(slot, reference)
+                self._queues.put_back(slot, reference)
         for reference in link.pinned:
             self._ledger.close_reference(reference)
-        self._write_queue_figures(slot, None)
+        self._queues.write_figures(slot, None)
         link.close()
 
     def _bury(self, slot: int, incarnation: int) -> None:
@@ -287,20 +288,6 @@ class Router:
             self._segments_gone((slot, incarnation))
         if self._slots[slot].link is None:
             self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = 0
-
-    def _wait_again(self, slot: Slot, reference: int) -> None:
-        """Put a message that its module never began to handle back in front of the queue."""
-        _sequence, handle, subscription = self._ledger.reference(reference)
-        if subscription.newest_only:
-            if subscription.queued is not None:  # a newer one waits already
-                self._ledger.finish(reference, Outcome.REPLACED)
-                return
-            subscription.queued = reference
-        self._ledger.mark_waiting(reference)
-        size = self._ledger.handle(handle).size
-        slot.waiting[reference] = size
-        slot.waiting.move_to_end(reference, last=False)
-        slot.waiting_bytes += size
 
     def _fault(self, link: Link, error: RobbieError) -> None:
         """Take no more records of a module that broke the protocol, send it none, and have it killed."""
@@ -337,16 +324,16 @@ class Router:
         for entry in list(self._directory.subscriptions):
             if entry.slot == link.slot and entry.declared_by != link.incarnation and entry.type_name:
                 self._close_subscription(entry, Outcome.DROPPED)
-        self._pump(slot, link)
+        self._queues.pump(slot, link)
 
     def _close_subscription(self, entry: Subscription, outcome: Outcome) -> None:
         slot = self._slots[entry.slot]
         for reference in list(slot.waiting):
             if self._ledger.reference(reference)[2] is entry:
-                self._leave_queue(slot, reference)
+                self._queues.remove(slot, reference)
                 self._ledger.finish(reference, outcome)
         self._directory.close(entry)
-        self._write_queue_figures(slot, slot.link)
+        self._queues.write_figures(slot, slot.link)
 
     # -- messages ----------------------------------------------------------------------------------------
 
@@ -372,7 +359,7 @@ class Router:
         words[layout.CORE_LAST_SEQUENCE] = handle.sequence
         claims = [(entry, self._ledger.open_reference(entry, index)) for entry in subscriptions]
         for entry, reference in claims:
-            self._enqueue(entry, reference, handle)
+            self._queues.add(entry, reference, handle)
         slot.routed += 1
         words[slot.at + layout.PUBLISHER_ROUTED] = slot.routed
         channel.messages += 1
@@ -393,72 +380,6 @@ class Router:
             self._words[slot.at + layout.PUBLISHER_REFUSED] = slot.refused << layout.REFUSED_TAG_BITS | tag
         self._free(link, block)
 
-    def _enqueue(self, subscription: Subscription, reference: int, handle: Handle) -> None:
-        slot = self._slots[subscription.slot]
-        link = slot.link
-        if not slot.waiting and link is not None and link.ready and self._may_push(subscription, link):
-            self._push(subscription, reference, handle, link)
-            link.wake()
-        else:
-            self._queue(slot, subscription, reference, handle.size)
-        self._write_queue_figures(slot, link)
-
-    def _queue(self, slot: Slot, subscription: Subscription, reference: int, size: int) -> None:
-        if subscription.newest_only:
-            if (old := subscription.queued) is not None:
-                self._leave_queue(slot, old)
-                self._ledger.finish(old, Outcome.REPLACED)
-            subscription.queued = reference
-        slot.waiting[reference] = size
-        slot.waiting_bytes += size
-        if slot.link is not None and slot.link.ready:
-            self._pump(slot, slot.link)
-        while len(slot.waiting) > 1 and (
-            len(slot.waiting) > slot.queue_messages or slot.waiting_bytes > slot.queue_bytes
-        ):
-            oldest = next(iter(slot.waiting))
-            self._leave_queue(slot, oldest)
-            self._ledger.finish(oldest, Outcome.DROPPED)
-
-    def _leave_queue(self, slot: Slot, reference: int) -> None:
-        slot.waiting_bytes -= slot.waiting.pop(reference)
-        subscription = self._ledger.reference(reference)[2]
-        if subscription.queued == reference:
-            subscription.queued = None
-
-    def _pump(self, slot: Slot, link: Link) -> None:
-        """Push waiting messages in order, as far as the module's credit goes."""
-        waiting = slot.waiting
-        sent = False
-        while waiting:
-            reference = next(iter(waiting))
-            _, handle, subscription = self._ledger.reference(reference)
-            if not self._may_push(subscription, link):
-                break
-            self._leave_queue(slot, reference)
-            self._push(subscription, reference, self._ledger.handle(handle), link)
-            sent = True
-        if sent:
-            link.wake()
-
-    def _may_push(self, subscription: Subscription, link: Link) -> bool:
-        """Whether a module may be given the next message: by its credit, or for the newest by having none.
-
-        It asks for the newest by being done with what it has, and then gets what is the newest by then.
-        """
-        pushed = link.pushed
-        return not pushed if subscription.newest_only else len(pushed) < self._limits.credit
-
-    def _push(self, subscription: Subscription, reference: int, handle: Handle, link: Link) -> None:
-        sequence, source, offset, size, channel, stamp, _ = handle
-        inbound = link.inbound
-        link.pushed[reference] = inbound.head
-        self._ledger.mark_pushed(reference, inbound.head)
-        inbound.push(
-            _DELIVER | subscription.declaration << 8 | channel << 32,
-            reference, sequence, source, offset, size, stamp,
-        )  # fmt: skip
-
     def _done(self, slot: Slot, link: Link, record: Record) -> None:
         """Handled, but held: the credit comes back, the block does not."""
         reference = record[1]
@@ -469,8 +390,8 @@ class Router:
         del link.pushed[reference]
         link.pinned.add(reference)
         self._ledger.count(reference, Outcome.DELIVERED)
-        self._pump(slot, link)
-        self._write_queue_figures(slot, link)
+        self._queues.pump(slot, link)
+        self._queues.write_figures(slot, link)
 
     def _release(self, slot: Slot, link: Link, record: Record) -> None:
         """Let go of a message; it counts as delivered now, if it did not before."""
@@ -484,8 +405,8 @@ class Router:
         elif not link.is_said_again():
             raise ProtocolViolation(f"it released reference {reference}, which it does not have")
         if slot.waiting:
-            self._pump(slot, link)
-        self._write_queue_figures(slot, link)
+            self._queues.pump(slot, link)
+        self._queues.write_figures(slot, link)
 
     # -- blocks go back to their owners ------------------------------------------------------------------
 
@@ -523,19 +444,6 @@ class Router:
 
     def _wait_freed(self, _slot: Slot, link: Link, record: Record) -> None:
         self._await_freed(link, record[1])
-
-    # -- figures for whoever watches ---------------------------------------------------------------------
-
-    def _write_queue_figures(self, slot: Slot, link: Link | None) -> None:
-        waiting = len(slot.waiting)
-        words, at = self._words, slot.at
-        words[at + layout.PUBLISHER_WAITING] = waiting
-        if waiting > slot.waiting_peak:
-            slot.waiting_peak = waiting
-            words[at + layout.PUBLISHER_WAITING_PEAK] = waiting
-        words[at + layout.PUBLISHER_WAITING_BYTES] = slot.waiting_bytes
-        words[at + layout.PUBLISHER_IN_FLIGHT] = len(link.pushed) if link else 0
-        words[at + layout.PUBLISHER_PINNED] = len(link.pinned) if link else 0
 
 
 def refused_tag(link: Link) -> int:

@@ -1,0 +1,123 @@
+"""The queues: what waits for each module, and what has been sent to it."""
+
+from collections.abc import Sequence
+
+from robbie_mp.core.directory import Subscription
+from robbie_mp.core.ledger import Handle, Ledger, Outcome
+from robbie_mp.core.link import Link, Slot
+from robbie_mp.transport import layout
+from robbie_mp.transport.records import Inbound
+from robbie_mp.transport.words import Words
+
+_DELIVER = Inbound.DELIVER  # looked up once, not for every message
+
+
+class Queues:
+    """Sends each module its messages in the one order, as far as its credit goes; the others wait here.
+
+    Args:
+        words: the core segment, for the figures.
+        ledger: every reference there is.
+        slots: the modules.
+        credit: messages that a module may have in its inbound ring.
+    """
+
+    def __init__(self, words: Words, ledger: Ledger, slots: Sequence[Slot], credit: int):
+        self._words = words
+        self._ledger = ledger
+        self._slots = slots
+        self._credit = credit
+
+    def add(self, subscription: Subscription, reference: int, handle: Handle) -> None:
+        """Send a message on if nothing is before it, else let it wait; the oldest goes if too many wait."""
+        slot = self._slots[subscription.slot]
+        link = slot.link
+        if not slot.waiting and link is not None and link.ready and self._may_push(subscription, link):
+            self._push(subscription, reference, handle, link)
+            link.wake()
+        else:
+            self._queue(slot, subscription, reference, handle.size)
+        self.write_figures(slot, link)
+
+    def _queue(self, slot: Slot, subscription: Subscription, reference: int, size: int) -> None:
+        if subscription.newest_only:
+            if (old := subscription.queued) is not None:
+                self.remove(slot, old)
+                self._ledger.finish(old, Outcome.REPLACED)
+            subscription.queued = reference
+        slot.waiting[reference] = size
+        slot.waiting_bytes += size
+        if slot.link is not None and slot.link.ready:
+            self.pump(slot, slot.link)
+        while len(slot.waiting) > 1 and (
+            len(slot.waiting) > slot.queue_messages or slot.waiting_bytes > slot.queue_bytes
+        ):
+            oldest = next(iter(slot.waiting))
+            self.remove(slot, oldest)
+            self._ledger.finish(oldest, Outcome.DROPPED)
+
+    def remove(self, slot: Slot, reference: int) -> None:
+        """Take a message out of the queue."""
+        slot.waiting_bytes -= slot.waiting.pop(reference)
+        subscription = self._ledger.reference(reference)[2]
+        if subscription.queued == reference:
+            subscription.queued = None
+
+    def pump(self, slot: Slot, link: Link) -> None:
+        """Push waiting messages in order, as far as the module's credit goes."""
+        waiting = slot.waiting
+        sent = False
+        while waiting:
+            reference = next(iter(waiting))
+            _, handle, subscription = self._ledger.reference(reference)
+            if not self._may_push(subscription, link):
+                break
+            self.remove(slot, reference)
+            self._push(subscription, reference, self._ledger.handle(handle), link)
+            sent = True
+        if sent:
+            link.wake()
+
+    def _may_push(self, subscription: Subscription, link: Link) -> bool:
+        """Whether a module may be given the next message: by its credit, or for the newest by having none.
+
+        It asks for the newest by being done with what it has, and then gets what is the newest by then.
+        """
+        pushed = link.pushed
+        return not pushed if subscription.newest_only else len(pushed) < self._credit
+
+    def _push(self, subscription: Subscription, reference: int, handle: Handle, link: Link) -> None:
+        sequence, source, offset, size, channel, stamp, _ = handle
+        inbound = link.inbound
+        link.pushed[reference] = inbound.head
+        self._ledger.mark_pushed(reference, inbound.head)
+        inbound.push(
+            _DELIVER | subscription.declaration << 8 | channel << 32,
+            reference, sequence, source, offset, size, stamp,
+        )  # fmt: skip
+
+    def put_back(self, slot: Slot, reference: int) -> None:
+        """Put a message that its module never began to handle back in front of the queue."""
+        _sequence, handle, subscription = self._ledger.reference(reference)
+        if subscription.newest_only:
+            if subscription.queued is not None:  # a newer one waits already
+                self._ledger.finish(reference, Outcome.REPLACED)
+                return
+            subscription.queued = reference
+        self._ledger.mark_waiting(reference)
+        size = self._ledger.handle(handle).size
+        slot.waiting[reference] = size
+        slot.waiting.move_to_end(reference, last=False)
+        slot.waiting_bytes += size
+
+    def write_figures(self, slot: Slot, link: Link | None) -> None:
+        """Show what waits for a module, and what it has, to whoever watches."""
+        waiting = len(slot.waiting)
+        words, at = self._words, slot.at
+        words[at + layout.PUBLISHER_WAITING] = waiting
+        if waiting > slot.waiting_peak:
+            slot.waiting_peak = waiting
+            words[at + layout.PUBLISHER_WAITING_PEAK] = waiting
+        words[at + layout.PUBLISHER_WAITING_BYTES] = slot.waiting_bytes
+        words[at + layout.PUBLISHER_IN_FLIGHT] = len(link.pushed) if link else 0
+        words[at + layout.PUBLISHER_PINNED] = len(link.pinned) if link else 0
