@@ -130,7 +130,7 @@ def test_killed_mapping_alone_is_restarted_and_the_loss_is_counted(robot: StockR
     ("arguments", "said"),
     [
         (["nothing"], "there is no profile 'nothing'"),
-        (["intel"], "playback.settings.file"),
+        (["intel"], "CarmenPlayback.file: required"),
         (["intel", "--set", "playback.file=/no/such/log.clf"], "/no/such/log.clf"),
         (["intel", "--set", "playback.fiel=x"], "fiel"),
         (["demo", "--set", "mapping.resolution_m=wide"], "resolution_m"),
