@@ -8,25 +8,17 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.live import Live
-
 from robbie_mp.checkpoint.file import checkpoint_file, set_aside
 from robbie_mp.cli.figures import as_data, console, table
 from robbie_mp.cli.profile import add_profile_arguments
-from robbie_mp.observe import RunObserver
+from robbie_mp.cli.screen import RunScreen
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.model import Profile
 from robbie_mp.profile.preflight import preflight
-from robbie_mp.supervisor.output import OutputLine
-from robbie_mp.supervisor.run import RunListener, RunResult, default_output_directory, run_profile
-from robbie_mp.supervisor.states import ChildState, StateChange
+from robbie_mp.supervisor.run import RunResult, default_output_directory, run_profile
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
-
-REFRESH_S = 0.25
-
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add `run` to the commands."""
@@ -95,52 +87,3 @@ def _print_summary(result: RunResult, duration_s: object) -> None:
     out.print(f"run ended after {duration_s} s: {result.reason}; exit code {result.exit_code}")
     out.print("results:", end=" ")
     out.print(str(result.output_directory), soft_wrap=True)
-
-
-class RunScreen:
-    """What a person sees of a run: on a terminal a live table below the lines, else only the lines.
-
-    Args:
-        quiet: show only what went wrong.
-    """
-
-    def __init__(self, *, quiet: bool):
-        self._console = Console(stderr=True, highlight=False)
-        self._quiet = quiet
-        self._live: Live | None = None
-        self._next_s = 0.0
-        self.listener = RunListener(self._line, self._change, self._turn)
-
-    def __enter__(self) -> "RunScreen":
-        """Begin to show."""
-        if self._console.is_terminal and not self._quiet:
-            self._live = Live(console=self._console, auto_refresh=False, transient=True)
-            self._live.start()
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        """Clear the live table."""
-        if self._live is not None:
-            self._live.stop()
-
-    def _line(self, line: OutputLine) -> None:
-        if not self._quiet:
-            self._print(f"[{line.name}] {line.text}", "dim" if line.stream == "stdout" else "")
-
-    def _change(self, change: StateChange) -> None:
-        if change.new in (ChildState.FAILED, ChildState.BACKOFF):
-            again = f", again in {change.restart_in_s:.2f} s" if change.restart_in_s is not None else ""
-            self._print(f"{change.name}: {change.new} ({change.reason}{again})", "bold red")
-            for text in change.last_lines if self._quiet else ():
-                self._print(f"[{change.name}] {text}", "")
-
-    def _turn(self, observer: RunObserver) -> None:
-        if self._live is not None and time.monotonic() >= self._next_s:
-            self._next_s = time.monotonic() + REFRESH_S
-            self._live.update(table(observer.modules(), live=True), refresh=True)
-
-    def _print(self, text: str, style: str) -> None:
-        if self._live is None:
-            print(text, file=sys.stderr, flush=True)
-        else:
-            self._console.print(text, style=style, markup=False, soft_wrap=True)

@@ -51,7 +51,7 @@ class CoreProcess:
         router = self._router
         while not self._stopping:
             while router.drain():
-                pass
+                self._words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()  # under a flood it never sleeps
             if router.before_sleep() and router.drain():
                 continue
             self._words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()

@@ -6,6 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
+from robbie_mp.profile.dependencies import read_dependencies
 from robbie_mp.profile.model import (
     CheckpointPolicy,
     CoreLimits,
@@ -14,6 +15,7 @@ from robbie_mp.profile.model import (
     Profile,
     QueueLimits,
     RestartPolicy,
+    SpareInterpreters,
 )
 from robbie_mp.profile.problem import Place, Problem, ProfileError
 from robbie_mp.profile.reader import Node
@@ -21,7 +23,7 @@ from robbie_mp.suggest import did_you_mean
 from robbie_mp.value_check import NO_LIMITS, ValueMismatch, check_value
 
 T = TypeVar("T")
-PROFILE_KEYS = ("parents", "description", "modules", "config", "core")
+PROFILE_KEYS = ("parents", "description", "modules", "config", "core", "spares")
 MODULE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,47}")
 RESERVED_NAMES = ("core", "supervisor")
 CONFIG_KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
@@ -53,16 +55,20 @@ class _Builder:
     def __init__(self, current_folder: Path) -> None:
         self.current_folder = current_folder
         self.problems: list[Problem] = []
+        self.depends_on: dict[str, tuple[str, ...]] = {}
 
     def profile(self, name: str, tree: Node, workspace: Path) -> Profile:
         content = self.map_of(tree, "profile")
         self.refuse_unknown(content, PROFILE_KEYS, "")
         modules = self.map_of(content.get("modules"), "modules")
+        self.depends_on, problems = read_dependencies(modules)
+        self.problems += problems
         return Profile(
             name=name,
             modules=tuple(self.module(key, node, modules) for key, node in modules.items()),
             config=self.config(self.map_of(content.get("config"), "config")),
             core=self.section(CoreLimits, self.map_of(content.get("core"), "core"), "core"),
+            spares=self.section(SpareInterpreters, self.map_of(content.get("spares"), "spares"), "spares"),
             description=self.value(str, content.get("description"), "description", ""),
             workspace=workspace,
             origins=_origins(tree),
@@ -86,6 +92,7 @@ class _Builder:
             settings={key: value.plain() for key, value in settings.items()},
             folder_of=dict.fromkeys(typed_in, self.current_folder),
             restart=self.nested(RestartPolicy, content, where, "restart"),
+            depends_on=self.depends_on[name],
             memory=self.memory(content, where),
             queue=self.nested(QueueLimits, content, where, "queue"),
             checkpoint=self.nested(CheckpointPolicy, content, where, "checkpoint"),

@@ -38,7 +38,7 @@ class RestartPolicy:
     max_restarts: int = bounded(5, 0, MAX_ENTRIES)
     """More than this many within `within_s` and the module is FAILED."""
     within_s: float = bounded(60.0, 0.1, AGES_S)
-    backoff_s: float = bounded(0.05, 0, AGES_S)
+    backoff_s: float = bounded(0.01, 0, AGES_S)
     """Wait before the first restart; doubles with each further one."""
     backoff_cap_s: float = bounded(5.0, 0, AGES_S)
     stable_after_s: float = bounded(10.0, 0, AGES_S)
@@ -53,6 +53,8 @@ class MemoryLimits:
     """Size of its first data segment; a message that needs more gets a segment of its own."""
     limit_bytes: int = bounded(256 << 20, 4096, MAX_BYTES)
     """All its data segments together."""
+    process_bytes: int | None = bounded(None, 1 << 26, MAX_BYTES)
+    """Its process's whole address space; None: as much as it can get."""
     checkpoint_bytes: int = bounded(64 << 20, 4096, MAX_BYTES)
     """Its largest checkpoint; two are kept."""
 
@@ -84,11 +86,15 @@ class ModuleSpec:
     """As `package.module:Class`."""
     settings: Mapping[str, object] = field(default_factory=dict)
     restart: RestartPolicy = RestartPolicy()
+    depends_on: tuple[str, ...] = ()
+    """Modules with which it is restarted."""
     essential: bool = False
     """Its FAILED stops the robot."""
     ends_run: bool = False
     """When it ends by itself with exit code 0, the run is over: an ordered stop follows."""
     start_deadline_s: float = bounded(30.0, 0.1, AGES_S)
+    handler_deadline_s: float = bounded(10.0, 0, AGES_S)
+    """A handler or tick that takes longer hangs, and its process is killed; 0: it may take for ever."""
     stop_grace_s: float = bounded(3.0, 0, AGES_S)
     """From SIGTERM to SIGKILL on an ordered stop."""
     memory: MemoryLimits = MemoryLimits()
@@ -113,6 +119,17 @@ class CoreLimits:
     """Records of each outbound ring; a power of two."""
     credits: int = bounded(64, 1, MAX_ENTRIES)
     """Messages that a module may have in its inbound ring."""
+    deadline_s: float = bounded(2.0, 0.5, AGES_S)
+    """A core that gives no sign of life for so long is killed and restarted."""
+
+
+@dataclass(frozen=True)
+class SpareInterpreters:
+    """Interpreters started ahead, that one which is restarted need not wait for its own to start."""
+
+    count: int = bounded(1, 0, 16)
+    imports: list[str] = field(default_factory=list)
+    """What they import ahead, besides numpy and Robbie-MP itself."""
 
 
 @dataclass(frozen=True)
@@ -125,6 +142,7 @@ class Profile:
     config: Mapping[str, object] = field(default_factory=dict)
     """Flat: dotted key to value."""
     core: CoreLimits = CoreLimits()
+    spares: SpareInterpreters = SpareInterpreters()
     description: str = ""
     workspace: Path = Path()
     """The folder that contains profiles/; the root of imports and of relative paths."""

@@ -47,6 +47,7 @@ def as_tree(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> d
         "modules": modules,
         "config": dict(profile.config),
         "core": _plain(profile.core),
+        "spares": _plain(profile.spares),
     }
 
 

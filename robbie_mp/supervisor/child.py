@@ -3,9 +3,11 @@
 import faulthandler
 import logging
 import os
+import resource
 import signal
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 from robbie_mp.bus import Envelope
 from robbie_mp.checkpoint.buffers import CheckpointBuffers
@@ -24,6 +26,7 @@ from robbie_mp.supervisor.die_with_parent import die_with_parent
 from robbie_mp.supervisor.leftovers import MARKER
 from robbie_mp.supervisor.memory import CORE
 from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.supervisor.prctl import set_process_name
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.bus import SharedMemoryBus
@@ -42,9 +45,14 @@ SUPERVISOR_QUEUE = SlotLimits(queue_messages=1000, queue_bytes=1 << 20)
 def main(run_folder: Path, name: str) -> None:
     """Run the core or a module until it is stopped."""
     plan = RunPlan.load(run_folder)
-    incarnation = int(os.environ[MARKER].rpartition("/")[2])
     die_with_parent(plan.supervisor_pid)
-    faulthandler.enable()
+    run_child(plan, name, int(os.environ[MARKER].rpartition("/")[2]))
+
+
+def run_child(plan: RunPlan, name: str, incarnation: int) -> NoReturn:
+    """Run one incarnation of the core or a module, then end the process."""
+    set_process_name(name)
+    faulthandler.enable()  # also answers SIGABRT, which the supervisor sends to a child that hangs
     logging.basicConfig(format="%(levelname)s %(message)s", level=logging.INFO)
     if name == CORE:
         run_core(plan)
@@ -78,6 +86,8 @@ def run_module(plan: RunPlan, name: str, incarnation: int) -> None:
     inbox = Inbox(endpoint, make_views(plan.run_id), words)
     board = Board(Segment.attach(names.board(plan.run_id), SegmentKind.BOARD).words)
     bus = SharedMemoryBus(outbox, inbox, _Describer(plan.run_id, board))
+    if (process_bytes := planned.memory.process_bytes) is not None:
+        resource.setrlimit(resource.RLIMIT_AS, (process_bytes, process_bytes))
     sys.path.insert(0, plan.workspace)
     module_class = load_class(planned.class_path, Module)
     folders = {setting: Path(folder) for setting, folder in planned.folder_of.items()}

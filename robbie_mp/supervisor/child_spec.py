@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Self
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.profile.model import ModuleSpec, RestartPolicy, RestartWhen
+from robbie_mp.profile.model import CoreLimits, ModuleSpec, RestartPolicy, RestartWhen
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 
@@ -42,10 +42,15 @@ class ChildSpec:
     folder: Path | None = None
     """Working directory; None: the supervisor's."""
     restart: RestartPolicy = field(default_factory=RestartPolicy)
+    depends_on: tuple[str, ...] = ()
     essential: bool = False
     ends_run: bool = False
     start_deadline_s: float = 30.0
     stop_grace_s: float = 3.0
+    handler_deadline_s: float = 0.0
+    """How long it may do one and the same thing; 0: for ever."""
+    may_be_warm: bool = False
+    """Whether a spare interpreter does the same as the command, so that it may take its place."""
 
     def __post_init__(self) -> None:
         """Check the name.
@@ -64,14 +69,25 @@ class ChildSpec:
             argv=argv,
             environment=environment,
             restart=module.restart,
+            depends_on=module.depends_on,
             essential=module.essential,
             ends_run=module.ends_run,
             start_deadline_s=module.start_deadline_s,
             stop_grace_s=module.stop_grace_s,
+            handler_deadline_s=module.handler_deadline_s,
+            may_be_warm=True,
         )
 
     @classmethod
-    def of_core(cls, argv: tuple[str, ...], environment: Mapping[str, str]) -> Self:
+    def of_core(cls, limits: CoreLimits, argv: tuple[str, ...], environment: Mapping[str, str]) -> Self:
         """Describe the child that routes the messages; it takes over from its dead predecessor."""
-        restart = RestartPolicy(policy=RestartWhen.ALWAYS, max_restarts=20, backoff_s=0.01)
-        return cls("core", argv, environment, ChildKind.CORE, restart=restart, essential=True)
+        return cls(
+            name="core",
+            argv=argv,
+            environment=environment,
+            kind=ChildKind.CORE,
+            restart=RestartPolicy(policy=RestartWhen.ALWAYS, max_restarts=20),
+            essential=True,
+            handler_deadline_s=limits.deadline_s,
+            may_be_warm=True,
+        )

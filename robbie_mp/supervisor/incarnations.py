@@ -1,16 +1,28 @@
 """What the process tree asks of the memory side: one incarnation is one start of one child."""
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from robbie_mp.supervisor.states import StateChange
+from robbie_mp.transport.layout import Activity
+
+
+class Doing(NamedTuple):
+    """One thing that a child is doing; two are equal only if it is still the very same thing."""
+
+    activity: Activity
+    subscription: int
+    """Its own number, in a handler."""
+    since_ns: int
+    """Begin, on the machine's monotonic clock."""
 
 
 class Incarnations(Protocol):
     """Makes, watches and reclaims what each incarnation of a child holds in shared memory.
 
     All calls come from the supervisor's one thread and must not block. For one incarnation they come in
-    this order: `open`, `started`, `is_ready` until it is true, `died`, `is_reclaimed` until it is true.
-    `started` is missing when the command cannot be executed, `died` when SIGKILL does not end the process.
+    this order: `open`, `started`, `is_ready` until it is true, `doing`, `died`, `is_reclaimed` until it is
+    true. `started` is missing when the command cannot be executed, `died` when SIGKILL does not end the
+    process. `is_reclaimed` is asked only before a restart, which may be long after FAILED or STOPPED.
     """
 
     def open(self, name: str, incarnation: int) -> None:
@@ -25,6 +37,12 @@ class Incarnations(Protocol):
 
     def is_ready(self, name: str, incarnation: int) -> bool:
         """Tell whether it has finished its setup; asked every few ms while STARTING, and at its end."""
+
+    def doing(self, name: str, incarnation: int) -> Doing | None:
+        """Tell what it is doing now, None if nothing; asked every turn of the loop while RUNNING."""
+
+    def describe(self, name: str, incarnation: int, doing: Doing) -> str:
+        """Put what it has been doing for too long into words, as "hung in tick"."""
 
     def died(self, name: str, incarnation: int) -> None:
         """Begin to reclaim: its process is reaped and will never touch the memory again."""

@@ -13,8 +13,8 @@ from collections.abc import Callable, Collection, Iterable
 from types import TracebackType
 from typing import Self
 
+from robbie_mp.proc import ProcessStat, environment_value, own_children, processes, read_stat
 from robbie_mp.supervisor.prctl import is_child_subreaper, set_child_subreaper
-from robbie_mp.supervisor.proc import ProcessStat, environment_value, processes, read_stat
 
 MARKER = "ROBBIE_CHILD"
 MAX_PASSES = 20
@@ -26,12 +26,20 @@ def marker(run_id: str, name: str, incarnation: int) -> str:
     return f"{run_id}/{name}/{incarnation}"
 
 
-def kill_child_leftovers(session: int, child_marker: str) -> None:
+def kill_child_leftovers(session: int, child_marker: str, known: Collection[int]) -> None:
     """Kill whatever lives in a child's session or carries its marker, and wait a moment for it to be gone.
 
     Call it after the child has ended and before it is reaped: until then its pid, which is the number of
-    its session, cannot be given to another.
+    its session, cannot be given to another. What a child leaves is a descendant of an orphan, and orphans
+    come to the `OrphanReaper`: if there are none, nothing was left, and no process of the machine is asked.
+
+    Args:
+        session: the child's pid.
+        child_marker: what `marker` returned for it.
+        known: the caller's own children, this one included.
     """
+    if own_children() <= frozenset(known):
+        return
     leader = read_stat(session)
     since_ticks = leader.start_ticks if leader else 0  # older processes need not be asked
 
@@ -105,7 +113,7 @@ class OrphanReaper:
 
     def __enter__(self) -> Self:
         self._was_subreaper = is_child_subreaper()
-        self._foreign = frozenset(_children())
+        self._foreign = own_children()
         set_child_subreaper(True)
         return self
 
@@ -115,7 +123,7 @@ class OrphanReaper:
         """Kill and reap every orphan that is left; by now the caller has no children of its own."""
         deadline_s = time.monotonic() + END_WAIT_S
         # Again, because those whose parent is killed here come to us only then.
-        while (orphans := _children() - self._foreign) and time.monotonic() < deadline_s:
+        while (orphans := own_children() - self._foreign) and time.monotonic() < deadline_s:
             wait_gone(kill_all(lambda stat: stat.pid in orphans))
             for pid in orphans:
                 _reap(pid)
@@ -132,10 +140,6 @@ class OrphanReaper:
                 if ended.si_pid in known or ended.si_pid in self._foreign:
                     return
                 _reap(ended.si_pid)
-
-
-def _children() -> set[int]:
-    return {stat.pid for stat in processes() if stat.parent == os.getpid()}
 
 
 def _reap(pid: int) -> None:

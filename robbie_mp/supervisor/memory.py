@@ -10,12 +10,14 @@ from robbie_mp.clock import SystemClock
 from robbie_mp.core.tables import CoreTables, TableSizes
 from robbie_mp.messages import ModuleState, Time
 from robbie_mp.supervisor.child_spec import ChildKind
+from robbie_mp.supervisor.incarnations import Doing
 from robbie_mp.supervisor.plan import RunPlan
 from robbie_mp.supervisor.states import ChildState, StateChange
+from robbie_mp.supervisor.sweep import unlink_names
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board, SlotState
 from robbie_mp.transport.endpoint import Notice
-from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.layout import Activity, SegmentKind
 from robbie_mp.transport.outbox import Outbox
 from robbie_mp.transport.records import Inbound, Outbound
 from robbie_mp.transport.run_memory import (
@@ -25,7 +27,8 @@ from robbie_mp.transport.run_memory import (
     unlink_incarnation,
 )
 from robbie_mp.transport.segment import Segment, unlink_segment
-from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
+from robbie_mp.transport.wakeup import Wakeup
+from robbie_mp.transport.words import read_text
 
 CORE = str(ChildKind.CORE)
 SUPERVISOR_SLOT = 0
@@ -122,6 +125,38 @@ class RunMemory:
             return self._core_words[layout.CORE_HEARTBEAT_NS] != self._heartbeat_before
         current, memory = self._incarnations[self._slots[name]]
         return current == incarnation and memory.out.words[layout.OUT_READY] == 1
+
+    def doing(self, name: str, incarnation: int) -> Doing | None:
+        """Return what a child is doing now, None if it is idle.
+
+        A module writes the two words one after the other; one that is just between them seems to begin
+        something new, which is right. The core is never idle, and begins something new with each heartbeat.
+        """
+        if name == CORE:
+            return Doing(Activity.HANDLER, 0, self._core_words[layout.CORE_HEARTBEAT_NS])
+        current, memory = self._incarnations[self._slots[name]]
+        words = memory.out.words
+        activity = words[layout.OUT_ACTIVITY]
+        if current != incarnation or activity == Activity.IDLE:
+            return None
+        try:
+            kind = Activity(activity & 0xFF)
+        except ValueError:
+            return None  # garbage, which is the core's to find
+        return Doing(kind, activity >> 8, words[layout.OUT_ACTIVITY_SINCE_NS])
+
+    def describe(self, name: str, incarnation: int, doing: Doing) -> str:
+        """Put what a child has been doing for too long into words."""
+        if name == CORE:
+            return "gave no sign of life"
+        if doing.activity is not Activity.HANDLER:
+            return f"hung in {doing.activity.name.lower()}"
+        words = self._incarnations[self._slots[name]][1].out.words
+        number = doing.subscription % layout.DECLARATION_COUNT
+        at = layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
+        type_name = read_text(words, at + layout.DECLARATION_TYPE, layout.NAME_WORDS)
+        topic = read_text(words, at + layout.DECLARATION_TOPIC, layout.NAME_WORDS)
+        return f"hung in handler of {type_name}" + (f" on {topic}" if topic else "")
 
     def died(self, name: str, incarnation: int) -> None:
         """Have the core take back what a dead module held; keep its counters."""
@@ -231,11 +266,3 @@ def unlink_data_segments(run_id: str, slot: int, incarnation: int) -> None:
     """Remove the names of a dead publisher's data segments."""
     for path in glob.glob(f"/dev/shm/{names.data_prefix(run_id, slot, incarnation)}*"):
         unlink_segment(path.removeprefix("/dev/shm/"))
-
-
-def unlink_names(run_id: str) -> None:
-    """Remove every name of a run."""
-    for path in glob.glob(f"/dev/shm/{names.run_prefix(run_id)}*"):
-        unlink_segment(path.removeprefix("/dev/shm/"))
-    for path in glob.glob(f"/dev/shm/sem.{names.run_prefix(run_id)}*"):
-        unlink_wakeup(path.removeprefix("/dev/shm/sem."))

@@ -2,39 +2,53 @@
 
 from collections.abc import Callable, Sequence
 
-from robbie_mp.supervisor.supervised_child import SupervisedChild
+from robbie_mp.supervisor.supervised_child import SupervisedChild, Then
 
 
 class OrderedStop:
     """Asks each child to end, kills it when its grace is over, and only then turns to the next."""
 
-    def __init__(self, children: Sequence[SupervisedChild], clock: Callable[[], float]):
+    def __init__(
+        self, children: Sequence[SupervisedChild], then: Then, reason: str, clock: Callable[[], float]
+    ):
         """Begin with the last.
 
         Args:
             children: in the order of their start.
+            then: what is to become of them.
+            reason: why, for the state that follows; '' says nothing there.
             clock: a time in s that never goes back.
         """
-        self._waiting = list(children)
+        self._then = then
+        self._reason = reason
+        self._waiting = [(child, child.incarnation) for child in children]
         self._clock = clock
-        self._current: SupervisedChild | None = None
+        self._current: tuple[SupervisedChild, int] | None = None
         self._kill_at_s = 0.0
 
     def step(self) -> None:
         """Go as far as is possible now."""
-        while self._waiting and not self._has_process(self._current):
+        while self._waiting and self._living() is None:
             self._current = self._waiting.pop()
-            self._kill_at_s = self._clock() + self._current.spec.stop_grace_s
-            self._current.terminate()
-        if self._current and self._clock() >= self._kill_at_s:
-            self._current.kill(f"did not stop within {self._current.spec.stop_grace_s:g} s")
+            if child := self._living():
+                self._kill_at_s = self._clock() + child.spec.stop_grace_s
+                child.terminate(self._then, self._reason)
+        child = self._living()
+        if child and self._clock() >= self._kill_at_s:
+            child.kill(f"did not stop within {child.spec.stop_grace_s:g} s")
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all have ended."""
+        return not self._waiting and self._living() is None
 
     def next_in_s(self) -> float | None:
         """Return how soon a grace is over, None if no one is waited for."""
-        if not self._has_process(self._current):
-            return None
-        return max(0.0, self._kill_at_s - self._clock())
+        return max(0.0, self._kill_at_s - self._clock()) if self._living() else None
 
-    @staticmethod
-    def _has_process(child: SupervisedChild | None) -> bool:
-        return child is not None and child.pid is not None
+    def _living(self) -> SupervisedChild | None:
+        """Return the child that is waited for; a successor of it that was started since is none of ours."""
+        if self._current is None:
+            return None
+        child, incarnation = self._current
+        return child if child.pid is not None and child.incarnation == incarnation else None

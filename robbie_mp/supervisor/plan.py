@@ -44,6 +44,8 @@ class RunPlan:
     core: CoreLimits
     config: dict[str, Any]
     modules: tuple[PlannedModule, ...]
+    spare_imports: list[str]
+    """What a spare interpreter imports ahead."""
 
     @classmethod
     def of_profile(
@@ -59,6 +61,7 @@ class RunPlan:
             core=profile.core,
             config=dict(profile.config),
             modules=tuple(_planned(module) for module in profile.modules),
+            spare_imports=profile.spares.imports,
         )
 
     @property

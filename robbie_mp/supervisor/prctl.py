@@ -1,9 +1,10 @@
-"""The two process settings of prctl(2) that supervision needs and Python does not offer."""
+"""The process settings of prctl(2) that supervision needs and Python does not offer."""
 
 import ctypes
 import os
 
 PR_SET_PDEATHSIG = 1
+PR_SET_NAME = 15
 PR_SET_CHILD_SUBREAPER = 36
 PR_GET_CHILD_SUBREAPER = 37
 
@@ -11,6 +12,11 @@ PR_GET_CHILD_SUBREAPER = 37
 def set_parent_death_signal(signum: int) -> None:
     """Have the kernel send this process a signal when its parent's thread that started it ends."""
     _prctl(PR_SET_PDEATHSIG, ctypes.c_ulong(signum))
+
+
+def set_process_name(name: str) -> None:
+    """Have ps(1) and top(1) show this name; the kernel keeps 15 bytes of it."""
+    _prctl(PR_SET_NAME, ctypes.c_char_p(name.encode()))
 
 
 def set_child_subreaper(enabled: bool) -> None:

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
-from robbie_mp.supervisor.proc import read_stat
+from robbie_mp.proc import read_stat
+from robbie_mp.supervisor.leftovers import MARKER
 
 
 @dataclass(frozen=True)
@@ -45,20 +46,38 @@ class ChildProcess:
         pidfd: becomes readable when the child has ended (pidfd_open(2)).
         stdout: the reading end of its standard output, non-blocking; the caller closes it.
         stderr: the same of its standard error.
+        marker: what its descendants are known by.
     """
 
-    def __init__(self, popen: "subprocess.Popen[bytes]", pidfd: int, stdout: int, stderr: int):
+    def __init__(
+        self, popen: "subprocess.Popen[bytes]", pidfd: int, stdout: int, stderr: int, child_marker: str
+    ):
         self._popen = popen
         self.pid = popen.pid
+        self.marker = child_marker
         self.pidfd = pidfd
         self.stdout = stdout
         self.stderr = stderr
 
     @classmethod
-    def start(cls, argv: Sequence[str], environment: Mapping[str, str], folder: Path | None = None) -> Self:
-        """Start a command, its standard input empty, its output in pipes, no descriptor of ours inherited.
+    def start(
+        cls,
+        argv: Sequence[str],
+        environment: Mapping[str, str],
+        child_marker: str,
+        folder: Path | None = None,
+        stdin: int = subprocess.DEVNULL,
+    ) -> Self:
+        """Start a command, its output in pipes, no descriptor of ours inherited.
 
         Must be called from the main thread: the death of the starting thread is what children die with.
+
+        Args:
+            argv: the command.
+            environment: all of it but `MARKER`.
+            child_marker: the value of `MARKER`.
+            folder: its working directory; None: ours.
+            stdin: its standard input, by default empty; stays the caller's as well.
 
         Raises:
             OSError: the command cannot be executed.
@@ -68,10 +87,10 @@ class ChildProcess:
         try:
             popen = subprocess.Popen(
                 argv,
-                stdin=subprocess.DEVNULL,
+                stdin=stdin,
                 stdout=out_write,
                 stderr=error_write,
-                env=environment,
+                env={**environment, MARKER: child_marker},
                 cwd=folder,
                 start_new_session=True,
                 close_fds=True,
@@ -85,7 +104,7 @@ class ChildProcess:
             os.close(error_write)
         os.set_blocking(out_read, False)
         os.set_blocking(error_read, False)
-        return cls(popen, os.pidfd_open(popen.pid), out_read, error_read)
+        return cls(popen, os.pidfd_open(popen.pid), out_read, error_read, child_marker)
 
     def exit_status(self) -> ExitStatus | None:
         """Return how it ended, None while it runs; it stays a zombie, so that its pid is still its own."""

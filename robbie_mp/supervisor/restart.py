@@ -56,6 +56,11 @@ class RestartBudget:
         """Note that the child is RUNNING from now on."""
         self._running_since_s = self._clock()
 
+    def reset(self) -> None:
+        """Give the whole budget and the first wait back."""
+        self._restarts_s.clear()
+        self._backoff_s = self._first_wait_s
+
     def ended(self, *, clean: bool) -> Restart | GiveUp | LeaveStopped:
         """Decide what follows the end of the child.
 
@@ -79,7 +84,6 @@ class RestartBudget:
     def _refill(self, now_s: float) -> None:
         since_s, self._running_since_s = self._running_since_s, None
         if since_s is not None and now_s - since_s >= self._policy.stable_after_s:
-            self._restarts_s.clear()
-            self._backoff_s = self._first_wait_s
+            self.reset()
         while self._restarts_s and now_s - self._restarts_s[0] >= self._policy.within_s:
             self._restarts_s.popleft()

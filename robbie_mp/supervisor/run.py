@@ -3,6 +3,7 @@
 import os
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -10,10 +11,12 @@ from pathlib import Path
 from robbie_mp.observe import ModuleFigures, RunObserver
 from robbie_mp.profile.model import Profile
 from robbie_mp.supervisor.child_spec import ChildSpec
+from robbie_mp.supervisor.control import ControlServer
 from robbie_mp.supervisor.memory import RunMemory
 from robbie_mp.supervisor.output import OutputLine, OutputStore
 from robbie_mp.supervisor.plan import RunPlan
 from robbie_mp.supervisor.run_directory import RunDirectory
+from robbie_mp.supervisor.spares import SpareCommand
 from robbie_mp.supervisor.states import StateChange
 from robbie_mp.supervisor.sweep import sweep
 from robbie_mp.supervisor.tree import Tree
@@ -27,8 +30,8 @@ class RunListener:
 
     line: Callable[[OutputLine], None] = lambda _line: None
     change: Callable[[StateChange], None] = lambda _change: None
-    turn: Callable[[RunObserver], None] = lambda _observer: None
-    """Every turn of the supervisor's loop, at least every 0.1 s."""
+    begin: Callable[[str], None] = lambda _run_id: None
+    """Once, when the run's memory is there for a `RunObserver`."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +65,10 @@ def run_profile(
     """
     sweep()
     output_directory.mkdir(parents=True, exist_ok=True)
-    directory = RunDirectory.create(profile.name, output_directory)
-    try:
+    with ExitStack() as stack:
+        directory = RunDirectory.create(profile.name, output_directory)
+        connections = stack.enter_context(ExitStack())  # of who waits for the end: closed after it
+        stack.callback(directory.remove)
         complete = replace(
             profile,
             modules=tuple(
@@ -74,25 +79,30 @@ def run_profile(
             complete, directory.run_id, profile.workspace, output_directory.absolute(), os.getpid()
         )
         plan.save(directory.folder)
-        return _run(plan, profile, directory.folder, listener)
-    finally:
-        directory.remove()
+        return _run(plan, profile, directory.folder, listener, connections)
 
 
-def _run(plan: RunPlan, profile: Profile, run_folder: Path, listener: RunListener) -> RunResult:
+def _run(
+    plan: RunPlan, profile: Profile, run_folder: Path, listener: RunListener, connections: ExitStack
+) -> RunResult:
     output_directory = Path(plan.output_directory)
     memory = RunMemory(plan, listener.change)
     observer = RunObserver(plan.run_id)
     memory.before_close = lambda: figures.extend(observer.modules())
     figures: list[ModuleFigures] = []
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}  # else the last words of who dies are lost
     try:
         tree = Tree(
-            _children(profile, run_folder),
+            _children(profile, run_folder, environment),
             plan.run_id,
             memory,
             OutputStore(output_directory / LOG_FOLDER, listener.line),
-            lambda: _each_turn(tree, memory, observer, listener),
+            lambda: _each_turn(tree, memory, control),
+            spares=_spares(profile, run_folder, environment),
         )
+        control = ControlServer(run_folder, tree)
+        connections.callback(control.close)
+        listener.begin(plan.run_id)
     except BaseException:
         memory.close()
         raise
@@ -103,25 +113,29 @@ def _run(plan: RunPlan, profile: Profile, run_folder: Path, listener: RunListene
     return RunResult(exit_code, tree.stop_reason, figures, output_directory)
 
 
-def _each_turn(tree: Tree, memory: RunMemory, observer: RunObserver, listener: RunListener) -> None:
+def _each_turn(tree: Tree, memory: RunMemory, control: ControlServer) -> None:
     memory.read_notices()
     while memory.faulted:
         name, incarnation = memory.faulted.pop()
         child = tree.child(name)
         if child.incarnation == incarnation:
             child.kill("wrote what no module writes into its ring")
-    listener.turn(observer)
+    control.turn()
 
 
-def _children(profile: Profile, run_folder: Path) -> list[ChildSpec]:
+def _children(profile: Profile, run_folder: Path, environment: Mapping[str, str]) -> list[ChildSpec]:
     """Describe the processes of a run: the core, then the modules in the profile's order."""
 
     def command(name: str) -> tuple[str, ...]:
         return (sys.executable, "-m", "robbie_mp.supervisor.child", str(run_folder), name)
 
-    environment = dict(os.environ)
-    core = ChildSpec.of_core(command("core"), environment)
+    core = ChildSpec.of_core(profile.core, command("core"), environment)
     return [core, *(ChildSpec.of_module(spec, command(spec.name), environment) for spec in profile.modules)]
+
+
+def _spares(profile: Profile, run_folder: Path, environment: Mapping[str, str]) -> SpareCommand:
+    argv = (sys.executable, "-m", "robbie_mp.supervisor.spare", str(run_folder))
+    return SpareCommand(profile.spares.count, argv, environment)
 
 
 def default_output_directory(profile_name: str, now: datetime) -> Path:

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Self
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.supervisor.proc import ProcessIdentity
+from robbie_mp.proc import ProcessIdentity
 
 RUN_ID = re.compile(r"[0-9a-f]{8}")
 UNFINISHED_PREFIX = "new-"

@@ -1,13 +1,17 @@
 """One child over the whole run: its state, and what each event makes of it."""
 
+import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from enum import Enum, auto
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.event_loop import EventLoop
+from robbie_mp.supervisor.hang_watch import HangWatch
 from robbie_mp.supervisor.incarnations import Incarnations
-from robbie_mp.supervisor.leftovers import MARKER, kill_child_leftovers, marker
+from robbie_mp.supervisor.leftovers import kill_child_leftovers
 from robbie_mp.supervisor.output import ChildOutput
 from robbie_mp.supervisor.output_stream import OutputStream
 from robbie_mp.supervisor.process import ChildProcess, ExitStatus
@@ -15,8 +19,36 @@ from robbie_mp.supervisor.restart import GiveUp, Restart, RestartBudget
 from robbie_mp.supervisor.states import ChildState, StateChange
 
 POLL_S = 0.015
+SOON_S = 0.05
+"""So long after a restart is due it is polled often, for the core is about to be done with reclaiming."""
+OFTEN_S = 0.001
+DUMP_S = 0.5
+"""From the request for a stack dump to SIGKILL; a stopped process does not answer."""
 UNKILLABLE_AFTER_S = 5.0
 """A process that SIGKILL does not end hangs in the kernel, in a broken driver for example."""
+
+
+class Then(Enum):
+    """What follows when a child that was asked to end has ended."""
+
+    STOPPED = auto()
+    RESTART = auto()
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a child shares with all others of its run."""
+
+    incarnations: Incarnations
+    loop: EventLoop
+    clock: Callable[[], float]
+    start: Callable[[ChildSpec, int], ChildProcess]
+    """Starts the process of an incarnation; raises OSError if that cannot be."""
+    known_pids: Callable[[], Collection[int]]
+    """Processes that this one has started."""
+    may_start: Callable[["SupervisedChild"], bool]
+    """Whether a restart need not wait for others."""
+    on_change: Callable[["SupervisedChild", StateChange], None]
 
 
 class SupervisedChild:
@@ -30,18 +62,11 @@ class SupervisedChild:
         pid: of its process, None without.
         was_settled: whether it has left STARTING at least once.
         ended_run: whether it ended in the way that ends the run.
+        hangs_in_kernel: whether its process was given up though it has not ended; its memory is lost.
     """
 
     def __init__(
-        self,
-        spec: ChildSpec,
-        run_id: str,
-        incarnations: Incarnations,
-        output: ChildOutput,
-        loop: EventLoop,
-        budget: RestartBudget,
-        clock: Callable[[], float],
-        on_change: Callable[["SupervisedChild", StateChange], None],
+        self, spec: ChildSpec, output: ChildOutput, budget: RestartBudget, surroundings: Surroundings
     ):
         self.spec = spec
         self.state: ChildState | None = None
@@ -49,19 +74,21 @@ class SupervisedChild:
         self.reason = ""
         self.was_settled = False
         self.ended_run = False
+        self.hangs_in_kernel = False
         self.output = output
-        self._run_id = run_id
-        self._incarnations = incarnations
-        self._loop = loop
         self._budget = budget
-        self._clock = clock
-        self._on_change = on_change
+        self._around = surroundings
+        self._incarnations = surroundings.incarnations
+        self._clock = surroundings.clock
         self._process: ChildProcess | None = None
         self._streams: list[OutputStream] = []
+        self._hang_watch = HangWatch(spec.handler_deadline_s, spec.stop_grace_s)
         self._is_opened = False
         self._may_restart = True
-        self._was_asked_to_stop = False
+        self._then: Then | None = None
+        self._stop_reason = ""
         self._kill_reason = ""
+        self._kill_at_s: float | None = None
         self._killed_s: float | None = None
         self._due_s = 0.0  # start deadline in STARTING, time of restart in BACKOFF
 
@@ -71,6 +98,11 @@ class SupervisedChild:
         return self._process.pid if self._process else None
 
     @property
+    def is_stopping(self) -> bool:
+        """Whether its process was asked to end and still lives."""
+        return self._process is not None and self._then is not None
+
+    @property
     def restarts(self) -> int:
         """How often it was started again."""
         return max(0, self.incarnation - 1)
@@ -78,8 +110,9 @@ class SupervisedChild:
     def start(self) -> None:
         """Start the next incarnation."""
         self.incarnation += 1
-        self._kill_reason = ""
-        self._killed_s = None
+        self._then = None
+        self._stop_reason = self._kill_reason = ""
+        self._kill_at_s = self._killed_s = None
         self._due_s = self._clock() + self.spec.start_deadline_s
         self.output.begin(self.incarnation)
         self._move(ChildState.STARTING, f"start {self.incarnation}")
@@ -87,15 +120,16 @@ class SupervisedChild:
         try:
             self._incarnations.open(self.spec.name, self.incarnation)
             self._is_opened = True
-            self._process = ChildProcess.start(self.spec.argv, self._environment(), self.spec.folder)
+            self._process = self._around.start(self.spec, self.incarnation)
         except (RobbieError, OSError) as error:
             self._after_end(None, f"cannot be started: {error}")
             return
         self._incarnations.started(self.spec.name, self.incarnation, self._process.pid)
-        self._loop.watch(self._process.pidfd, self._on_exit)
+        loop = self._around.loop
+        loop.watch(self._process.pidfd, self._on_exit)
         self._streams = [
-            OutputStream(self._process.stdout, "stdout", self.output, self._loop),
-            OutputStream(self._process.stderr, "stderr", self.output, self._loop),
+            OutputStream(self._process.stdout, "stdout", self.output, loop),
+            OutputStream(self._process.stderr, "stderr", self.output, loop),
         ]
 
     def poll(self) -> None:
@@ -104,11 +138,15 @@ class SupervisedChild:
         if self._killed_s is not None and self._process:
             if now_s - self._killed_s >= UNKILLABLE_AFTER_S:
                 self._abandon()
+        elif self._kill_at_s is not None and now_s >= self._kill_at_s:
+            self.kill(self._kill_reason)
         elif self.state is ChildState.STARTING:
             self._check_ready()
             if self.state is ChildState.STARTING and now_s >= self._due_s:
                 self.kill(f"not ready within {self.spec.start_deadline_s:g} s")
-        elif self.state is ChildState.BACKOFF and now_s >= self._due_s and self._is_reclaimed():
+        elif self.state is ChildState.RUNNING:
+            self._check_hang(now_s)
+        elif self.state is ChildState.BACKOFF and now_s >= self._due_s and self._may_open():
             self.start()
 
     def poll_in_s(self) -> float | None:
@@ -117,16 +155,42 @@ class SupervisedChild:
             case ChildState.STARTING:
                 return POLL_S
             case ChildState.BACKOFF:
-                return max(POLL_S, self._due_s - self._clock())
+                wait_s = self._due_s - self._clock()
+                return max(OFTEN_S, wait_s) if wait_s > -SOON_S else POLL_S
             case _:
                 return None
 
-    def terminate(self) -> None:
-        """Ask its process to end, for an ordered stop."""
+    def terminate(self, then: Then, reason: str) -> None:
+        """Ask its process to end, for an ordered stop; without one, that is done already."""
         if self._process:
-            self._was_asked_to_stop = True
+            self._then = then
+            self._stop_reason = reason
             self._process.terminate()
             self.wake()
+
+    def stay_stopped(self, reason: str) -> None:
+        """Make BACKOFF, or the wait for the first start, end in STOPPED."""
+        if self.state in (None, ChildState.BACKOFF):
+            self._move(ChildState.STOPPED, reason)
+
+    def restart_now(self, reason: str) -> None:
+        """Start again as soon as can be, from any state without a process; forget what happened before."""
+        self._budget.reset()
+        if self._process is None and self.state is not None:
+            self._due_s = self._clock()
+            if self.state is not ChildState.BACKOFF:
+                self._move(ChildState.BACKOFF, reason, restart_in_s=0.0)
+
+    def abort(self, reason: str) -> None:
+        """Have its process say where it is, and end; what follows is up to its restart policy.
+
+        faulthandler answers SIGABRT with the stacks of all threads on standard error, even from within a
+        library that never returns. Whoever does not end by that is killed.
+        """
+        if self._process and self._killed_s is None and self._kill_at_s is None:
+            self._kill_reason = reason
+            self._kill_at_s = self._clock() + DUMP_S
+            self._process.send_signal(signal.SIGABRT)
 
     def kill(self, reason: str) -> None:
         """Kill its process with all it forked; what follows is up to its restart policy."""
@@ -137,7 +201,7 @@ class SupervisedChild:
 
     def stop_now(self, reason: str) -> None:
         """Kill its process with all it forked, for the end of the run."""
-        self._was_asked_to_stop = True
+        self._then = Then.STOPPED
         self.kill(reason)
 
     def send_signal(self, signum: int) -> None:
@@ -153,19 +217,25 @@ class SupervisedChild:
     def do_not_restart(self, reason: str) -> None:
         """Start no further incarnation: the run stops."""
         self._may_restart = False
-        if self.state in (None, ChildState.BACKOFF):
-            self._move(ChildState.STOPPED, reason)
-
-    def _environment(self) -> dict[str, str]:
-        value = marker(self._run_id, self.spec.name, self.incarnation)
-        return {**self.spec.environment, MARKER: value}
+        self.stay_stopped(reason)
 
     def _check_ready(self) -> None:
         if self._incarnations.is_ready(self.spec.name, self.incarnation):
             self._budget.running()
             self._move(ChildState.RUNNING, "ready")
 
-    def _is_reclaimed(self) -> bool:
+    def _check_hang(self, now_s: float) -> None:
+        if self._then is not None or self._process is None:
+            return  # in an ordered stop, its grace is the deadline
+        doing = self._incarnations.doing(self.spec.name, self.incarnation)
+        hung_s = self._hang_watch.hung_for_s(doing, now_s)
+        if hung_s is not None and doing is not None:
+            what = self._incarnations.describe(self.spec.name, self.incarnation, doing)
+            self.abort(f"{what} for {hung_s:.1f} s")
+
+    def _may_open(self) -> bool:
+        if not self._around.may_start(self):
+            return False
         return not self._is_opened or self._incarnations.is_reclaimed(self.spec.name, self.incarnation)
 
     def _on_exit(self) -> None:
@@ -173,7 +243,7 @@ class SupervisedChild:
         status = process.exit_status() if process else None
         if process is None or status is None:
             return
-        kill_child_leftovers(process.pid, marker(self._run_id, self.spec.name, self.incarnation))
+        kill_child_leftovers(process.pid, process.marker, self._around.known_pids())
         self._release(process)
         if self.state is ChildState.STARTING and not self._kill_reason:
             self._check_ready()  # it may have become ready and ended since the last poll
@@ -186,6 +256,7 @@ class SupervisedChild:
         """
         if self._process:
             self._release(self._process)
+            self.hangs_in_kernel = True
             self._move(ChildState.FAILED, f"{self._kill_reason}; but it hangs in the kernel despite SIGKILL")
 
     def _release(self, process: ChildProcess) -> None:
@@ -193,14 +264,17 @@ class SupervisedChild:
             stream.finish()
         self._streams = []
         self.output.report_dropped()
-        self._loop.unwatch(process.pidfd)
+        self._around.loop.unwatch(process.pidfd)
         process.reap()
         self._process = None
+        self._kill_at_s = None
 
     def _why(self, status: ExitStatus) -> str:
         if self._kill_reason:
             return f"{self._kill_reason}: {status.reason}"
-        if status.is_clean and self.state is ChildState.STARTING and not self._was_asked_to_stop:
+        if self._stop_reason:
+            return f"{self._stop_reason}: {status.reason}"
+        if status.is_clean and self.state is ChildState.STARTING and self._then is None:
             return f"{status.reason} before it was ready"
         return status.reason
 
@@ -213,7 +287,11 @@ class SupervisedChild:
         )
         if self._is_opened:
             self._incarnations.died(self.spec.name, self.incarnation)
-        if self._was_asked_to_stop:
+        if self._then is Then.RESTART and self._may_restart:
+            self._due_s = self._clock()
+            self._move(ChildState.BACKOFF, reason, status, 0.0)
+            return
+        if self._then is not None:
             self._move(ChildState.STOPPED, reason, status)
             return
         if is_clean and self.spec.ends_run:
@@ -252,4 +330,4 @@ class SupervisedChild:
         self.state = new
         self.reason = reason
         self._incarnations.state_changed(change)
-        self._on_change(self, change)
+        self._around.on_change(self, change)

@@ -15,8 +15,8 @@ from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 
+from robbie_mp.proc import ProcessIdentity
 from robbie_mp.supervisor.leftovers import kill_run_leftovers
-from robbie_mp.supervisor.proc import ProcessIdentity
 from robbie_mp.supervisor.run_directory import RUN_ID, UNFINISHED_PREFIX, base_folders, lock_folder
 from robbie_mp.transport.layout import (
     HEADER_CREATOR_PID,

@@ -6,18 +6,41 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 
+from robbie_mp.errors import RobbieError
+from robbie_mp.suggest import did_you_mean
 from robbie_mp.supervisor.child_spec import ChildKind, ChildSpec, InvalidChild
+from robbie_mp.supervisor.dependencies import Dependencies
 from robbie_mp.supervisor.event_loop import EventLoop, signals_in_loop
 from robbie_mp.supervisor.incarnations import Incarnations
 from robbie_mp.supervisor.leftovers import OrphanReaper
 from robbie_mp.supervisor.ordered_stop import OrderedStop
 from robbie_mp.supervisor.output import OutputStore
 from robbie_mp.supervisor.restart import RestartBudget
+from robbie_mp.supervisor.running_time import RunningTime
+from robbie_mp.supervisor.spares import SpareCommand, SparePool
 from robbie_mp.supervisor.states import ChildState, StateChange
-from robbie_mp.supervisor.supervised_child import POLL_S, SupervisedChild
+from robbie_mp.supervisor.supervised_child import POLL_S, SupervisedChild, Surroundings, Then
 
 IDLE_POLL_S = 0.1
 CLOCK_STEP_S = 0.01
+
+
+class NoSuchChild(RobbieError, LookupError):
+    """No child has that name.
+
+    Example scenarios:
+      - `robbie restart lazer`
+    """
+
+
+class CannotControl(RobbieError, RuntimeError):
+    """A child cannot be stopped or restarted now.
+
+    Example scenarios:
+      - the run is stopping
+      - it is stopped already
+      - it is the core, without which nothing runs
+    """
 
 
 class Tree:
@@ -39,6 +62,8 @@ class Tree:
         output: OutputStore,
         each_turn: Callable[[], None] = lambda: None,
         wall_clock: Callable[[], float] = time.time,
+        clock: Callable[[], float] = time.monotonic,
+        spares: SpareCommand | None = None,
     ):
         """Prepare; nothing is started yet.
 
@@ -49,6 +74,8 @@ class Tree:
             output: takes what the children print.
             each_turn: called every turn of the loop: at least every 0.1 s, more often when things happen.
             wall_clock: what waits of semaphores are measured by (CLOCK_REALTIME).
+            clock: what everything else is measured by, in s; it never goes back.
+            spares: what warm interpreters for restarts are started by; None: every process starts cold.
 
         Raises:
             InvalidChild: two children have the same name.
@@ -59,15 +86,18 @@ class Tree:
         self.stop_reason = ""
         self._incarnations = incarnations
         self._each_turn = each_turn
-        self._clock = time.monotonic
+        self._clock = RunningTime(clock)
         self._wall_clock = wall_clock
         self._clock_offset_s = wall_clock() - self._clock()
         self._loop = EventLoop(self._clock)
         self._stop: OrderedStop | None = None
-        self._were_modules_started = False
+        self._partial_stops: list[OrderedStop] = []
         self._was_all_started = False
         ordered = sorted(specs, key=lambda spec: spec.kind is not ChildKind.CORE)
-        self.children = [self._child(spec, run_id, output) for spec in ordered]
+        self._spares = SparePool(spares, run_id, self._loop, output.child("supervisor"), self._clock)
+        self.children: list[SupervisedChild] = []
+        self._dependencies = Dependencies(self.children)
+        self.children += [self._child(spec, output) for spec in ordered]
 
     def run(self) -> int:
         """Run to the end and return the exit code: 1 if a child is FAILED, else 0."""
@@ -75,13 +105,14 @@ class Tree:
             stack.callback(self._loop.close)
             stack.callback(self._incarnations.close)
             orphans = stack.enter_context(OrphanReaper())
+            stack.callback(self._spares.close)
             stack.callback(self._kill_rest)
             signums = [signal.SIGINT, signal.SIGTERM]
             if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as under nohup(1)
                 signums.append(signal.SIGHUP)
             stack.enter_context(signals_in_loop(self._loop, signums, self._on_signal))
             while self._turn():
-                orphans.reap({child.pid for child in self.children if child.pid})
+                orphans.reap(self._known_pids())
         return int(any(child.state is ChildState.FAILED for child in self.children))
 
     def stop(self, reason: str) -> None:
@@ -89,7 +120,8 @@ class Tree:
         if self._stop:
             return
         self.stop_reason = reason
-        self._stop = OrderedStop(self.children, self._clock)
+        self._stop = OrderedStop(self.children, Then.STOPPED, "", self._clock)
+        self._partial_stops.clear()
         for child in self.children:
             child.do_not_restart(f"not started: {reason}")
 
@@ -103,12 +135,52 @@ class Tree:
         """Return a child, so that a watchdog can kill it or send it a signal.
 
         Raises:
-            KeyError: there is none of that name.
+            NoSuchChild: there is none of that name.
         """
         for child in self.children:
             if child.spec.name == name:
                 return child
-        raise KeyError(f"no child is named {name!r}")
+        names = [child.spec.name for child in self.children]
+        near = did_you_mean(name, names) or f"; there are {', '.join(names)}"
+        raise NoSuchChild(f"no module is named {name!r}{near}")
+
+    def stop_child(self, name: str, reason: str) -> SupervisedChild:
+        """Stop one child in order, for good; `restart_child` starts it again.
+
+        Raises:
+            NoSuchChild: there is none of that name.
+            CannotControl: it is the core, or has ended already, or the run stops.
+        """
+        child = self._controlled(name)
+        if child.spec.kind is ChildKind.CORE:
+            raise CannotControl("without the core nothing runs; stop the whole run, or restart the core")
+        if child.state is not None and child.state.is_final:
+            raise CannotControl(f"{name} is {child.state} already ({child.reason})")
+        if child.pid is None:
+            child.stay_stopped(reason)
+        else:
+            self._partial_stops.append(OrderedStop([child], Then.STOPPED, reason, self._clock))
+        return child
+
+    def restart_child(self, name: str, reason: str) -> SupervisedChild:
+        """Stop one child in order if it has a process, then start it with a fresh budget.
+
+        Raises:
+            NoSuchChild: there is none of that name.
+            CannotControl: its process hangs in the kernel, or the run stops.
+        """
+        child = self._controlled(name)
+        if child.hangs_in_kernel:
+            raise CannotControl(f"{name}: its dead process hangs in the kernel and keeps its memory")
+        child.restart_now(reason)
+        if child.pid is not None:
+            self._partial_stops.append(OrderedStop([child], Then.RESTART, reason, self._clock))
+        return child
+
+    def _controlled(self, name: str) -> SupervisedChild:
+        if self._stop:
+            raise CannotControl(f"the run is stopping: {self.stop_reason}")
+        return self.child(name)
 
     def watch(self, fd: int, callback: Callable[[], None]) -> None:
         """Call back from the loop whenever a descriptor, such as a control socket, is readable."""
@@ -118,17 +190,21 @@ class Tree:
         """Stop watching a descriptor; must come before it is closed."""
         self._loop.unwatch(fd)
 
-    def _child(self, spec: ChildSpec, run_id: str, output: OutputStore) -> SupervisedChild:
-        return SupervisedChild(
-            spec,
-            run_id,
+    def _child(self, spec: ChildSpec, output: OutputStore) -> SupervisedChild:
+        surroundings = Surroundings(
             self._incarnations,
-            output.child(spec.name),
             self._loop,
-            RestartBudget(spec.restart, self._clock, random.random),
             self._clock,
+            self._spares.start,
+            self._known_pids,
+            self._dependencies.are_settled,
             self._on_change,
         )
+        budget = RestartBudget(spec.restart, self._clock, random.random)
+        return SupervisedChild(spec, output.child(spec.name), budget, surroundings)
+
+    def _known_pids(self) -> set[int]:
+        return {child.pid for child in self.children if child.pid} | self._spares.pids
 
     def _turn(self) -> bool:
         """Go round the loop once; False when the run is over."""
@@ -141,14 +217,15 @@ class Tree:
         self._each_turn()
         if all(c.state and c.state.is_final for c in self.children if c.spec.kind is ChildKind.MODULE):
             self.stop("all modules have ended")
-        if self._stop:
-            self._stop.step()
+        for stop in [self._stop] if self._stop else self._partial_stops:
+            stop.step()
+        self._partial_stops = [stop for stop in self._partial_stops if not stop.is_over]
+        self._spares.replenish(is_calm=not self._stop and self._is_calm())
         return not (self._stop and all(child.pid is None for child in self.children))
 
     def _timeout_s(self) -> float:
         waits = [child.poll_in_s() for child in self.children]
-        if self._stop:
-            waits.append(self._stop.next_in_s())
+        waits += [stop.next_in_s() for stop in ([self._stop] if self._stop else self._partial_stops)]
         return min([IDLE_POLL_S, *(wait for wait in waits if wait is not None)])
 
     def _start_what_may(self) -> None:
@@ -159,6 +236,11 @@ class Tree:
 
     def _is_core_ready(self) -> bool:
         return all(c.state is ChildState.RUNNING for c in self.children if c.spec.kind is ChildKind.CORE)
+
+    def _is_calm(self) -> bool:
+        """Whether nobody starts or stops now."""
+        states = {child.state for child in self.children}
+        return not self._partial_stops and not states & {None, ChildState.STARTING, ChildState.BACKOFF}
 
     def _announce_all_started(self) -> None:
         if not self._was_all_started and not self._stop and all(child.was_settled for child in self.children):
@@ -185,9 +267,18 @@ class Tree:
         name = child.spec.name
         if child.ended_run:
             self.stop(f"{name} ended the run")
+        if change.new is ChildState.BACKOFF:
+            self._restart_dependents(child)
         is_needed = child.spec.essential or child.spec.ends_run or child.spec.kind is ChildKind.CORE
         if change.new is ChildState.FAILED and is_needed:
             self.stop(f"{name} is FAILED: {change.reason}")
+
+    def _restart_dependents(self, child: SupervisedChild) -> None:
+        """Stop who depends on a child that is restarted; they wait in BACKOFF until it is RUNNING."""
+        dependents = [c for c in self._dependencies.dependents(child) if c.pid is not None]
+        if running := [dependent for dependent in dependents if not dependent.is_stopping]:
+            reason = f"restarted with {child.spec.name}"
+            self._partial_stops.append(OrderedStop(running, Then.RESTART, reason, self._clock))
 
     def _kill_rest(self) -> None:
         """Leave no child behind, whatever error ended the loop; close their log files."""

@@ -12,6 +12,7 @@ from typing import Self
 import posix_ipc
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.proc import ProcessIdentity
 from robbie_mp.transport import layout
 from robbie_mp.transport.words import WORD_BYTES, Words
 
@@ -31,12 +32,6 @@ class SegmentMissing(RobbieError, FileNotFoundError):
 
 class SegmentMismatch(RobbieError, ValueError):
     """A segment is not what its name promises, or comes from another version of Robbie-MP."""
-
-
-def process_start_ticks(pid: int) -> int:
-    """When a process started, in clock ticks since boot (proc(5)): with the pid, its name for good."""
-    with open(f"/proc/{pid}/stat", "rb") as stat:
-        return int(stat.read().rpartition(b")")[2].split()[19])
 
 
 class Segment:
@@ -97,8 +92,9 @@ class Segment:
         header[layout.HEADER_BYTES] = size
         header[layout.HEADER_SLOT] = slot
         header[layout.HEADER_INCARNATION] = incarnation
-        header[layout.HEADER_CREATOR_PID] = os.getpid()
-        header[layout.HEADER_CREATOR_START] = process_start_ticks(os.getpid())
+        creator = ProcessIdentity.own()
+        header[layout.HEADER_CREATOR_PID] = creator.pid
+        header[layout.HEADER_CREATOR_START] = creator.start_ticks
         header[layout.HEADER_MAGIC] = layout.MAGIC
         return segment
 

@@ -15,6 +15,7 @@ from robbie_mp.profile.model import (
     ModuleSpec,
     QueueLimits,
     RestartPolicy,
+    SpareInterpreters,
 )
 
 from .conftest import Robot
@@ -30,6 +31,8 @@ def documented(heading: str) -> dict[str, str]:
 
 
 def in_yaml(value: object) -> str:
+    if value is None:
+        return "null"
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
@@ -58,8 +61,14 @@ def test_every_key_of_a_module_is_documented_with_its_default() -> None:
     assert table == {
         "class": "required",
         **dict.fromkeys(["settings", "restart", "memory", "queue", "checkpoint"], "{}"),
+        "depends_on": "[]",
         **plain,
     }
+
+
+def test_every_key_of_spares_is_documented_with_its_default() -> None:
+    default = SpareInterpreters()
+    assert documented("spares") == {"count": str(default.count), "imports": str(default.imports)}
 
 
 def test_every_key_of_a_profile_is_documented() -> None:

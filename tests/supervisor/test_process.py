@@ -77,14 +77,14 @@ def test_child_inherits_no_descriptor_and_no_input() -> None:
         os.close(writer)
 
 
-def test_child_gets_the_given_environment_alone() -> None:
+def test_child_gets_the_given_environment_and_its_marker_alone() -> None:
     with started("import os; print(sorted(set(os.environ) - {'LC_CTYPE'}))", ROBOT="lisa") as process:
-        assert output(process).strip() == "['PYTHONPATH', 'ROBOT']"
+        assert output(process).strip() == "['PYTHONPATH', 'ROBBIE_CHILD', 'ROBOT']"
 
 
 def test_command_that_does_not_exist_leaves_nothing_open() -> None:
     with pytest.raises(FileNotFoundError):
-        ChildProcess.start(("/no/such/command",), {})
+        ChildProcess.start(("/no/such/command",), {}, "run/child/1")
 
 
 def test_child_whose_parent_died_before_it_could_ask_dies_too() -> None:

@@ -1,4 +1,4 @@
-"""What the kernel says of processes: the few fields of proc(5) that supervision needs."""
+"""What the kernel says of processes: the few fields of proc(5) that supervision and cleaning up need."""
 
 import os
 from collections.abc import Iterator
@@ -77,3 +77,18 @@ def environment_value(pid: int, variable: str) -> str | None:
         return None  # gone, or another user's
     prefix = f"{variable}=".encode()
     return next((os.fsdecode(entry[len(prefix) :]) for entry in entries if entry.startswith(prefix)), None)
+
+
+def own_children() -> frozenset[int]:
+    """Return the pids of this process's children, those that are dead and not reaped yet included.
+
+    Complete as long as no other thread of this process reaps children meanwhile.
+    """
+    found: list[str] = []
+    try:
+        for thread in os.listdir("/proc/self/task"):
+            with open(f"/proc/self/task/{thread}/children") as file:
+                found += file.read().split()
+    except FileNotFoundError:  # a thread that just ended, or a kernel without CONFIG_PROC_CHILDREN
+        return frozenset(stat.pid for stat in processes() if stat.parent == os.getpid())
+    return frozenset(map(int, found))

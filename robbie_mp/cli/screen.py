@@ -1,0 +1,164 @@
+"""What a person sees of a run: on a terminal a live table below the lines, else only the lines.
+
+All of it is written by a thread of its own. A terminal that is stopped (Ctrl-S) or slow blocks who writes to
+it, and a pipe that was closed is an error; the robot must feel neither. So the supervisor's thread only puts
+lines into a queue, and what finds no room there is counted instead.
+"""
+
+import contextlib
+import io
+import os
+import queue
+import threading
+import time
+from typing import IO, cast
+
+from rich.console import Console
+from rich.live import Live
+
+from robbie_mp.cli.figures import table
+from robbie_mp.observe import RunObserver
+from robbie_mp.supervisor.output import OutputLine
+from robbie_mp.supervisor.run import RunListener
+from robbie_mp.supervisor.states import ChildState, StateChange
+from robbie_mp.transport.segment import SegmentMissing
+
+REFRESH_S = 0.25
+QUEUED_LINES = 1000
+LAST_WORDS_S = 1.0
+"""How long the end of a run waits for lines that are still to be written."""
+STANDARD_ERROR = 2
+
+
+class Unbuffered(io.TextIOBase):
+    """A text file that holds no lock while it writes, so that a blocked one does not block Python's exit."""
+
+    def __init__(self, fd: int):
+        self._fd = fd
+
+    def write(self, text: str) -> int:
+        """Write all of it, however long that takes."""
+        data = text.encode(errors="replace")
+        while data:
+            data = data[os.write(self._fd, data) :]
+        return len(text)
+
+    def isatty(self) -> bool:
+        """Whether it is a terminal."""
+        return os.isatty(self._fd)
+
+    def fileno(self) -> int:
+        """Its descriptor."""
+        return self._fd
+
+
+class RunScreen:
+    """Shows a run while it is entered; see the module's text.
+
+    Attributes:
+        listener: what to give to the run.
+        dropped: lines that found no room.
+    """
+
+    def __init__(self, *, quiet: bool, fd: int = STANDARD_ERROR):
+        """Prepare.
+
+        Args:
+            quiet: show only what went wrong.
+            fd: where to write.
+        """
+        self._file = Unbuffered(fd)
+        self._console = Console(file=cast("IO[str]", self._file), highlight=False)
+        self._quiet = quiet
+        self._lines: queue.Queue[tuple[str, str]] = queue.Queue(QUEUED_LINES)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._show, name="screen", daemon=True)
+        self._run_id = ""
+        self._reported = 0
+        self.dropped = 0
+        self.listener = RunListener(self._on_line, self._on_change, self._on_begin)
+
+    def __enter__(self) -> "RunScreen":
+        """Begin to show."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        """Show what is waiting, as far as it can be shown quickly, and clear the table."""
+        self._ended.set()
+        self._put("", "")  # wakes the thread
+        self._thread.join(LAST_WORDS_S)
+
+    # -- in the supervisor's thread ----------------------------------------------------------------------
+
+    def _on_begin(self, run_id: str) -> None:
+        self._run_id = run_id
+
+    def _on_line(self, line: OutputLine) -> None:
+        if not self._quiet:
+            self._put(f"[{line.name}] {line.text}", "dim" if line.stream == "stdout" else "")
+
+    def _on_change(self, change: StateChange) -> None:
+        if change.new in (ChildState.FAILED, ChildState.BACKOFF):
+            again = f", again in {change.restart_in_s:.2f} s" if change.restart_in_s is not None else ""
+            self._put(f"{change.name}: {change.new} ({change.reason}{again})", "bold red")
+            for text in change.last_lines if self._quiet else ():
+                self._put(f"[{change.name}] {text}", "")
+
+    def _put(self, text: str, style: str) -> None:
+        try:
+            self._lines.put_nowait((text, style))
+        except queue.Full:
+            self.dropped += 1
+
+    # -- in the screen's thread --------------------------------------------------------------------------
+
+    def _show(self) -> None:
+        with contextlib.suppress(OSError):  # nobody looks any more
+            if self._quiet or not self._console.is_terminal:
+                self._show_lines(None)
+                return
+            live = Live(
+                console=self._console,
+                auto_refresh=False,
+                transient=True,
+                redirect_stdout=False,
+                redirect_stderr=False,
+            )
+            with live:
+                self._show_lines(live)
+
+    def _show_lines(self, live: Live | None) -> None:
+        observer: RunObserver | None = None
+        next_s = 0.0
+        try:
+            while not self._ended.is_set() or not self._lines.empty():
+                self._print_next(live, REFRESH_S if live else None)
+                if live and time.monotonic() >= next_s:
+                    next_s = time.monotonic() + REFRESH_S
+                    observer = observer or self._observe()
+                    if observer:
+                        live.update(table(observer.modules(), live=True), refresh=True)
+        finally:
+            if observer:
+                observer.close()
+
+    def _observe(self) -> RunObserver | None:
+        with contextlib.suppress(SegmentMissing):
+            return RunObserver(self._run_id) if self._run_id else None
+        return None
+
+    def _print_next(self, live: Live | None, timeout_s: float | None) -> None:
+        with contextlib.suppress(queue.Empty):
+            text, style = self._lines.get(timeout=timeout_s)
+            if text:
+                self._print(live, text, style)
+        if (missing := self.dropped - self._reported) and self._lines.empty():
+            self._reported += missing
+            self._print(live, f"({missing} lines not shown: this came too slowly here; see the logs)", "")
+
+    def _print(self, live: Live | None, text: str, style: str) -> None:
+        if live is None:
+            self._file.write(text + "\n")
+        else:
+            self._console.print(text, style=style, markup=False, soft_wrap=True)

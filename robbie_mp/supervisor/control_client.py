@@ -1,0 +1,67 @@
+"""Sends a command to a running supervisor."""
+
+import json
+import os
+import socket
+from pathlib import Path
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.supervisor.control import MAX_LINE_BYTES, socket_address
+
+
+class ControlRefused(RobbieError, RuntimeError):
+    """The supervisor did not do as it was told; the text is its own.
+
+    Example scenarios:
+      - no module has the name
+      - the module was FAILED again before it was RUNNING
+    """
+
+
+class RunNotControlled(RobbieError, ConnectionError):
+    """Nobody answers at the run's socket.
+
+    Example scenarios:
+      - the run is just starting, or has just ended
+    """
+
+
+def control(folder: Path, command: str, module: str | None = None) -> str:
+    """Send a command and wait until it is done.
+
+    Args:
+        folder: the run's folder.
+        command: "stop" or "restart".
+        module: whom it concerns; None: the whole run, which ends.
+
+    Returns:
+        What the supervisor says; '' if the run has ended.
+
+    Raises:
+        ControlRefused: it says that this cannot be done.
+        RunNotControlled: nobody answers.
+    """
+    request = {"command": command} | ({"module": module} if module is not None else {})
+    answer = json.loads(_exchange(folder, json.dumps(request).encode() + b"\n") or "{}")
+    if "error" in answer:
+        raise ControlRefused(answer["error"])
+    if module is not None and not answer:
+        raise ControlRefused(f"the run ended before {module} was {command}ed")
+    return str(answer.get("done", ""))
+
+
+def _exchange(folder: Path, request: bytes) -> bytes:
+    """Send a line and return the answer, empty if the connection is closed without one."""
+    try:
+        folder_fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+                connection.connect(socket_address(folder_fd))
+                connection.sendall(request)
+                return connection.makefile("rb").readline(MAX_LINE_BYTES + 1)
+        finally:
+            os.close(folder_fd)
+    except OSError as error:
+        raise RunNotControlled(
+            f"run {folder.name} takes no commands: {error.strerror}; see `robbie list`"
+        ) from error

@@ -1,0 +1,40 @@
+"""Tells when a child has been doing one and the same thing for too long."""
+
+from robbie_mp.supervisor.incarnations import Doing
+from robbie_mp.transport.layout import Activity
+
+
+class HangWatch:
+    """Looks at what one child is doing, again and again.
+
+    What counts is the time from the first look at a thing to the last one at which it is still the same: so
+    neither words that change between two reads nor another clock can make a child that works look hung.
+    """
+
+    def __init__(self, deadline_s: float, teardown_deadline_s: float):
+        """Set the deadlines.
+
+        Args:
+            deadline_s: how long anything but the teardown may take; 0: for ever.
+            teardown_deadline_s: how long the teardown may take if it is longer; it may write a large map.
+        """
+        self._deadline_s = deadline_s
+        self._teardown_deadline_s = max(deadline_s, teardown_deadline_s)
+        self._doing: Doing | None = None
+        self._since_s = 0.0
+
+    def hung_for_s(self, doing: Doing | None, now_s: float) -> float | None:
+        """Return for how long the child has been hung in what it is doing, None if it is not.
+
+        Args:
+            doing: what it is doing now; None: nothing.
+            now_s: a time that never goes back and stands still with everybody else.
+        """
+        if doing is None or doing != self._doing:
+            self._doing = doing
+            self._since_s = now_s
+            return None
+        in_teardown = doing.activity is Activity.TEARDOWN
+        deadline_s = self._teardown_deadline_s if in_teardown else self._deadline_s
+        passed_s = now_s - self._since_s
+        return passed_s if self._deadline_s and passed_s >= deadline_s else None
