@@ -19,6 +19,14 @@ class PublishAfterStop(RobbieError, RuntimeError):
     """
 
 
+class SubscribedTwice(RobbieError, ValueError):
+    """A module subscribed twice to the same messages; one handler may call the other.
+
+    Example scenarios:
+      - two helpers of a module each subscribe to ModuleState for all topics
+    """
+
+
 class Envelope(NamedTuple):
     """What came with a message."""
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from robbie_mp.bus import MessageType
+from robbie_mp.bus import MessageType, SubscribedTwice
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
 from robbie_mp.transport import layout
@@ -37,6 +37,7 @@ class Inbox:
         self._words = words
         self._log = logging.getLogger("robbie.receive")
         self._handlers: dict[int, tuple[type[Message], Callable[[Any], None]]] = {}
+        self._subscribed: set[tuple[type[Message], str]] = set()
         self._pinned: dict[int, tuple[weakref.ref[Any], Delivery]] = {}
         self._let_go: deque[int] = deque()
         """References whose memory nobody looks at any more; filled by finalizers, in any thread."""
@@ -50,7 +51,17 @@ class Inbox:
         handling: MessageHandling,
         topic: str,
     ) -> None:
-        """Have messages of a type handled."""
+        """Have messages of a type handled.
+
+        Raises:
+            SubscribedTwice: the module has subscribed to them already.
+        """
+        if (message_type, topic) in self._subscribed:
+            raise SubscribedTwice(
+                f"this module subscribes to {message_type.type_name} on topic '{topic}' already; "
+                "let one handler call the other"
+            )
+        self._subscribed.add((message_type, topic))
         number = self._endpoint.subscribe(message_type.type_name, message_type.version, topic, handling)
         self._handlers[number] = (message_type, handler)
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from robbie_mp.bus import PublishAfterStop
+from robbie_mp.bus import PublishAfterStop, SubscribedTwice
 from robbie_mp.clock import SystemClock
 from robbie_mp.messages import FieldError, Header, Image, Time
 from robbie_mp.supervisor.memory import unlink_data_segments
@@ -81,6 +81,12 @@ def test_message_comes_as_it_went(pair: Pair) -> None:
     assert pair.outbox.publish(sent, "camera")
     pair.pass_on()
     assert seen == [sent]
+
+
+def test_second_handler_for_the_same_messages_is_refused(pair: Pair) -> None:
+    with pytest.raises(SubscribedTwice, match="one handler call the other"):
+        pair.inbox.subscribe(Image, pair.on_image, MessageHandling.KEEP_ONLY_NEWEST, "")
+    pair.inbox.subscribe(Image, pair.on_image, MessageHandling.ALWAYS_DELIVER, "camera")
 
 
 def test_received_array_cannot_be_written(pair: Pair) -> None:
