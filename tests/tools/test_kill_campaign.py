@@ -1,0 +1,159 @@
+"""The kill campaign in short, and that its verdict can fail."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.observe import ChannelFigures, ModuleFigures, SubscriptionFigures
+from tools.kill_campaign.__main__ import main
+from tools.kill_campaign.message import Numbered
+from tools.kill_campaign.verdict import judge, read_records
+
+NAMES = ["talker", "hearer"]
+TALK = """
+S 1 5 .
+I 0 10 .
+A 0 11 .
+I 1 12 .
+R 1 13 .
+I 2 14 .
+A 2 15 .
+I 3 16 .
+
+S 2 20 .
+I 0 21 .
+A 0 22 .
+I 1 23 .
+A 1 24 .
+"""
+HEAR = """
+S 1 4 .
+E 7 talker 1 0 1 10 12 .
+L 7 1 13 .
+E 8 talker 1 2 1 14 16 .
+
+S 2 18 .
+E 10 talker 2 0 1 21 23 .
+L 10 1 24 .
+E 11 talker 2 1 1 23 25 .
+L 11 1 26 .
+"""
+BOOKS = SubscriptionFigures(
+    Numbered.type_name, "talker", "ALWAYS_DELIVER", routed=5, delivered=3, replaced=0, dropped=1, lost=1
+)
+
+
+def violations(
+    folder: Path,
+    talk: str = TALK,
+    hear: str = HEAR,
+    books: SubscriptionFigures = BOOKS,
+    *,
+    restarts: int = 1,
+    messages: int = 5,
+    refused: int = 1,
+) -> list[str]:
+    (folder / "talker.journal").write_text(talk)
+    (folder / "hearer.journal").write_text(hear)
+    modules = {
+        "talker": figures("talker", restarts=1, published=5, refused=refused),
+        "hearer": figures("hearer", restarts=restarts, subscriptions=(books,)),
+    }
+    channels = [ChannelFigures(Numbered.type_name, "talker", messages, 1000)]
+    return judge(read_records(folder, NAMES), modules, channels).violations
+
+
+def figures(name: str, **known: object) -> ModuleFigures:
+    types = {field.name: field.type for field in dataclasses.fields(ModuleFigures)}
+    values = {
+        field: "" if kind is str else () if field == "subscriptions" else 0 for field, kind in types.items()
+    }
+    return ModuleFigures(**{**values, "name": name, **known})  # type: ignore[arg-type]
+
+
+def without(text: str, line: str) -> str:
+    assert line in text
+    return text.replace(line + "\n", "")
+
+
+def test_journals_that_agree_with_the_counters_are_no_violation(tmp_path: Path) -> None:
+    assert violations(tmp_path) == []
+
+
+def test_uncertain_message_may_also_not_have_been_published(tmp_path: Path) -> None:
+    books = dataclasses.replace(BOOKS, routed=4, dropped=0)
+    assert violations(tmp_path, books=books, messages=4) == []
+    books = dataclasses.replace(BOOKS, routed=3, dropped=0, delivered=2)
+    assert violations(tmp_path, books=books, messages=3)
+
+
+def test_uncertain_message_that_somebody_has_was_published(tmp_path: Path) -> None:
+    hear = HEAR.replace("\nS 2 18 .", "E 9 talker 1 3 1 16 17 .\n\nS 2 18 .").replace(
+        "E 8 talker 1 2 1 14 16 .", "E 8 talker 1 2 1 14 16 .\nL 8 1 17 ."
+    )
+    books = dataclasses.replace(BOOKS, delivered=4, dropped=0)
+    assert violations(tmp_path, hear=hear, books=books) == []
+    assert violations(
+        tmp_path, hear=hear, books=dataclasses.replace(books, routed=4, delivered=3), messages=4
+    )
+
+
+@pytest.mark.parametrize(
+    ("line", "tampered"),
+    [
+        ("E 10 talker 2 0 1 21 23 .", "E 8 talker 2 0 1 21 23 ."),  # the same sequence again
+        ("E 10 talker 2 0 1 21 23 .", "E 10 talker 1 2 1 21 23 ."),  # the same message again
+        ("E 10 talker 2 0 1 21 23 .", "E 6 talker 2 0 1 21 23 ."),  # out of order
+        ("E 10 talker 2 0 1 21 23 .", "E 10 talker 2 0 0 21 23 ."),  # wrong checksum
+        ("E 10 talker 2 0 1 21 23 .", "E 10 talker 1 1 1 21 23 ."),  # was refused
+        ("E 10 talker 2 0 1 21 23 .", "E 10 talker 1 9 1 21 23 ."),  # was never published
+        ("L 10 1 24 .", "L 10 0 24 ."),  # changed in the handler's hands
+        ("S 2 18 .", "S 1 18 ."),  # a checkpoint was forgotten
+    ],
+)
+def test_tampered_journal_is_a_violation(tmp_path: Path, line: str, tampered: str) -> None:
+    assert line in HEAR
+    assert violations(tmp_path, hear=HEAR.replace(line, tampered))
+
+
+def test_message_that_was_delivered_but_never_handled_is_a_violation(tmp_path: Path) -> None:
+    hear = without(without(HEAR, "E 11 talker 2 1 1 23 25 ."), "L 11 1 26 .")
+    assert violations(tmp_path, hear=hear)
+
+
+@pytest.mark.parametrize(
+    "change", [{"routed": 6}, {"routed": 4}, {"delivered": 4}, {"dropped": 0}, {"lost": 0}]
+)
+def test_counter_that_is_off_by_one_is_a_violation(tmp_path: Path, change: dict[str, int]) -> None:
+    assert violations(tmp_path, books=dataclasses.replace(BOOKS, **change))
+
+
+def test_more_messages_lost_than_deaths_is_a_violation(tmp_path: Path) -> None:
+    assert violations(tmp_path, restarts=0)
+
+
+def test_channel_that_disagrees_with_its_publisher_is_a_violation(tmp_path: Path) -> None:
+    books = dataclasses.replace(BOOKS, routed=6, dropped=2)
+    assert violations(tmp_path, books=books, messages=6)
+
+
+def test_uncounted_refusal_is_a_violation(tmp_path: Path) -> None:
+    assert violations(tmp_path, refused=0)
+
+
+def test_line_cut_short_by_a_kill_counts_as_never_written(tmp_path: Path) -> None:
+    cut = TALK.replace("I 3 16 .\n", "I 3 16 .\nA 3 1\n")
+    assert violations(tmp_path, talk=cut) == []
+
+
+@pytest.mark.timeout(120)
+def test_short_campaign_finds_no_violation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--kills", "12", "--seed", "3", "--longest-stop", "1", "--mean-pause", "0.5", "--json"]
+    code = main([*arguments, "--keep", str(tmp_path)])
+    report = json.loads(capsys.readouterr().out)
+    assert code == 0, report["violations"]
+    assert report["kills"] >= 12
+    assert report["messages"]["handlers_entered"] > 1000
+    assert report["restarts"]["core"] > 0

@@ -1,0 +1,1 @@
+"""Kills processes of a live robot at random moments and checks afterwards that nothing went uncounted."""

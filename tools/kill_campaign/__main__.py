@@ -1,0 +1,66 @@
+"""`python -m tools.kill_campaign --kills N --seed S [--json]`: see docs/reliability.md."""
+
+import argparse
+import json
+import signal
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from tools.kill_campaign.campaign import Plan, run_campaign
+from tools.kill_campaign.robot import RobotTrouble
+from tools.kill_campaign.stop_latency import measure_stop_latency
+
+VIOLATED = 1
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; the exit code is 0 if there is no violation, else 1."""
+    parser = argparse.ArgumentParser(prog="python -m tools.kill_campaign", description=__doc__)
+    parser.add_argument("--kills", type=int, default=100, help="processes to kill (100)")
+    parser.add_argument("--seed", type=int, default=1, help="of all choices (1)")
+    parser.add_argument("--longest-stop", type=float, default=10.0, metavar="S", help="of a process (10)")
+    parser.add_argument("--mean-pause", type=float, default=0.3, metavar="S", help="between attacks (0.3)")
+    parser.add_argument(
+        "--stop-latency", action="store_true", help="instead: what one stopped module costs the others"
+    )
+    parser.add_argument("--rounds", type=int, default=3, help="of --stop-latency, each about 25 s (3)")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="an empty folder for journals and logs")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory(prefix="robbie-campaign-") as temporary:
+        folder = options.keep or Path(temporary)
+        try:
+            if options.stop_latency:
+                report = measure_stop_latency(folder, options.rounds)
+            else:
+                plan = Plan(
+                    options.kills,
+                    options.seed,
+                    mean_pause_s=options.mean_pause,
+                    longest_stop_s=options.longest_stop,
+                )
+                report = run_campaign(plan, folder)
+        except RobotTrouble as trouble:
+            report = {"violations": [str(trouble)]}
+    print(json.dumps(report, indent=2) if options.json else as_text(report))
+    return VIOLATED if report["violations"] else 0
+
+
+def as_text(report: dict[str, Any], indent: str = "") -> str:
+    """A report for people: one line a figure."""
+    lines = []
+    for name, value in report.items():
+        if isinstance(value, dict):
+            lines += [f"{indent}{name}:", as_text(value, indent + "  ")]
+        elif name == "violations":
+            lines += [f"{indent}violations: {len(value)}", *(f"{indent}  {text}" for text in value)]
+        else:
+            lines.append(f"{indent}{name}: {value}")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive the campaign
+    sys.exit(main())

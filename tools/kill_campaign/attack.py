@@ -1,0 +1,143 @@
+"""Kills and stops processes of a robot at random moments."""
+
+import random
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from tools.kill_campaign.robot import Robot
+
+CORE = "core"
+RECOVERY_S = 0.5
+"""Within this time after a kill the victim is mostly still recovering."""
+CORE_REST_S = 11.0
+"""The core's restarts are limited by the supervisor; running for 10 s gives it the whole budget back."""
+KINDS = {
+    "one module": 10,
+    "two at once": 2,
+    "during a recovery": 3,
+    "core": 3,
+    "core and module": 1,
+    "stop": 3,
+}
+
+
+@dataclass(frozen=True)
+class Signalled:
+    """A signal that met a living process."""
+
+    kind: str
+    name: str
+    pid: int
+    at_ns: int
+    """Monotonic clock, just before the signal."""
+
+
+@dataclass
+class Attack:
+    """A campaign against one robot.
+
+    Args:
+        robot: the robot, RUNNING.
+        seed: of all choices.
+        mean_pause_s: mean time between attacks.
+        longest_stop_s: how long a process is stopped at most.
+        spared: names of processes that are not to be killed or stopped.
+        each_second: called about once a second.
+
+    Attributes:
+        kills, stops: what was done.
+    """
+
+    robot: Robot
+    seed: int
+    mean_pause_s: float = 0.3
+    longest_stop_s: float = 10.0
+    spared: frozenset[str] = frozenset()
+    each_second: Callable[[Robot], None] | None = None
+    kills: list[Signalled] = field(default_factory=list)
+    stops: list[Signalled] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Begin with nothing stopped."""
+        self._random = random.Random(self.seed)
+        self._stopped: dict[int, float] = {}
+        self._core_rests_until_s = 0.0
+        self._next_second_s = 0.0
+
+    def run(self, kills: int, deadline_s: float = float("inf")) -> None:
+        """Attack until so many processes were killed, until a time of the monotonic clock, or the run's end."""
+        while len(self.kills) < kills and time.monotonic() < deadline_s and self.robot.is_up:
+            self._pause(self._random.expovariate(1 / self.mean_pause_s))
+            kind = self._random.choices(list(KINDS), list(KINDS.values()))[0]
+            self._attack(kind)
+
+    def finish(self) -> None:
+        """Let everything run that is stopped."""
+        for pid in list(self._stopped):
+            self._continue(pid)
+
+    def count(self) -> dict[str, int]:
+        """Kills by kind, and stops."""
+        return dict(Counter(kill.kind for kill in self.kills)) | {"stops": len(self.stops)}
+
+    def _attack(self, kind: str) -> None:
+        core_may = CORE not in self.spared and time.monotonic() >= self._core_rests_until_s
+        modules = [name for name in self.robot.figures() if name not in {CORE, *self.spared}]
+        first, second = self._random.sample(modules, 2)
+        if kind == "stop":
+            self._stop(self._random.choice([*modules, CORE] if core_may else modules))
+        elif kind == "one module":
+            self._kill(kind, first)
+        elif kind == "two at once":
+            self._kill(kind, first, second)
+        elif kind == "during a recovery":
+            self._kill("one module", first)
+            self._pause(self._random.uniform(0, RECOVERY_S))
+            again = self._random.random()
+            later = first if again < 0.3 else CORE if again < 0.5 and core_may else second
+            self._kill(kind, later)
+        elif kind == "core" and core_may:
+            self._kill(kind, CORE)
+            if self._random.random() < 0.3:
+                self._pause(self._random.uniform(0, RECOVERY_S))
+                self._kill("during a recovery", CORE)
+        elif kind == "core and module" and core_may:
+            self._kill(kind, CORE, first)
+
+    def _kill(self, kind: str, *names: str) -> None:
+        """Kill processes as nearly at once as signals go."""
+        figures = self.robot.figures()
+        for name in names:
+            pid, at_ns = figures[name].pid, time.monotonic_ns()
+            known = {kill.pid for kill in self.kills[-20:]}
+            if pid and pid not in known and self.robot.send(pid, signal.SIGKILL):
+                self.kills.append(Signalled(kind, name, pid, at_ns))
+                self._stopped.pop(pid, None)
+                if name == CORE:
+                    self._core_rests_until_s = time.monotonic() + CORE_REST_S
+
+    def _stop(self, name: str) -> None:
+        pid, at_ns = self.robot.figures()[name].pid, time.monotonic_ns()
+        if pid and pid not in self._stopped and self.robot.send(pid, signal.SIGSTOP):
+            self.stops.append(Signalled("stop", name, pid, at_ns))
+            share = self._random.random() ** 2  # short ones more often than long ones
+            self._stopped[pid] = time.monotonic() + share * self.longest_stop_s
+
+    def _pause(self, length_s: float) -> None:
+        """Wait, and meanwhile let run on what was stopped long enough."""
+        until_s = time.monotonic() + length_s
+        while (left_s := until_s - time.monotonic()) > 0:
+            time.sleep(min(left_s, 0.05))
+            for pid, end_s in list(self._stopped.items()):
+                if time.monotonic() >= end_s:
+                    self._continue(pid)
+            if self.each_second is not None and time.monotonic() >= self._next_second_s:
+                self._next_second_s = time.monotonic() + 1.0
+                self.each_second(self.robot)
+
+    def _continue(self, pid: int) -> None:
+        del self._stopped[pid]
+        self.robot.send(pid, signal.SIGCONT)

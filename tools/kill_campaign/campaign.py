@@ -1,0 +1,159 @@
+"""One campaign from the first process to the verdict."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from robbie_mp.observe import ModuleFigures
+from tools.kill_campaign import traces
+from tools.kill_campaign.attack import Attack
+from tools.kill_campaign.modules import PAUSE_FILE, QUIET
+from tools.kill_campaign.profile import publishers, roles, write_workspace
+from tools.kill_campaign.recovery import recovery_times
+from tools.kill_campaign.robot import Robot
+from tools.kill_campaign.traces import Traces
+from tools.kill_campaign.verdict import causes, judge, read_records
+
+CALM_S = 1.0
+"""Time without kills before the pause, so that everybody's last messages are handled."""
+REST_LIMIT_S = 120.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to do to a robot.
+
+    Attributes:
+        kills: processes to kill.
+        minutes: end after this time, whatever was killed.
+        mean_pause_s: mean time between attacks.
+        longest_stop_s: how long a process is stopped at most.
+        spared: processes that are neither killed nor stopped.
+        others: modules besides the participants, as the profile has them.
+    """
+
+    kills: int
+    seed: int
+    minutes: float = float("inf")
+    mean_pause_s: float = 0.3
+    longest_stop_s: float = 10.0
+    spared: frozenset[str] = frozenset()
+    others: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+
+
+def run_campaign(
+    plan: Plan, folder: Path, each_second: Callable[[Robot], None] | None = None
+) -> dict[str, Any]:
+    """Run a campaign in an empty folder and return its report; `violations` must be empty.
+
+    Raises:
+        RobotTrouble: the robot does not start, come to rest, or end.
+    """
+    settings = roles(overloaded=True)
+    write_workspace(folder / "workspace", settings, plan.others)
+    robot = Robot(folder, folder / "workspace", "campaign")
+    try:
+        return _run(plan, robot, list(settings), publishers(settings), each_second)
+    finally:
+        robot.close()
+
+
+def _run(
+    plan: Plan,
+    robot: Robot,
+    names: list[str],
+    sending: list[str],
+    each_second: Callable[[Robot], None] | None,
+) -> dict[str, Any]:
+    robot.wait_until_running()
+    robot.wait_for(lambda: _all_work(robot, sending), "not everybody publishes")
+    before = Traces.of(robot.run_id, _pids(robot))
+    attack = Attack(robot, plan.seed, plan.mean_pause_s, plan.longest_stop_s, plan.spared, each_second)
+    began_s = time.monotonic()
+    attack.run(plan.kills, began_s + 60 * plan.minutes)
+    attack.finish()
+    duration_s = time.monotonic() - began_s
+    robot.wait_for(robot.all_running, "not everything is RUNNING again")
+    time.sleep(CALM_S)
+    rest_s = _come_to_rest(robot, names)
+    figures = robot.figures()
+    after = Traces.of(robot.run_id, _pids(robot))
+    assert robot.observer is not None
+    channels = robot.observer.channels()
+    summary = robot.stop()
+    records = read_records(robot.output, names)
+    verdict = judge(records, figures, channels)
+    verdict.violations += traces.violations(before, after, robot.run_id, figures)
+    verdict.violations += _deaths(attack, figures)
+    verdict.violations += _end(robot, summary, figures, names)
+    return {
+        "seed": plan.seed,
+        "modules": len(names),
+        "duration_s": round(duration_s, 1),
+        "kills": len(attack.kills),
+        "kills_by_kind": attack.count(),
+        "restarts": {name: module.restarts for name, module in figures.items()},
+        "messages": verdict.totals(),
+        "bytes": sum(channel.bytes for channel in channels),
+        "deliveries": causes(figures),
+        "recovery": recovery_times(attack.kills, records),
+        "rest_s": round(rest_s, 2),
+        "names": {"before": traces.kinds(before), "after": traces.kinds(after)},
+        "descriptors": {
+            name: [len(before.descriptors[name]), len(opened)] for name, opened in after.descriptors.items()
+        },
+        "violations": verdict.violations,
+    }
+
+
+def _all_work(robot: Robot, sending: list[str]) -> bool:
+    figures = robot.figures()
+    return all(figures[name].published > 10 for name in sending)
+
+
+def _pids(robot: Robot) -> dict[str, int]:
+    return {"supervisor": robot.supervisor.pid} | {name: m.pid for name, m in robot.figures().items()}
+
+
+def _come_to_rest(robot: Robot, names: list[str]) -> float:
+    """Have everybody pause, and wait until nobody waits for, handles or holds any message."""
+    (robot.output / PAUSE_FILE).touch()
+    return robot.wait_for(lambda: _rests(robot, names), "messages are still held or waited for", REST_LIMIT_S)
+
+
+def _rests(robot: Robot, names: list[str]) -> bool:
+    figures = robot.figures()
+    modules = [figures[name] for name in names]
+    return (
+        all(module.status == QUIET and not module.waiting and not module.pinned for module in modules)
+        and all(not books.waiting for module in modules for books in module.subscriptions)
+        and traces.rows_used(robot.run_id) == 0
+    )
+
+
+def _deaths(attack: Attack, figures: Mapping[str, ModuleFigures]) -> list[str]:
+    """Every restart must be our doing; a process that was stopped may also have been taken for hung."""
+    found = []
+    for name, module in figures.items():
+        killed = {signalled.pid for signalled in attack.kills if signalled.name == name}
+        stopped = {signalled.pid for signalled in attack.stops if signalled.name == name}
+        if not len(killed) <= module.restarts <= len(killed | stopped):
+            found.append(f"{name} was restarted {module.restarts} times, but killed {len(killed)} times")
+    return found
+
+
+def _end(
+    robot: Robot, summary: dict[str, Any], figures: Mapping[str, ModuleFigures], names: list[str]
+) -> list[str]:
+    """The summary must say what could be seen before, and nothing may be left."""
+    code, reason = summary["exit_code"], summary["reason"]
+    found = [f"the run ended with {code}: {reason}"] if code else []
+    for module in summary["modules"]:
+        if module["name"] in names:
+            books = [entry["routed"] for entry in module["subscriptions"]]
+            if books != [entry.routed for entry in figures[module["name"]].subscriptions]:
+                found.append(f"the summary's books of {module['name']} differ from those before the end")
+    left = [path.name for path in traces.SHARED_MEMORY.iterdir() if robot.run_id in path.name]
+    return found + [f"/dev/shm/{name} is left after the end" for name in sorted(left)]

@@ -1,0 +1,44 @@
+"""The campaign's message: it says who sent it and whether it has arrived whole."""
+
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robbie_mp.messages import Message
+from robbie_mp.messages.primitives import Array, uint8, uint32, uint64
+
+NOISE_BYTES = 4 << 20
+
+
+class Numbered(Message, name="campaign_msgs/msg/Numbered", version=1):
+    """A numbered message with a checksum."""
+
+    publisher: str  # name of the module
+    incarnation: uint64  # counts the publisher's processes, from 1
+    number: uint64  # counts what this incarnation tried to publish, from 0
+    checksum: uint32  # CRC-32 over everything else
+    payload: Array[uint8]  # (N,) noise
+
+
+def checksum(publisher: str, incarnation: int, number: int, payload: NDArray[np.uint8]) -> int:
+    """CRC-32 of what a message says."""
+    return zlib.crc32(payload.data, zlib.crc32(f"{publisher} {incarnation} {number} {len(payload)}".encode()))
+
+
+def is_whole(message: Numbered) -> bool:
+    """Whether a message has the checksum that it was given."""
+    expected = checksum(message.publisher, message.incarnation, message.number, message.payload)
+    return bool(message.checksum == expected)
+
+
+class Noise:
+    """Payloads that differ from message to message."""
+
+    def __init__(self) -> None:
+        self._noise = np.frombuffer(np.random.default_rng(1).bytes(NOISE_BYTES), np.uint8)
+
+    def payload(self, incarnation: int, number: int, size: int) -> NDArray[np.uint8]:
+        """Return `size` bytes, (N,), which no neighbouring number has."""
+        start = (incarnation * 104_729 + number * 7_919) % (NOISE_BYTES - size)
+        return self._noise[start : start + size]

@@ -1,0 +1,117 @@
+"""The module of which the campaign's robot is made; its settings say what part it plays."""
+
+import math
+import random
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robbie_mp.module import MessageHandling, Module, setting
+from tools.kill_campaign.journal import Journal
+from tools.kill_campaign.message import Noise, Numbered, checksum, is_whole
+
+PAUSE_FILE = "pause"
+QUIET = "paused, 0 outstanding"
+"""The status of a paused module whose messages nobody has or waits for any more."""
+
+
+class Participant(Module):
+    """Publishes on the topic of its own name, journals what it handles, or both.
+
+    It stops publishing and lets go of all arrays when there is a file `pause` in the output directory.
+    """
+
+    period_s: float = setting(0.05, "time between ticks", minimum=0.001)
+    burst: int = setting(0, "messages published each tick", minimum=0)
+    smallest_bytes: int = setting(64, "smallest message", minimum=64)
+    largest_bytes: int = setting(4096, "largest message", minimum=64)
+    loans: bool = setting(False, "write messages in place")
+    outstanding_limit: int = setting(4000, "no new messages while so many are on their way")
+    topics: list[str] = setting([], "whose messages to handle; '' for everybody's")
+    newest: bool = setting(False, "keep only the newest")
+    handle_s: float = setting(0.0, "how long a handler takes")
+    relay_every: int = setting(0, "publish one message for so many handled; 0: none", minimum=0)
+    hold: int = setting(0, "arrays kept beyond their handler", minimum=0)
+
+    def setup(self) -> None:
+        """Begin a new incarnation and say so."""
+        self.incarnation = (self.restored or 0) + 1
+        self.checkpoint(self.incarnation)
+        self.journal = Journal(self.output_directory / f"{self.name}.journal")
+        self.journal.note("S", self.incarnation)
+        self.noise = Noise()
+        self.random = random.Random(f"{self.name} {self.incarnation}")
+        self.number = 0
+        self.handled = 0
+        self.held: deque[NDArray[np.uint8]] = deque()
+        handling = MessageHandling.KEEP_ONLY_NEWEST if self.newest else MessageHandling.ALWAYS_DELIVER
+        for topic in self.topics:
+            self.subscribe(Numbered, self.on_message, handling, topic=topic)
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether the campaign wants it quiet."""
+        return (self.output_directory / PAUSE_FILE).exists()
+
+    def tick(self) -> None:
+        """Publish a burst, or be quiet."""
+        if self.is_paused:
+            self.held.clear()
+            self.status = f"paused, {self.outstanding} outstanding"
+            return
+        self.status = f"incarnation {self.incarnation}, {self.number} published, {self.handled} handled"
+        if self.held and self.random.random() < 0.2:
+            self.held.popleft()
+        for _ in range(self.burst):
+            if self.outstanding < self.outstanding_limit:
+                self.send()
+
+    def on_message(self, message: Numbered) -> None:
+        """Journal a message, and play the part that the settings say."""
+        envelope = self.envelope
+        whole = int(is_whole(message) and envelope.sender == envelope.topic == message.publisher)
+        self.journal.note(
+            "E",
+            envelope.sequence,
+            envelope.sender,
+            message.incarnation,
+            message.number,
+            whole,
+            envelope.published_ns,
+        )
+        self.handled += 1
+        if self.handle_s:
+            time.sleep(self.handle_s)
+        if self.hold and not self.is_paused:
+            self.held.append(message.payload)
+            if len(self.held) > self.hold:
+                self.held.popleft()
+        if self.relay_every and self.handled % self.relay_every == 0 and not self.is_paused:
+            self.send()
+        # What lay in memory while the handler ran must still be what was published.
+        self.journal.note("L", envelope.sequence, int(is_whole(message)))
+
+    def send(self) -> None:
+        """Publish the next number, and journal it before and after."""
+        number, self.number = self.number, self.number + 1
+        low, high = math.log(self.smallest_bytes), math.log(self.largest_bytes)
+        size = max(0, round(math.exp(self.random.uniform(low, high))) - 64)
+        payload = self.noise.payload(self.incarnation, number, size)
+        fields: dict[str, Any] = {
+            "publisher": self.name,
+            "incarnation": self.incarnation,
+            "number": number,
+            "checksum": checksum(self.name, self.incarnation, number, payload),
+        }
+        self.journal.note("I", number)
+        accepted = True
+        if self.loans:  # never refused: this part keeps far below its limits, and the verdict checks it
+            with self.loan(Numbered, topic=self.name, **fields, payload=size) as message:
+                message.payload[:] = payload
+                del message
+        else:
+            accepted = self.publish(Numbered(**fields, payload=payload), topic=self.name)
+        self.journal.note("A" if accepted else "R", number)

@@ -1,0 +1,74 @@
+"""The campaign's robot: who publishes what, and who listens to whom."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+MEGABYTE = 1 << 20
+LARGEST_BYTES = 2 * MEGABYTE
+STEADY: dict[str, dict[str, Any]] = {
+    "sink_all": {"topics": [""]},
+    "sink_small": {"topics": ["small", "burst"]},
+    "sink_large": {"topics": ["large", "mixed"]},
+    "sink_newest": {"topics": [""], "newest": True},
+    "sink_newest_large": {"topics": ["large", "loaned"], "newest": True},
+    "holder": {"topics": ["large", "loaned", "relay_back"], "hold": 8},
+    "relay": {"topics": ["small", "mixed"], "relay_every": 4, "largest_bytes": 65536},
+    "relay_back": {"topics": ["relay"], "newest": True, "relay_every": 1},
+    "small": {"burst": 2, "period_s": 0.02},
+    "large": {"burst": 1, "period_s": 0.1, "smallest_bytes": MEGABYTE // 4, "largest_bytes": LARGEST_BYTES},
+    "mixed": {"burst": 1, "period_s": 0.04, "largest_bytes": LARGEST_BYTES},
+    "loaned": {"burst": 1, "period_s": 0.1, "largest_bytes": LARGEST_BYTES, "loans": True,
+               "outstanding_limit": 40},
+}  # fmt: skip
+OVERLOADED: dict[str, dict[str, Any]] = {
+    "sink_slow": {"topics": ["small", "large", "burst"], "handle_s": 0.01},
+    "burst": {"burst": 60, "period_s": 0.7, "largest_bytes": 1024},
+}
+SHORT_QUEUE = {"messages": 100, "bytes": 16 * MEGABYTE}
+"""Of the slow one, so that it is full most of the time."""
+MEMORY = {"segment_bytes": MEGABYTE, "limit_bytes": 96 * MEGABYTE, "checkpoint_bytes": 4096}
+RESTART = {"max_restarts": 1_000_000, "backoff_s": 0.01, "backoff_cap_s": 0.1, "stable_after_s": 1.0}
+
+
+def roles(*, overloaded: bool) -> dict[str, dict[str, Any]]:
+    """Settings of each participant, subscribers first.
+
+    Args:
+        overloaded: with the publisher of bursts and the slow subscriber whose queue is always full.
+    """
+    return STEADY | OVERLOADED if overloaded else STEADY
+
+
+def publishers(settings: dict[str, dict[str, Any]]) -> list[str]:
+    """Names of those who publish."""
+    return [name for name, part in settings.items() if part.get("burst") or part.get("relay_every")]
+
+
+def write_workspace(
+    folder: Path, settings: dict[str, dict[str, Any]], others: Mapping[str, dict[str, Any]]
+) -> None:
+    """Write a workspace whose profile `campaign` is the robot.
+
+    Args:
+        folder: of the workspace.
+        settings: of the participants, by name.
+        others: further modules as the profile has them.
+    """
+    known = {*publishers(settings), ""}
+    modules = dict(others)
+    for name, part in settings.items():
+        present = part | {"topics": [topic for topic in part.get("topics", ()) if topic in known]}
+        modules[name] = {
+            "class": "tools.kill_campaign.modules:Participant",
+            "settings": present,
+            "restart": RESTART,
+            "memory": MEMORY,
+        }
+    if "sink_slow" in modules:
+        modules["sink_slow"]["queue"] = SHORT_QUEUE
+    (folder / "profiles").mkdir(parents=True)
+    text = yaml.safe_dump({"modules": modules}, sort_keys=False)
+    (folder / "profiles" / "campaign.yaml").write_text(text)

@@ -1,0 +1,151 @@
+"""A robot under test: its own workspace, its own folder of runs, its supervisor a child of the campaign."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from robbie_mp.cli.figures import state_name
+from robbie_mp.observe import ModuleFigures, RunObserver
+from robbie_mp.supervisor.run_directory import list_runs
+from robbie_mp.supervisor.states import ChildState
+
+REPOSITORY = Path(__file__).parents[2]
+COMMAND = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
+LIMIT_S = 60.0
+POLL_S = 0.02
+
+
+class RobotTrouble(RuntimeError):
+    """The robot did not do what it must, whatever is killed."""
+
+
+class Robot:
+    """A run of a profile.
+
+    Args:
+        folder: an empty or new folder for everything it writes.
+        workspace: where the profile is.
+        arguments: of `robbie run`, the profile first.
+    """
+
+    def __init__(self, folder: Path, workspace: Path, *arguments: str):
+        self.output = folder / "output"
+        runtime = folder / "runtime"
+        runtime.mkdir(parents=True, mode=0o700)
+        path = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
+        environment = dict(os.environ, XDG_RUNTIME_DIR=str(runtime), PYTHONPATH=path)
+        self._stdout = (folder / "stdout").open("w+")
+        self._stderr = (folder / "stderr").open("w+")
+        self.supervisor = subprocess.Popen(
+            [*COMMAND, "run", *arguments, "--json", "--output", str(self.output)],
+            cwd=workspace,
+            env=environment,
+            stdout=self._stdout,
+            stderr=self._stderr,
+        )
+        self._bases = [runtime / "robbie"]
+        self.run_id = ""
+        self.observer: RunObserver | None = None
+
+    def wait_until_running(self) -> None:
+        """Wait until all modules and the core are RUNNING."""
+        self.wait_for(self._attach, "no run appeared")
+        self.wait_for(self.all_running, "not everything is RUNNING")
+
+    def _attach(self) -> bool:
+        runs = list_runs(self._bases)
+        if not runs:
+            return False
+        with contextlib.suppress(LookupError, OSError, ValueError):  # it is just being made
+            self.observer = RunObserver(runs[0].run_id)
+            self.run_id = runs[0].run_id
+        return self.observer is not None
+
+    def figures(self) -> dict[str, ModuleFigures]:
+        """Figures of modules and core by name."""
+        if self.observer is None:
+            raise RobotTrouble("the run is not there yet")
+        return {module.name: module for module in self.observer.modules()[1:]}
+
+    @property
+    def is_up(self) -> bool:
+        """Whether the supervisor runs."""
+        return self.supervisor.poll() is None
+
+    def all_running(self) -> bool:
+        """Whether every module and the core is RUNNING."""
+        return all(_is_running(module) for module in self.figures().values())
+
+    def wait_for(self, condition: Callable[[], bool], otherwise: str, limit_s: float = LIMIT_S) -> float:
+        """Wait for a condition; return how long it took (s).
+
+        Raises:
+            RobotTrouble: it is not met in time, or the run has ended.
+        """
+        began_s = time.monotonic()
+        while not condition():
+            if not self.is_up:
+                raise RobotTrouble(f"the run has ended, {self.supervisor.returncode}: {self._last_words()}")
+            if time.monotonic() - began_s > limit_s:
+                raise RobotTrouble(f"{otherwise}, after {limit_s} s")
+            time.sleep(POLL_S)
+        return time.monotonic() - began_s
+
+    def send(self, pid: int, number: signal.Signals) -> bool:
+        """Send a signal to a child of this supervisor, and surely to no other; False if it has ended."""
+        try:
+            descriptor = os.pidfd_open(pid)
+        except ProcessLookupError:
+            return False
+        try:
+            if psutil.Process(pid).ppid() != self.supervisor.pid:
+                return False
+            if psutil.Process(pid).status() == psutil.STATUS_ZOMBIE:
+                return False
+            signal.pidfd_send_signal(descriptor, number)
+        except (ProcessLookupError, psutil.NoSuchProcess):
+            return False
+        finally:
+            os.close(descriptor)
+        return True
+
+    def stop(self) -> dict[str, Any]:
+        """Stop in order and return the summary."""
+        self.supervisor.send_signal(signal.SIGINT)
+        return self.wait_for_end()
+
+    def wait_for_end(self, limit_s: float = LIMIT_S) -> dict[str, Any]:
+        """Wait for the end of the run and return the summary."""
+        self.supervisor.wait(limit_s)
+        summary = self.output / "summary.json"
+        if not summary.exists():
+            raise RobotTrouble(f"the run left no summary: {self._last_words()}")
+        found: dict[str, Any] = json.loads(summary.read_text())
+        return found
+
+    def _last_words(self) -> str:
+        self._stderr.flush()
+        return Path(self._stderr.name).read_text()[-2000:]
+
+    def close(self) -> None:
+        """End whatever still runs."""
+        if self.is_up:
+            self.supervisor.kill()  # its children die with it
+            self.supervisor.wait()
+        if self.observer is not None:
+            self.observer.close()
+        self._stdout.close()
+        self._stderr.close()
+
+
+def _is_running(module: ModuleFigures) -> bool:
+    return state_name(module) == ChildState.RUNNING and module.pid != 0

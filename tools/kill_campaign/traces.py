@@ -1,0 +1,115 @@
+"""What a run holds of the machine: names in shared memory, descriptors, mappings, rows of tables."""
+
+import contextlib
+import os
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from robbie_mp.core.tables import CoreTables
+from robbie_mp.observe import ModuleFigures
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.segment import Segment
+
+SHARED_MEMORY = Path("/dev/shm")
+
+
+@dataclass(frozen=True)
+class Traces:
+    """What there is at one moment.
+
+    Attributes:
+        names: entries of /dev/shm that belong to the run.
+        descriptors: what each process has open besides the run's segments, by its name.
+        mappings: the run's segments that each process maps or has open, by its name; as `/proc` calls them.
+    """
+
+    names: frozenset[str]
+    descriptors: Mapping[str, tuple[str, ...]]
+    mappings: Mapping[str, frozenset[str]]
+
+    @classmethod
+    def of(cls, run_id: str, pids: Mapping[str, int]) -> "Traces":
+        """Look at a run's processes."""
+        found = [path.name for path in SHARED_MEMORY.iterdir()]
+        opened = {name: _opened(pid) for name, pid in pids.items()}
+        of_run = names.run_prefix(run_id)
+        return cls(
+            frozenset(name for name in found if of_run in name),
+            {
+                name: tuple(sorted(path for path in paths if of_run not in path))
+                for name, paths in opened.items()
+            },
+            {
+                name: frozenset(path for path in [*_mapped(pid), *opened[name]] if of_run in path)
+                for name, pid in pids.items()
+            },
+        )
+
+
+def _opened(pid: int) -> list[str]:
+    found = []
+    for entry in os.scandir(f"/proc/{pid}/fd"):
+        with contextlib.suppress(FileNotFoundError):
+            found.append(os.readlink(entry.path))
+    return found
+
+
+def _mapped(pid: int) -> list[str]:
+    lines = Path(f"/proc/{pid}/maps").read_text().splitlines()
+    return [line.split(maxsplit=5)[5] for line in lines if "/dev/shm/" in line]
+
+
+def stale_names(traces: Traces, run_id: str, modules: Mapping[str, ModuleFigures]) -> list[str]:
+    """Names of a run at rest that no living process of it needs."""
+    slots = {slot: module.incarnation for slot, module in enumerate(modules.values(), start=1)}
+    slots[0] = 1  # the supervisor
+    kept = {names.board(run_id), names.core(run_id), f"sem.{names.core_wakeup(run_id)}"}
+    data = []
+    for slot, incarnation in slots.items():
+        kept |= {names.outbound(run_id, slot, incarnation), names.inbound(run_id, slot, incarnation)}
+        kept.add(f"sem.{names.wakeup(run_id, slot, incarnation)}")
+        kept |= {names.checkpoint(run_id, slot, number) for number in (0, 1)}
+        data.append(names.data_prefix(run_id, slot, incarnation))
+    return sorted(name for name in traces.names if name not in kept and not name.startswith(tuple(data)))
+
+
+def violations(before: Traces, after: Traces, run_id: str, modules: Mapping[str, ModuleFigures]) -> list[str]:
+    """Compare a run at rest with itself at the beginning."""
+    found = [f"/dev/shm/{name} belongs to no living process" for name in stale_names(after, run_id, modules)]
+    for name, opened in after.descriptors.items():
+        extra = Counter(map(_kind, opened)) - Counter(map(_kind, before.descriptors[name]))
+        # A log file is opened with a process's first line, and stays open: one for each process's name.
+        extra = Counter({what: count for what, count in extra.items() if what[-4:] != ".log" or count > 1})
+        if extra:
+            found.append(f"{name} has more descriptors open than at the beginning: {dict(extra)}")
+    for name, mappings in after.mappings.items():
+        for mapping in sorted(mappings):
+            if mapping.removeprefix("/dev/shm/") not in after.names:
+                found.append(f"{name} still maps or has open {mapping}, whose name is gone")
+    return found
+
+
+def rows_used(run_id: str) -> int:
+    """Messages, and claims to them, that the core's tables still hold."""
+    segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
+    try:
+        words, tables = segment.words, CoreTables.attach(segment.words)
+        sizes = tables.sizes
+        handles = (words[tables.handle(row) + layout.HANDLE_SEQUENCE] for row in range(sizes.handles))
+        claims = (words[tables.reference(row) + layout.REFERENCE_STATE] for row in range(sizes.references))
+        return sum(map(bool, handles)) + sum(map(bool, claims))
+    finally:
+        segment.close()
+
+
+def _kind(path: str) -> str:
+    """What is behind a descriptor, without the number that tells it from others."""
+    return path.partition(":")[0]
+
+
+def kinds(traces: Traces) -> dict[str, int]:
+    """Count names by kind: board, core, out, in, wakeup, data, checkpoint."""
+    return dict(Counter(name.removeprefix("sem.").split("-")[2] for name in sorted(traces.names)))

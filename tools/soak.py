@@ -1,0 +1,160 @@
+"""Lets a robot run for a long time under kills, floods and playback, and watches what it holds.
+
+    python -m tools.soak --minutes M [--json]
+
+The robot is that of the kill campaign with the Intel log played in real time and mapped. Supervisor, core and
+some modules are spared, so that the memory of one process can be watched all the time; the others are
+killed and stopped. The end and its verdict are those of the campaign.
+"""
+
+import argparse
+import json
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+
+from tools.kill_campaign.__main__ import as_text
+from tools.kill_campaign.attack import CORE
+from tools.kill_campaign.campaign import Plan, run_campaign
+from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
+
+LOG = REPOSITORY.parent / "shared" / "data" / "intel.clf"
+SPARED = frozenset(
+    {CORE, "sink_all", "sink_slow", "holder", "relay", "small", "large", "burst", "playback", "mapping"}
+)
+SAMPLE_S = 10.0
+WARM_UP_SHARE = 0.2
+FEW_SAMPLES = 5
+MEGABYTE = 1 << 20
+
+
+@dataclass
+class Sample:
+    """One look at one process."""
+
+    at_s: float
+    pid: int
+    resident_bytes: int
+    unique_bytes: int
+    descriptors: int
+    mappings: int
+
+
+@dataclass
+class Watch:
+    """Samples what each process of a robot holds, and checks that counters only grow.
+
+    Attributes:
+        samples: by the process's name.
+        violations: counters that went back.
+    """
+
+    samples: dict[str, list[Sample]] = field(default_factory=dict)
+    violations: list[str] = field(default_factory=list)
+    _next_s: float = 0.0
+    _before: dict[tuple[str, str], int] = field(default_factory=dict)
+
+    def look(self, robot: Robot) -> None:
+        """Take a sample if it is time to."""
+        if time.monotonic() < self._next_s:
+            return
+        self._next_s = time.monotonic() + SAMPLE_S
+        figures = robot.figures()
+        self._sample("supervisor", robot.supervisor.pid)
+        for name, module in figures.items():
+            if module.pid:
+                self._sample(name, module.pid)
+            for column in ("routed", "delivered", "replaced", "dropped", "lost"):
+                self._grows(name, column, module.total(column))
+            self._grows(name, "restarts", module.restarts)
+
+    def _sample(self, name: str, pid: int) -> None:
+        try:
+            process = psutil.Process(pid)
+            memory = process.memory_full_info()
+            mappings = len(process.memory_maps(grouped=False))
+            sample = Sample(time.monotonic(), pid, memory.rss, memory.uss, process.num_fds(), mappings)
+        except psutil.Error:
+            return  # it was killed meanwhile
+        self.samples.setdefault(name, []).append(sample)
+
+    def _grows(self, name: str, column: str, value: int) -> None:
+        before = self._before.get((name, column), 0)
+        if value < before:
+            self.violations.append(f"{name}: {column} went from {before} back to {value}")
+        self._before[name, column] = value
+
+    def report(self) -> dict[str, Any]:
+        """What each process held; slopes only of those that lived from the warm-up to the end."""
+        return {name: _describe(samples) for name, samples in self.samples.items()}
+
+
+def _describe(samples: list[Sample]) -> dict[str, Any]:
+    began_s, ended_s = samples[0].at_s, samples[-1].at_s
+    warm = [sample for sample in samples if sample.at_s >= began_s + WARM_UP_SHARE * (ended_s - began_s)]
+    found: dict[str, Any] = {
+        "processes_seen": len({sample.pid for sample in samples}),
+        "resident_mb_max": round(max(sample.resident_bytes for sample in samples) / MEGABYTE, 1),
+        "descriptors_max": max(sample.descriptors for sample in samples),
+    }
+    if len({sample.pid for sample in warm}) == 1 and len(warm) >= FEW_SAMPLES:
+        times_s = [sample.at_s for sample in warm]
+        found |= {
+            "resident_mb_per_h": _slope_mb_per_h(times_s, [sample.resident_bytes for sample in warm]),
+            "unique_mb_per_h": _slope_mb_per_h(times_s, [sample.unique_bytes for sample in warm]),
+            "unique_mb_first_last": [round(warm[at].unique_bytes / MEGABYTE, 2) for at in (0, -1)],
+            "descriptors_first_last": [warm[0].descriptors, warm[-1].descriptors],
+            "mappings_first_last": [warm[0].mappings, warm[-1].mappings],
+        }
+    return found
+
+
+def _slope_mb_per_h(times_s: Sequence[float], values: Sequence[int]) -> float:
+    """Slope of the line of least squares."""
+    return round(float(np.polyfit(times_s, values, 1)[0]) * 3600 / MEGABYTE, 3)
+
+
+def playback_modules(log: Path) -> dict[str, dict[str, Any]]:
+    """The Intel run's two modules, in real time, and again from the start after the end."""
+    playback = {"class": "modules.playback:CarmenPlayback", "settings": {"file": str(log), "rate": 1.0}}
+    return {
+        "mapping": {"class": "modules.mapping:Mapping", "stop_grace_s": 30},
+        "playback": playback | {"restart": {"policy": "always"}},
+    }
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; the exit code is 0 if there is no violation, else 1."""
+    parser = argparse.ArgumentParser(prog="python -m tools.soak", description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=30.0, help="how long (30)")
+    parser.add_argument("--seed", type=int, default=1, help="of all choices (1)")
+    parser.add_argument("--log", type=Path, default=LOG, help="a CARMEN log (../shared/data/intel.clf)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    options = parser.parse_args(arguments)
+    others = playback_modules(options.log) if options.log.exists() else {}
+    if not others:
+        print(f"soak: {options.log} is not there, so nothing is played and mapped", file=sys.stderr)
+    watch = Watch()
+    plan = Plan(10**9, options.seed, options.minutes, mean_pause_s=2.0, spared=SPARED, others=others)
+    with tempfile.TemporaryDirectory(prefix="robbie-soak-") as folder:
+        try:
+            report = run_campaign(plan, Path(folder), watch.look)
+        except RobotTrouble as trouble:
+            report = {"violations": [str(trouble)]}
+    report["processes"] = watch.report()
+    report["violations"] += watch.violations
+    print(json.dumps(report, indent=2) if options.json else as_text(report))
+    return 1 if report["violations"] else 0
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive the soak
+    sys.exit(main())
