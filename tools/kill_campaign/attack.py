@@ -68,7 +68,7 @@ class Attack:
         self._next_second_s = 0.0
 
     def run(self, kills: int, deadline_s: float = float("inf")) -> None:
-        """Attack until so many processes were killed, until a time of the monotonic clock, or the run's end."""
+        """Attack until so many were killed, a time of the monotonic clock, or the end of the run."""
         while len(self.kills) < kills and time.monotonic() < deadline_s and self.robot.is_up:
             self._pause(self._random.expovariate(1 / self.mean_pause_s))
             kind = self._random.choices(list(KINDS), list(KINDS.values()))[0]
@@ -116,8 +116,7 @@ class Attack:
             if pid and pid not in known and self.robot.send(pid, signal.SIGKILL):
                 self.kills.append(Signalled(kind, name, pid, at_ns))
                 self._stopped.pop(pid, None)
-                if name == CORE:
-                    self._core_rests_until_s = time.monotonic() + CORE_REST_S
+                self._let_rest(name)
 
     def _stop(self, name: str) -> None:
         pid, at_ns = self.robot.figures()[name].pid, time.monotonic_ns()
@@ -125,6 +124,11 @@ class Attack:
             self.stops.append(Signalled("stop", name, pid, at_ns))
             share = self._random.random() ** 2  # short ones more often than long ones
             self._stopped[pid] = time.monotonic() + share * self.longest_stop_s
+            self._let_rest(name)
+
+    def _let_rest(self, name: str) -> None:
+        if name == CORE:
+            self._core_rests_until_s = time.monotonic() + CORE_REST_S
 
     def _pause(self, length_s: float) -> None:
         """Wait, and meanwhile let run on what was stopped long enough."""

@@ -1,0 +1,175 @@
+"""Maps the Intel Research Lab while the mapping module and the core are killed again and again.
+
+    python -m tools.intel_under_fire [--mapping-kills 5] [--core-kills 3] [--data DIR] [--json]
+
+The same log is mapped twice: undisturbed, and under fire. Every scan is checkpointed. What a killed mapping
+had in its hands is lost, and counted; nothing else is, and the map is as good.
+"""
+
+import argparse
+import json
+import random
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tools.kill_campaign.__main__ import as_text
+from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
+from tools.slam_metric import measure, read_table
+
+DATA = REPOSITORY.parent / "shared" / "data"
+RUN_LIMIT_S = 600.0
+SCAN = "sensor_msgs/msg/LaserScan"
+ALLOWED_ERROR_RATIO = 1.1
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A kill that is to come, when so many messages of the log were handled."""
+
+    name: str
+    at_handled: int
+
+
+@dataclass
+class Outcome:
+    """How a run ended."""
+
+    exit_code: int
+    duration_s: float
+    odometry: int
+    scans: int
+    scans_routed: int
+    dropped: int
+    lost: int
+    translation_mean_m: float
+    rotation_mean_deg: float
+    relations_used: int
+    restarts: dict[str, int] = field(default_factory=dict)
+    map_bytes: int = 0
+
+
+def map_intel(folder: Path, data: Path, shots: list[Shot]) -> Outcome:
+    """Run the profile `intel` once, killing as planned.
+
+    Raises:
+        RobotTrouble: it does not come to its end.
+    """
+    log, share = f"playback.file={data / 'intel.clf'}", "mapping.checkpoint_share=1.0"
+    robot = Robot(folder, REPOSITORY, "intel", "--fresh", "--set", log, "--set", share)
+    began_s = time.monotonic()
+    try:
+        robot.wait_until_running()
+        for shot in sorted(shots, key=lambda shot: shot.at_handled):
+            _wait_until_handled(robot, shot.at_handled)
+            _kill(robot, shot.name)
+        summary = robot.wait_for_end(RUN_LIMIT_S)
+    finally:
+        robot.close()
+    return _outcome(robot, summary, data, time.monotonic() - began_s)
+
+
+def _wait_until_handled(robot: Robot, messages: int) -> None:
+    def handled() -> bool:
+        return robot.figures()["mapping"].total("delivered") >= messages
+
+    robot.wait_for(handled, f"mapping has not handled {messages} messages", RUN_LIMIT_S)
+
+
+def _kill(robot: Robot, name: str) -> None:
+    """Kill a module while it is RUNNING: one that has not come back yet is waited for."""
+
+    def killed() -> bool:
+        return robot.all_running() and robot.send(robot.figures()[name].pid, signal.SIGKILL)
+
+    robot.wait_for(killed, f"{name} is not RUNNING")
+
+
+def _outcome(robot: Robot, summary: dict[str, Any], data: Path, duration_s: float) -> Outcome:
+    modules = {module["name"]: module for module in summary["modules"]}
+    counted = json.loads((robot.output / "mapping.json").read_text())
+    trajectory = read_table(robot.output / "trajectory.txt", 4, "t x y theta")
+    score = measure(trajectory, read_table(data / "intel.relations", 8, "t1 t2 dx dy dz roll pitch yaw"))
+    books = modules["mapping"]["subscriptions"]
+    return Outcome(
+        exit_code=summary["exit_code"],
+        duration_s=round(duration_s, 1),
+        odometry=counted["odometry_messages"],
+        scans=counted["scans"],
+        scans_routed=sum(entry["routed"] for entry in books if entry["type_name"] == SCAN),
+        dropped=sum(entry["dropped"] for entry in books),
+        lost=sum(entry["lost"] for entry in books),
+        translation_mean_m=round(score.translation_mean_m, 4),
+        rotation_mean_deg=round(score.rotation_mean_deg, 3),
+        relations_used=score.relations_used,
+        restarts={name: module["restarts"] for name, module in modules.items() if module["restarts"]},
+        map_bytes=(robot.output / "map.png").stat().st_size,
+    )
+
+
+def violations(calm: Outcome, fire: Outcome, kills: dict[str, int]) -> list[str]:
+    """Compare both runs and return what was promised and not kept."""
+    found = []
+    if fire.exit_code:
+        found.append(f"exit code {fire.exit_code}")
+    if fire.restarts != kills:
+        found.append(f"restarts {fire.restarts}, kills {kills}")
+    if fire.dropped or fire.lost > kills.get("mapping", 0):
+        found.append(f"{fire.dropped} messages dropped, {fire.lost} lost")
+    if fire.scans < calm.scans - kills.get("mapping", 0):
+        found.append(f"{calm.scans - fire.scans} scans are missing in the map")
+    if fire.translation_mean_m > ALLOWED_ERROR_RATIO * calm.translation_mean_m:
+        found.append(f"error {fire.translation_mean_m} m, undisturbed {calm.translation_mean_m} m")
+    return found
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; the exit code is 0 if there is no violation, else 1, or 2 without the data."""
+    parser = argparse.ArgumentParser(prog="python -m tools.intel_under_fire", description=__doc__)
+    parser.add_argument("--mapping-kills", type=int, default=5)
+    parser.add_argument("--core-kills", type=int, default=3)
+    parser.add_argument("--seed", type=int, default=1, help="of the moments")
+    parser.add_argument("--data", type=Path, default=DATA, help="folder of intel.clf and intel.relations")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="a new folder for what both runs write")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    options = parser.parse_args(arguments)
+    if not (options.data / "intel.clf").exists():
+        print(f"intel_under_fire: {options.data} has no intel.clf", file=sys.stderr)
+        return 2
+    kills = {"mapping": options.mapping_kills, "core": options.core_kills}
+    folder = options.keep or Path(tempfile.mkdtemp(prefix="robbie-intel-"))
+    try:
+        calm = map_intel(folder / "calm", options.data, [])
+        shots = spread(kills, calm.odometry + calm.scans, options.seed)
+        fire = map_intel(folder / "fire", options.data, shots)
+        found = violations(calm, fire, {name: count for name, count in kills.items() if count})
+        report = {"undisturbed": asdict(calm), "under_fire": asdict(fire), "violations": found}
+    except RobotTrouble as trouble:
+        report = {"violations": [str(trouble)]}
+    finally:
+        if options.keep is None:
+            shutil.rmtree(folder, ignore_errors=True)
+    print(json.dumps(report, indent=2) if options.json else as_text(report))
+    return 1 if report["violations"] else 0
+
+
+def spread(kills: dict[str, int], messages: int, seed: int) -> list[Shot]:
+    """Choose moments between 5 and 95 % of a run of so many messages, each in a part of its own."""
+    chance = random.Random(seed)
+    names = [name for name, count in kills.items() for _ in range(count)]
+    chance.shuffle(names)
+    part = 0.9 * messages / max(1, len(names))
+    return [
+        Shot(name, round(0.05 * messages + part * (at + chance.uniform(0.1, 0.9))))
+        for at, name in enumerate(names)
+    ]
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive this program
+    sys.exit(main())
