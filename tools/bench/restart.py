@@ -1,0 +1,176 @@
+"""How long a killed module is missing: `python -m tools.bench.restart --kills 30 [--spares 0] [--json]`.
+
+Kills a module that imports numpy with SIGKILL, again and again, while another one publishes at 100 Hz, and
+measures until the restarted one enters the handler of its next message.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import signal
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import psutil
+
+from robbie_mp.profile.model import ModuleSpec, Profile, RestartPolicy, SpareInterpreters
+from robbie_mp.supervisor.run import RunListener, run_profile
+from robbie_mp.supervisor.states import ChildState, StateChange
+
+SUBJECT = "subject"
+LIMIT_S = 30.0
+PAUSE_S = 0.3
+"""Between a restart and the next kill."""
+LOOK_EVERY_S = 0.005
+
+STEPS = ("kill", "BACKOFF", "STARTING", "import_begin", "import_end", "setup_end", "first_message")
+PARTS = (
+    "detection",
+    "backoff and reclaim",
+    "spawn or assign",
+    "import of the class",
+    "construction and setup",
+    "first message",
+)
+"""What lies between each two steps."""
+
+
+class Campaign:
+    """Kills, and collects when what happened.
+
+    Attributes:
+        restarts: for each kill the times of `STEPS`, monotonic clock in ns.
+    """
+
+    def __init__(self, kills: int, spares: int, folder: Path):
+        """Prepare.
+
+        Args:
+            kills: how many.
+            spares: warm interpreters to wait for before each.
+            folder: the run's output directory.
+        """
+        self.restarts: list[dict[str, int]] = []
+        self._kills = kills
+        self._spares = spares
+        self._folder = folder
+        self._changes: dict[str, int] = {}
+        self._ends = threading.Event()
+        self.thread = threading.Thread(target=self._kill_repeatedly)
+
+    def on_change(self, change: StateChange) -> None:
+        """Note when the supervisor said what of the subject; called in its thread."""
+        if change.name == SUBJECT:
+            self._changes[change.new] = time.monotonic_ns()
+            if change.new is ChildState.FAILED:
+                self._ends.set()
+
+    def _kill_repeatedly(self) -> None:
+        try:
+            pid = self._wait_for_first_message(set())
+            for _ in range(self._kills):
+                self._wait_until(self._are_spares_warm)
+                self._ends.wait(PAUSE_S)
+                seen = self._subjects()
+                killed_ns = time.monotonic_ns()
+                os.kill(pid, signal.SIGKILL)
+                pid = self._wait_for_first_message(seen)
+                times_ns = json.loads((self._folder / f"{pid}.json").read_text())
+                self.restarts.append({"kill": killed_ns, **self._changes, **times_ns})
+        finally:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    def _wait_for_first_message(self, seen: set[int]) -> int:
+        """Return the pid of a subject that has handled a message, other than those seen before."""
+        self._wait_until(lambda: bool(self._subjects() - seen))
+        return (self._subjects() - seen).pop()
+
+    def _subjects(self) -> set[int]:
+        return {int(file.stem) for file in self._folder.glob("*.json") if file.stem.isdecimal()}
+
+    def _are_spares_warm(self) -> bool:
+        warm = 0
+        for process in psutil.Process().children():
+            with contextlib.suppress(psutil.NoSuchProcess):
+                warm += process.name() == "spare"  # as it calls itself after its imports
+        return warm >= self._spares
+
+    def _wait_until(self, condition: Callable[[], bool]) -> None:
+        deadline_s = time.monotonic() + LIMIT_S
+        while not condition():
+            if time.monotonic() > deadline_s or self._ends.is_set():
+                raise TimeoutError(f"the robot did not get on within {LIMIT_S:g} s")
+            time.sleep(LOOK_EVERY_S)
+
+
+def profile(spares: int) -> Profile:
+    """Describe the robot that is measured."""
+    where = f"{__package__}.restart_subject"
+    unlimited = RestartPolicy(max_restarts=1 << 20, stable_after_s=0.0)
+    return Profile(
+        name="restart",
+        modules=(
+            ModuleSpec("source", f"{where}:Source"),
+            ModuleSpec(SUBJECT, f"{where}:Subject", restart=unlimited),
+        ),
+        spares=SpareInterpreters(count=spares),
+        workspace=Path(__file__).parents[2],
+    )
+
+
+def measure(kills: int, spares: int) -> list[dict[str, int]]:
+    """Run the campaign and return the times of each restart."""
+    with tempfile.TemporaryDirectory() as name:
+        campaign = Campaign(kills, spares, Path(name))
+        campaign.thread.start()
+        try:
+            run_profile(profile(spares), {}, Path(name), RunListener(change=campaign.on_change))
+        finally:
+            campaign.thread.join()
+    return campaign.restarts
+
+
+def summary(restarts: list[dict[str, int]]) -> dict[str, dict[str, float]]:
+    """Return median and 99th percentile of the whole and of its parts, in ms."""
+    at_ns = np.array([[restart[step] for step in STEPS] for restart in restarts])
+    parts_ms = {
+        part: (at_ns[:, end] - at_ns[:, begin]) / 1e6
+        for part, (begin, end) in zip(PARTS, pairwise(range(len(STEPS))), strict=True)
+    }
+    parts_ms["kill to handler"] = (at_ns[:, -1] - at_ns[:, 0]) / 1e6
+    return {
+        part: {"median_ms": float(np.median(ms)), "p99_ms": float(np.quantile(ms, 0.99))}
+        for part, ms in parts_ms.items()
+    }
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="python -m tools.bench.restart", description=__doc__)
+    parser.add_argument("--kills", type=int, default=30)
+    parser.add_argument("--spares", type=int, default=1, help="warm interpreters; 0: all starts are cold")
+    parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
+    arguments = parser.parse_args()
+    restarts = measure(arguments.kills, arguments.spares)
+    if len(restarts) < arguments.kills:
+        print(f"only {len(restarts)} of {arguments.kills} restarts were seen", file=sys.stderr)
+        return 1
+    figures = summary(restarts)
+    if arguments.json:
+        print(json.dumps({"kills": len(restarts), "spares": arguments.spares, "parts": figures}, indent=2))
+        return 0
+    print(f"{len(restarts)} kills, {arguments.spares} spares: median and p99 in ms")
+    for part, values in figures.items():
+        print(f"  {part:24} {values['median_ms']:8.1f} {values['p99_ms']:8.1f}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
