@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 from weakref import finalize
 
-from robbie_mp.bus import Envelope, MessageType, PublishAfterStop
+from robbie_mp.bus import Envelope, MessageType, PublishAfterStop, SubscribedTwice
 from robbie_mp.checkpoint.decoder import decode
 from robbie_mp.checkpoint.encoder import encode
 from robbie_mp.clock import ManualClock
@@ -172,6 +172,8 @@ class HarnessBus:
         topic: str,
     ) -> None:
         """Remember who handles what."""
+        if any((message_type, topic) == (wanted, of) for wanted, of, _ in self._subscriptions):
+            raise SubscribedTwice(f"this module subscribes to {message_type.type_name} on '{topic}' already")
         self._subscriptions.append((message_type, topic, handler))
 
     def deliver(self, message: Message, topic: str, sender: str) -> None:

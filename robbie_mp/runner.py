@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 
+from robbie_mp.errors import RobbieError
 from robbie_mp.module import Module
 from robbie_mp.transport import layout
 from robbie_mp.transport.endpoint import Endpoint
@@ -15,6 +16,10 @@ from robbie_mp.transport.words import Words
 
 LONGEST_WAIT_S = 0.5
 """Even an idle module looks up so often: for arrays that other threads have let go, and for signals."""
+
+
+class InvalidPeriod(RobbieError, ValueError):
+    """A module wants to tick every 0 s, or less."""
 
 
 class ModuleRunner:
@@ -58,6 +63,7 @@ class ModuleRunner:
         """Run the module until it is stopped or stops itself."""
         self._begin(Activity.SETUP)
         self._module.setup()
+        self._check_period()
         self._idle()
         self._words[layout.OUT_READY] = 1
         self._endpoint.send(Outbound.READY)
@@ -71,6 +77,14 @@ class ModuleRunner:
         self._idle()
         self._inbox.release_let_go()
         self._outbox.close()
+
+    def _check_period(self) -> None:
+        period_s = self._module.period_s
+        if period_s is not None and not period_s > 0:
+            raise InvalidPeriod(
+                f"{type(self._module).__name__}.period_s is {period_s}; it must be greater than 0, "
+                "or None for a module that only reacts to messages"
+            )
 
     @property
     def _ends(self) -> bool:

@@ -20,6 +20,7 @@ from robbie_mp.supervisor.run import RunResult, default_output_directory, run_pr
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
+
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add `run` to the commands."""
     parser = subparsers.add_parser(

@@ -50,7 +50,7 @@ class CoreProcess:
         self._router.module_up(SUPERVISOR_SLOT, 1)
         router = self._router
         while not self._stopping:
-            while router.drain():
+            while not self._stopping and router.drain():
                 self._words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()  # under a flood it never sleeps
             if router.before_sleep() and router.drain():
                 continue

@@ -6,6 +6,7 @@ import os
 import resource
 import signal
 import sys
+import traceback
 from pathlib import Path
 from typing import NoReturn
 
@@ -54,15 +55,22 @@ def run_child(plan: RunPlan, name: str, incarnation: int) -> NoReturn:
     set_process_name(name)
     faulthandler.enable()  # also answers SIGABRT, which the supervisor sends to a child that hangs
     logging.basicConfig(format="%(levelname)s %(message)s", level=logging.INFO)
-    if name == CORE:
-        run_core(plan)
-    else:
-        run_module(plan, name, incarnation)
+    code = 0
+    try:
+        if name == CORE:
+            run_core(plan)
+        else:
+            run_module(plan, name, incarnation)
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:  # whatever it is, it is printed, and the process ends by it
+        traceback.print_exc()
+        code = 1
     sys.stdout.flush()
     sys.stderr.flush()
     logging.shutdown()
-    # What a module leaves running (threads, pools, finalizers of libraries) must not hold up an ordered stop.
-    os._exit(0)
+    # What a module leaves running (threads, pools, finalizers) must not hold up a stop or a restart.
+    os._exit(code)
 
 
 def run_core(plan: RunPlan) -> None:

@@ -12,6 +12,9 @@ from typing import Self
 from robbie_mp.proc import read_stat
 from robbie_mp.supervisor.leftovers import MARKER
 
+P_PIDFD = getattr(os, "P_PIDFD", 3)
+"""As in <linux/wait.h>; Python has it only where it was built with a recent glibc, the kernel since 5.4."""
+
 
 @dataclass(frozen=True)
 class ExitStatus:
@@ -108,7 +111,7 @@ class ChildProcess:
 
     def exit_status(self) -> ExitStatus | None:
         """Return how it ended, None while it runs; it stays a zombie, so that its pid is still its own."""
-        ended = os.waitid(os.P_PIDFD, self.pidfd, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+        ended = os.waitid(P_PIDFD, self.pidfd, os.WEXITED | os.WNOHANG | os.WNOWAIT)
         if ended is None:
             return None
         stat = read_stat(self.pid)  # of the zombie
@@ -134,7 +137,7 @@ class ChildProcess:
 
     def reap(self) -> None:
         """Let go of it, whether it has ended or not; this object is of no more use."""
-        os.waitid(os.P_PIDFD, self.pidfd, os.WEXITED | os.WNOHANG)
+        os.waitid(P_PIDFD, self.pidfd, os.WEXITED | os.WNOHANG)
         os.close(self.pidfd)
         # Popen would otherwise try to reap the pid itself some day, when it may be another process's.
         self._popen.returncode = 0

@@ -119,7 +119,7 @@ def _each_turn(tree: Tree, memory: RunMemory, control: ControlServer) -> None:
         name, incarnation = memory.faulted.pop()
         child = tree.child(name)
         if child.incarnation == incarnation:
-            child.kill("wrote what no module writes into its ring")
+            child.kill("the core refused its records; core.log says why")
     control.turn()
 
 

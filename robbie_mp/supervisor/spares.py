@@ -6,11 +6,11 @@ A spare has done it and waits on a socket, its standard input, to be told whom t
 beginning, in a session of its own, and nothing is ever forked from a process that has threads.
 """
 
-import json
 import socket
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from robbie_mp.supervisor.assignment import READY, assign
 from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.event_loop import EventLoop
 from robbie_mp.supervisor.leftovers import kill_child_leftovers, marker, wait_gone
@@ -18,7 +18,6 @@ from robbie_mp.supervisor.output import ChildOutput
 from robbie_mp.supervisor.output_stream import OutputStream
 from robbie_mp.supervisor.process import ChildProcess
 
-READY = b"ready\n"
 CALM_S = 0.5
 """A spare takes a processor for as long as a restart without one; so none is started while children start."""
 MAX_FAILURES = 3
@@ -139,7 +138,7 @@ class SparePool:
         """Hand a spare over to a child."""
         for spare in [spare for spare in self._spares if spare.is_ready]:
             try:
-                spare.connection.send(json.dumps([name, incarnation]).encode() + b"\n")
+                assign(spare.connection, name, incarnation)
             except OSError:
                 continue  # it has died; the loop is about to notice
             self._remove(spare)

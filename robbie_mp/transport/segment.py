@@ -103,7 +103,7 @@ class Segment:
         """Map an existing segment, read-only unless `write`.
 
         Raises:
-            SegmentMissing: no segment has that name.
+            SegmentMissing: no segment has that name, or it is just being made.
             SegmentMismatch: it is of another kind or layout version.
         """
         try:
@@ -112,6 +112,8 @@ class Segment:
             raise SegmentMissing(f"there is no shared memory {name}; its run is over") from error
         try:
             size = os.fstat(shared.fd).st_size
+            if size == 0:
+                raise SegmentMissing(f"shared memory {name} is just being made")
             if size < layout.HEADER_WORDS * WORD_BYTES:
                 raise SegmentMismatch(f"shared memory {name} of {size} bytes is no segment of Robbie-MP")
             access = mmap.PROT_READ | mmap.PROT_WRITE if write else mmap.PROT_READ
@@ -123,6 +125,8 @@ class Segment:
         wanted = (layout.MAGIC, layout.LAYOUT_VERSION, kind, size)
         if found != wanted:
             segment.close()
+            if found[0] == 0:  # the magic is written last
+                raise SegmentMissing(f"shared memory {name} is just being made")
             raise SegmentMismatch(
                 f"shared memory {name} has magic, layout version, kind and size {found}, expected {wanted}; "
                 "every process of a run must use the same version of Robbie-MP"

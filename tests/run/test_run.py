@@ -170,6 +170,24 @@ def test_crash_in_a_handler_restarts_that_module_alone(robot: Robot) -> None:
     assert robot.journal("listener") == list(range(7))
 
 
+def test_crashed_module_is_restarted_though_a_thread_of_it_runs_on(robot: Robot) -> None:
+    robot.write_profile(
+        "modules:\n  threaded:\n    class: zoo.modules:CrashWithThread\n"
+        "    restart: {max_restarts: 1, backoff_s: 0.01}\n"
+    )
+    ended = robot.run()
+    assert ended.exit_code == 1
+    assert ended.modules["threaded"]["restarts"] == 1
+    assert "RuntimeError: crashed beside a thread" in ended.stderr
+
+
+def test_impossible_period_is_a_clear_error(robot: Robot) -> None:
+    robot.write_profile('modules:\n  clock: {class: "zoo.modules:NeverTicks", restart: {policy: never}}\n')
+    ended = robot.run()
+    assert ended.exit_code == 1
+    assert "NeverTicks.period_s is 0.0; it must be greater than 0" in ended.stderr
+
+
 def test_message_that_can_never_fit_is_a_clear_error(robot: Robot) -> None:
     robot.write_profile(
         """

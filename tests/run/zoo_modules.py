@@ -2,6 +2,7 @@
 
 import json
 import os
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -153,6 +154,22 @@ class WrongField(Module):
 
     def tick(self) -> None:
         self.publish(DriveCommand(linear_m_per_s="fast"))
+
+
+class CrashWithThread(Module):
+    """Crashes while a thread of it runs on."""
+
+    period_s = 0.05
+
+    def tick(self) -> None:
+        threading.Thread(target=threading.Event().wait).start()
+        raise RuntimeError("crashed beside a thread")
+
+
+class NeverTicks(Module):
+    """Has a period that cannot be."""
+
+    period_s = 0.0
 
 
 class StateWatcher(Journal):

@@ -53,6 +53,12 @@ def test_no_room_is_an_error_that_says_what_to_do_and_leaves_no_name() -> None:
     assert not (Path("/dev/shm") / NAME).exists()
 
 
+def test_segment_that_is_just_being_made_counts_as_missing(segment: Segment) -> None:
+    segment.words[layout.HEADER_MAGIC] = 0
+    with pytest.raises(SegmentMissing, match="just being made"):
+        Segment.attach(NAME, SegmentKind.DATA)
+
+
 def test_missing_segment_is_named() -> None:
     with pytest.raises(SegmentMissing, match=NAME):
         Segment.attach(NAME, SegmentKind.DATA)
