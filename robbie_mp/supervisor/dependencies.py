@@ -29,7 +29,8 @@ class Dependencies:
     def are_settled(self, child: SupervisedChild) -> bool:
         """Whether everyone that a child depends on is RUNNING, or will not run without help."""
         return all(
-            other.state is ChildState.RUNNING or (other.state is not None and other.state.is_final)
+            (other.state is ChildState.RUNNING and not other.is_stopping)
+            or (other.state is not None and other.state.is_final)
             for other in self._children
             if other.spec.name in child.spec.depends_on
         )

@@ -16,11 +16,11 @@ class OrderedStop:
         Args:
             children: in the order of their start.
             then: what is to become of them.
-            reason: why, for the state that follows; '' says nothing there.
+            reason: why; see `SupervisedChild.will_stop`.
             clock: a time in s that never goes back.
         """
-        self._then = then
-        self._reason = reason
+        for child in children:
+            child.will_stop(then, reason)
         self._waiting = [(child, child.incarnation) for child in children]
         self._clock = clock
         self._current: tuple[SupervisedChild, int] | None = None
@@ -32,7 +32,7 @@ class OrderedStop:
             self._current = self._waiting.pop()
             if child := self._living():
                 self._kill_at_s = self._clock() + child.spec.stop_grace_s
-                child.terminate(self._then, self._reason)
+                child.terminate()
         child = self._living()
         if child and self._clock() >= self._kill_at_s:
             child.kill(f"did not stop within {child.spec.stop_grace_s:g} s")

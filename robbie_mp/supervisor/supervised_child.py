@@ -29,7 +29,7 @@ UNKILLABLE_AFTER_S = 5.0
 
 
 class Then(Enum):
-    """What follows when a child that was asked to end has ended."""
+    """What follows when a child has ended that takes part in an ordered stop."""
 
     STOPPED = auto()
     RESTART = auto()
@@ -99,7 +99,7 @@ class SupervisedChild:
 
     @property
     def is_stopping(self) -> bool:
-        """Whether its process was asked to end and still lives."""
+        """Whether its process takes part in an ordered stop and still lives."""
         return self._process is not None and self._then is not None
 
     @property
@@ -160,11 +160,20 @@ class SupervisedChild:
             case _:
                 return None
 
-    def terminate(self, then: Then, reason: str) -> None:
-        """Ask its process to end, for an ordered stop; without one, that is done already."""
+    def will_stop(self, then: Then, reason: str) -> None:
+        """Take part in an ordered stop: however its process ends from now on, this follows.
+
+        Args:
+            then: what follows.
+            reason: why, for the state that follows; '' says nothing there.
+        """
         if self._process:
             self._then = then
             self._stop_reason = reason
+
+    def terminate(self) -> None:
+        """Ask its process to end: its turn in the ordered stop has come."""
+        if self._process:
             self._process.terminate()
             self.wake()
 

@@ -113,6 +113,7 @@ class Run:
         self.lines: list[OutputLine] = []
         self.logs = folder / "logs"
         self.turns = 0
+        self.each_turn: Callable[[], None] = lambda: None
         self._scenario: Scenario | None = None
         self._condition: Callable[[], bool] = lambda: True
         self._limit_s = 0.0
@@ -157,6 +158,7 @@ class Run:
 
     def _each_turn(self) -> None:
         self.turns += 1
+        self.each_turn()
         assert time.monotonic() < self._limit_s, f"waited {LIMIT_S} s; {self.incarnations.changes}"
         if self._scenario is not None and self._condition():
             try:

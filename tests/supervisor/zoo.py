@@ -1,8 +1,11 @@
 """Children that behave in one way each; run as a script: `zoo.py BEHAVIOUR FOLDER PARENT_PID`.
 
+`zoo.py spare:BEHAVIOUR …` is a spare that behaves so when it is needed, `zoo.py broken_spare …` is of no use.
+
 A child says that it is ready, and whom it forked, by files in FOLDER, named after itself and its incarnation.
 """
 
+import faulthandler
 import os
 import signal
 import sys
@@ -10,15 +13,15 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from robbie_mp.supervisor.assignment import wait_for_assignment
 from robbie_mp.supervisor.die_with_parent import die_with_parent
 
 
 class Animal:
     """What every behaviour can do."""
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder: Path, name: str, incarnation: int):
         self.folder = folder
-        _, name, incarnation = os.environ["ROBBIE_CHILD"].split("/")
         self.label = f"{name}.{incarnation}"
 
     def say(self, kind: str, text: str = "") -> None:
@@ -62,6 +65,16 @@ def fails_once(animal: Animal) -> None:
     if animal.label.endswith(".1"):
         sys.exit(3)
     works(animal)
+
+
+def fails_once_running(animal: Animal) -> None:
+    """Run for a moment at first; no successor gets ready."""
+    if not animal.label.endswith(".1"):
+        sys.exit(3)
+    animal.ready()
+    signal.setitimer(signal.ITIMER_REAL, 0.2)
+    signal.signal(signal.SIGALRM, lambda *_: sys.exit(3))
+    animal.wait_for_ever()
 
 
 def fails_in_teardown(animal: Animal) -> None:
@@ -160,6 +173,28 @@ def notes_signals(animal: Animal) -> None:
     animal.wait_for_ever()
 
 
+def hangs(animal: Animal) -> None:
+    faulthandler.enable()
+    animal.ready()
+    wait_for_a_device_that_is_not_there(animal)
+
+
+def wait_for_a_device_that_is_not_there(animal: Animal) -> None:
+    animal.wait_for_ever()
+
+
+def ignores_everything(animal: Animal) -> None:
+    for signum in (signal.SIGTERM, signal.SIGABRT):
+        signal.signal(signum, signal.SIG_IGN)
+    animal.ready()
+    animal.wait_for_ever()
+
+
+def prints_its_input(animal: Animal) -> None:
+    print(f"input: {sys.stdin.read()!r}", flush=True)
+    works(animal)
+
+
 def works_busily(animal: Animal) -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     animal.ready()
@@ -171,8 +206,18 @@ def works_busily(animal: Animal) -> None:
 def main() -> None:
     behaviour, folder, parent_pid = sys.argv[1:]
     die_with_parent(int(parent_pid))
-    act: Callable[[Animal], None] = globals()[behaviour]
-    act(Animal(Path(folder)))
+    if behaviour == "broken_spare":
+        raise ImportError("no numpy here")
+    if behaviour.startswith("spare:"):
+        assignment = wait_for_assignment()
+        if assignment is None:
+            return
+        name, incarnation = assignment
+    else:
+        _, name, number = os.environ["ROBBIE_CHILD"].split("/")
+        incarnation = int(number)
+    act: Callable[[Animal], None] = globals()[behaviour.removeprefix("spare:")]
+    act(Animal(Path(folder), name, incarnation))
 
 
 if __name__ == "__main__":

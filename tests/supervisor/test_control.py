@@ -1,0 +1,315 @@
+"""Commands from outside: done, refused in words, and never in the way of the tree."""
+
+import json
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.profile.model import RestartPolicy
+from robbie_mp.supervisor.child_spec import ChildSpec
+from robbie_mp.supervisor.control import MAX_CLIENTS, MAX_LINE_BYTES, ControlServer, socket_address
+from robbie_mp.supervisor.control_client import RunNotControlled, control
+from robbie_mp.supervisor.states import ChildState
+from tests.supervisor import zoo
+from tests.supervisor.running import NEVER, Run, Scenario, animal, core
+
+RUNNING, FAILED, STOPPED = ChildState.RUNNING, ChildState.FAILED, ChildState.STOPPED
+
+
+class Controlled(Run):
+    """A tree with its socket, and a clock for the socket's time-outs."""
+
+    def __init__(self, folder: Path, *specs: ChildSpec):
+        super().__init__(folder, *specs)
+        self.folder = folder / "run"
+        self.folder.mkdir()
+        self.later_s = 0.0
+        self.server = ControlServer(self.folder, self.tree, lambda: time.monotonic() + self.later_s)
+        self.each_turn = self.server.turn
+
+    def play(self, scenario: Scenario | None = None) -> int:
+        try:
+            return super().play(scenario)
+        finally:
+            self.server.close()
+
+
+class Command:
+    """A command given by somebody else, in a thread, because the test's own thread runs the tree."""
+
+    def __init__(self, run: Controlled, command: str, module: str | None = None):
+        self.said: str | None = None
+        self.refused = ""
+        self._thread = threading.Thread(target=self._give, args=(run.folder, command, module))
+        self._thread.start()
+
+    def is_over(self) -> bool:
+        if not self._thread.is_alive():
+            self._thread.join()
+            return True
+        return False
+
+    def _give(self, folder: Path, command: str, module: str | None) -> None:
+        try:
+            self.said = control(folder, command, module)
+        except RobbieError as error:
+            self.refused = str(error)
+
+
+def connect(run: Controlled) -> socket.socket:
+    connection = socket.socket(socket.AF_UNIX)
+    folder_fd = os.open(run.folder, os.O_RDONLY)
+    connection.connect(socket_address(folder_fd))
+    os.close(folder_fd)
+    connection.setblocking(False)
+    return connection
+
+
+def has_answer(connection: socket.socket) -> Callable[[], bool]:
+    """A condition: something came, or the connection was closed."""
+
+    def came() -> bool:
+        try:
+            connection.recv(1, socket.MSG_PEEK)
+        except BlockingIOError:
+            return False
+        return True
+
+    return came
+
+
+def answer(connection: socket.socket) -> dict[str, str]:
+    with connection:
+        found: dict[str, str] = json.loads(connection.recv(10_000))
+        return found
+
+
+def refusal(tmp_path: Path, request: bytes) -> str:
+    """What a running tree says to a request; it must go on running."""
+    run = Controlled(tmp_path, core(), animal(zoo.works))
+    said: list[dict[str, str]] = []
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        connection = connect(run)
+        connection.send(request)
+        yield has_answer(connection)
+        said.append(answer(connection))
+        assert run.all_running()
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+    return said[0]["error"]
+
+
+def test_running_module_is_stopped_in_order_and_started_again(tmp_path: Path) -> None:
+    run = Controlled(tmp_path, animal(zoo.works, "laser", restart=RestartPolicy(max_restarts=0)))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        command = Command(run, "restart", "laser")
+        yield command.is_over
+        assert command.said == "laser is RUNNING, start 2"
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+    reasons = [change.reason for change in run.incarnations.changes]
+    assert "restarted by command: exit code 0" in reasons
+
+
+def test_stopped_module_stays_so_until_it_is_restarted(tmp_path: Path) -> None:
+    run = Controlled(tmp_path, animal(zoo.works, "laser"), animal(zoo.works, "other"))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        stop = Command(run, "stop", "laser")
+        yield stop.is_over
+        assert stop.said == "laser is STOPPED (stopped by command: exit code 0)"
+        again = Command(run, "stop", "laser")
+        yield again.is_over
+        assert again.refused.startswith("laser is STOPPED already")
+        turns = run.turns
+        yield lambda: run.turns > turns + 3
+        assert run.tree.child("laser").state is STOPPED
+        start = Command(run, "restart", "laser")
+        yield start.is_over
+        assert start.said == "laser is RUNNING, start 2"
+        assert run.is_running("other")
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+
+
+def test_failed_module_gets_its_whole_budget_back(tmp_path: Path) -> None:
+    run = Controlled(tmp_path, animal(zoo.fails_at_once, "laser"), animal(zoo.works))
+
+    def scenario() -> Scenario:
+        yield lambda: FAILED in run.states("laser")
+        starts = run.tree.child("laser").incarnation
+        command = Command(run, "restart", "laser")
+        yield command.is_over
+        assert command.refused.startswith("laser is FAILED: exit code 1; all 2 restarts")
+        assert run.tree.child("laser").incarnation == starts + 3
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 1
+
+
+def test_restart_ends_a_backoff(tmp_path: Path) -> None:
+    slow = RestartPolicy(backoff_s=60.0, backoff_cap_s=60.0)
+    run = Controlled(tmp_path, animal(zoo.fails_once, "laser", restart=slow))
+
+    def scenario() -> Scenario:
+        yield lambda: ChildState.BACKOFF in run.states("laser")
+        command = Command(run, "restart", "laser")
+        yield command.is_over
+        assert command.said == "laser is RUNNING, start 2"
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+
+
+def test_module_that_ignores_its_stop_is_killed_after_its_grace(tmp_path: Path) -> None:
+    run = Controlled(tmp_path, animal(zoo.ignores_sigterm, "deaf", stop_grace_s=0.05), animal(zoo.works))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        command = Command(run, "stop", "deaf")
+        yield command.is_over
+        assert command.said == "deaf is STOPPED (did not stop within 0.05 s: killed by SIGKILL)"
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+
+
+def test_core_can_be_restarted_but_not_stopped_alone(tmp_path: Path) -> None:
+    run = Controlled(tmp_path, core(), animal(zoo.works))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        stop, restart = Command(run, "stop", "core"), Command(run, "restart", "core")
+        yield lambda: stop.is_over() and restart.is_over()
+        assert stop.refused.startswith("without the core nothing runs")
+        assert restart.said == "core is RUNNING, start 2"
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+
+
+def test_run_is_stopped_in_order_and_who_asked_hears_of_its_end(tmp_path: Path) -> None:
+    run = Controlled(tmp_path, animal(zoo.works, "first"), animal(zoo.works, "second"))
+    commands: list[Command] = []
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        commands.append(Command(run, "stop"))
+
+    assert run.play(scenario()) == 0
+    assert run.tree.stop_reason == "stopped by command"
+    while not commands[0].is_over():
+        pass
+    assert commands[0].said == ""
+    assert [c.name for c in run.incarnations.changes if c.new is STOPPED] == ["second", "first"]
+
+
+def test_nothing_is_restarted_while_the_run_stops(tmp_path: Path) -> None:
+    run = Controlled(tmp_path, animal(zoo.works, "gone"), animal(zoo.ignores_sigterm, stop_grace_s=60.0))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        run.tree.stop("enough")
+        command = Command(run, "restart", "gone")
+        yield command.is_over
+        assert command.refused == "the run is stopping: enough"
+        run.tree.kill_all("enough")
+
+    assert run.play(scenario()) == 0
+
+
+def test_who_waits_hears_that_the_run_ended_before(tmp_path: Path) -> None:
+    run = Controlled(tmp_path, animal(zoo.is_never_ready, "slow", restart=NEVER), animal(zoo.works))
+    commands: list[Command] = []
+
+    def scenario() -> Scenario:
+        yield lambda: run.is_running("works")
+        commands.append(Command(run, "restart", "slow"))
+        yield lambda: run.states("slow").count(ChildState.STARTING) == 2
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+    while not commands[0].is_over():
+        pass
+    assert "slow is STOPPED" in commands[0].refused or "the run ended before" in commands[0].refused
+
+
+def test_unknown_module_is_refused_with_the_nearest_name(tmp_path: Path) -> None:
+    request = b'{"command": "restart", "module": "work"}\n'
+    assert refusal(tmp_path, request) == "no module is named 'work'; did you mean 'works'?"
+
+
+def test_garbage_is_refused(tmp_path: Path) -> None:
+    assert refusal(tmp_path, b"\xff\x00{\n").startswith("expected a JSON object")
+
+
+def test_unknown_command_is_refused(tmp_path: Path) -> None:
+    assert "expected stop, or stop or restart" in refusal(tmp_path, b'{"command": "halt", "module": 7}\n')
+
+
+def test_misspelt_module_does_not_stop_the_run(tmp_path: Path) -> None:
+    assert "expected stop" in refusal(tmp_path, b'{"command": "stop", "modul": "works"}\n')
+
+
+def test_line_without_end_is_refused(tmp_path: Path) -> None:
+    assert "expected one line" in refusal(tmp_path, b"x" * (MAX_LINE_BYTES + 1))
+
+
+def test_silent_client_is_cut_off(tmp_path: Path) -> None:
+    run = Controlled(tmp_path, animal(zoo.works))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        connection = connect(run)
+        connection.send(b'{"comm')
+        turns = run.turns
+        yield lambda: run.turns > turns + 2
+        assert not has_answer(connection)()
+        run.later_s = 60.0
+        yield has_answer(connection)
+        assert answer(connection)["error"].startswith("no command came within")
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+
+
+def test_clients_are_bounded(tmp_path: Path) -> None:
+    run = Controlled(tmp_path, animal(zoo.works))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        connections = [connect(run) for _ in range(MAX_CLIENTS)]
+        turns = run.turns
+        yield lambda: run.turns > turns + MAX_CLIENTS
+        late = connect(run)
+        yield has_answer(late)
+        assert "other commands wait already" in answer(late)["error"]
+        for connection in connections:
+            connection.close()
+        command = Command(run, "restart", "works")
+        yield command.is_over
+        assert command.said == "works is RUNNING, start 2"
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+
+
+def test_folder_without_a_supervisor_takes_no_commands(tmp_path: Path) -> None:
+    try:
+        control(tmp_path, "stop")
+    except RunNotControlled as error:
+        assert "takes no commands" in str(error)
+    else:
+        raise AssertionError("somebody answered")

@@ -1,0 +1,107 @@
+"""What becomes of a child that hangs, and of one that only seems to."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.supervisor import supervised_child
+from robbie_mp.supervisor.incarnations import Doing
+from robbie_mp.supervisor.states import ChildState
+from robbie_mp.transport.layout import Activity
+from tests.supervisor import zoo
+from tests.supervisor.running import NEVER, Run, Scenario, animal
+
+RUNNING, BACKOFF, FAILED = ChildState.RUNNING, ChildState.BACKOFF, ChildState.FAILED
+IN_HANDLER = Doing(Activity.HANDLER, 3, 1000)
+IN_TEARDOWN = Doing(Activity.TEARDOWN, 0, 1000)
+
+
+def test_hung_child_says_where_it_is_and_is_restarted(tmp_path: Path) -> None:
+    run = Run(tmp_path, animal(zoo.hangs, handler_deadline_s=0.05))
+    run.incarnations.busy["hangs"] = IN_HANDLER
+
+    def scenario() -> Scenario:
+        yield lambda: BACKOFF in run.states("hangs")
+        del run.incarnations.busy["hangs"]
+        yield lambda: run.states("hangs").count(RUNNING) == 2
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+    change = next(change for change in run.incarnations.changes if change.new is BACKOFF)
+    assert change.reason.startswith("hung in handler 3 for 0.")
+    assert change.reason.endswith(" s: killed by SIGABRT")
+    assert any("wait_for_a_device_that_is_not_there" in line for line in change.last_lines)
+
+
+@pytest.mark.parametrize("behaviour", [zoo.ignores_everything, zoo.stops_itself])
+def test_hung_child_that_says_nothing_is_killed_soon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, behaviour: object
+) -> None:
+    monkeypatch.setattr(supervised_child, "DUMP_S", 0.05)
+    run = Run(tmp_path, animal(behaviour, "mute", handler_deadline_s=0.05, restart=NEVER))  # type: ignore[arg-type]
+    run.incarnations.busy["mute"] = IN_HANDLER
+    assert run.play() == 1
+    assert run.last("mute").reason.startswith("hung in handler 3 for 0.")
+    assert "s: killed by SIGKILL" in run.last("mute").reason
+
+
+def test_hang_uses_up_restarts(tmp_path: Path) -> None:
+    run = Run(tmp_path, animal(zoo.hangs, handler_deadline_s=0.02))
+    run.incarnations.busy["hangs"] = IN_HANDLER
+    assert run.play() == 1
+    assert run.states("hangs").count(BACKOFF) == 2
+    assert run.last("hangs").new is FAILED
+
+
+def test_grace_alone_limits_an_ordered_stop(tmp_path: Path) -> None:
+    """A large map may take longer to write than any message to handle."""
+    run = Run(tmp_path, animal(zoo.ignores_sigterm, handler_deadline_s=0.05, stop_grace_s=0.4))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        run.tree.stop("test")
+        run.incarnations.busy["ignores_sigterm"] = IN_TEARDOWN
+
+    assert run.play(scenario()) == 0
+    assert run.last("ignores_sigterm").reason.startswith("did not stop within 0.4 s")
+
+
+def test_pause_of_the_whole_machine_makes_no_deadline_fire(tmp_path: Path) -> None:
+    paused_s = 0.0
+    run = Run(
+        tmp_path,
+        animal(zoo.works, "busy", handler_deadline_s=60.0),
+        animal(zoo.is_never_ready, "slow", start_deadline_s=60.0),
+        clock=lambda: time.monotonic() + paused_s,
+    )
+    run.incarnations.busy["busy"] = IN_HANDLER
+
+    def scenario() -> Scenario:
+        nonlocal paused_s
+        yield lambda: run.is_running("busy")
+        turns = run.turns
+        yield lambda: run.turns > turns + 3
+        paused_s = 3600.0
+        yield lambda: run.turns > turns + 10
+        assert run.is_running("busy")
+        assert run.states("slow") == [ChildState.STARTING]
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+
+
+def test_signal_of_the_watchdog_reaches_nobody_else(tmp_path: Path) -> None:
+    run = Run(tmp_path, animal(zoo.works, "good", handler_deadline_s=0.05), animal(zoo.hangs, restart=NEVER))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        os.kill(run.incarnations.pids["hangs", 1], signal.SIGABRT)
+        yield lambda: run.last("hangs").new is FAILED
+        assert run.is_running("good")
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 1
+    assert run.last("hangs").reason.startswith("killed by SIGABRT")

@@ -1,0 +1,57 @@
+"""When something takes too long, on a clock of the test's own."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robbie_mp.supervisor.hang_watch import HangWatch
+from robbie_mp.supervisor.incarnations import Doing
+from robbie_mp.supervisor.running_time import LONGEST_STEP_S, RunningTime
+from robbie_mp.transport.layout import Activity
+
+HANDLER = Doing(Activity.HANDLER, 3, 1000)
+TEARDOWN = Doing(Activity.TEARDOWN, 0, 1000)
+
+
+def looks(watch: HangWatch, doings: list[Doing | None], step_s: float = 1.0) -> list[float | None]:
+    return [watch.hung_for_s(doing, step_s * number) for number, doing in enumerate(doings)]
+
+
+def test_handler_is_hung_from_its_deadline_on() -> None:
+    assert looks(HangWatch(2.0, 0.0), [HANDLER] * 4) == [None, None, 2.0, 3.0]
+
+
+def test_idle_module_is_never_hung() -> None:
+    assert looks(HangWatch(2.0, 0.0), [None] * 100) == [None] * 100
+
+
+def test_module_that_goes_on_to_the_next_message_is_not_hung() -> None:
+    doings: list[Doing | None] = [Doing(Activity.HANDLER, 3, begin_ns) for begin_ns in range(100)]
+    assert looks(HangWatch(2.0, 0.0), doings) == [None] * 100
+
+
+def test_change_of_one_word_alone_is_something_new() -> None:
+    """As when the module is just between its two words."""
+    between = Doing(Activity.HANDLER, 3, 2000)
+    assert looks(HangWatch(2.0, 0.0), [HANDLER, HANDLER, between, HANDLER, None, HANDLER]) == [None] * 6
+
+
+def test_without_a_deadline_nothing_is_hung() -> None:
+    assert looks(HangWatch(0.0, 0.0), [HANDLER] * 100) == [None] * 100
+
+
+def test_teardown_may_take_as_long_as_an_ordered_stop_grants() -> None:
+    assert looks(HangWatch(2.0, 4.0), [TEARDOWN] * 5) == [None] * 4 + [4.0]
+    assert looks(HangWatch(2.0, 1.0), [TEARDOWN] * 3) == [None] * 2 + [2.0]
+
+
+@given(st.lists(st.floats(0.0, 1e6)))
+def test_time_passes_as_it_does_but_for_pauses_of_this_process(steps_s: list[float]) -> None:
+    now_s = 0.0
+    time_of = RunningTime(lambda: now_s)
+    for step_s in steps_s:
+        before_s, before_now_s = time_of(), now_s
+        now_s += step_s
+        passed_s = time_of() - before_s
+        assert passed_s <= LONGEST_STEP_S + 1e-6
+        if step_s <= LONGEST_STEP_S:
+            assert abs(passed_s - (now_s - before_now_s)) < 1e-6
