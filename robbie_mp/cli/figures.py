@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -46,17 +46,18 @@ def as_data(figures: ModuleFigures) -> dict[str, Any]:
     return data
 
 
-def table(modules: Sequence[ModuleFigures], *, live: bool) -> Table:
+def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str] = ()) -> Table:
     """One row a module.
 
     Args:
         modules: the figures; the supervisor's row is left out, for it neither takes nor sends on its own.
         live: whether they run: shows the status line; else the reason of the last state.
+        columns: which figures, of those in `FIGURES`; all by default.
     """
     made = Table(box=None, pad_edge=False, header_style="bold")
     made.add_column("module", no_wrap=True)
     made.add_column("state", no_wrap=True)
-    for heading in ("cpu s", "restarts", "in", "out", "waiting", "replaced", "dropped", "lost", "refused"):
+    for heading in columns or FIGURES:
         made.add_column(heading, justify="right", no_wrap=True)
     made.add_column("status" if live else "ended")  # the one column that gives way on a narrow terminal
     for module in modules[1:]:
@@ -64,15 +65,7 @@ def table(modules: Sequence[ModuleFigures], *, live: bool) -> Table:
         made.add_row(
             module.name,
             Text(state, STYLES.get(state, "")),
-            f"{module.cpu_s:.1f}",
-            _alarming(module.restarts),
-            str(module.handled),
-            str(module.published),
-            str(module.waiting),
-            str(module.total("replaced")),
-            _alarming(module.total("dropped")),
-            _alarming(module.total("lost")),
-            _alarming(module.refused),
+            *(FIGURES[heading](module) for heading in columns or FIGURES),
             Text(module.status if live else module.reason, no_wrap=True, overflow="ellipsis"),
         )
     return made
@@ -80,3 +73,18 @@ def table(modules: Sequence[ModuleFigures], *, live: bool) -> Table:
 
 def _alarming(count: int) -> Text:
     return Text(str(count), "bold red" if count else "")
+
+
+FIGURES: dict[str, Callable[[ModuleFigures], Text]] = {
+    "cpu s": lambda module: Text(f"{module.cpu_s:.1f}"),
+    "restarts": lambda module: _alarming(module.restarts),
+    "in": lambda module: Text(str(module.handled)),
+    "out": lambda module: Text(str(module.published)),
+    "waiting": lambda module: Text(str(module.waiting)),
+    "replaced": lambda module: Text(str(module.total("replaced"))),
+    "dropped": lambda module: _alarming(module.total("dropped")),
+    "lost": lambda module: _alarming(module.total("lost")),
+    "refused": lambda module: _alarming(module.refused),
+}
+LIVE_FIGURES = ("cpu s", "restarts", "in", "out", "dropped")
+"""Those that leave room for the status line in 80 columns."""

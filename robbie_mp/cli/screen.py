@@ -16,7 +16,7 @@ from typing import IO, cast
 from rich.console import Console
 from rich.live import Live
 
-from robbie_mp.cli.figures import table
+from robbie_mp.cli.figures import LIVE_FIGURES, table
 from robbie_mp.observe import RunObserver
 from robbie_mp.supervisor.output import OutputLine
 from robbie_mp.supervisor.run import RunListener
@@ -138,7 +138,7 @@ class RunScreen:
                     next_s = time.monotonic() + REFRESH_S
                     observer = observer or self._observe()
                     if observer:
-                        live.update(table(observer.modules(), live=True), refresh=True)
+                        live.update(table(observer.modules(), live=True, columns=LIVE_FIGURES), refresh=True)
         finally:
             if observer:
                 observer.close()
