@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from types import FrameType
 
 from robbie_mp.core.link import LinkMemory
-from robbie_mp.core.router import SUPERVISOR_SLOT, Router, RouterLimits, SlotLimits
+from robbie_mp.core.members import SUPERVISOR_SLOT, RouterLimits
+from robbie_mp.core.router import Router, SlotLimits
 from robbie_mp.core.tables import CoreTables
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.layout import SegmentKind

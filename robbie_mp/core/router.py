@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from robbie_mp.core.directory import Channel, Directory, Subscription, TableFull
 from robbie_mp.core.ledger import Handle, Ledger, Outcome
 from robbie_mp.core.link import Link, LinkMemory, ProtocolViolation, Slot
+from robbie_mp.core.members import SUPERVISOR_SLOT, Members, RouterLimits, name_of
 from robbie_mp.core.queues import Queues
 from robbie_mp.core.recovery import (
     KNOWN_DEAD,
@@ -19,29 +20,17 @@ from robbie_mp.core.recovery import (
     unclaimed,
 )
 from robbie_mp.core.tables import CoreTables
-from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound, Outbound
 from robbie_mp.transport.ring import Record, RingCorrupt
-from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.transport.words import WORD_MAX, Fence
 
 # Looking a member up in its enumeration costs more than all that is done with it for a message.
 _PUBLISH, _RELEASE = Outbound.PUBLISH, Outbound.RELEASE
 _DELIVERED = Outcome.DELIVERED
 
-SUPERVISOR_SLOT = 0
 BROKEN = (ProtocolViolation, RingCorrupt, TableFull)
 """What a module is faulted for."""
-
-
-@dataclass(frozen=True)
-class RouterLimits:
-    """Bounds of the rings and of what a module may send."""
-
-    ring_records: int
-    credit: int
-    message_bytes: int
 
 
 @dataclass(frozen=True)
@@ -73,7 +62,6 @@ class Router:
     ):
         self._words = tables.words
         self._limits = limits
-        self._connect = connect
         self._report = report
         self._directory = Directory(tables)
         self._ledger = Ledger(tables, self._give_back)
@@ -82,7 +70,7 @@ class Router:
             for index, bound in enumerate(slots)
         ]
         self._queues = Queues(self._words, self._ledger, self._slots, limits.credit)
-        self._links: tuple[Link, ...] = ()
+        self._members = Members(self._words, self._slots, limits, connect, report)
         self._fence = Fence()
         self._sequence = 0
         self._dead_sources: set[tuple[int, int]] = set()
@@ -99,6 +87,10 @@ class Router:
             Outbound.WAIT_FREED: self._wait_freed,
         }
 
+    def module_up(self, slot: int, incarnation: int) -> None:
+        """Connect with a new incarnation of a module."""
+        self._members.connect(slot, incarnation)
+
     def recover(self) -> None:
         """Take over from a core that died: rebuild everything from the tables and the rings.
 
@@ -109,21 +101,21 @@ class Router:
         for slot in self._slots:
             restore_slot(slot, words)
             if incarnation := words[slot.at + layout.PUBLISHER_LINKED]:
-                self.module_up(slot.index, incarnation)
+                self._members.connect(slot.index, incarnation)
         handles = self._ledger.read_handles()
-        for link in self._links:
+        for link in self._members.links:
             link.ready = words[self._slots[link.slot].at + layout.PUBLISHER_READY] == link.incarnation
             try:
                 restore_declarations(link, self._directory)
             except BROKEN as error:
-                self._fault(link, error)
+                self._members.fault(link, error)
         restore_references(self._slots, self._ledger, self._directory)
         entered = self._ledger.entered()
-        for link in self._links:
+        for link in self._members.links:
             try:
                 self._finish_publishing(link, entered)
             except BROKEN as error:
-                self._fault(link, error)
+                self._members.fault(link, error)
         for index in handles:
             if self._ledger.row(index, layout.HANDLE_SEQUENCE) and not self._ledger.is_held(index):
                 self._give_back(index)
@@ -134,7 +126,7 @@ class Router:
                     self._queues.pump(slot, slot.link)
                 slot.link.wake()
             self._queues.write_figures(slot, slot.link)
-        for link in self._links:
+        for link in self._members.links:
             self._await_freed(link, link.out_words[layout.OUT_AWAITED_FREED])
 
     def _finish_publishing(self, link: Link, entered: Mapping[tuple[int, int, int], int]) -> None:
@@ -164,7 +156,7 @@ class Router:
 
     def _restore_dead_sources(self) -> None:
         """Find out whose messages outlive them, and say again whose do not."""
-        connected = {(link.slot, link.incarnation) for link in self._links}
+        connected = {(link.slot, link.incarnation) for link in self._members.links}
         self._dead_sources = self._ledger.sources() - connected
         for slot in self._slots:
             last = max(
@@ -173,14 +165,14 @@ class Router:
             for incarnation in range(max(1, last - KNOWN_DEAD), last + 1):
                 source = (slot.index, incarnation)
                 if source not in connected and source not in self._dead_sources:
-                    self._segments_gone(source)
+                    self._members.announce_gone(source)
 
     # -- the loop's view -------------------------------------------------------------------------------
 
     def drain(self) -> int:
         """Handle every record that waits in any ring once; return how many there were."""
         handled = 0
-        for link in self._links:
+        for link in self._members.links:
             if link.has_ended:
                 continue
             try:
@@ -189,7 +181,7 @@ class Router:
                     self._receive(link)
                 handled += waiting
             except BROKEN as error:
-                self._fault(link, error)
+                self._members.fault(link, error)
         return handled
 
     def before_sleep(self) -> bool:
@@ -199,7 +191,7 @@ class Router:
         flag, with a fence between on both sides: so one of the two sees the other, and no release is missed.
         """
         look_again = False
-        for link in self._links:
+        for link in self._members.links:
             waited_for = self._slots[link.slot].waiting or (self._freed_waits and link.pushed)
             if link.want_release(1 if waited_for or (link.pinned and self._freed_waits) else 0):
                 look_again = True
@@ -227,31 +219,16 @@ class Router:
 
     # -- modules come and go -----------------------------------------------------------------------------
 
-    def module_up(self, slot: int, incarnation: int) -> None:
-        """Connect with a new incarnation of a module."""
-        known = self._slots[slot].link
-        if known is not None and known.incarnation == incarnation:
-            return  # said again after a restart of the core
-        try:
-            memory = self._connect(slot, incarnation)
-        except (SegmentMissing, SegmentMismatch) as error:
-            self._accuse(slot, incarnation, str(error))
-            return
-        link = Link(slot, memory, self._limits.ring_records, self._limits.credit)
-        self._slots[slot].link = link
-        self._links = (*self._links, link)
-        self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = incarnation
-
     def _control(self, kind: Outbound, record: Record) -> None:
         slot, incarnation = record[1], record[2]
         link = self._slots[slot].link
         if kind == Outbound.MODULE_UP:
-            self.module_up(slot, incarnation)
+            self._members.connect(slot, incarnation)
         elif kind == Outbound.MODULE_DOWN:
             if link is not None and link.incarnation == incarnation:
                 self._reclaim(link)
             self._bury(slot, incarnation)
-            self._notify(SUPERVISOR_SLOT, (Inbound.RECLAIMED, slot, incarnation, 0))
+            self._members.notify(SUPERVISOR_SLOT, (Inbound.RECLAIMED, slot, incarnation, 0))
         elif kind == Outbound.MODULE_GONE:
             outcome = Outcome.DROPPED if record[2] else Outcome.LOST
             for entry in [entry for entry in self._directory.subscriptions if entry.slot == slot]:
@@ -264,10 +241,8 @@ class Router:
             while not link.has_ended and link.outbound.waiting():
                 self._receive(link)
         except BROKEN as error:
-            self._report(f"{_name(link.slot, link.incarnation)} died leaving a broken ring: {error}")
-        slot.link = None
-        link.has_ended = True
-        self._links = tuple(other for other in self._links if other is not link)
+            self._report(f"{name_of(link.slot, link.incarnation)} died leaving a broken ring: {error}")
+        self._members.disconnect(link)
         self._freed_waits -= link.awaited_freed > 0
         begun = link.out_words[layout.OUT_INBOUND_TAIL]
         for reference, record in reversed(list(link.pushed.items())):
@@ -285,26 +260,9 @@ class Router:
         if self._ledger.has_live(slot, incarnation):
             self._dead_sources.add((slot, incarnation))
         else:
-            self._segments_gone((slot, incarnation))
+            self._members.announce_gone((slot, incarnation))
         if self._slots[slot].link is None:
             self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = 0
-
-    def _fault(self, link: Link, error: RobbieError) -> None:
-        """Take no more records of a module that broke the protocol, send it none, and have it killed."""
-        link.has_ended = True
-        link.ready = False
-        self._accuse(link.slot, link.incarnation, str(error))
-
-    def _accuse(self, slot: int, incarnation: int, what: str) -> None:
-        self._words[layout.CORE_FAULTS] = self._words[layout.CORE_FAULTS] + 1
-        self._report(f"{_name(slot, incarnation)} is faulted: {what}")
-        self._notify(SUPERVISOR_SLOT, (Inbound.FAULTED, slot, incarnation, 0))
-
-    def _notify(self, slot: int, notice: tuple[Inbound, int, int, int]) -> None:
-        link = self._slots[slot].link
-        if link is not None:
-            link.notices.append(notice)
-            link.send_notices()
 
     # -- declarations ------------------------------------------------------------------------------------
 
@@ -435,12 +393,7 @@ class Router:
         source = self._ledger.close_handle(index)
         if source in self._dead_sources:
             self._dead_sources.remove(source)
-            self._segments_gone(source)
-
-    def _segments_gone(self, source: tuple[int, int]) -> None:
-        """Have a dead publisher's data segments unmapped by everyone, and unlinked by the supervisor."""
-        for link in self._links:
-            self._notify(link.slot, (Inbound.SEGMENTS_GONE, *source, 0))
+            self._members.announce_gone(source)
 
     def _wait_freed(self, _slot: Slot, link: Link, record: Record) -> None:
         self._await_freed(link, record[1])
@@ -449,10 +402,6 @@ class Router:
 def refused_tag(link: Link) -> int:
     """Name the record at the tail of a link's outbound ring in few bits."""
     return (link.incarnation & 0xFF) << 16 | link.outbound.tail & 0xFFFF
-
-
-def _name(slot: int, incarnation: int) -> str:
-    return f"module in slot {slot}, incarnation {incarnation},"
 
 
 _CONTROL = (Outbound.MODULE_UP, Outbound.MODULE_DOWN, Outbound.MODULE_GONE)

@@ -5,7 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from robbie_mp.core.link import LinkMemory
-from robbie_mp.core.router import Router, RouterLimits, SlotLimits
+from robbie_mp.core.members import RouterLimits
+from robbie_mp.core.router import Router, SlotLimits
 from robbie_mp.core.tables import CoreTables, TableSizes
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block

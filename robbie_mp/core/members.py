@@ -1,0 +1,98 @@
+"""Who is connected to the core: links to living modules, and what is told to them besides messages."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from robbie_mp.core.link import Link, LinkMemory, Slot
+from robbie_mp.errors import RobbieError
+from robbie_mp.transport import layout
+from robbie_mp.transport.records import Inbound
+from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
+from robbie_mp.transport.words import Words
+
+SUPERVISOR_SLOT = 0
+
+
+@dataclass(frozen=True)
+class RouterLimits:
+    """Bounds of the rings and of what a module may send."""
+
+    ring_records: int
+    credit: int
+    message_bytes: int
+
+
+class Members:
+    """The modules that are connected.
+
+    Args:
+        words: the core segment.
+        slots: every module of the run; slot 0 is the supervisor's.
+        limits: bounds of the rings.
+        open_memory: maps the memory of one incarnation of a module.
+        report: is told what went wrong with whom.
+    """
+
+    def __init__(
+        self,
+        words: Words,
+        slots: Sequence[Slot],
+        limits: RouterLimits,
+        open_memory: Callable[[int, int], LinkMemory],
+        report: Callable[[str], None],
+    ):
+        self._words = words
+        self._slots = slots
+        self._limits = limits
+        self._open_memory = open_memory
+        self._report = report
+        self.links: tuple[Link, ...] = ()
+
+    def connect(self, slot: int, incarnation: int) -> None:
+        """Connect with a new incarnation of a module."""
+        known = self._slots[slot].link
+        if known is not None and known.incarnation == incarnation:
+            return  # said again after a restart of the core
+        try:
+            memory = self._open_memory(slot, incarnation)
+        except (SegmentMissing, SegmentMismatch) as error:
+            self._accuse(slot, incarnation, str(error))
+            return
+        link = Link(slot, memory, self._limits.ring_records, self._limits.credit)
+        self._slots[slot].link = link
+        self.links = (*self.links, link)
+        self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = incarnation
+
+    def disconnect(self, link: Link) -> None:
+        """Forget a dead incarnation; that it was connected stays written until it has been taken back."""
+        self._slots[link.slot].link = None
+        link.has_ended = True
+        self.links = tuple(other for other in self.links if other is not link)
+
+    def fault(self, link: Link, error: RobbieError) -> None:
+        """Take no more records of a module that broke the protocol, send it none, and have it killed."""
+        link.has_ended = True
+        link.ready = False
+        self._accuse(link.slot, link.incarnation, str(error))
+
+    def _accuse(self, slot: int, incarnation: int, what: str) -> None:
+        self._words[layout.CORE_FAULTS] = self._words[layout.CORE_FAULTS] + 1
+        self._report(f"{name_of(slot, incarnation)} is faulted: {what}")
+        self.notify(SUPERVISOR_SLOT, (Inbound.FAULTED, slot, incarnation, 0))
+
+    def notify(self, slot: int, notice: tuple[Inbound, int, int, int]) -> None:
+        """Tell a module something, as soon as there is room for it in its ring."""
+        link = self._slots[slot].link
+        if link is not None:
+            link.notices.append(notice)
+            link.send_notices()
+
+    def announce_gone(self, source: tuple[int, int]) -> None:
+        """Have a dead publisher's data segments unmapped by everyone, and unlinked by the supervisor."""
+        for link in self.links:
+            self.notify(link.slot, (Inbound.SEGMENTS_GONE, *source, 0))
+
+
+def name_of(slot: int, incarnation: int) -> str:
+    """Name an incarnation of a module in a report."""
+    return f"module in slot {slot}, incarnation {incarnation},"
