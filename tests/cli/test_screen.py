@@ -1,0 +1,96 @@
+"""A terminal that is stopped, or gone, is no business of the robot's."""
+
+import os
+import pty
+import time
+from pathlib import Path
+
+from robbie_mp.cli.screen import QUEUED_LINES, RunScreen
+from robbie_mp.supervisor.output import OutputLine
+from robbie_mp.supervisor.states import ChildState, StateChange
+
+LINES = QUEUED_LINES + 3000
+LONG = "x" * 200
+"""So many of these are more than a pipe or a terminal takes while nobody reads."""
+
+
+def line(text: str) -> OutputLine:
+    return OutputLine("laser", 1, "stdout", 0.0, text)
+
+
+def failure(reason: str) -> StateChange:
+    return StateChange(
+        "laser", 1, ChildState.RUNNING, ChildState.FAILED, reason, 0.0, last_lines=("Traceback", "boom")
+    )
+
+
+def read_all(fd: int) -> str:
+    with os.fdopen(fd, "rb") as file:
+        return file.read().decode()
+
+
+def test_lines_come_out_in_their_order(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    with RunScreen(quiet=False, fd=writer) as screen:
+        for number in range(100):
+            screen.listener.line(line(str(number)))
+        screen.listener.change(failure("exit code 1"))
+    os.close(writer)
+    assert read_all(reader).splitlines() == [
+        *(f"[laser] {number}" for number in range(100)),
+        "laser: FAILED (exit code 1)",
+    ]
+    assert screen.dropped == 0
+
+
+def test_quiet_screen_shows_only_what_went_wrong() -> None:
+    reader, writer = os.pipe()
+    with RunScreen(quiet=True, fd=writer) as screen:
+        screen.listener.line(line("hello"))
+        screen.listener.change(failure("exit code 1"))
+    os.close(writer)
+    shown = read_all(reader).splitlines()
+    assert shown == ["laser: FAILED (exit code 1)", "[laser] Traceback", "[laser] boom"]
+
+
+def test_blocked_reader_stalls_nobody_and_what_is_missing_is_counted() -> None:
+    reader, writer = os.pipe()
+    begin_s = time.monotonic()
+    with RunScreen(quiet=False, fd=writer) as screen:
+        for _ in range(LINES):
+            screen.listener.line(line(LONG))
+        lines_s = time.monotonic() - begin_s
+    assert lines_s < 1.0, "the supervisor waited for the terminal"
+    assert screen.dropped > 1000
+    assert screen._thread.is_alive(), "it should still be waiting for the reader"
+    os.set_blocking(reader, True)
+    shown = ""
+    while f"({screen.dropped} lines not shown" not in shown:
+        shown = shown[-1000:] + os.read(reader, 1 << 16).decode()
+    os.close(reader)
+    screen._thread.join(5.0)
+    os.close(writer)
+    assert not screen._thread.is_alive()
+
+
+def test_stopped_terminal_does_not_stop_the_end_of_the_run() -> None:
+    controller, terminal = pty.openpty()
+    begin_s = time.monotonic()
+    with RunScreen(quiet=False, fd=terminal) as screen:
+        for _ in range(LINES):
+            screen.listener.line(line(LONG))
+    assert time.monotonic() - begin_s < 5.0
+    os.close(controller)  # the thread is told that its terminal is gone
+    screen._thread.join(5.0)
+    os.close(terminal)
+    assert not screen._thread.is_alive()
+
+
+def test_closed_pipe_ends_the_show_and_nothing_else() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with RunScreen(quiet=False, fd=writer) as screen:
+        for _ in range(LINES):
+            screen.listener.line(line(LONG))
+    os.close(writer)
+    assert not screen._thread.is_alive()

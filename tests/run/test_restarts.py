@@ -1,0 +1,168 @@
+"""Real modules that hang, leak or are restarted by hand, and a core that stands still."""
+
+import os
+import signal
+
+from tests.run.robot import Ended, Robot, wait_until
+
+MODULES = '''
+import time
+from robbie_mp.messages import LaserScan
+from robbie_mp.module import Module, setting
+
+
+class Source(Module):
+    """Publishes numbered scans."""
+
+    period_s = 0.01
+
+    def setup(self):
+        self.number = 0
+
+    def tick(self):
+        self.number += 1
+        self.publish(LaserScan(angle_min=float(self.number)), topic="front")
+
+
+class Sink(Module):
+    """Writes down the numbers of the scans it handles; may hang once, in a handler or a tick."""
+
+    hang_in: str = setting("", "where the first incarnation hangs")
+    period_s = 0.05
+
+    def setup(self):
+        self.subscribe(LaserScan, self.on_scan, topic="front")
+
+    def hang_if(self, where):
+        marker = self.output_directory / "has_hung"
+        if self.hang_in == where and not marker.exists():
+            marker.touch()
+            time.sleep(1000)
+
+    def on_scan(self, scan):
+        if scan.angle_min >= 20:
+            self.hang_if("handler")
+        with open(self.output_directory / f"{self.name}.journal", "a") as journal:
+            journal.write(f"{round(scan.angle_min)}\\n")
+
+    def tick(self):
+        self.hang_if("tick")
+
+
+class Leak(Module):
+    """Takes more and more memory."""
+
+    period_s = 0.001
+
+    def setup(self):
+        self.kept = []
+
+    def tick(self):
+        self.kept.append(bytearray(16 << 20))
+'''
+PROFILE = """
+modules:
+  source: {class: "zoo.hanging:Source"}
+  sink:
+    class: zoo.hanging:Sink
+    handler_deadline_s: 0.5
+    settings: {hang_in: "%s"}
+"""
+
+
+def started(robot: Robot, profile: str) -> None:
+    (robot.folder / "zoo" / "hanging.py").write_text(MODULES)
+    robot.write_profile(profile)
+    robot.process = robot.start()  # type: ignore[attr-defined]
+
+
+def stopped(robot: Robot) -> Ended:
+    answer = robot.command("stop")
+    assert answer.returncode == 0, answer.stderr
+    assert answer.stdout.endswith("has ended\n")
+    return Ended.wait_for(robot.process)  # type: ignore[attr-defined]
+
+
+def log(robot: Robot, name: str) -> str:
+    return (robot.output / "log" / f"{name}.log").read_text()
+
+
+def test_hung_handler_is_named_shown_and_costs_one_message(robot: Robot) -> None:
+    started(robot, PROFILE % "handler")
+    wait_until(lambda: len(robot.journal("sink")) > 40)
+    ended = stopped(robot)
+    assert "sink: BACKOFF (hung in handler of sensor_msgs/msg/LaserScan on front for 0." in ended.stderr
+    assert 'zoo/hanging.py", line' in log(robot, "sink"), "no stack dump"
+    assert "in hang_if" in log(robot, "sink")
+    heard = robot.journal("sink")
+    last = heard[-1]
+    missing = sorted(set(range(heard[0], last + 1)) - set(heard))
+    assert len(missing) == ended.modules["sink"]["lost"] == 1
+    assert ended.modules["sink"]["restarts"] == 1
+
+
+def test_hung_tick_is_named_and_restarted(robot: Robot) -> None:
+    started(robot, PROFILE % "tick")
+    wait_until(lambda: len(robot.journal("sink")) > 40)
+    ended = stopped(robot)
+    assert "sink: BACKOFF (hung in tick for 0." in ended.stderr
+    assert ended.modules["sink"]["lost"] == 0
+
+
+def test_module_that_waits_for_messages_is_not_suspected(robot: Robot) -> None:
+    started(robot, 'modules: {sink: {class: "zoo.hanging:Sink", handler_deadline_s: 0.1}}')
+    robot.until(lambda modules: modules["sink"]["state"] == "RUNNING")
+    figures = robot.until(lambda modules: modules["sink"]["uptime_s"] > 1.0)
+    assert figures["sink"]["restarts"] == 0
+    assert stopped(robot).exit_code == 0
+
+
+def test_core_that_stands_still_is_replaced_and_nothing_is_lost(robot: Robot) -> None:
+    started(robot, PROFILE % "" + "core: {deadline_s: 0.5}\n")
+    figures = robot.until(lambda modules: modules["sink"]["handled"] > 20)
+    os.kill(figures["core"]["pid"], signal.SIGSTOP)
+    figures = robot.until(lambda modules: modules["core"]["restarts"] == 1)
+    handled = figures["sink"]["handled"]
+    robot.until(lambda modules: modules["sink"]["handled"] > handled + 20)
+    ended = stopped(robot)
+    assert "core: BACKOFF (gave no sign of life for 0." in ended.stderr
+    heard = robot.journal("sink")
+    assert heard == list(range(heard[0], heard[0] + len(heard)))
+    assert ended.modules["sink"]["restarts"] == ended.modules["source"]["restarts"] == 0
+
+
+def test_leak_ends_in_a_memory_error_of_that_module_alone(robot: Robot) -> None:
+    leak = '{class: "zoo.hanging:Leak", restart: {policy: never}, memory: {process_bytes: 1000000000}}'
+    started(robot, PROFILE % "" + f"  leak: {leak}\n")
+    robot.until(lambda modules: modules["leak"]["state"] == "FAILED")
+    assert "MemoryError" in log(robot, "leak")
+    ended = stopped(robot)
+    assert ended.modules["sink"]["restarts"] == 0
+    assert ended.exit_code == 1
+
+
+def test_failed_module_is_brought_back_by_hand(robot: Robot) -> None:
+    started(robot, PROFILE % "" + "    restart: {policy: never}\n")
+    figures = robot.until(lambda modules: modules["sink"]["handled"] > 10)
+    os.kill(figures["sink"]["pid"], signal.SIGKILL)
+    robot.until(lambda modules: modules["sink"]["state"] == "FAILED")
+    before = len(robot.journal("sink"))
+    answer = robot.command("restart", "sink")
+    assert answer.stdout == "sink is RUNNING, start 2\n", answer.stderr
+    wait_until(lambda: len(robot.journal("sink")) > before + 10)
+    answer = robot.command("stop", "sink")
+    assert answer.stdout == "sink is STOPPED (stopped by command: exit code 0)\n", answer.stderr
+    assert stopped(robot).exit_code == 0
+
+
+def test_wrong_command_is_told_so(robot: Robot) -> None:
+    nobody = robot.command("restart", "sink")
+    assert (nobody.returncode, nobody.stderr) == (
+        1,
+        "no run on this machine; start one with `robbie run PROFILE`\n",
+    )
+    started(robot, PROFILE % "")
+    robot.until(lambda modules: modules["sink"]["state"] == "RUNNING")
+    wrong = robot.command("restart", "sinc")
+    assert (wrong.returncode, wrong.stderr) == (1, "no module is named 'sinc'; did you mean 'sink'?\n")
+    assert stopped(robot).exit_code == 0
