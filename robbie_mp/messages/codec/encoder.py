@@ -21,7 +21,6 @@ from robbie_mp.messages.codec.plan import (
 )
 from robbie_mp.messages.codec.source import Source
 from robbie_mp.messages.codec.step_writer import StepWriter
-from robbie_mp.messages.field_types import Numbers, natural_default
 
 CDR_LITTLE_ENDIAN = 0x0100  # the bytes 00 01 00 00, read as a little-endian word
 
@@ -95,13 +94,13 @@ class _EncoderWriter(StepWriter):
         name, element = step.value.variable, step.element
         self.cursor.materialise()
         if name in self._loaned:
-            no_elements = self.source.name(f"_no_{element}", natural_default(Numbers(element)))
-            self.source.line(f'_loans["{name}"] = {no_elements}')
+            dtype = self.source.name(f"_{element}", element.dtype)
+            # Writable like any loan, so that whoever fills it need not ask whether there is anything to fill.
+            self.source.line(f'_loans["{name}"] = {self.source.name("_empty", np.empty)}(0, {dtype})')
         with self.source.block(f"if _len({name}):"):
             self.cursor.align_numbers(element.size, '_buffer[_i:_i + 4] = b"\\0\\0\\0\\0"')
             self.source.line(f"_stop = _i + _len({name}) * {element.size}")
             if name in self._loaned:
-                dtype = self.source.name(f"_{element}", element.dtype)
                 self.source.line(f'_loans["{name}"] = _frombuffer(_buffer, {dtype}, _len({name}), _i)')
             else:
                 octets = name if element.code == "B" else f'{name}.data.cast("B")'
