@@ -45,6 +45,7 @@ class Outcome:
     odometry: int
     scans: int
     scans_routed: int
+    scans_lost: int
     dropped: int
     lost: int
     translation_mean_m: float
@@ -102,6 +103,7 @@ def _outcome(robot: Robot, summary: dict[str, Any], data: Path, duration_s: floa
         odometry=counted["odometry_messages"],
         scans=counted["scans"],
         scans_routed=sum(entry["routed"] for entry in books if entry["type_name"] == SCAN),
+        scans_lost=sum(entry["lost"] for entry in books if entry["type_name"] == SCAN),
         dropped=sum(entry["dropped"] for entry in books),
         lost=sum(entry["lost"] for entry in books),
         translation_mean_m=round(score.translation_mean_m, 4),

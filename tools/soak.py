@@ -73,8 +73,8 @@ class Watch:
             if module.pid:
                 self._sample(name, module.pid)
             for column in ("routed", "delivered", "replaced", "dropped", "lost"):
-                self._grows(name, column, module.total(column))
-            self._grows(name, "restarts", module.restarts)
+                self.note_counter(name, column, module.total(column))
+            self.note_counter(name, "restarts", module.restarts)
 
     def _sample(self, name: str, pid: int) -> None:
         try:
@@ -86,7 +86,8 @@ class Watch:
             return  # it was killed meanwhile
         self.samples.setdefault(name, []).append(sample)
 
-    def _grows(self, name: str, column: str, value: int) -> None:
+    def note_counter(self, name: str, column: str, value: int) -> None:
+        """Note a counter, which must not be lower than before."""
         before = self._before.get((name, column), 0)
         if value < before:
             self.violations.append(f"{name}: {column} went from {before} back to {value}")
