@@ -130,6 +130,14 @@ def test_counter_that_is_off_by_one_is_a_violation(tmp_path: Path, change: dict[
     assert violations(tmp_path, books=dataclasses.replace(BOOKS, **change))
 
 
+def test_last_message_that_has_not_arrived_is_a_violation(tmp_path: Path) -> None:
+    hear = without(without(HEAR, "E 11 talker 2 1 1 23 25 ."), "L 11 1 26 .")
+    books = dataclasses.replace(BOOKS, delivered=2, dropped=2)
+    assert violations(tmp_path, hear=hear, books=books) == [
+        "hearer: the last message of talker, (2, 1), has not arrived"
+    ]
+
+
 def test_more_messages_lost_than_deaths_is_a_violation(tmp_path: Path) -> None:
     assert violations(tmp_path, restarts=0)
 

@@ -21,6 +21,7 @@ class Published:
     refused: set[Key] = field(default_factory=set)
     uncertain: set[Key] = field(default_factory=set)
     """Numbers after whose intent the process died: they may or may not have been published."""
+    last_accepted: Key = (0, -1)
 
     @property
     def accepted(self) -> int:
@@ -82,6 +83,8 @@ def read_published(path: Path, record: ModuleRecord) -> None:
         elif kind in "AR" and pending is not None:
             if kind == "R":
                 published.refused.add(pending)
+            else:
+                published.last_accepted = pending
             pending = None
     if pending is not None:
         published.uncertain.add(pending)

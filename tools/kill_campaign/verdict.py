@@ -12,7 +12,9 @@ core's figures, all of this must hold:
 - routed = delivered + replaced + dropped + lost, nothing waiting;
 - delivered ≤ L, E - L ≤ lost, E ≤ delivered + lost. Together with the line above: every message that is
   not in the journal is in replaced, dropped or lost;
-- lost ≤ D, over all subscriptions of the module.
+- lost ≤ D, over all subscriptions of the module;
+- the last message of each publisher has arrived: a queue that is full loses its oldest, and who keeps only
+  the newest has the newest at the end.
 """
 
 from collections import Counter
@@ -21,6 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from robbie_mp.observe import ChannelFigures, ModuleFigures, SubscriptionFigures
+from robbie_mp.transport.records import MessageHandling
 from tools.kill_campaign.message import Numbered
 from tools.kill_campaign.records import Handled, ModuleRecord, read_handled, read_published
 
@@ -89,6 +92,7 @@ def judge(
     for name, record in records.items():
         verdict.violations += _publisher(modules[name], record, messages.get(name, 0), len(seen[name]))
         verdict.violations += _subscriber(modules[name], record, messages)
+        verdict.violations += _last_messages(modules[name], record, records)
     return verdict
 
 
@@ -116,6 +120,19 @@ def _subscriber(module: ModuleFigures, record: ModuleRecord, messages: Mapping[s
             yield f"{module.name} on '{books.topic}': {problem}"
     if module.total("lost") > module.restarts:
         yield f"{module.name}: {module.total('lost')} lost, but only {module.restarts} deaths"
+
+
+def _last_messages(
+    module: ModuleFigures, record: ModuleRecord, records: Mapping[str, ModuleRecord]
+) -> Iterator[str]:
+    """Of a subscription to everybody's newest messages only the last one of all need have arrived."""
+    for books in module.subscriptions:
+        if not books.topic and books.handling == MessageHandling.KEEP_ONLY_NEWEST.name:
+            continue
+        for topic in [books.topic] if books.topic else records:
+            last = records[topic].published.last_accepted
+            if last[0] and (topic not in record.handled or record.handled[topic].last_key < last):
+                yield f"{module.name}: the last message of {topic}, {last}, has not arrived"
 
 
 def _subscription(books: SubscriptionFigures, entries: list[Handled], routed: int) -> Iterator[str]:
