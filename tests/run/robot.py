@@ -14,7 +14,7 @@ import psutil
 
 ZOO = Path(__file__).parent / "zoo_modules.py"
 COMMAND = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
-LIMIT_S = 40.0
+LIMIT_S = 100.0
 
 
 class Robot:
