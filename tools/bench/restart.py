@@ -8,6 +8,7 @@ import argparse
 import contextlib
 import json
 import os
+import select
 import signal
 import sys
 import tempfile
@@ -30,8 +31,9 @@ PAUSE_S = 0.3
 """Between a restart and the next kill."""
 LOOK_EVERY_S = 0.005
 
-STEPS = ("kill", "BACKOFF", "STARTING", "import_begin", "import_end", "setup_end", "first_message")
+STEPS = ("kill", "death", "BACKOFF", "STARTING", "import_begin", "import_end", "setup_end", "first_message")
 PARTS = (
+    "end in the kernel",
     "detection",
     "backoff and reclaim",
     "spawn or assign",
@@ -79,11 +81,10 @@ class Campaign:
                 self._wait_until(self._are_spares_warm)
                 self._ends.wait(PAUSE_S)
                 seen = self._subjects()
-                killed_ns = time.monotonic_ns()
-                os.kill(pid, signal.SIGKILL)
+                killed_ns, dead_ns = kill(pid)
                 pid = self._wait_for_first_message(seen)
                 times_ns = json.loads((self._folder / f"{pid}.json").read_text())
-                self.restarts.append({"kill": killed_ns, **self._changes, **times_ns})
+                self.restarts.append({"kill": killed_ns, "death": dead_ns, **self._changes, **times_ns})
         finally:
             os.kill(os.getpid(), signal.SIGTERM)
 
@@ -108,6 +109,18 @@ class Campaign:
             if time.monotonic() > deadline_s or self._ends.is_set():
                 raise TimeoutError(f"the robot did not get on within {LIMIT_S:g} s")
             time.sleep(LOOK_EVERY_S)
+
+
+def kill(pid: int) -> tuple[int, int]:
+    """Kill a process; return when, and when the kernel had taken it apart."""
+    pidfd = os.pidfd_open(pid)
+    try:
+        killed_ns = time.monotonic_ns()
+        signal.pidfd_send_signal(pidfd, signal.SIGKILL)
+        select.select([pidfd], [], [])
+        return killed_ns, time.monotonic_ns()
+    finally:
+        os.close(pidfd)
 
 
 def profile(spares: int) -> Profile:
