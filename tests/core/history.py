@@ -3,9 +3,12 @@
 Slots 1 and 2 publish, 2 takes everything, 3 keeps only the newest; all may die and come back at any time.
 """
 
+import contextlib
+
 from robbie_mp.transport import layout
-from robbie_mp.transport.records import MessageHandling
-from tests.core.simulated_run import SimulatedModule, SimulatedRun
+from robbie_mp.transport.endpoint import Delivery
+from robbie_mp.transport.records import MessageHandling, Outbound
+from tests.core.simulated_run import Died, Fuse, SimulatedModule, SimulatedRun
 
 HANDLINGS = {2: MessageHandling.ALWAYS_DELIVER, 3: MessageHandling.KEEP_ONLY_NEWEST}
 PUBLISHERS = (1, 2)
@@ -15,10 +18,17 @@ SLOTS = (1, 2, 3)
 class History:
     """What has happened so far, by the modules' own account."""
 
-    def __init__(self, deaths: tuple[int, ...] = (), queue_messages: int = 6, handles: int = 24) -> None:
+    def __init__(
+        self,
+        deaths: tuple[int, ...] = (),
+        queue_messages: int = 6,
+        handles: int = 24,
+        fuses: dict[int, Fuse] | None = None,
+    ) -> None:
         self.run = SimulatedRun(queue_messages=queue_messages, handles=handles)
         self.run.fuse.stores = 0
         self.run.fuse.deaths = list(deaths)
+        self.fuses = fuses or {}
         self.alive: dict[int, SimulatedModule] = {}
         self.channels: dict[int, int] = {}
         self.incarnations = dict.fromkeys(SLOTS, 0)
@@ -34,12 +44,17 @@ class History:
         if slot in self.alive:
             return
         self.incarnations[slot] += 1
-        module = self.alive[slot] = self.run.start(slot, self.incarnations[slot])
-        if slot in HANDLINGS:
-            module.subscribe(HANDLINGS[slot])
-        if slot in PUBLISHERS:
-            self.channels[slot] = module.advertise()
-        module.ready()
+        fuse = self.fuses.get(slot) if self.incarnations[slot] == 1 else None
+        module = self.alive[slot] = self.run.start(slot, self.incarnations[slot], fuse)
+        try:
+            if slot in HANDLINGS:
+                module.subscribe(HANDLINGS[slot])
+            if slot in PUBLISHERS:
+                self.channels[slot] = module.advertise()
+            module.ready()
+        except Died:
+            self.kill(slot)
+            self.start(slot)
         self.run.run_core()
 
     def kill(self, slot: int) -> None:
@@ -50,36 +65,60 @@ class History:
     def publish(self, slot: int) -> None:
         if slot in self.alive and slot in PUBLISHERS:
             value = len(self.published) + 1
-            if self.alive[slot].publish(self.channels[slot], value):
+            module = self.alive[slot]
+            try:
+                accepted = module.publish(self.channels[slot], value)
+            except Died:
+                record = module.last_record()
+                accepted = (record[0], record[5]) == (Outbound.PUBLISH, value)
+                self.kill(slot)
+            if accepted:
                 self.published.append(value)
 
     def handle(self, slot: int) -> None:
-        module = self.alive.get(slot)
-        if module is None or slot not in HANDLINGS or (delivery := module.take()) is None:
-            return
-        self.seen[slot].append(delivery.sequence)
-        self.seen_values[slot].append(delivery.stamp_ns)
-        module.endpoint.release(delivery)
+        self._take_and(slot, Outbound.RELEASE)
 
     def keep(self, slot: int) -> None:
         """Handle a message but hold on to it."""
+        delivery = self._take_and(slot, Outbound.DONE)
+        if delivery is not None:
+            self.kept[slot].append(delivery)
+
+    def _take_and(self, slot: int, answer: Outbound) -> Delivery | None:
+        """Handle a message and answer the core; None if there was none, or the module died over it."""
         module = self.alive.get(slot)
-        if module is None or slot not in HANDLINGS or (delivery := module.take()) is None:
-            return
+        if module is None or slot not in HANDLINGS:
+            return None
+        delivery = None
+        try:
+            delivery = module.take()
+            if delivery is None:
+                return None
+            respond = module.endpoint.release if answer is Outbound.RELEASE else module.endpoint.done
+            respond(delivery)
+        except Died:
+            survived = delivery is not None and module.last_record()[:2] == (answer, delivery.reference)
+            self.died_with[slot] += delivery is not None and not survived
+            self.kill(slot)
+            if not survived:
+                return None
         self.seen[slot].append(delivery.sequence)
         self.seen_values[slot].append(delivery.stamp_ns)
-        module.endpoint.done(delivery)
-        self.kept[slot].append(delivery)
+        return delivery if slot in self.alive else None
 
     def let_go(self, slot: int) -> None:
         if slot in self.alive and self.kept.get(slot):
-            self.alive[slot].endpoint.release(self.kept[slot].pop())
+            try:
+                self.alive[slot].endpoint.release(self.kept[slot].pop())
+            except Died:
+                self.kill(slot)
 
     def begin_and_die(self, slot: int) -> None:
         """Die in the middle of a handler."""
         module = self.alive.get(slot)
         if module is not None and slot in HANDLINGS:
-            self.died_with[slot] += module.take() is not None
+            with contextlib.suppress(Died):
+                self.died_with[slot] += module.take() is not None
             self.kill(slot)
 
     def core(self, _slot: int = 0) -> None:
@@ -97,9 +136,9 @@ class History:
 
     def finish(self) -> None:
         """Bring everyone back, let everything be handled, and compare the books with the journals."""
-        for slot in SLOTS:
-            self.start(slot)
         for _ in range(len(self.published) + 10):
+            for slot in SLOTS:
+                self.start(slot)
             self.run.run_core()
             for slot in HANDLINGS:
                 while self.kept[slot]:
@@ -109,8 +148,12 @@ class History:
         self.check_books()
         assert self.run.reports == []
         assert self.run.live_handles() == self.run.live_references() == 0, "not everything was freed"
-        for module in self.alive.values():
-            module.collect_freed()
+        for slot, module in list(self.alive.items()):
+            try:
+                module.collect_freed()
+            except Died:
+                self.kill(slot)
+                continue
             assert not module.blocks_out, f"blocks never came back: {module.blocks_out}"
         routed, refused = self._published_by_the_books()
         assert routed + refused == len(self.published)

@@ -24,21 +24,21 @@ def zeros(count: int) -> Words:
     return array("Q", bytes(8 * count))
 
 
-class CoreDied(Exception):
-    """The core was killed between two stores."""
+class Died(Exception):
+    """A process was killed between two stores."""
 
 
 class Fuse:
-    """Kills the core before the store with a given number, counted from the start of each core."""
+    """Kills a process before the store with a given number, counted from its start."""
 
     def __init__(self) -> None:
         self.stores = 0
         self.deaths: list[int] = []
-        """For each core in turn: how many stores it lives to see; an empty list lets it live."""
+        """For each incarnation in turn: how many stores it lives to see; an empty list lets it live."""
 
     def burn(self) -> None:
         if self.deaths and self.stores >= self.deaths[0]:
-            raise CoreDied
+            raise Died
         self.stores += 1
 
 
@@ -82,6 +82,8 @@ class SimulatedModule:
     into: Words = field(default_factory=lambda: zeros(layout.in_words(CREDIT)))
     blocks_out: set[int] = field(default_factory=set)
     next_block: int = 0
+    fuse: "Fuse | None" = None
+    """Kills the module before one of its own stores."""
     wakeups: int = 0
     """How often the core woke it."""
     core_wakeups: int = 0
@@ -94,7 +96,8 @@ class SimulatedModule:
         self.core_wakeups += 1
 
     def __post_init__(self) -> None:
-        memory = EndpointMemory(self.slot, self.incarnation, self.out, self.into, self.wake_core)
+        own = self.out if self.fuse is None else Mapped(self.out, self.fuse)
+        memory = EndpointMemory(self.slot, self.incarnation, own, self.into, self.wake_core)
         self.endpoint = Endpoint(memory, RING_RECORDS, CREDIT)
 
     def ready(self) -> None:
@@ -123,6 +126,12 @@ class SimulatedModule:
     def collect_freed(self) -> None:
         for number in self.endpoint.freed():
             self.blocks_out.discard(number)
+
+    def last_record(self) -> tuple[int, ...]:
+        """The seven words of the record it pushed last, as the core sees it; zeros before the first."""
+        head = self.out[layout.OUT_HEAD]
+        at = layout.OUT_RING + ((head - 1) % RING_RECORDS) * layout.RECORD_WORDS
+        return tuple(self.out[at + column] for column in range(7)) if head else (0,) * 7
 
     def take(self) -> Delivery | None:
         while (record := self.endpoint.take()) is not None:
@@ -170,8 +179,8 @@ class SimulatedRun:
             self.reports.append,
         )
 
-    def _make(self, slot: int, incarnation: int) -> SimulatedModule:
-        module = self.modules[slot, incarnation] = SimulatedModule(slot, incarnation)
+    def _make(self, slot: int, incarnation: int, fuse: Fuse | None = None) -> SimulatedModule:
+        module = self.modules[slot, incarnation] = SimulatedModule(slot, incarnation, fuse=fuse)
         return module
 
     def _connect(self, slot: int, incarnation: int) -> LinkMemory:
@@ -194,7 +203,7 @@ class SimulatedRun:
                 while self.router.drain() or self.router.before_sleep():
                     pass
                 return
-            except CoreDied:
+            except Died:
                 self._replace_core()
 
     def _replace_core(self) -> None:
@@ -208,7 +217,7 @@ class SimulatedRun:
                 self.router.recover()
                 self.router.module_up(0, 1)
                 return
-            except CoreDied:
+            except Died:
                 pass
 
     def restart_core(self) -> None:
@@ -218,8 +227,8 @@ class SimulatedRun:
         self.router.module_up(0, 1)
         self.run_core()
 
-    def start(self, slot: int, incarnation: int = 1) -> SimulatedModule:
-        module = self._make(slot, incarnation)
+    def start(self, slot: int, incarnation: int = 1, fuse: Fuse | None = None) -> SimulatedModule:
+        module = self._make(slot, incarnation, fuse)
         self.supervisor.endpoint.send(Outbound.MODULE_UP, slot, incarnation)
         self.run_core()
         return module

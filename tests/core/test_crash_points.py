@@ -1,10 +1,11 @@
-"""Every store of the core is a crash point: it dies before each one in turn, and a new core takes over."""
+"""Every store is a crash point: core and modules die before each of theirs in turn, and others take over."""
 
 from collections.abc import Callable
 
 import pytest
 
-from tests.core.history import History
+from tests.core.history import SLOTS, History
+from tests.core.simulated_run import Fuse
 
 Scenario = Callable[[History], None]
 
@@ -102,8 +103,13 @@ SCENARIOS = (
 SETTINGS = ({"handles": 12}, {"queue_messages": 1, "handles": 12}, {"handles": 4})
 
 
-def play(scenario: Scenario, settings: dict[str, int], deaths: tuple[int, ...]) -> History:
-    history = History(deaths, **settings)
+def play(
+    scenario: Scenario,
+    settings: dict[str, int],
+    deaths: tuple[int, ...],
+    fuses: dict[int, Fuse] | None = None,
+) -> History:
+    history = History(deaths, fuses=fuses, **settings)
     scenario(history)
     history.finish()
     return history
@@ -128,3 +134,16 @@ def test_core_may_die_again_while_it_recovers(scenario: Scenario) -> None:
             play(scenario, SETTINGS[0], (first, second))
             tried += 1
     print(f"{scenario.__name__}: {tried} double crashes, 0 violations")
+
+
+@pytest.mark.parametrize("slot", SLOTS)
+@pytest.mark.parametrize("scenario", (backpressure, newest_replaced, owner_dead, subscriber_dead))
+def test_module_may_die_before_any_store(scenario: Scenario, slot: int) -> None:
+    undisturbed = Fuse()
+    play(scenario, SETTINGS[0], (), {slot: undisturbed})
+    for death in range(undisturbed.stores):
+        fuse = Fuse()
+        fuse.deaths = [death]
+        history = play(scenario, SETTINGS[0], (), {slot: fuse})
+        assert history.incarnations[slot] > 1 or slot not in history.alive
+    print(f"{scenario.__name__}, module {slot}: {undisturbed.stores} crash points, 0 violations")
