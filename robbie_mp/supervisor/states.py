@@ -26,7 +26,7 @@ class ChildState(StrEnum):
 
     @property
     def is_final(self) -> bool:
-        """Whether no other state follows."""
+        """Whether no other state follows by itself; `robbie restart` starts such a child again."""
         return self in (ChildState.FAILED, ChildState.STOPPED)
 
 

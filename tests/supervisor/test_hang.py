@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.profile.model import RestartPolicy
 from robbie_mp.supervisor import supervised_child
 from robbie_mp.supervisor.incarnations import Doing
 from robbie_mp.supervisor.states import ChildState
@@ -48,6 +49,23 @@ def test_hung_child_that_says_nothing_is_killed_soon(
     assert "s: killed by SIGKILL" in run.last("mute").reason
 
 
+def test_hung_child_is_restarted_even_long_after_its_dump(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(supervised_child, "DUMP_S", 0.0)
+    slow = RestartPolicy(backoff_s=0.1)
+    run = Run(tmp_path, animal(zoo.hangs, handler_deadline_s=0.02, restart=slow))
+    run.incarnations.busy["hangs"] = IN_HANDLER
+
+    def scenario() -> Scenario:
+        yield lambda: BACKOFF in run.states("hangs")
+        del run.incarnations.busy["hangs"]
+        yield lambda: run.states("hangs").count(RUNNING) == 2
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+
+
 def test_hang_uses_up_restarts(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.hangs, handler_deadline_s=0.02))
     run.incarnations.busy["hangs"] = IN_HANDLER
@@ -56,14 +74,15 @@ def test_hang_uses_up_restarts(tmp_path: Path) -> None:
     assert run.last("hangs").new is FAILED
 
 
-def test_grace_alone_limits_an_ordered_stop(tmp_path: Path) -> None:
+@pytest.mark.parametrize("doing", [IN_HANDLER, IN_TEARDOWN])
+def test_grace_alone_limits_an_ordered_stop(tmp_path: Path, doing: Doing) -> None:
     """A large map may take longer to write than any message to handle."""
     run = Run(tmp_path, animal(zoo.ignores_sigterm, handler_deadline_s=0.05, stop_grace_s=0.4))
 
     def scenario() -> Scenario:
         yield run.all_running
         run.tree.stop("test")
-        run.incarnations.busy["ignores_sigterm"] = IN_TEARDOWN
+        run.incarnations.busy["ignores_sigterm"] = doing
 
     assert run.play(scenario()) == 0
     assert run.last("ignores_sigterm").reason.startswith("did not stop within 0.4 s")

@@ -141,6 +141,19 @@ def test_child_that_finds_its_spare_dead_starts_all_the_same(tmp_path: Path) -> 
     assert run.play(scenario()) == 0
 
 
+def test_spare_that_is_not_warm_yet_is_not_used(tmp_path: Path) -> None:
+    run = with_spares(tmp_path, "is_never_ready")
+
+    def scenario() -> Scenario:
+        yield lambda: bool(run.tree._spares.pids)
+        kill(run)
+        yield lambda: run.states("child").count(RUNNING) == 2
+        assert run.incarnations.pids["child", 2] not in run.tree._spares.pids
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+
+
 def test_spares_that_are_no_use_are_given_up_and_said(tmp_path: Path) -> None:
     run = with_spares(tmp_path, "broken_spare")
 
