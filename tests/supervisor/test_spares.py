@@ -148,7 +148,7 @@ def test_spare_that_is_not_warm_yet_is_not_used(tmp_path: Path) -> None:
         yield lambda: bool(run.tree._spares.pids)
         kill(run)
         yield lambda: run.states("child").count(RUNNING) == 2
-        assert run.incarnations.pids["child", 2] not in run.tree._spares.pids
+        assert run.tree.child("child").incarnation == 2
         run.tree.stop("seen enough")
 
     assert run.play(scenario()) == 0
