@@ -298,6 +298,7 @@ def test_clients_are_bounded(tmp_path: Path) -> None:
         assert "other commands wait already" in answer(late)["error"]
         for connection in connections:
             connection.close()
+        yield lambda: not run.server._clients
         command = Command(run, "restart", "works")
         yield command.is_over
         assert command.said == "works is RUNNING, start 2"
