@@ -5,8 +5,8 @@
 Run it from a checkout (the simulated run is that of `tests/core`), with the extra `fuzz` installed. The bytes
 that atheris (libFuzzer for Python) makes up decide what a hostile module writes where in its segment, what
 it and two innocent modules do in between, and when the core dies. A finding is an exception that leaves the
-core, an input that takes longer than 20 s, a message that the innocent did not get once and in order, or books
-that do not balance; its input is kept in the current directory, and `--input` runs it again.
+core, an input that takes longer than 20 s, a message that the innocent did not get once and in order, or
+books that do not balance; its input is kept in the current directory, and `--input` runs it again.
 """
 
 import argparse
@@ -74,9 +74,13 @@ class Attack:
         return self.bytes.ConsumeIntInRange(0, layout.out_words(RING_RECORDS) - 1)
 
     def record(self) -> None:
-        """Push a record, mostly of a kind that exists, with anything in it."""
-        kind = self.word() if self.bytes.ConsumeIntInRange(0, 7) == 0 else self.bytes.PickValueInList(KINDS)
-        self.siege.record(kind, *(self.word() for _ in range(6)))
+        """Push a record of a kind that exists or not, that would do but for up to three of its words."""
+        hostile = self.siege.hostile
+        source = layout.pack_source(HOSTILE_SLOT, 0, hostile.incarnation)
+        words = [self.bytes.PickValueInList(KINDS), self.siege.hostile_channel, source, 64, 8, 0, 1]
+        for _ in range(self.bytes.ConsumeIntInRange(0, 3)):
+            words[self.bytes.ConsumeIntInRange(0, 6)] = self.word()
+        self.siege.record(*words)
 
     def scribble(self) -> None:
         """Write any word anywhere."""

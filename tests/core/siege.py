@@ -82,7 +82,9 @@ class Siege:
         self.run.run_core()
         self.run.kill(self.hostile)
         self.run.gone(self.hostile, clean=False)
-        for _ in range(200):
+        handled = -1
+        while handled < len(self.sequences):
+            handled = len(self.sequences)
             self.handle()
             self.run.run_core()
         self.publish()
