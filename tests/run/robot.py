@@ -7,10 +7,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import psutil
+
+from robbie_mp.cli.figures import as_data
+from robbie_mp.cli.runs import live_runs
+from robbie_mp.observe import RunObserver
+from robbie_mp.transport.segment import SegmentMissing
 
 ZOO = Path(__file__).parent / "zoo_modules.py"
 COMMAND = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
@@ -63,10 +69,14 @@ class Robot:
 
     def top(self) -> dict[str, dict[str, Any]]:
         """Figures of the modules of the one run there is, by name; empty while there is none."""
-        answer = self.command("top", "--once", "--json")
-        if answer.returncode:
+        runs = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
+        if len(runs) != 1:
             return {}
-        return {module["name"]: module for module in json.loads(answer.stdout)["modules"]}
+        try:
+            with closing(RunObserver(runs[0].run_id)) as observer:
+                return {module.name: as_data(module) for module in observer.modules()}
+        except SegmentMissing:
+            return {}
 
     def until(self, condition: Callable[[dict[str, dict[str, Any]]], bool]) -> dict[str, dict[str, Any]]:
         """Wait until the run's figures fulfil a condition; return them."""
@@ -75,6 +85,7 @@ class Robot:
             figures = self.top()
             if figures and condition(figures):
                 return figures
+            time.sleep(0.005)
         raise TimeoutError(f"the condition was not met; last figures: {figures}")
 
     def journal(self, name: str) -> list[int]:
