@@ -18,6 +18,8 @@ from robbie_mp.supervisor.output import ChildOutput
 from robbie_mp.supervisor.output_stream import OutputStream
 from robbie_mp.supervisor.process import ChildProcess
 
+MARKED_AS = "~spare"
+"""No child can have this name."""
 CALM_S = 0.5
 """A spare takes a processor for as long as a restart without one; so none is started while children start."""
 MAX_FAILURES = 3
@@ -118,7 +120,7 @@ class SparePool:
         self._started += 1
         ours, theirs = socket.socketpair()
         ours.setblocking(False)
-        child_marker = marker(self._run_id, "spare", self._started)
+        child_marker = marker(self._run_id, MARKED_AS, self._started)
         try:
             process = ChildProcess.start(
                 command.argv, command.environment, child_marker, stdin=theirs.fileno()
