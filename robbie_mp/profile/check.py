@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO, TypeVar
 
+from robbie_mp.die_with_parent import die_with_parent
 from robbie_mp.settings import SettingError, examine_settings
 from robbie_mp.suggest import did_you_mean
 
@@ -29,6 +30,7 @@ class NotAModule(Exception):
 def main() -> None:
     """Check every module of the request and end, whatever threads the imported code has started."""
     request = json.load(sys.stdin)
+    die_with_parent(request["asked_by"])
     events = _keep_output_for_events()
     sys.path.insert(0, request["workspace"])
     this_process = os.getpid()

@@ -36,6 +36,7 @@ def check_events(
         `{"useless": traceback}` if the base class cannot be imported.
     """
     request = {
+        "asked_by": os.getpid(),
         "workspace": str(profile.workspace),
         "base_class": base_class,
         "timeout_s": timeout_s,

@@ -19,15 +19,15 @@ from robbie_mp.config import Config
 from robbie_mp.core.process import CoreProcess
 from robbie_mp.core.router import SlotLimits
 from robbie_mp.core.tables import CoreTables
+from robbie_mp.die_with_parent import die_with_parent
 from robbie_mp.module import Module, ModuleContext
+from robbie_mp.prctl import set_process_name
 from robbie_mp.profile.check import load_class
 from robbie_mp.runner import ModuleRunner
 from robbie_mp.settings import check_settings
-from robbie_mp.supervisor.die_with_parent import die_with_parent
 from robbie_mp.supervisor.leftovers import MARKER
 from robbie_mp.supervisor.memory import CORE
 from robbie_mp.supervisor.plan import RunPlan
-from robbie_mp.supervisor.prctl import set_process_name
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.bus import SharedMemoryBus

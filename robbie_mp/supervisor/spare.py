@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np  # noqa: F401 - ahead, for the module that will run here
 
+from robbie_mp.die_with_parent import die_with_parent
+from robbie_mp.prctl import set_process_name
 from robbie_mp.supervisor.assignment import wait_for_assignment
 from robbie_mp.supervisor.child import run_child
-from robbie_mp.supervisor.die_with_parent import die_with_parent
 from robbie_mp.supervisor.plan import RunPlan
-from robbie_mp.supervisor.prctl import set_process_name
 
 
 def main(run_folder: Path) -> None:

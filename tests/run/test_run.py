@@ -266,3 +266,20 @@ def test_terminated_run_leaves_no_name_behind(robot: Robot) -> None:
     process.send_signal(signal.SIGTERM)
     assert Ended.wait_for(process).exit_code == 0
     assert not list(Path("/dev/shm").glob(f"*robbie-{run_id}-*"))
+
+
+def test_check_of_a_hanging_import_dies_with_who_asked(robot: Robot) -> None:
+    (robot.folder / "zoo" / "hanging.py").write_text(
+        "import os, pathlib, signal\n"
+        "signal.signal(signal.SIGALRM, signal.SIG_IGN)\n"
+        "pathlib.Path('pid.new').write_text(str(os.getpid()))\n"
+        "os.rename('pid.new', 'pid')\n"
+        "while True:\n    signal.pause()\n"
+    )
+    robot.write_profile("modules:\n  hanging: {class: \"zoo.hanging:Camera\"}\n")
+    process = robot.start()
+    pid_file = robot.folder / "pid"
+    wait_until(pid_file.exists)
+    process.kill()
+    process.wait()
+    wait_until(lambda: not is_running(int(pid_file.read_text())), limit_s=5)

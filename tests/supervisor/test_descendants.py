@@ -6,8 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from robbie_mp.prctl import is_child_subreaper
 from robbie_mp.supervisor.leftovers import OrphanReaper, kill_run_leftovers
-from robbie_mp.supervisor.prctl import is_child_subreaper
 from robbie_mp.supervisor.states import ChildState
 from tests.supervisor import zoo
 from tests.supervisor.running import Run, Scenario, animal, is_gone, wait_for

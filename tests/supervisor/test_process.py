@@ -90,7 +90,7 @@ def test_command_that_does_not_exist_leaves_nothing_open() -> None:
 def test_child_whose_parent_died_before_it_could_ask_dies_too() -> None:
     """The child is told a parent that is not its parent (any more)."""
     code = (
-        "from robbie_mp.supervisor.die_with_parent import die_with_parent; die_with_parent(1); print('lives')"
+        "from robbie_mp.die_with_parent import die_with_parent; die_with_parent(1); print('lives')"
     )
     with started(code) as process:
         assert ended(process).signal == signal.SIGKILL
@@ -100,7 +100,7 @@ def test_child_dies_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     child = "import os, signal; die_with_parent(os.getppid()); print(os.getpid(), flush=True); signal.pause()"
     parent = f"""if True:
         import os, signal
-        from robbie_mp.supervisor.die_with_parent import die_with_parent
+        from robbie_mp.die_with_parent import die_with_parent
         if os.fork() == 0:
             {child}
         signal.pause()

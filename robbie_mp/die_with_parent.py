@@ -3,7 +3,7 @@
 import os
 import signal
 
-from robbie_mp.supervisor.prctl import set_parent_death_signal
+from robbie_mp.prctl import set_parent_death_signal
 
 
 def die_with_parent(parent_pid: int) -> None:
