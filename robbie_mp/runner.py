@@ -7,6 +7,7 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.module import Module
 from robbie_mp.transport import layout
 from robbie_mp.transport.endpoint import Endpoint
+from robbie_mp.transport.histogram import WorkFigures
 from robbie_mp.transport.inbox import Inbox
 from robbie_mp.transport.layout import Activity
 from robbie_mp.transport.outbox import Outbox
@@ -51,6 +52,8 @@ class ModuleRunner:
         self._words = words
         self._may_go = may_go
         self._stopping = False
+        self._messages = WorkFigures(words, layout.OUT_MESSAGE_FIGURES)
+        self._tick_figures = WorkFigures(words, layout.OUT_TICK_FIGURES)
         self._ticks = 0
         self._ticks_missed = 0
         self._next_tick_ns = 0
@@ -95,9 +98,10 @@ class ModuleRunner:
         self._inbox.release_let_go()
         delivery = self._inbox.take()
         if delivery is not None:
-            self._begin(Activity.HANDLER | delivery.declaration << 8)
+            begun_ns = self._begin(Activity.HANDLER | delivery.declaration << 8)
             self._inbox.handle(delivery)
             self._idle()
+            self._messages.record(begun_ns - delivery.stamp_ns, time.monotonic_ns() - begun_ns)
         if self._ends:
             return
         period_s = self._module.period_s
@@ -107,9 +111,10 @@ class ModuleRunner:
             self._wait(period_s)
 
     def _tick(self, period_s: float) -> None:
-        self._begin(Activity.TICK)
+        begun_ns = self._begin(Activity.TICK)
         self._module.tick()
         self._idle()
+        self._tick_figures.record(begun_ns - self._next_tick_ns, time.monotonic_ns() - begun_ns)
         self._ticks += 1
         self._words[layout.OUT_TICKS] = self._ticks
         period_ns = round(period_s * 1e9)
@@ -129,9 +134,11 @@ class ModuleRunner:
         if woken and self._outbox.room_was_made():
             self._next_tick_ns = time.monotonic_ns()
 
-    def _begin(self, activity: int) -> None:
-        self._words[layout.OUT_ACTIVITY_SINCE_NS] = time.monotonic_ns()
+    def _begin(self, activity: int) -> int:
+        now_ns = time.monotonic_ns()
+        self._words[layout.OUT_ACTIVITY_SINCE_NS] = now_ns
         self._words[layout.OUT_ACTIVITY] = activity
+        return now_ns
 
     def _idle(self) -> None:
         self._words[layout.OUT_ACTIVITY] = Activity.IDLE

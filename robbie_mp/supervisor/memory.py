@@ -156,7 +156,8 @@ class RunMemory:
         at = layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
         type_name = read_text(words, at + layout.DECLARATION_TYPE, layout.NAME_WORDS)
         topic = read_text(words, at + layout.DECLARATION_TOPIC, layout.NAME_WORDS)
-        return f"hung in handler of {type_name}" + (f" on {topic}" if topic else "")
+        handler = read_text(words, at + layout.DECLARATION_HANDLER, layout.NAME_WORDS)
+        return f"hung in handler {handler} of {type_name}" + (f" on {topic}" if topic else "")
 
     def died(self, name: str, incarnation: int) -> None:
         """Have the core take back what a dead module held; keep its counters."""

@@ -105,9 +105,19 @@ class Endpoint:
         self.send(Outbound.ADVERTISE, number)
         return number
 
-    def subscribe(self, type_name: str, version: int, topic: str, handling: MessageHandling) -> int:
-        """Declare a subscription; return the number that its deliveries carry. All topics: ''."""
-        number = self._declare(Outbound.SUBSCRIBE, type_name, version, topic, handling)
+    def subscribe(
+        self, type_name: str, version: int, topic: str, handling: MessageHandling, handler: str = ""
+    ) -> int:
+        """Declare a subscription; return the number that its deliveries carry.
+
+        Args:
+            type_name: of the messages.
+            version: of the messages.
+            topic: of the messages; all topics: ''.
+            handling: what is wanted when they come too fast.
+            handler: name of the function that handles them, for who watches.
+        """
+        number = self._declare(Outbound.SUBSCRIBE, type_name, version, topic, handling, handler)
         self.send(Outbound.SUBSCRIBE, number)
         return number
 
@@ -118,6 +128,7 @@ class Endpoint:
         version: int,
         topic: str,
         handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
+        handler: str = "",
     ) -> int:
         for name in (type_name, topic):
             if len(name.encode()) > layout.NAME_BYTES:
@@ -132,6 +143,7 @@ class Endpoint:
             at = layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
             write_text(self._out, at + layout.DECLARATION_TYPE, layout.NAME_WORDS, type_name)
             write_text(self._out, at + layout.DECLARATION_TOPIC, layout.NAME_WORDS, topic)
+            write_text(self._out, at + layout.DECLARATION_HANDLER, layout.NAME_WORDS, handler)
             self._out[at + layout.DECLARATION_VERSION] = version
             self._out[at + layout.DECLARATION_HANDLING] = handling
             self._declaration_fence()  # a core that takes over reads the rows without a token

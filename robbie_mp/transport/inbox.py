@@ -41,6 +41,7 @@ class Inbox:
         self._pinned: dict[int, tuple[weakref.ref[Any], Delivery]] = {}
         self._let_go: deque[int] = deque()
         """References whose memory nobody looks at any more; filled by finalizers, in any thread."""
+        self._pinned_bytes = 0
         self._handled = 0
         self.current: Delivery | None = None
 
@@ -62,7 +63,8 @@ class Inbox:
                 "let one handler call the other"
             )
         self._subscribed.add((message_type, topic))
-        number = self._endpoint.subscribe(message_type.type_name, message_type.version, topic, handling)
+        name = getattr(handler, "__qualname__", type(handler).__qualname__)
+        number = self._endpoint.subscribe(message_type.type_name, message_type.version, topic, handling, name)
         self._handlers[number] = (message_type, handler)
 
     def take(self) -> Delivery | None:
@@ -101,7 +103,7 @@ class Inbox:
             self._endpoint.release(delivery)
         else:
             self._pinned[delivery.reference] = (pin, delivery)
-            self._words[layout.OUT_PINNED] = len(self._pinned)
+            self._count_pinned(delivery.size)
             self._endpoint.done(delivery)
 
     def _is_let_go(self, reference: int) -> bool:
@@ -125,5 +127,10 @@ class Inbox:
         let_go = self._let_go
         while let_go:
             _, delivery = self._pinned.pop(let_go.popleft())
-            self._words[layout.OUT_PINNED] = len(self._pinned)
+            self._count_pinned(-delivery.size)
             self._endpoint.release(delivery)
+
+    def _count_pinned(self, more_bytes: int) -> None:
+        self._pinned_bytes += more_bytes
+        self._words[layout.OUT_PINNED] = len(self._pinned)
+        self._words[layout.OUT_PINNED_BYTES] = self._pinned_bytes

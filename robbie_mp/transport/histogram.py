@@ -1,0 +1,135 @@
+"""How long things took, as histograms in shared memory: written by who does them, read by who watches.
+
+The buckets are those of HdrHistogram (G. Tene, hdrhistogram.org): each power of two is divided into 16
+equal parts. So a quantile that is read from them is at most 1/32 off, or 32 ns. Times above 18 minutes count
+as 18 minutes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from robbie_mp.transport.layout import HISTOGRAM_BUCKETS, HISTOGRAM_WORDS
+from robbie_mp.transport.words import Words
+
+SUM_NS = 0
+MAX_NS = 1
+BUCKETS = 2
+
+UNIT_BITS = 6
+"""Times are counted in units of 64 ns."""
+PARTS_BITS = 4
+PARTS = 1 << PARTS_BITS
+RELATIVE_ERROR = 1 / (2 * PARTS)
+ABSOLUTE_ERROR_S = (1 << UNIT_BITS) / 2e9
+LONGEST_NS = (1 << 40) - 1
+
+
+class WorkFigures:
+    """Two histograms of one kind of work: how long each piece waited to be begun, and how long it took.
+
+    Args:
+        words: the segment they are in, written by this process alone.
+        at: first of their `2 * HISTOGRAM_WORDS` words.
+    """
+
+    __slots__ = ("_at", "_took", "_took_max", "_took_sum", "_waited", "_waited_max", "_waited_sum", "_words")
+
+    def __init__(self, words: Words, at: int):
+        self._words = words
+        self._at = at
+        # Counted here and only shown there: a wild pointer there must not end a module here.
+        self._waited = [0] * HISTOGRAM_BUCKETS
+        self._took = [0] * HISTOGRAM_BUCKETS
+        self._waited_sum = self._waited_max = 0
+        self._took_sum = self._took_max = 0
+
+    def record(self, waited_ns: int, took_ns: int) -> None:
+        """Count one piece of work; called for each message, so it is written out rather than divided up."""
+        words, at = self._words, self._at
+        if not 0 <= waited_ns <= LONGEST_NS:  # another process says when it was published
+            waited_ns = 0 if waited_ns < 0 else LONGEST_NS
+        units = waited_ns >> 6
+        shift = units.bit_length() - 5
+        bucket = (shift << 4) + (units >> shift) if shift > 0 else units
+        counts = self._waited
+        counts[bucket] = words[at + 2 + bucket] = counts[bucket] + 1
+        self._waited_sum = words[at] = self._waited_sum + waited_ns
+        if waited_ns > self._waited_max:
+            self._waited_max = words[at + 1] = waited_ns
+
+        took_ns = min(took_ns, LONGEST_NS)
+        at += HISTOGRAM_WORDS
+        units = took_ns >> 6
+        shift = units.bit_length() - 5
+        bucket = (shift << 4) + (units >> shift) if shift > 0 else units
+        counts = self._took
+        counts[bucket] = words[at + 2 + bucket] = counts[bucket] + 1
+        self._took_sum = words[at] = self._took_sum + took_ns
+        if took_ns > self._took_max:
+            self._took_max = words[at + 1] = took_ns
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """Of so many times in s: quantiles are within 1/32, mean and maximum exact."""
+
+    count: int = 0
+    mean_s: float | None = None
+    """None, like the others, if there were none."""
+    p50_s: float | None = None
+    p99_s: float | None = None
+    max_s: float | None = None
+
+
+class Histogram:
+    """A histogram as it was read at one moment."""
+
+    def __init__(self, sum_ns: int, max_ns: int, counts: Sequence[int]):
+        self.sum_ns = sum_ns
+        self.max_ns = max_ns
+        self.counts = counts
+
+    @classmethod
+    def read(cls, words: Words, at: int) -> "Histogram":
+        """Copy one from shared memory."""
+        counts = [words[at + BUCKETS + bucket] for bucket in range(HISTOGRAM_BUCKETS)]
+        return cls(words[at + SUM_NS], words[at + MAX_NS], counts)
+
+    def distribution(self, since: "Histogram | None" = None) -> Distribution:
+        """Describe it.
+
+        Args:
+            since: an earlier reading: only what came after it counts. The maximum is then only as exact as
+                the quantiles, unless it is the largest of all.
+        """
+        before = since.counts if since else (0,) * len(self.counts)
+        counts = [now - then for now, then in zip(self.counts, before, strict=True)]
+        total = sum(counts)
+        if total <= 0 or min(counts) < 0:  # nothing, or garbage
+            return Distribution()
+        max_s = self.max_ns / 1e9
+        if since and since.max_ns == self.max_ns:
+            last = max(bucket for bucket, count in enumerate(counts) if count)
+            max_s = min(max_s, middle_s(last))
+        sum_ns = self.sum_ns - (since.sum_ns if since else 0)
+        return Distribution(
+            total, sum_ns / total / 1e9, quantile_s(counts, 0.5), quantile_s(counts, 0.99), max_s
+        )
+
+
+def quantile_s(counts: Sequence[int], fraction: float) -> float:
+    """The time in s that this fraction of all times does not exceed, within the stated error."""
+    wanted = fraction * sum(counts)
+    passed = 0
+    for bucket, count in enumerate(counts):
+        passed += count
+        if count and passed >= wanted:
+            return middle_s(bucket)
+    raise ValueError("a histogram without entries has no quantiles")
+
+
+def middle_s(bucket: int) -> float:
+    """The middle of a bucket in s."""
+    shift = max(0, (bucket >> PARTS_BITS) - 1)
+    units = bucket - (shift << PARTS_BITS)
+    return ((units << shift) + (1 << shift) / 2) * (1 << UNIT_BITS) / 1e9
