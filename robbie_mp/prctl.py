@@ -4,6 +4,7 @@ import ctypes
 import os
 
 PR_SET_PDEATHSIG = 1
+PR_GET_PDEATHSIG = 2
 PR_SET_NAME = 15
 PR_SET_CHILD_SUBREAPER = 36
 PR_GET_CHILD_SUBREAPER = 37
@@ -12,6 +13,13 @@ PR_GET_CHILD_SUBREAPER = 37
 def set_parent_death_signal(signum: int) -> None:
     """Have the kernel send this process a signal when its parent's thread that started it ends."""
     _prctl(PR_SET_PDEATHSIG, ctypes.c_ulong(signum))
+
+
+def parent_death_signal() -> int:
+    """Return the signal that this process gets when its parent's thread ends, 0 if none."""
+    value = ctypes.c_int()
+    _prctl(PR_GET_PDEATHSIG, ctypes.byref(value))
+    return value.value
 
 
 def set_process_name(name: str) -> None:

@@ -8,7 +8,7 @@ from importlib import import_module, metadata
 
 from robbie_mp.errors import RobbieError
 
-COMMANDS = ("run", "list", "top", "restart", "stop", "profile", "clean")
+COMMANDS = ("run", "list", "top", "restart", "stop", "profile", "clean", "doctor")
 """In the order in which help lists them."""
 
 FAILED = 1

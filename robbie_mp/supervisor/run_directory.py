@@ -129,10 +129,15 @@ def base_folders() -> list[Path]:
     return folders
 
 
+def safe_folders() -> list[Path]:
+    """Return those of `base_folders` that exist and that nobody else can have put anything into."""
+    return [base for base in base_folders() if os.path.lexists(base) and not privacy_problem(base)]
+
+
 def list_runs(bases: list[Path] | None = None) -> list[KnownRun]:
     """Return the runs of this user that have a folder, live and dead, oldest first."""
     runs = []
-    for folder in _run_folders(base_folders() if bases is None else bases):
+    for folder in _run_folders(safe_folders() if bases is None else bases):
         lock_fd = lock_folder(folder, shared=True)
         if lock_fd is not None:
             os.close(lock_fd)
@@ -175,16 +180,24 @@ def _unused_run_id(base: Path) -> str:
     return run_id
 
 
+def privacy_problem(base: Path) -> str:
+    """Return why a folder is not safe to hold runs, '' if it is.
+
+    Raises:
+        FileNotFoundError: there is no such folder.
+    """
+    found = os.lstat(base)
+    if not stat.S_ISDIR(found.st_mode):
+        return "is no directory"
+    if found.st_uid != os.geteuid():
+        return f"belongs to user {found.st_uid}, not to us ({os.geteuid()})"
+    if found.st_mode & 0o077:
+        return f"has mode {stat.S_IMODE(found.st_mode):04o}, others must have no access (0700)"
+    return ""
+
+
 def _make_private(base: Path) -> None:
     with contextlib.suppress(FileExistsError):
         base.mkdir(mode=0o700)
-    found = os.lstat(base)
-    if not stat.S_ISDIR(found.st_mode):
-        problem = "is no directory"
-    elif found.st_uid != os.geteuid():
-        problem = f"belongs to user {found.st_uid}, not to us ({os.geteuid()})"
-    elif found.st_mode & 0o077:
-        problem = f"has mode {stat.S_IMODE(found.st_mode):04o}, others must have no access (0700)"
-    else:
-        return
-    raise UnsafeRunFolder(f"the folder for runs {base} {problem}; remove it or set XDG_RUNTIME_DIR")
+    if problem := privacy_problem(base):
+        raise UnsafeRunFolder(f"the folder for runs {base} {problem}; remove it or set XDG_RUNTIME_DIR")

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from robbie_mp.proc import ProcessIdentity
 from robbie_mp.supervisor.leftovers import kill_run_leftovers
-from robbie_mp.supervisor.run_directory import RUN_ID, UNFINISHED_PREFIX, base_folders, lock_folder
+from robbie_mp.supervisor.run_directory import RUN_ID, UNFINISHED_PREFIX, lock_folder, safe_folders
 from robbie_mp.transport.layout import (
     HEADER_CREATOR_PID,
     HEADER_CREATOR_START,
@@ -52,7 +52,7 @@ def sweep(bases: list[Path] | None = None, shared_memory: Path = SHARED_MEMORY) 
         bases: the folders that hold runs; by default this user's.
         shared_memory: where named segments and semaphores appear.
     """
-    bases = base_folders() if bases is None else bases
+    bases = safe_folders() if bases is None else bases
     found = _sweep_folders(bases, shared_memory), *_sweep_unclaimed(bases, shared_memory)
     return Swept(
         runs=tuple(run for part in found for run in part.runs),
@@ -103,12 +103,19 @@ def _is_abandoned(folder: Path) -> bool:
     return False
 
 
+def unclaimed_runs(bases: list[Path] | None = None, shared_memory: Path = SHARED_MEMORY) -> list[str]:
+    """Return dead runs that have names but no folder, as when the login session's directory was cleared."""
+    bases = safe_folders() if bases is None else bases
+    return [
+        run_id
+        for run_id, paths in _own_names(shared_memory).items()
+        if not any((base / run_id).exists() for base in bases) and not _is_live(run_id, paths, shared_memory)
+    ]
+
+
 def _sweep_unclaimed(bases: list[Path], shared_memory: Path) -> list[Swept]:
-    """Sweep runs that have names but no folder, as when the login session's directory was cleared."""
     swept = []
-    for run_id, paths in _own_names(shared_memory).items():
-        if any((base / run_id).exists() for base in bases) or _is_live(run_id, paths, shared_memory):
-            continue
+    for run_id in unclaimed_runs(bases, shared_memory):
         killed = kill_run_leftovers(run_id)
         names = unlink_names(run_id, shared_memory)
         if names or killed:  # else the run has ended in order since its names were seen

@@ -10,7 +10,13 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.proc import ProcessIdentity
-from robbie_mp.supervisor.run_directory import RunDirectory, UnsafeRunFolder, base_folders, list_runs
+from robbie_mp.supervisor.run_directory import (
+    RunDirectory,
+    UnsafeRunFolder,
+    base_folders,
+    list_runs,
+    safe_folders,
+)
 
 
 def mode(path: Path) -> int:
@@ -94,3 +100,16 @@ def test_runtime_directory_comes_first_if_it_is_ours(tmp_path: Path, monkeypatch
     assert base_folders() == [shared]
     monkeypatch.delenv("XDG_RUNTIME_DIR")
     assert base_folders() == [shared]
+
+
+def test_folder_that_others_can_write_to_holds_no_runs_of_ours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    run = RunDirectory.create("arena", tmp_path)
+    base = run.folder.parent
+    assert run.run_id in {found.run_id for found in list_runs()}
+    base.chmod(0o770)
+    assert base not in safe_folders()
+    assert run.run_id not in {found.run_id for found in list_runs()}
+    run.remove()

@@ -1,0 +1,56 @@
+"""`robbie doctor [PROFILE]`: what is wrong with this machine for running robots."""
+
+import argparse
+import json
+from collections import Counter
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from rich.text import Text
+
+from robbie_mp.cli.figures import console
+from robbie_mp.doctor.examination import examine, worst
+from robbie_mp.doctor.finding import Finding, Level
+from robbie_mp.profile.load import load_profile
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+STYLES = {Level.OK: "green", Level.WARN: "yellow", Level.FAIL: "bold red"}
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `doctor` to the commands."""
+    parser = subparsers.add_parser(
+        "doctor",
+        help="say what is wrong with this machine for running robots",
+        description="Check kernel, Python, shared memory, limits, processors, clocks, permissions and what "
+        "dead runs left. With a profile, check them against what it needs, and import its modules. Nothing "
+        "is changed. Exit code 0: a robot runs here, if perhaps not at its best; 1: it does not.",
+    )
+    parser.add_argument("profile", nargs="?", help="name of a profile in profiles/, or path of its file")
+    parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
+    parser.set_defaults(command=doctor)
+
+
+def doctor(arguments: argparse.Namespace) -> int:
+    """Examine this machine and print what was found."""
+    profile = load_profile(arguments.profile) if arguments.profile else None
+    findings = examine(profile)
+    level = worst(findings)
+    if arguments.json:
+        print(json.dumps({"level": level, "findings": [asdict(finding) for finding in findings]}, indent=2))
+    else:
+        _print(findings)
+    return int(level is Level.FAIL)
+
+
+def _print(findings: list[Finding]) -> None:
+    out = console()
+    for finding in findings:
+        level = Text(f"{finding.level:4}", STYLES[finding.level])
+        out.print(Text.assemble(level, f"  {finding.check}: {finding.found}"), soft_wrap=True)
+        if finding.advice:
+            out.print(Text(f"      → {finding.advice}"), soft_wrap=True)
+    counts = Counter(finding.level for finding in findings)
+    out.print(", ".join(f"{counts[level]} {level}" for level in Level))

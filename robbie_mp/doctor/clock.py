@@ -1,0 +1,70 @@
+"""The clocks: what messages are stamped with and what deadlines go by."""
+
+import ctypes
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from robbie_mp.doctor.finding import Finding, ok, warn
+from robbie_mp.doctor.read import read_line
+
+CLOCK_SOURCE = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")
+SLOW_SOURCES = ("hpet", "acpi_pm", "pit", "jiffies", "refined-jiffies")
+SLOW_READ_S = 2e-6
+COARSE_S = 1e-5
+READS = 1000
+TIME_ERROR = 5
+"""What adjtimex(2) returns where nobody sets the clock."""
+TIMEX_BYTES = 512
+"""More than struct timex has; all zero it asks and sets nothing."""
+
+
+def look_at_clock() -> Iterator[Finding]:
+    """Judge this machine's clocks."""
+    began = time.perf_counter()
+    for _ in range(READS):
+        time.monotonic_ns()
+    read_s = (time.perf_counter() - began) / READS
+    yield check_monotonic(time.get_clock_info("monotonic").resolution, read_s)
+    yield check_source(read_line(CLOCK_SOURCE))
+    yield check_synchronised(clock_state())
+
+
+def clock_state() -> int | None:
+    """Return what adjtimex(2) says of the system's clock; None if it cannot be asked."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    state = int(libc.adjtimex(ctypes.create_string_buffer(TIMEX_BYTES)))
+    return None if state < 0 else state
+
+
+def check_monotonic(resolution_s: float, read_s: float) -> Finding:
+    """Judge the clock that never goes back: its resolution, and how long reading it takes."""
+    found = f"resolution {resolution_s * 1e9:.0f} ns, read in {read_s * 1e9:.0f} ns"
+    if resolution_s > COARSE_S:
+        return warn("monotonic clock", found, "boot with a kernel that has high-resolution timers")
+    if read_s > SLOW_READ_S:
+        return warn("monotonic clock", found, "each message reads it several times; see the clock source")
+    return ok("monotonic clock", found)
+
+
+def check_source(source: str | None) -> Finding:
+    """Judge what the kernel reads the time from."""
+    if source is None:
+        return ok("clock source", "not told")
+    if source in SLOW_SOURCES:
+        advice = "the kernel found the faster one unstable: see `dmesg | grep clocksource`; update the BIOS"
+        return warn("clock source", f"{source}, which is slow", advice)
+    return ok("clock source", source)
+
+
+def check_synchronised(state: int | None) -> Finding:
+    """Judge whether somebody sets the system's clock (NTP, PTP), by the state that adjtimex(2) returns."""
+    if state is None:
+        return ok("time of day", "the kernel does not tell whether somebody sets the clock")
+    if state == TIME_ERROR:
+        return warn(
+            "time of day",
+            "nobody sets the clock: stamps do not compare with those of other machines, and may jump later",
+            "sudo timedatectl set-ntp true, or install chrony",
+        )
+    return ok("time of day", "the clock is synchronised")

@@ -1,0 +1,65 @@
+"""All checks in their order; one that cannot be made is a finding itself."""
+
+from collections.abc import Callable, Iterable
+
+from robbie_mp.doctor.clock import look_at_clock
+from robbie_mp.doctor.finding import Finding, Level, warn
+from robbie_mp.doctor.kernel import look_at_kernel
+from robbie_mp.doctor.limits import look_at_limits
+from robbie_mp.doctor.memory import look_at_memory
+from robbie_mp.doctor.modules import look_at_modules
+from robbie_mp.doctor.needs import Needs
+from robbie_mp.doctor.permissions import look_at_permissions
+from robbie_mp.doctor.processor import look_at_processors
+from robbie_mp.doctor.python import look_at_python
+from robbie_mp.doctor.runs import look_at_runs
+from robbie_mp.profile.model import Profile
+from robbie_mp.profile.problem import ProfileError
+
+Look = Callable[[], Iterable[Finding]]
+
+
+def examine(profile: Profile | None = None) -> list[Finding]:
+    """Make all checks.
+
+    Args:
+        profile: what is to run here; None: the machine is judged for some small robot.
+
+    Raises:
+        ProfileError: the profile names a class that is none, or sets a setting wrongly.
+    """
+    needs = Needs.of(profile) if profile else None
+    looks: dict[str, Look] = {
+        "kernel": look_at_kernel,
+        "Python": look_at_python,
+        "memory": lambda: look_at_memory(needs),
+        "limits": lambda: look_at_limits(needs),
+        "processors": look_at_processors,
+        "clock": look_at_clock,
+        "permissions": look_at_permissions,
+        "runs": look_at_runs,
+    }
+    if profile:
+        looks["modules"] = lambda: look_at_modules(profile)
+    return [finding for name, look in looks.items() for finding in guarded(name, look)]
+
+
+def guarded(name: str, look: Look) -> list[Finding]:
+    """Return what a look finds; whatever else it runs into is a finding and ends only this look."""
+    findings: list[Finding] = []
+    try:
+        # Not a comprehension: what was found before the failure counts.
+        for finding in look():
+            findings.append(finding)
+    except ProfileError:
+        raise
+    except Exception as error:
+        found = f"could not be looked at: {type(error).__name__}: {error}"
+        findings.append(warn(name, found, "report this as a defect of `robbie doctor`"))
+    return findings
+
+
+def worst(findings: Iterable[Finding]) -> Level:
+    """Return the worst level among findings."""
+    levels = {finding.level for finding in findings}
+    return next((level for level in reversed(Level) if level in levels), Level.OK)

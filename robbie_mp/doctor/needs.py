@@ -1,0 +1,67 @@
+"""What a profile takes of the machine, reckoned from its limits."""
+
+from dataclasses import dataclass
+from math import ceil, log2
+from typing import Self
+
+from robbie_mp.profile.model import MemoryLimits, Profile
+from robbie_mp.supervisor.memory import SUPERVISOR_SEGMENT_BYTES
+from robbie_mp.transport.layout import board_words, core_words, in_words, out_words
+from robbie_mp.transport.words import WORD_BYTES
+
+OWN_DESCRIPTORS = 32
+"""Of a process that runs nothing yet."""
+DESCRIPTORS_OF_A_CHILD = 8
+"""That the supervisor holds of each: pidfd, two pipes, a spare's socket, maps of its rings, and some room."""
+DESCRIPTORS_OF_A_MAP = 1
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a run takes.
+
+    Attributes:
+        profile: its name.
+        start_bytes: shared memory of tables, rings, and each module's first segment.
+        limit_bytes: shared memory if each module fills its messages and both of its checkpoints to the limit.
+        largest_file_bytes: the largest single segment.
+        processes: supervisor, core, modules and spares.
+        descriptors_to_start: of the process that needs most of them, as long as little is mapped.
+        descriptors: the same when every module maps every segment of every other.
+    """
+
+    profile: str
+    start_bytes: int
+    limit_bytes: int
+    largest_file_bytes: int
+    processes: int
+    descriptors_to_start: int
+    descriptors: int
+
+    @classmethod
+    def of(cls, profile: Profile) -> Self:
+        """Reckon what a profile needs."""
+        core, memories = profile.core, [module.memory for module in profile.modules]
+        slots = len(memories) + 1
+        tables = core_words(slots, core.channels, core.subscriptions, core.handles, core.references)
+        rings = slots * (out_words(core.ring_records) + in_words(core.credits))
+        fixed_bytes = (board_words(slots + 1) + tables + rings) * WORD_BYTES + SUPERVISOR_SEGMENT_BYTES
+        whole_bytes = sum(memory.limit_bytes + 2 * memory.checkpoint_bytes for memory in memories)
+        maps = sum(segments(memory) for memory in memories) * DESCRIPTORS_OF_A_MAP
+        to_start = OWN_DESCRIPTORS + DESCRIPTORS_OF_A_CHILD * (slots + profile.spares.count)
+        return cls(
+            profile=profile.name,
+            start_bytes=fixed_bytes + sum(memory.segment_bytes for memory in memories),
+            limit_bytes=fixed_bytes + whole_bytes,
+            largest_file_bytes=max(
+                [tables * WORD_BYTES, *(max(m.limit_bytes, m.checkpoint_bytes) for m in memories)]
+            ),
+            processes=2 + len(memories) + profile.spares.count,
+            descriptors_to_start=to_start,
+            descriptors=max(to_start, OWN_DESCRIPTORS + maps),
+        )
+
+
+def segments(memory: MemoryLimits) -> int:
+    """Return how many data segments a module can make, each twice as large as the one before."""
+    return ceil(log2(memory.limit_bytes / memory.segment_bytes + 1))

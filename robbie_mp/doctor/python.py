@@ -1,0 +1,117 @@
+"""Python and the packages that Robbie-MP asks for."""
+
+import re
+import sys
+import tomllib
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+import robbie_mp
+from robbie_mp.doctor.finding import Finding, fail, ok, warn
+
+OLDEST = (3, 11)
+DISTRIBUTION = "robbie-mp"
+REQUIREMENT = re.compile(r"([\w.-]+)\s*(?:>=\s*([0-9.]+))?[^;]*(?:;.*extra\s*==\s*[\"']([\w-]+)[\"'])?")
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A package, its oldest version, and the extra that asks for it ('': Robbie-MP itself)."""
+
+    package: str
+    oldest: str
+    extra: str
+
+    @classmethod
+    def parse(cls, text: str) -> "Requirement":
+        """Read a requirement as Robbie-MP writes them: `scipy>=1.11; extra == "robot"`."""
+        match = REQUIREMENT.match(text)
+        package, oldest, extra = match.groups(default="") if match else (text, "", "")
+        return cls(package, oldest, extra)
+
+
+def look_at_python() -> Iterator[Finding]:
+    """Judge this Python and its packages."""
+    yield check_version(sys.version_info[:2], sys.implementation.name, is_gil_enabled())
+    requirements = own_requirements()
+    installed = {requirement.package: _installed(requirement.package) for requirement in requirements}
+    yield from check_packages(requirements, installed)
+
+
+def is_gil_enabled() -> bool:
+    """Whether only one thread runs Python code at a time, as it does before Python 3.13."""
+    return bool(getattr(sys, "_is_gil_enabled", lambda: True)())
+
+
+def own_requirements() -> list[Requirement]:
+    """Return what Robbie-MP asks for: as it was installed, or as the checkout says that it is run from."""
+    project = Path(robbie_mp.__file__).parents[1] / "pyproject.toml"
+    if project.is_file():
+        said = tomllib.loads(project.read_text())["project"]
+        texts = list(said["dependencies"])
+        for extra, packages in said["optional-dependencies"].items():
+            texts += [f'{package}; extra == "{extra}"' for package in packages]
+    else:
+        texts = metadata.requires(DISTRIBUTION) or []
+    return [Requirement.parse(text) for text in texts]
+
+
+def _installed(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def check_version(version: tuple[int, int], implementation: str, is_gil_enabled: bool) -> Finding:
+    """Judge Python's version."""
+    found = f"{implementation} {version[0]}.{version[1]}"
+    if version < OLDEST:
+        return fail("Python", found, f"use CPython {OLDEST[0]}.{OLDEST[1]} or later")
+    if implementation != "cpython" or not is_gil_enabled:
+        return warn("Python", found, "Robbie-MP is tested with CPython with its global lock only; use that")
+    return ok("Python", found)
+
+
+def check_packages(
+    requirements: Iterable[Requirement], installed: Mapping[str, str | None]
+) -> Iterator[Finding]:
+    """Judge the packages, in one line for Robbie-MP itself and one for each extra.
+
+    Args:
+        requirements: what is asked for.
+        installed: the version of each package, None if it is not there.
+    """
+    groups: dict[str, list[Requirement]] = defaultdict(list)
+    for requirement in requirements:
+        groups[requirement.extra].append(requirement)
+    for extra, group in groups.items():
+        missing = [one.package for one in group if installed[one.package] is None]
+        old = [
+            f"{one.package} {version} (needs {one.oldest})"
+            for one in group
+            if (version := installed[one.package]) and _numbers(version) < _numbers(one.oldest)
+        ]
+        yield _judge(extra, len(group), missing, old)
+
+
+def _judge(extra: str, count: int, missing: list[str], old: list[str]) -> Finding:
+    name = f"extra {extra}" if extra else "packages"
+    target = f"{DISTRIBUTION}[{extra}]" if extra else DISTRIBUTION
+    advice = f"pip install --upgrade '{target}'"
+    if not missing and not old:
+        return ok(name, "all are there")
+    lists = {"missing": missing, "too old": old}
+    found = "; ".join(f"{what}: {', '.join(packages)}" for what, packages in lists.items() if packages)
+    if not extra:
+        return fail(name, found, advice)
+    if len(missing) == count:
+        return ok(name, f"is not installed; to have it: {advice}")
+    return warn(name, found, advice)
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    return tuple(int(number) for number in re.findall(r"\d+", version)[:3])

@@ -1,0 +1,140 @@
+"""What is looked at is this machine, and what a profile needs is what its run then takes."""
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.cli import main
+from robbie_mp.doctor.clock import clock_state
+from robbie_mp.doctor.examination import examine, guarded, worst
+from robbie_mp.doctor.finding import Finding, Level, fail, ok, warn
+from robbie_mp.doctor.needs import Needs, segments
+from robbie_mp.doctor.permissions import check_run_folder, login_setting
+from robbie_mp.doctor.python import own_requirements
+from robbie_mp.profile.model import MemoryLimits, ModuleSpec, Profile
+from robbie_mp.supervisor.memory import RunMemory
+from robbie_mp.supervisor.plan import RunPlan
+
+PROFILE = """
+modules:
+  whole: {class: "sound:Sound"}
+  broken: {class: "broken:Broken"}
+"""
+
+
+@pytest.fixture
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "profiles").mkdir()
+    (tmp_path / "profiles" / "robot.yaml").write_text(PROFILE)
+    (tmp_path / "sound.py").write_text("from robbie_mp.module import Module\nclass Sound(Module): pass\n")
+    (tmp_path / "broken.py").write_text("import no_such_package\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_module_that_cannot_be_imported_fails(workspace: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "robot", "--json"]) == 1
+    report = json.loads(capsys.readouterr().out)
+    assert report["level"] == "fail"
+    assert [finding for finding in report["findings"] if finding["level"] == "fail"] == [
+        {
+            "check": "modules",
+            "level": "fail",
+            "found": "broken cannot be imported: ModuleNotFoundError: No module named 'no_such_package'",
+            "advice": "install what is missing: pip install",
+        }
+    ]
+
+
+def test_machine_that_runs_these_tests_passes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("ok    kernel: linux ")
+    assert lines[-1].endswith("0 fail")
+
+
+def test_wrong_profile_is_bad_usage(workspace: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (workspace / "profiles" / "robot.yaml").write_text("modules: {whole: {class: 'sound:Silence'}}")
+    assert main(["doctor", "robot"]) == 2
+    assert "has no class 'Silence'" in capsys.readouterr().err
+
+
+def test_check_that_breaks_is_a_finding_and_ends_nothing_else() -> None:
+    def look() -> Iterator[Finding]:
+        yield ok("first", "well")
+        raise PermissionError(13, "Permission denied", "/sys/kernel")
+
+    findings = guarded("kernel", look)
+    assert [finding.level for finding in findings] == [Level.OK, Level.WARN]
+    assert "Permission denied" in findings[1].found
+
+
+def test_broken_machine_is_reported_without_a_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_arguments: object, **_named: object) -> None:
+        raise OSError("no such thing here")
+
+    for name in ("resource.getrlimit", "os.sched_getaffinity", "os.geteuid", "psutil.virtual_memory",
+                 "time.get_clock_info", "os.pidfd_open", "platform.release"):  # fmt: skip
+        monkeypatch.setattr(name, broken)
+    findings = examine()
+    monkeypatch.undo()
+    assert len([finding for finding in findings if "no such thing here" in finding.found]) >= 6
+
+
+def test_worst_level_counts() -> None:
+    assert worst([]) is Level.OK
+    assert worst([ok("a", "b"), warn("a", "b", "c")]) is Level.WARN
+    assert worst([fail("a", "b", "c"), ok("a", "b")]) is Level.FAIL
+
+
+def test_memory_reckoned_for_the_start_is_what_a_run_takes() -> None:
+    modules = tuple(ModuleSpec(name, "zoo:Idle") for name in ("one", "two"))
+    plan = RunPlan.of_profile(Profile("p", modules), "d0c7d0c7", Path(), Path(), os.getpid())
+    memory = RunMemory(plan)
+    for name in ("core", "one", "two"):
+        memory.open(name, 1)
+    taken = sum(file.stat().st_size for file in Path("/dev/shm").glob("robbie-d0c7d0c7-*"))
+    memory.close()
+    needs = Needs.of(Profile("p", modules))
+    first_messages = 2 * MemoryLimits().segment_bytes + (64 << 10)
+    assert needs.start_bytes == taken + first_messages
+
+
+def test_segments_double_up_to_the_limit() -> None:
+    assert segments(MemoryLimits(1 << 20, 1 << 20)) == 1
+    assert segments(MemoryLimits(1 << 20, 7 << 20)) == 3
+    assert segments(MemoryLimits(1 << 20, 256 << 20)) == 9
+
+
+def test_run_folder_must_be_ours_alone(tmp_path: Path) -> None:
+    assert check_run_folder(tmp_path / "robbie", None).level is Level.OK
+    assert check_run_folder(tmp_path / "missing" / "robbie", None).level is Level.FAIL
+    shared = tmp_path / "shared"
+    shared.mkdir(mode=0o777)
+    shared.chmod(0o777)
+    assert "0777" in check_run_folder(shared, None).found
+    private = tmp_path / "private"
+    private.mkdir(mode=0o700)
+    assert check_run_folder(private, str(tmp_path)).level is Level.OK
+    assert check_run_folder(private, "/run/user/12345").level is Level.WARN
+
+
+def test_last_login_setting_counts(tmp_path: Path) -> None:
+    assert login_setting("RemoveIPC", [str(tmp_path)]) is None
+    (tmp_path / "logind.conf").write_text("[Login]\n#RemoveIPC=yes\nRemoveIPC = no\n")
+    assert login_setting("RemoveIPC", [str(tmp_path)]) == "no"
+    (tmp_path / "logind.conf.d").mkdir()
+    (tmp_path / "logind.conf.d" / "50-site.conf").write_text("[Login]\nRemoveIPC=yes\n")
+    assert login_setting("RemoveIPC", [str(tmp_path)]) == "yes"
+
+
+def test_clock_is_asked_and_not_set() -> None:
+    assert clock_state() in range(6)
+
+
+def test_requirements_are_those_of_the_project() -> None:
+    found = {(requirement.package, requirement.extra) for requirement in own_requirements()}
+    assert {("numpy", ""), ("posix_ipc", ""), ("scipy", "robot"), ("pytest", "dev")} <= found
