@@ -6,13 +6,23 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module, metadata
 
+from robbie_mp.cli.parser import BAD_USAGE, Parser
 from robbie_mp.errors import RobbieError
 
-COMMANDS = ("run", "list", "top", "restart", "stop", "profile", "clean", "doctor")
+COMMANDS = (
+    "run",
+    "list",
+    "top",
+    "restart",
+    "stop",
+    "profile",
+    "clean",
+    "doctor",
+    "new",
+)
 """In the order in which help lists them."""
 
 FAILED = 1
-BAD_USAGE = 2
 INTERRUPTED = 130
 
 
@@ -48,7 +58,7 @@ def _exit_code(error: RobbieError) -> int:
 
 def _parser(first: Sequence[str]) -> argparse.ArgumentParser:
     """Return the parser with the one command that is asked for, or with all of them."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="robbie",
         description="Run a robot whose every module is a process, and look into it.",
         epilog="`robbie COMMAND --help` tells more about a command.",
