@@ -89,6 +89,7 @@ class Exploration(Module):
             }
         )
         self.status = self.explorer.status
+        self.show_state(self.explorer.state)
         if self.explorer.machine.is_final:
             self.log.info("exploration has ended: %s", self.status)
             self.stop()

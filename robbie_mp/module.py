@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,9 @@ class ModuleContext:
     checkpoints: Checkpoints
     output_directory: Path
     show_status: Callable[[str], None]
+    show_states: Callable[[str], None] = lambda _line: None
+    run_id: str = ""
+    """The run it is part of; '' in a test."""
 
 
 class Module:
@@ -65,8 +69,11 @@ class Module:
         self.stop_requested = False
         self._bus = context.bus
         self._checkpoints = context.checkpoints
+        self.run_id = context.run_id
         self._show_status = context.show_status
         self._status = ""
+        self._show_states = context.show_states
+        self._states: dict[str, str] = {}
         apply_settings(self, context.settings)
 
     # -- for authors to define -------------------------------------------------------------------------
@@ -187,6 +194,20 @@ class Module:
         if line != self._status:
             self._status = line
             self._show_status(line)
+
+    def show_state(self, state: object, machine: str = "") -> None:
+        """Say in which state a state machine of this module is; `robbie top` shows it beside the status.
+
+        Args:
+            state: such as "DRIVE", or a member of an Enum, whose name is shown.
+            machine: which one, if the module has several.
+        """
+        name = state.name if isinstance(state, Enum) else str(state)
+        if self._states.get(machine) != name:
+            self._states[machine] = name
+            self._show_states(
+                ", ".join(f"{key}: {value}" if key else value for key, value in self._states.items())
+            )
 
     def stop(self) -> None:
         """End this module in good order, after the handler or tick that calls this."""

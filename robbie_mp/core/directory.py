@@ -5,8 +5,10 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.layout import NAME_WORDS
 from robbie_mp.transport.records import MessageHandling
-from robbie_mp.transport.words import read_text, write_text
+from robbie_mp.transport.words import WORD_MAX, Words, read_text, write_text
 
+LONGEST_INTERVAL_US = 10**9
+"""Of two messages; a module may claim any time."""
 ROW_OPEN = 1
 ROW_CLOSED = 2
 
@@ -75,6 +77,19 @@ class Channel:
         self.messages = 0
         self.bytes = 0
         self.subscriptions: list[Subscription] = []
+
+    def note_time(self, words: Words, stamp_ns: int) -> None:
+        """Show when its newest message was published, and how long after the one before it.
+
+        A message that is routed again after a crash of the core may count twice here; nothing rests on it.
+        """
+        at = self.at
+        before_ns = words[at + layout.CHANNEL_LAST_STAMP_NS]
+        words[at + layout.CHANNEL_LAST_STAMP_NS] = stamp_ns
+        if before_ns:
+            interval_us = min(abs(stamp_ns - before_ns) // 1000, LONGEST_INTERVAL_US)
+            square = at + layout.CHANNEL_INTERVALS_SQUARED
+            words[square] = words[square] + interval_us * interval_us & WORD_MAX
 
 
 class Directory:

@@ -29,6 +29,8 @@ from robbie_mp.transport.words import WORD_MAX, Fence
 _PUBLISH, _RELEASE = Outbound.PUBLISH, Outbound.RELEASE
 _DELIVERED = Outcome.DELIVERED
 
+DROPPED_COUNT = layout.SUBSCRIPTION_DROPPED - layout.SUBSCRIPTION_ROUTED
+
 BROKEN = (ProtocolViolation, RingCorrupt, TableFull)
 """What a module is faulted for."""
 
@@ -286,6 +288,9 @@ class Router:
 
     def _close_subscription(self, entry: Subscription, outcome: Outcome) -> None:
         slot = self._slots[entry.slot]
+        # Who watches can tell what waited at its end from what did not fit. Once: this may be done again.
+        if outcome is Outcome.DROPPED and not self._words[entry.at + layout.SUBSCRIPTION_DROPPED_BEFORE]:
+            self._words[entry.at + layout.SUBSCRIPTION_DROPPED_BEFORE] = entry.counts[DROPPED_COUNT] + 1
         for reference in list(slot.waiting):
             if self._ledger.reference(reference)[2] is entry:
                 self._queues.remove(slot, reference)
@@ -324,7 +329,7 @@ class Router:
         channel.bytes += handle.size
         words[channel.at + layout.CHANNEL_MESSAGES] = channel.messages
         words[channel.at + layout.CHANNEL_BYTES] = channel.bytes
-        words[channel.at + layout.CHANNEL_LAST_STAMP_NS] = handle.stamp_ns
+        channel.note_time(words, handle.stamp_ns)
         if not self._ledger.is_held(index):
             self._give_back(index)
 

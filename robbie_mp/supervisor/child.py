@@ -111,6 +111,8 @@ def run_module(plan: RunPlan, name: str, incarnation: int) -> None:
         checkpoints=checkpoints,
         output_directory=Path(plan.output_directory),
         show_status=lambda line: write_text(words, layout.OUT_STATUS, LINE_WORDS, line),
+        show_states=lambda line: write_text(words, layout.OUT_STATES, LINE_WORDS, line),
+        run_id=plan.run_id,
     )
     module = module_class(context)
     runner = ModuleRunner(module, endpoint, inbox, outbox, memory.wakeup, words, lambda: board.may_go)

@@ -2,6 +2,7 @@
 
 import contextlib
 import glob
+import os
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,11 +12,11 @@ from robbie_mp.core.tables import CoreTables, TableSizes
 from robbie_mp.messages import ModuleState, Time
 from robbie_mp.supervisor.child_spec import ChildKind
 from robbie_mp.supervisor.incarnations import Doing
-from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.supervisor.plan import PlannedModule, RunPlan
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.supervisor.sweep import unlink_names
 from robbie_mp.transport import layout, names
-from robbie_mp.transport.board import Board, SlotState
+from robbie_mp.transport.board import Board, SlotBounds, SlotState, Totals
 from robbie_mp.transport.endpoint import Notice
 from robbie_mp.transport.layout import Activity, SegmentKind
 from robbie_mp.transport.outbox import Outbox
@@ -75,7 +76,13 @@ class RunMemory:
         rows = len(plan.names)
         self._segments = [Segment.create(names.board(run_id), layout.board_words(rows), SegmentKind.BOARD)]
         self.board = Board(self._segments[0].words)
-        self.board.create(plan.names)
+        supervisor = SlotBounds(memory_bytes=SUPERVISOR_LIMIT_BYTES)
+        self.board.create(plan.names, [supervisor, *map(_bounds, plan.modules)])
+        now_ns = time.monotonic_ns()
+        running = STATES.index(ChildState.RUNNING) + 1
+        self.board.write(
+            SUPERVISOR_SLOT, SlotState("", running, os.getpid(), 1, 0, now_ns, "started", Totals())
+        )
         limits = plan.core
         sizes = TableSizes(rows - 1, limits.channels, limits.subscriptions, limits.handles, limits.references)
         core = Segment.create(names.core(run_id), sizes.words, SegmentKind.CORE)
@@ -210,9 +217,10 @@ class RunMemory:
         past = row.past
         if change.exit_status is not None:
             past = replace(past, cpu_ns=past.cpu_ns + round(change.exit_status.cpu_s * 1e9))
-        self.board.write(
-            slot, replace(row, state=state, pid=pid, restarts=restarts, reason=change.reason, past=past)
-        )
+        row = replace(row, state=state, pid=pid, restarts=restarts, reason=change.reason, past=past)
+        if change.exit_status is not None:
+            row = replace(row, last_end=change.reason, last_end_ns=time.monotonic_ns())
+        self.board.write(slot, row)
         if change.new.is_final and change.name != CORE:
             clean = change.new is ChildState.STOPPED
             self._endpoint.send(Outbound.MODULE_GONE, slot, int(clean))
@@ -261,6 +269,10 @@ class RunMemory:
     def slot_state(self, name: str) -> SlotState:
         """A child's row of the board."""
         return self.board.read(self._slots[name])
+
+
+def _bounds(module: PlannedModule) -> SlotBounds:
+    return SlotBounds(module.queue.messages, module.queue.bytes, module.memory.limit_bytes)
 
 
 def unlink_data_segments(run_id: str, slot: int, incarnation: int) -> None:

@@ -1,5 +1,6 @@
 """The supervisor's board: who runs, in which state, since when. Written by the supervisor, read by all."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from robbie_mp.transport import layout
@@ -29,6 +30,19 @@ class SlotState:
     started_ns: int
     reason: str
     past: Totals
+    last_end: str = ""
+    """How its last process ended; '' if none has."""
+    last_end_ns: int = 0
+    """When, monotonic clock."""
+
+
+@dataclass(frozen=True)
+class SlotBounds:
+    """Limits of a module that the profile sets."""
+
+    queue_messages: int = 0
+    queue_bytes: int = 0
+    memory_bytes: int = 0
 
 
 class Board:
@@ -37,11 +51,26 @@ class Board:
     def __init__(self, words: Words):
         self._words = words
 
-    def create(self, names: list[str]) -> None:
-        """Write the names of all rows: supervisor, modules, core."""
+    def create(self, names: list[str], bounds: Sequence[SlotBounds] = ()) -> None:
+        """Write names and limits of all rows: supervisor, modules, core."""
+        words = self._words
         for slot, name in enumerate(names):
-            write_text(self._words, self._row(slot) + layout.SLOT_NAME, NAME_WORDS, name)
-        self._words[layout.BOARD_SLOTS] = len(names)
+            write_text(words, self._row(slot) + layout.SLOT_NAME, NAME_WORDS, name)
+        for slot, bound in enumerate(bounds):
+            at = self._row(slot)
+            words[at + layout.SLOT_QUEUE_MESSAGES] = bound.queue_messages
+            words[at + layout.SLOT_QUEUE_BYTES] = bound.queue_bytes
+            words[at + layout.SLOT_MEMORY_BYTES] = bound.memory_bytes
+        words[layout.BOARD_SLOTS] = len(names)
+
+    def bounds(self, slot: int) -> SlotBounds:
+        """Read a module's limits."""
+        words, at = self._words, self._row(slot)
+        return SlotBounds(
+            words[at + layout.SLOT_QUEUE_MESSAGES],
+            words[at + layout.SLOT_QUEUE_BYTES],
+            words[at + layout.SLOT_MEMORY_BYTES],
+        )
 
     @property
     def slots(self) -> int:
@@ -75,6 +104,8 @@ class Board:
         words[at + layout.SLOT_PAST_REFUSED] = min(row.past.refused, WORD_MAX)
         words[at + layout.SLOT_PAST_HANDLED] = min(row.past.handled, WORD_MAX)
         words[at + layout.SLOT_PAST_CPU_NS] = row.past.cpu_ns
+        write_text(words, at + layout.SLOT_LAST_END, LINE_WORDS, row.last_end)
+        words[at + layout.SLOT_LAST_END_NS] = row.last_end_ns
 
     def read(self, slot: int) -> SlotState:
         """Read a module's state."""
@@ -93,6 +124,8 @@ class Board:
                 words[at + layout.SLOT_PAST_HANDLED],
                 words[at + layout.SLOT_PAST_CPU_NS],
             ),
+            last_end=read_text(words, at + layout.SLOT_LAST_END, LINE_WORDS),
+            last_end_ns=words[at + layout.SLOT_LAST_END_NS],
         )
 
     @staticmethod

@@ -60,7 +60,12 @@ SLOT_PAST_HANDLED = 7
 SLOT_PAST_CPU_NS = 8
 SLOT_NAME = 9
 SLOT_REASON = SLOT_NAME + NAME_WORDS
-SLOT_WORDS = 64
+SLOT_LAST_END = SLOT_REASON + LINE_WORDS  # how its last process ended, a text as long as a reason
+SLOT_LAST_END_NS = SLOT_LAST_END + LINE_WORDS
+SLOT_QUEUE_MESSAGES = SLOT_LAST_END_NS + 1  # limits of the profile, written once
+SLOT_QUEUE_BYTES = SLOT_LAST_END_NS + 2
+SLOT_MEMORY_BYTES = SLOT_LAST_END_NS + 3
+SLOT_WORDS = 96
 
 # core: counters of its own, then five tables whose sizes are in the profile.
 CORE_HEARTBEAT_NS = HEADER_WORDS
@@ -97,6 +102,7 @@ CHANNEL_BYTES = 3
 CHANNEL_LAST_STAMP_NS = 4
 CHANNEL_TYPE = 5
 CHANNEL_TOPIC = CHANNEL_TYPE + NAME_WORDS
+CHANNEL_INTERVALS_SQUARED = CHANNEL_TOPIC + NAME_WORDS  # sum over all messages, in us², modulo 2^64
 CHANNEL_WORDS = 32
 
 # A subscription's row. `routed = delivered + replaced + dropped + lost + waiting`, waiting being derived.
@@ -112,6 +118,7 @@ SUBSCRIPTION_LOST = 8
 SUBSCRIPTION_LAST_SEQUENCE = 9
 SUBSCRIPTION_TYPE = 10
 SUBSCRIPTION_TOPIC = SUBSCRIPTION_TYPE + NAME_WORDS
+SUBSCRIPTION_DROPPED_BEFORE = SUBSCRIPTION_TOPIC + NAME_WORDS  # its end, plus one; 0 while it is open
 SUBSCRIPTION_WORDS = 40
 
 # A handle's row: one message. The sequence is its commit word: written last, 0 while the row is free.

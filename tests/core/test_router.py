@@ -435,3 +435,34 @@ def test_refused_message_is_counted_whatever_was_refused_long_before() -> None:
             publisher.endpoint.send(Outbound.WAIT_FREED)
         run.run_core()
     assert run.words[run.tables.publisher(1) + layout.PUBLISHER_REFUSED] >> layout.REFUSED_TAG_BITS == 2
+
+
+def test_messages_that_waited_when_a_module_was_stopped_can_be_told_from_what_did_not_fit() -> None:
+    run = SimulatedRun(queue_messages=3)
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(CREDIT + 5):
+        publisher.publish(channel, value)
+        run.run_core()
+    assert run.counts(0)["dropped"] == 2
+    run.kill(subscriber)
+    for _ in range(2):  # a core that takes over is told again
+        run.gone(subscriber, clean=True)
+    before = run.words[run.tables.subscription(0) + layout.SUBSCRIPTION_DROPPED_BEFORE]
+    # Besides the two, what it had not taken waited, and three in the queue.
+    assert (run.counts(0)["dropped"], before) == (2 + CREDIT + 3, 2 + 1)
+
+
+def test_times_between_messages_are_summed_up_over_a_restart_of_the_core() -> None:
+    run = SimulatedRun()
+    publisher, channel, _ = connected(run, MessageHandling.KEEP_ONLY_NEWEST)
+    for stamp_us in (1000, 1010, 1030):
+        publisher.publish(channel, stamp_us * 1000)
+        run.run_core()
+    run.restart_core()
+    publisher.publish(channel, 1000_000)  # by another thread that was late
+    publisher.publish(channel, (1 << 64) - 1)  # garbage
+    run.run_core()
+    at = run.tables.channel(0)
+    longest = 10**9
+    assert run.words[at + layout.CHANNEL_LAST_STAMP_NS] == (1 << 64) - 1
+    assert run.words[at + layout.CHANNEL_INTERVALS_SQUARED] == 10**2 + 20**2 + 30**2 + longest**2
