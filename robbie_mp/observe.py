@@ -65,6 +65,7 @@ class ModuleFigures:
     segment_bytes: int
     """Its data segments."""
     status: str
+    """Of a module that has ended: the last it had."""
     activity: str
     subscriptions: tuple[SubscriptionFigures, ...]
 
@@ -152,7 +153,8 @@ class RunObserver:
 
     def _module(self, slot: int, subscriptions: tuple[SubscriptionFigures, ...]) -> ModuleFigures:
         row = self._board.read(slot)
-        own = self._own_words(slot, row.incarnation) if row.pid else [0] * layout.OUT_DECLARATIONS
+        last = self._own_words(slot, row.incarnation)
+        own = last if row.pid else [0] * layout.OUT_DECLARATIONS  # a dead one's counts are in the row
         is_core = slot == self._board.slots - 1
         queue = [0] * layout.PUBLISHER_WORDS
         if not is_core:
@@ -175,7 +177,7 @@ class RunObserver:
             waiting_peak=queue[layout.PUBLISHER_WAITING_PEAK],
             pinned=queue[layout.PUBLISHER_PINNED],
             segment_bytes=own[layout.OUT_SEGMENT_BYTES],
-            status=read_text(own, layout.OUT_STATUS, LINE_WORDS),
+            status=read_text(last, layout.OUT_STATUS, LINE_WORDS),
             activity=_ACTIVITIES.get(own[layout.OUT_ACTIVITY] & 0xFF, "unknown"),
             subscriptions=subscriptions,
         )

@@ -67,7 +67,9 @@ class Members:
         """Forget a dead incarnation; that it was connected stays written until it has been taken back."""
         self._slots[link.slot].link = None
         link.has_ended = True
-        self.links = tuple(other for other in self.links if other is not link)
+        # Of a list: CPython keeps up to 2000 tuples of each length for reuse, and one of a generator, whose
+        # length is not known at first, adds to them and never takes any.
+        self.links = tuple([other for other in self.links if other is not link])
 
     def fault(self, link: Link, error: RobbieError) -> None:
         """Take no more records of a module that broke the protocol, send it none, and have it killed."""

@@ -1,7 +1,6 @@
 """The supervisor's side of a run's shared memory: it makes and unlinks every name, and tells the core."""
 
 import contextlib
-import glob
 import os
 import time
 from collections.abc import Callable
@@ -32,6 +31,7 @@ from robbie_mp.transport.wakeup import Wakeup
 from robbie_mp.transport.words import read_text
 
 CORE = str(ChildKind.CORE)
+SUPERVISOR = "supervisor"
 SUPERVISOR_SLOT = 0
 SUPERVISOR_SEGMENT_BYTES = 64 << 10
 SUPERVISOR_LIMIT_BYTES = 1 << 20
@@ -47,7 +47,8 @@ class RunMemory:
         on_change: hears of every change of state, after the board shows it.
 
     Attributes:
-        faulted: name and incarnation of modules that the core has found to break the protocol.
+        faulted: name and incarnation of who the core has found to break the protocol; a module, or
+            SUPERVISOR itself.
         before_close: called when all children have ended and everything can still be read.
 
     Raises:
@@ -63,8 +64,11 @@ class RunMemory:
         self._incarnations: dict[int, tuple[int, IncarnationMemory]] = {}
         self._dying: set[int] = set()
         """Slots whose module is dead and not reclaimed yet."""
-        self._reclaimed: set[tuple[int, int]] = set()
+        self._reclaimed: dict[int, int] = {}
+        """The incarnation of each slot that the core has taken back last."""
         self._heartbeat_before = 0
+        self._made = contextlib.ExitStack()
+        """All that lives as long as the run."""
         self.faulted: list[tuple[str, int]] = []
         with contextlib.ExitStack() as on_failure:
             on_failure.callback(self.close)
@@ -74,8 +78,9 @@ class RunMemory:
     def _create(self) -> None:
         run_id, plan = self._run_id, self._plan
         rows = len(plan.names)
-        self._segments = [Segment.create(names.board(run_id), layout.board_words(rows), SegmentKind.BOARD)]
-        self.board = Board(self._segments[0].words)
+        made = self._made
+        board = Segment.create(names.board(run_id), layout.board_words(rows), SegmentKind.BOARD)
+        self.board = Board(made.enter_context(contextlib.closing(board)).words)
         supervisor = SlotBounds(memory_bytes=SUPERVISOR_LIMIT_BYTES)
         self.board.create(plan.names, [supervisor, *map(_bounds, plan.modules)])
         now_ns = time.monotonic_ns()
@@ -86,17 +91,17 @@ class RunMemory:
         limits = plan.core
         sizes = TableSizes(rows - 1, limits.channels, limits.subscriptions, limits.handles, limits.references)
         core = Segment.create(names.core(run_id), sizes.words, SegmentKind.CORE)
-        self._segments.append(core)
+        self._core_words = made.enter_context(contextlib.closing(core)).words
         CoreTables.create(core.words, sizes)
-        self._core_words = core.words
-        self._core_wakeup = Wakeup.create(names.core_wakeup(run_id))
+        self._core_wakeup = made.enter_context(contextlib.closing(Wakeup.create(names.core_wakeup(run_id))))
         own = IncarnationMemory.create(run_id, SUPERVISOR_SLOT, 1, plan.sizes)
         self._incarnations[SUPERVISOR_SLOT] = (1, own)
         self._endpoint = make_endpoint(own, SUPERVISOR_SLOT, 1, plan.sizes, self._core_wakeup.post)
         blocks = make_block_store(
             run_id, SUPERVISOR_SLOT, 1, SUPERVISOR_SEGMENT_BYTES, SUPERVISOR_LIMIT_BYTES
         )
-        self._outbox = Outbox(self._endpoint, blocks, own.out.words, SystemClock())
+        outbox = Outbox(self._endpoint, blocks, own.out.words, SystemClock())
+        self._outbox = made.enter_context(contextlib.closing(outbox))
 
     # -- what the process tree calls -------------------------------------------------------------------
 
@@ -189,9 +194,8 @@ class RunMemory:
             return True
         slot = self._slots[name]
         self.read_notices()
-        if (slot, incarnation) not in self._reclaimed:
+        if self._reclaimed.get(slot) != incarnation:
             return False
-        self._reclaimed.discard((slot, incarnation))
         self._dying.discard(slot)
         _, memory = self._incarnations.pop(slot)
         memory.close()
@@ -248,8 +252,7 @@ class RunMemory:
         self.before_close()
         for _, memory in self._incarnations.values():
             memory.close()
-        for segment in getattr(self, "_segments", []):
-            segment.close()
+        self._made.close()
         unlink_names(self._run_id)
 
     # -- what the core says ----------------------------------------------------------------------------
@@ -260,7 +263,7 @@ class RunMemory:
             if not isinstance(record, Notice):
                 continue  # the supervisor subscribes to nothing
             if record.kind is Inbound.RECLAIMED:
-                self._reclaimed.add((record.slot, record.incarnation))
+                self._reclaimed[record.slot] = record.incarnation
             elif record.kind is Inbound.SEGMENTS_GONE:
                 unlink_data_segments(self._run_id, record.slot, record.incarnation)
             elif record.kind is Inbound.FAULTED:
@@ -277,5 +280,8 @@ def _bounds(module: PlannedModule) -> SlotBounds:
 
 def unlink_data_segments(run_id: str, slot: int, incarnation: int) -> None:
     """Remove the names of a dead publisher's data segments."""
-    for path in glob.glob(f"/dev/shm/{names.data_prefix(run_id, slot, incarnation)}*"):
-        unlink_segment(path.removeprefix("/dev/shm/"))
+    prefix = names.data_prefix(run_id, slot, incarnation)
+    # Not glob: it would keep the compiled pattern of each of thousands of incarnations.
+    for name in os.listdir("/dev/shm"):
+        if name.startswith(prefix):
+            unlink_segment(name)

@@ -12,7 +12,7 @@ from robbie_mp.observe import ModuleFigures, RunObserver
 from robbie_mp.profile.model import Profile
 from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.control import ControlServer
-from robbie_mp.supervisor.memory import RunMemory
+from robbie_mp.supervisor.memory import CORE, SUPERVISOR, RunMemory
 from robbie_mp.supervisor.output import OutputLine, OutputStore
 from robbie_mp.supervisor.plan import RunPlan
 from robbie_mp.supervisor.run_directory import RunDirectory
@@ -117,6 +117,11 @@ def _each_turn(tree: Tree, memory: RunMemory, control: ControlServer) -> None:
     memory.read_notices()
     while memory.faulted:
         name, incarnation = memory.faulted.pop()
+        if (
+            name == SUPERVISOR
+        ):  # no module could be restarted any more: a new core may read better, or ends it
+            tree.child(CORE).kill("it refused the supervisor's own records; core.log says why")
+            continue
         child = tree.child(name)
         if child.incarnation == incarnation:
             child.kill("the core refused its records; core.log says why")

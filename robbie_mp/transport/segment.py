@@ -121,8 +121,8 @@ class Segment:
         finally:
             shared.close_fd()
         segment = cls(name, mapping)
-        found = tuple(segment.words[index] for index in range(4))
-        wanted = (layout.MAGIC, layout.LAYOUT_VERSION, kind, size)
+        found = [segment.words[index] for index in range(4)]
+        wanted = [layout.MAGIC, layout.LAYOUT_VERSION, kind, size]
         if found != wanted:
             segment.close()
             if found[0] == 0:  # the magic is written last

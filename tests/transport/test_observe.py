@@ -8,9 +8,9 @@ from robbie_mp.core.tables import CoreTables, TableSizes
 from robbie_mp.observe import RunObserver
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board, SlotState, Totals
-from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.layout import LINE_WORDS, SegmentKind
 from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.transport.words import WORD_MAX, write_text
 
 RUN = "testobsv"
 
@@ -42,6 +42,19 @@ def test_garbage_in_a_modules_own_words_is_shown_as_it_is(camera: Segment) -> No
     observer.close()
     assert figures.activity == "unknown"
     assert figures.published == WORD_MAX
+
+
+def test_module_that_has_ended_keeps_its_status_and_counts_once(camera: Segment) -> None:
+    write_text(camera.words, layout.OUT_STATUS, LINE_WORDS, "42 images")
+    camera.words[layout.OUT_PUBLISHED] = 42
+    board = Segment.attach(names.board(RUN), SegmentKind.BOARD, write=True)
+    ended = SlotState("camera", 2, 0, 1, 0, 0, "SIGTERM", Totals(published=42))
+    Board(board.words).write(1, ended)
+    board.close()
+    observer = RunObserver(RUN)
+    figures = observer.modules()[1]
+    observer.close()
+    assert (figures.status, figures.published, figures.activity) == ("42 images", 42, "idle")
 
 
 def test_module_whose_segment_is_none_any_more_is_still_listed(camera: Segment) -> None:

@@ -9,6 +9,7 @@ from robbie_mp.transport import layout
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing, SharedMemoryFull
 from robbie_mp.transport.words import read_text, words_for_text, write_text
+from tests.growth import blocks_kept
 
 NAME = "robbie-testsegm-one"
 
@@ -102,3 +103,7 @@ def test_texts_survive_or_are_cut_at_a_character(text: str) -> None:
 
 def test_garbage_reads_as_some_bounded_text() -> None:
     assert len(read_text([(1 << 64) - 1] * 40, 3, 9)) <= 64
+
+
+def test_segment_that_was_attached_and_closed_leaves_nothing_behind(segment: Segment) -> None:
+    assert blocks_kept(lambda: Segment.attach(NAME, SegmentKind.DATA).close(), 300) < 0.1
