@@ -1,14 +1,19 @@
-"""`robbie list`: the runs of this machine."""
+"""`robbie list`: the runs of this machine; the modules, message types and topics of one."""
 
 import argparse
 import json
+from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
+from rich.text import Text
 
-from robbie_mp.cli.figures import console, state_name
-from robbie_mp.cli.runs import live_runs
+from robbie_mp.cli.figures import STYLES, console, state_name
+from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
+from robbie_mp.declarations import Declaration, read_declarations
 from robbie_mp.observe import RunObserver
 from robbie_mp.supervisor.run_directory import KnownRun
 from robbie_mp.transport.segment import SegmentMissing
@@ -16,35 +21,138 @@ from robbie_mp.transport.segment import SegmentMissing
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
+Row = dict[str, Any]
+
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add `list` to the commands."""
-    parser = subparsers.add_parser("list", help="list the runs of this machine and their modules")
+    parser = add_command(
+        subparsers,
+        "list",
+        "list runs; or modules, message types or topics of a run",
+        "List the runs of this machine and their modules, or what one of them consists of. Reading this "
+        "costs the robot nothing.",
+        ["robbie list", "robbie list topics", "robbie list modules --json"],
+    )
+    parser.add_argument(
+        "what", nargs="?", choices=["runs", *TABLES], default="runs", help="what to list; runs by default"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
-    parser.set_defaults(command=list_all)
+    add_run_argument(parser)
+    parser.set_defaults(command=list_what)
 
 
-def list_all(arguments: argparse.Namespace) -> int:
-    """Print all live runs."""
-    runs = [(run, _modules(run)) for run in live_runs()]
+def list_what(arguments: argparse.Namespace) -> int:
+    """Print what was asked for."""
+    if arguments.what == "runs":
+        return _list_runs(arguments.json)
+    rows = TABLES[arguments.what](choose_run(arguments.run))
     if arguments.json:
-        print(json.dumps([_as_data(run, modules) for run, modules in runs], indent=2))
+        print(json.dumps(rows, indent=2))
+    elif not rows:
+        print(f"no {arguments.what} yet")
+    else:
+        _print(rows)
+    return 0
+
+
+def _modules(run: KnownRun) -> list[Row]:
+    with closing(RunObserver(run.run_id)) as observer:
+        return [
+            {
+                "module": module.name,
+                "state": state_name(module),
+                "pid": module.pid,
+                "restarts": module.restarts,
+                "status": module.status,
+            }
+            for module in observer.modules()[1:]
+        ]
+
+
+def _types(run: KnownRun) -> list[Row]:
+    rows: dict[tuple[str, int], Row] = {}
+    for topic in _topics(run):
+        row = rows.setdefault(
+            (topic["type"], topic["version"]),
+            {"type": topic["type"], "version": topic["version"], "topics": 0, "messages": 0, "bytes": 0},
+        )
+        row["topics"] += 1
+        row["messages"] += topic["messages"]
+        row["bytes"] += topic["bytes"]
+    return list(rows.values())
+
+
+def _topics(run: KnownRun) -> list[Row]:
+    """One row for each pair of type and topic, published or only wanted so far."""
+    declared = read_declarations(run.run_id)
+    with closing(RunObserver(run.run_id)) as observer:
+        counts = {(entry.type_name, entry.topic): entry for entry in observer.channels()}
+    keys = {
+        (entry.type_name, entry.version, entry.topic): None
+        for entry in sorted(declared, key=lambda entry: not entry.is_publisher)
+        if entry.is_publisher or not _is_published(entry, declared)
+    }
+    rows = []
+    for type_name, version, topic in sorted(keys):
+        count = counts.get((type_name, topic))
+        same = [entry for entry in declared if (entry.type_name, entry.version) == (type_name, version)]
+        rows.append(
+            {
+                "type": type_name,
+                "version": version,
+                "topic": topic,
+                "messages": count.messages if count else 0,
+                "bytes": count.bytes if count else 0,
+                "publishers": [e.module for e in same if e.is_publisher and e.topic == topic],
+                "subscribers": [e.module for e in same if not e.is_publisher and e.topic in ("", topic)],
+            }
+        )
+    return rows
+
+
+def _is_published(wanted: Declaration, declared: Sequence[Declaration]) -> bool:
+    return any(
+        entry.is_publisher
+        and (entry.type_name, entry.version) == (wanted.type_name, wanted.version)
+        and wanted.topic in ("", entry.topic)
+        for entry in declared
+    )
+
+
+TABLES = {"modules": _modules, "types": _types, "topics": _topics}
+
+
+def _print(rows: Sequence[Row]) -> None:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading, value in rows[0].items():
+        table.add_column(heading, justify="right" if isinstance(value, int) else "left", no_wrap=True)
+    for row in rows:
+        cells = (", ".join(value) if isinstance(value, list) else str(value) for value in row.values())
+        table.add_row(*(Text(cell, STYLES.get(cell, "")) for cell in cells))
+    console().print(table)
+
+
+def _list_runs(as_json: bool) -> int:
+    runs = [(run, _states(run)) for run in live_runs()]
+    if as_json:
+        print(json.dumps([_as_data(run, states) for run, states in runs], indent=2))
         return 0
     if not runs:
         print("no run on this machine; start one with `robbie run PROFILE`")
         return 0
     table = Table("run", "profile", "supervisor", "since (UTC)", "modules", box=None, pad_edge=False)
-    for run, modules in runs:
+    for run, states in runs:
         record = run.record
-        states = ", ".join(f"{name} {state}" for name, state in modules.items()) or "starting"
+        shown = ", ".join(f"{name} {state}" for name, state in states.items()) or "starting"
         if record is not None:
             since = record.started_at[:19].replace("T", " ")
-            table.add_row(run.run_id, record.profile, str(record.supervisor_pid), since, states)
+            table.add_row(run.run_id, record.profile, str(record.supervisor_pid), since, shown)
     console().print(table)
     return 0
 
 
-def _modules(run: KnownRun) -> dict[str, str]:
+def _states(run: KnownRun) -> dict[str, str]:
     """State by name; empty while the run has not made its memory yet, or no longer."""
     try:
         observer = RunObserver(run.run_id)
@@ -55,5 +163,5 @@ def _modules(run: KnownRun) -> dict[str, str]:
     return states
 
 
-def _as_data(run: KnownRun, modules: dict[str, str]) -> dict[str, object]:
-    return {**(asdict(run.record) if run.record else {"run_id": run.run_id}), "modules": modules}
+def _as_data(run: KnownRun, states: dict[str, str]) -> dict[str, object]:
+    return {**(asdict(run.record) if run.record else {"run_id": run.run_id}), "modules": states}

@@ -12,6 +12,7 @@ from robbie_mp.errors import RobbieError
 COMMANDS = (
     "run",
     "list",
+    "type",
     "top",
     "restart",
     "stop",

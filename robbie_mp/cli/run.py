@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     screen = RunScreen(quiet=arguments.quiet or arguments.json)
     started_s = time.monotonic()
     with screen:
-        result = run_profile(profile, findings.settings, output, screen.listener)
+        result = run_profile(profile, findings.settings, findings.types.values(), output, screen.listener)
     summary = _summary(profile.name, result, time.monotonic() - started_s)
     (result.output_directory / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
     if arguments.json:

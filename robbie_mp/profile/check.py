@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, TextIO, TypeVar
 
 from robbie_mp.die_with_parent import die_with_parent
+from robbie_mp.messages.descriptions import own_types
 from robbie_mp.settings import SettingError, examine_settings
 from robbie_mp.suggest import did_you_mean
 
@@ -46,7 +47,7 @@ def main() -> None:
         result = _examine(module, base, Path(request["workspace"]))
         if os.getpid() != this_process:  # the import has forked
             os._exit(0)
-        _emit(events, {"result": result})
+        _emit(events, {"result": {**result, "types": own_types()}})
     _emit(events, {"end": True})
     os._exit(0)
 

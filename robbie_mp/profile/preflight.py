@@ -9,6 +9,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any
 
+from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.profile.checking_process import PreflightError, check_events
 from robbie_mp.profile.model import ModuleSpec, Profile
 from robbie_mp.profile.problem import Problem, ProfileError
@@ -24,9 +25,12 @@ class Preflight:
     """By module that is not in `failures`: every setting, given or default; absolute paths, as text."""
     failures: dict[str, str] = field(default_factory=dict)
     """By module whose code failed, its settings unchecked: the traceback, or how the process ended."""
+    types: dict[str, TypeDescription] = field(default_factory=dict)
+    """By name: the message types that the imported code declares, without the stock types."""
 
     def add(self, module: str, result: dict[str, Any]) -> None:
         """Take in what the checking process says of a module."""
+        self.types |= {name: TypeDescription(name, *rest) for name, *rest in result.get("types", ())}
         if result["failure"]:
             self.failures[module] = result["failure"]
         else:

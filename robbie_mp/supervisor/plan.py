@@ -1,10 +1,12 @@
 """What the supervisor tells its children: one JSON file in the run directory, written before any starts."""
 
 import json
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.profile.model import (
     CheckpointPolicy,
     CoreLimits,
@@ -46,10 +48,18 @@ class RunPlan:
     modules: tuple[PlannedModule, ...]
     spare_imports: list[str]
     """What a spare interpreter imports ahead."""
+    types: list[TypeDescription]
+    """The robot's own message types, as far as its modules' files declare them when they are imported."""
 
     @classmethod
     def of_profile(
-        cls, profile: Profile, run_id: str, workspace: Path, output_directory: Path, supervisor_pid: int
+        cls,
+        profile: Profile,
+        run_id: str,
+        workspace: Path,
+        output_directory: Path,
+        supervisor_pid: int,
+        types: Iterable[TypeDescription] = (),
     ) -> Self:
         """Plan a run of a profile."""
         return cls(
@@ -62,6 +72,7 @@ class RunPlan:
             config=dict(profile.config),
             modules=tuple(_planned(module) for module in profile.modules),
             spare_imports=profile.spares.imports,
+            types=list(types),
         )
 
     @property
@@ -94,6 +105,7 @@ class RunPlan:
             )
             for module in data["modules"]
         )
+        data["types"] = [TypeDescription(*entry) for entry in data["types"]]
         return cls(**data)
 
 

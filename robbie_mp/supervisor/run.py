@@ -2,12 +2,13 @@
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
+from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.observe import ModuleFigures, RunObserver
 from robbie_mp.profile.model import Profile
 from robbie_mp.supervisor.child_spec import ChildSpec
@@ -48,6 +49,7 @@ class RunResult:
 def run_profile(
     profile: Profile,
     settings: Mapping[str, dict[str, object]],
+    types: Iterable[TypeDescription],
     output_directory: Path,
     listener: RunListener,
 ) -> RunResult:
@@ -56,6 +58,7 @@ def run_profile(
     Args:
         profile: what to run.
         settings: of each module that could be imported, checked and complete.
+        types: the robot's own message types, for tools that attach to the run.
         output_directory: where modules write their results; the children's logs go to its folder `log`.
         listener: hears what happens.
 
@@ -76,7 +79,12 @@ def run_profile(
             ),
         )
         plan = RunPlan.of_profile(
-            complete, directory.run_id, profile.workspace, output_directory.absolute(), os.getpid()
+            complete,
+            directory.run_id,
+            profile.workspace,
+            output_directory.absolute(),
+            os.getpid(),
+            types,
         )
         plan.save(directory.folder)
         return _run(plan, profile, directory.folder, listener, connections)

@@ -144,7 +144,7 @@ def measure(kills: int, spares: int) -> list[dict[str, int]]:
         campaign = Campaign(kills, spares, Path(name))
         campaign.thread.start()
         try:
-            run_profile(profile(spares), {}, Path(name), RunListener(change=campaign.on_change))
+            run_profile(profile(spares), {}, (), Path(name), RunListener(change=campaign.on_change))
         finally:
             campaign.thread.join()
     return campaign.restarts

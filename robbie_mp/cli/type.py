@@ -1,0 +1,59 @@
+"""`robbie type show NAME` and `robbie type list`: message types and what is in them."""
+
+import argparse
+import json
+from typing import TYPE_CHECKING
+
+from robbie_mp.cli.known_types import types_of_run_or_workspace
+from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.runs import add_run_argument
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `type` to the commands."""
+    parser = subparsers.add_parser("type", help="show message types and what is in them")
+    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
+    shown = add_command(
+        actions,
+        "show",
+        "print the definition of a message type",
+        "Print the fields of a message type, and of the types in it, as ROS 2 writes them. Known are the "
+        "stock types and those of the run; without a run, those of the workspace around the current folder.",
+        ["robbie type show LaserScan", "robbie type show sensor_msgs/LaserScan --json"],
+    )
+    shown.add_argument(
+        "type", metavar="TYPE", help="sensor_msgs/msg/LaserScan, sensor_msgs/LaserScan or LaserScan"
+    )
+    shown.set_defaults(command=show)
+    listed = add_command(
+        actions,
+        "list",
+        "list the message types that are known",
+        "List all message types: the stock types and those of the run or workspace.",
+        ["robbie type list"],
+    )
+    listed.set_defaults(command=list_types)
+    for action in (shown, listed):
+        add_run_argument(action)
+        action.add_argument("--json", action="store_true", help="print JSON for a program to read")
+
+
+def show(arguments: argparse.Namespace) -> int:
+    """Print one type."""
+    description = types_of_run_or_workspace(arguments.run).describe(arguments.type)
+    if arguments.json:
+        print(json.dumps(description._asdict(), indent=2))
+    else:
+        print(f"# {description.name}, version {description.version}")
+        print(description.schema.rstrip("\n"))
+    return 0
+
+
+def list_types(arguments: argparse.Namespace) -> int:
+    """Print the names of all types."""
+    names = types_of_run_or_workspace(arguments.run).names()
+    print(json.dumps(names, indent=2) if arguments.json else "\n".join(names))
+    return 0

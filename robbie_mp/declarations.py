@@ -1,0 +1,68 @@
+"""Who publishes what and who wants what, read from the modules' own words: it costs the robot nothing."""
+
+from dataclasses import dataclass
+
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.board import Board
+from robbie_mp.transport.layout import NAME_WORDS, SegmentKind
+from robbie_mp.transport.records import Outbound
+from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
+from robbie_mp.transport.words import read_text
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """That a module publishes messages of a type on a topic, or wants them."""
+
+    module: str
+    is_publisher: bool
+    type_name: str
+    version: int
+    topic: str
+    """Of a subscription: '' for all topics."""
+
+
+def read_declarations(run_id: str) -> list[Declaration]:
+    """Return what all living modules of a run have declared so far, in start order.
+
+    Raises:
+        SegmentMissing: there is no such run.
+    """
+    segment = Segment.attach(names.board(run_id), SegmentKind.BOARD)
+    board = Board(segment.words)
+    rows = [
+        (slot, board.read(slot)) for slot in range(board.slots - 1)
+    ]  # the core, the last, declares nothing
+    found = [
+        entry
+        for slot, row in rows
+        if row.pid or not slot  # the supervisor, in slot 0, shows no pid
+        for entry in _declarations_of(run_id, slot, row.incarnation or 1, row.name)
+    ]
+    segment.close()
+    return found
+
+
+def _declarations_of(run_id: str, slot: int, incarnation: int, module: str) -> list[Declaration]:
+    try:
+        segment = Segment.attach(names.outbound(run_id, slot, incarnation), SegmentKind.OUT)
+    except (SegmentMissing, SegmentMismatch):  # gone, or destroyed by the module itself
+        return []
+    found = []
+    words = segment.words
+    for number in range(layout.DECLARATION_COUNT):
+        at = layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
+        kind = words[at + layout.DECLARATION_KIND]
+        if kind not in (Outbound.ADVERTISE, Outbound.SUBSCRIBE):
+            break
+        found.append(
+            Declaration(
+                module,
+                kind == Outbound.ADVERTISE,
+                read_text(words, at + layout.DECLARATION_TYPE, NAME_WORDS),
+                words[at + layout.DECLARATION_VERSION],
+                read_text(words, at + layout.DECLARATION_TOPIC, NAME_WORDS),
+            )
+        )
+    segment.close()
+    return found

@@ -1,0 +1,97 @@
+"""Message types as text, for programs that cannot import the classes, and classes made of such texts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from robbie_mp.messages.errors import UnknownType
+from robbie_mp.messages.message import Message
+from robbie_mp.messages.registry import full_name
+from robbie_mp.messages.schema import schema_text
+from robbie_mp.messages.schema_parser import message_type_from_schema
+from robbie_mp.messages.stock.registry import stock_registry
+from robbie_mp.suggest import did_you_mean
+
+
+class TypeDescription(NamedTuple):
+    """A message type as text."""
+
+    name: str
+    version: int
+    schema: str
+    """Its ros2msg text, with those of the types in it."""
+
+    @classmethod
+    def of(cls, message_type: type[Message]) -> TypeDescription:
+        """Describe a class."""
+        return cls(message_type.type_name, message_type.version, schema_text(message_type))
+
+
+def own_types() -> list[TypeDescription]:
+    """Describe all message types that this process has declared by now, except the stock types."""
+    stock = set(stock_registry())
+    own = {one.type_name: one for one in _subclasses(Message) if one not in stock}
+    return [TypeDescription.of(one) for _, one in sorted(own.items())]
+
+
+def _subclasses(message_type: type[Message]) -> Iterator[type[Message]]:
+    for one in message_type.__subclasses__():
+        if getattr(one, "type_name", ""):
+            yield one
+        yield from _subclasses(one)
+
+
+class KnownTypes:
+    """The stock types, and those of a robot by their descriptions.
+
+    Args:
+        descriptions: the robot's own types.
+    """
+
+    def __init__(self, descriptions: Iterable[TypeDescription] = ()):
+        self._stock = stock_registry()
+        self._own = {one.name: one for one in descriptions if one.name not in self._stock}
+
+    def names(self) -> list[str]:
+        """All names, in full, sorted."""
+        return sorted([*self._own, *(one.type_name for one in self._stock)])
+
+    def find(self, name: str) -> str:
+        """Return the full name of a type that is named in full, as `package/Type`, or by `Type` alone.
+
+        Raises:
+            UnknownType: there is none, or there are several.
+        """
+        names = self.names()
+        full = full_name(name)
+        if full in names:
+            return full
+        same = [
+            known for known in names if known.rpartition("/")[2].lower() == full.rpartition("/")[2].lower()
+        ]
+        if "/" not in name and len(same) == 1:
+            return same[0]
+        near = f"; did you mean {' or '.join(map(repr, same))}?" if same else did_you_mean(full, names)
+        raise UnknownType(f"no message type is called {name!r}{near}")
+
+    def describe(self, name: str) -> TypeDescription:
+        """Return the description of a type; names as for `find`."""
+        found = self.find(name)
+        return self._own.get(found) or TypeDescription.of(self._stock.get(found))
+
+    def get(self, name: str) -> type[Message]:
+        """Return the class of a type, for the robot's own types one made of the description.
+
+        Raises:
+            UnknownType: as for `find`.
+            SchemaError: the description is not understood.
+        """
+        found = self.find(name)
+        if own := self._own.get(found):
+            return message_type_from_schema(own.name, own.schema, own.version)
+        return self._stock.get(found)
+
+    def is_stock(self, name: str) -> bool:
+        """Whether a type comes with Robbie-MP."""
+        return self.find(name) in self._stock
