@@ -79,6 +79,7 @@ class ChannelFigures:
     """What has passed through one channel."""
 
     type_name: str
+    version: int
     topic: str
     messages: int
     bytes: int
@@ -127,6 +128,7 @@ class RunObserver:
             found.append(
                 ChannelFigures(
                     read_text(self._words, at + layout.CHANNEL_TYPE, NAME_WORDS),
+                    self._words[at + layout.CHANNEL_VERSION],
                     read_text(self._words, at + layout.CHANNEL_TOPIC, NAME_WORDS),
                     self._words[at + layout.CHANNEL_MESSAGES],
                     self._words[at + layout.CHANNEL_BYTES],

@@ -87,15 +87,15 @@ def _topics(run: KnownRun) -> list[Row]:
     """One row for each pair of type and topic, published or only wanted so far."""
     declared = read_declarations(run.run_id)
     with closing(RunObserver(run.run_id)) as observer:
-        counts = {(entry.type_name, entry.topic): entry for entry in observer.channels()}
+        counts = {(entry.type_name, entry.version, entry.topic): entry for entry in observer.channels()}
     keys = {
-        (entry.type_name, entry.version, entry.topic): None
-        for entry in sorted(declared, key=lambda entry: not entry.is_publisher)
+        (entry.type_name, entry.version, entry.topic)
+        for entry in declared
         if entry.is_publisher or not _is_published(entry, declared)
     }
     rows = []
-    for type_name, version, topic in sorted(keys):
-        count = counts.get((type_name, topic))
+    for type_name, version, topic in sorted({*keys, *counts}):
+        count = counts.get((type_name, version, topic))
         same = [entry for entry in declared if (entry.type_name, entry.version) == (type_name, version)]
         rows.append(
             {
