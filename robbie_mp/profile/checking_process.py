@@ -33,7 +33,8 @@ def check_events(
     Yields:
         For each module `{"begin": name}`, then `{"result": {"errors": [[key, text]…], "settings": {…},
         "failure": traceback or "", "types": [[name, version, schema]…]}}`; at last
-        `{"end": True}`, or `{"broken": how it ended}`, or `{"useless": traceback}` if the base class cannot be imported.
+        `{"end": True}`, or `{"broken": how it ended}`, or `{"useless": traceback}` if the base class
+        cannot be imported.
     """
     request = {
         "asked_by": os.getpid(),

@@ -46,6 +46,6 @@ def test_unknown_type_is_refused_with_what_was_meant() -> None:
 
 def test_name_that_two_types_end_with_must_say_which() -> None:
     known = KnownTypes([TypeDescription("my/msg/LaserScan", 1, "int32 x\n")])
-    with pytest.raises(UnknownType, match="my/msg/LaserScan.* or .*sensor_msgs"):
+    with pytest.raises(UnknownType, match=r"my/msg/LaserScan.* or .*sensor_msgs"):
         known.get("LaserScan")
     assert known.get("my/LaserScan").type_name == "my/msg/LaserScan"
