@@ -1,6 +1,6 @@
 """Lets a robot run for a long time under kills, floods and playback, and watches what it holds.
 
-    python -m tools.soak --minutes M [--json]
+    python -m tools.soak --minutes M [--keep DIR] [--json]
 
 The robot is that of the kill campaign with the Intel log played in real time and mapped. Supervisor, core and
 some modules are spared, so that the memory of one process can be watched all the time; the others are
@@ -138,6 +138,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, default=30.0, help="how long (30)")
     parser.add_argument("--seed", type=int, default=1, help="of all choices (1)")
     parser.add_argument("--log", type=Path, default=LOG, help="a CARMEN log (../shared/data/intel.clf)")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="an empty folder for journals and logs")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)
     others = playback_modules(options.log) if options.log.exists() else {}
@@ -145,9 +146,9 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"soak: {options.log} is not there, so nothing is played and mapped", file=sys.stderr)
     watch = Watch()
     plan = Plan(10**9, options.seed, options.minutes, mean_pause_s=2.0, spared=SPARED, others=others)
-    with tempfile.TemporaryDirectory(prefix="robbie-soak-") as folder:
+    with tempfile.TemporaryDirectory(prefix="robbie-soak-") as temporary:
         try:
-            report = run_campaign(plan, Path(folder), watch.look)
+            report = run_campaign(plan, options.keep or Path(temporary), watch.look)
         except RobotTrouble as trouble:
             report = {"violations": [str(trouble)]}
     report["processes"] = watch.report()

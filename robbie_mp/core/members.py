@@ -11,6 +11,12 @@ from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.transport.words import Words
 
 SUPERVISOR_SLOT = 0
+NOTICE_LIMIT = 512
+"""So many wait at most for a module that takes none, because it is stopped or hangs.
+
+All say which dead publisher's memory to unmap. A module that takes nothing maps nothing, so those beyond the
+first few name what it has not mapped. The supervisor's are never left out; no more than it asks for wait.
+"""
 
 
 @dataclass(frozen=True)
@@ -85,7 +91,7 @@ class Members:
     def notify(self, slot: int, notice: tuple[Inbound, int, int, int]) -> None:
         """Tell a module something, as soon as there is room for it in its ring."""
         link = self._slots[slot].link
-        if link is not None:
+        if link is not None and (slot == SUPERVISOR_SLOT or len(link.notices) < NOTICE_LIMIT):
             link.notices.append(notice)
             link.send_notices()
 

@@ -1,5 +1,6 @@
+from robbie_mp.core.members import NOTICE_LIMIT
 from robbie_mp.transport import layout
-from robbie_mp.transport.endpoint import Delivery
+from robbie_mp.transport.endpoint import Delivery, Notice
 from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
 from tests.core.simulated_run import CREDIT, SimulatedModule, SimulatedRun
 
@@ -408,6 +409,22 @@ def test_notices_never_take_the_room_of_messages() -> None:
         run.run_core()
     assert received == list(range(CREDIT))
     assert notices == 19
+
+
+def test_notices_for_a_module_that_takes_none_are_bounded() -> None:
+    run = SimulatedRun()
+    stopped = run.start(1)
+    for incarnation in range(1, 2 * NOTICE_LIMIT):
+        run.kill(run.start(3, incarnation))
+        run.supervisor_notices()
+    unmap = []
+    while (record := stopped.endpoint.take()) is not None:
+        unmap.append(record)
+        run.run_core()
+    assert NOTICE_LIMIT <= len(unmap) < NOTICE_LIMIT + layout.inbound_records(CREDIT)
+    assert [record.incarnation for record in unmap if isinstance(record, Notice)] == [
+        *range(1, len(unmap) + 1)
+    ]
 
 
 def test_blocks_freed_twice_by_dying_cores_push_none_out_of_the_ring() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from robbie_mp.observe import ChannelFigures, ModuleFigures, SubscriptionFigures
 from tools.kill_campaign.__main__ import main
+from tools.kill_campaign.campaign import _other_ends
 from tools.kill_campaign.message import Numbered
 from tools.kill_campaign.verdict import judge, read_records
 
@@ -165,3 +166,9 @@ def test_short_campaign_finds_no_violation(tmp_path: Path, capsys: pytest.Captur
     assert report["kills"] >= 12
     assert report["messages"]["handlers_entered"] > 1000
     assert report["restarts"]["core"] > 0
+
+
+def test_restarts_that_nobody_asked_for_are_told_with_their_reason() -> None:
+    said = "a: BACKOFF (killed by SIGKILL, again in 0.01 s)\n[a] INFO x\n"
+    said += "b: BACKOFF (hung in handler of T for 5.0 s: killed by SIGABRT, again in 0.10 s)\n" * 2
+    assert _other_ends(said) == {"b: hung in handler of T for 5.0 s: killed by SIGABRT": 2}

@@ -31,6 +31,7 @@ class Signalled:
     kind: str
     name: str
     pid: int
+    incarnation: int
     at_ns: int
     """Monotonic clock, just before the signal."""
 
@@ -111,17 +112,18 @@ class Attack:
         """Kill processes as nearly at once as signals go."""
         figures = self.robot.figures()
         for name in names:
-            pid, at_ns = figures[name].pid, time.monotonic_ns()
+            pid, incarnation, at_ns = figures[name].pid, figures[name].incarnation, time.monotonic_ns()
             known = {kill.pid for kill in self.kills[-20:]}
             if pid and pid not in known and self.robot.send(pid, signal.SIGKILL):
-                self.kills.append(Signalled(kind, name, pid, at_ns))
+                self.kills.append(Signalled(kind, name, pid, incarnation, at_ns))
                 self._stopped.pop(pid, None)
                 self._let_rest(name)
 
     def _stop(self, name: str) -> None:
-        pid, at_ns = self.robot.figures()[name].pid, time.monotonic_ns()
+        figures, at_ns = self.robot.figures()[name], time.monotonic_ns()
+        pid = figures.pid
         if pid and pid not in self._stopped and self.robot.send(pid, signal.SIGSTOP):
-            self.stops.append(Signalled("stop", name, pid, at_ns))
+            self.stops.append(Signalled("stop", name, pid, figures.incarnation, at_ns))
             share = self._random.random() ** 2  # short ones more often than long ones
             self._stopped[pid] = time.monotonic() + share * self.longest_stop_s
             self._let_rest(name)

@@ -1,6 +1,8 @@
 """One campaign from the first process to the verdict."""
 
+import re
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +21,7 @@ from tools.kill_campaign.verdict import causes, judge, read_records
 CALM_S = 1.0
 """Time without kills before the pause, so that everybody's last messages are handled."""
 REST_LIMIT_S = 120.0
+RESTART_SAID = re.compile(r"^(\S+): BACKOFF \((.*), again in [0-9.]+ s\)$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,7 @@ def _run(
         "kills": len(attack.kills),
         "kills_by_kind": attack.count(),
         "restarts": {name: module.restarts for name, module in figures.items()},
+        "other_ends": _other_ends(robot.said()),
         "messages": verdict.totals(),
         "bytes": sum(channel.bytes for channel in channels),
         "deliveries": causes(figures),
@@ -137,11 +141,17 @@ def _deaths(attack: Attack, figures: Mapping[str, ModuleFigures]) -> list[str]:
     """Every restart must be our doing; a process that was stopped may also have been taken for hung."""
     found = []
     for name, module in figures.items():
-        killed = {signalled.pid for signalled in attack.kills if signalled.name == name}
-        stopped = {signalled.pid for signalled in attack.stops if signalled.name == name}
+        killed = {signalled.incarnation for signalled in attack.kills if signalled.name == name}
+        stopped = {signalled.incarnation for signalled in attack.stops if signalled.name == name}
         if not len(killed) <= module.restarts <= len(killed | stopped):
             found.append(f"{name} was restarted {module.restarts} times, but killed {len(killed)} times")
     return found
+
+
+def _other_ends(said: str) -> dict[str, int]:
+    """Restarts that were not for SIGKILL, by name and reason, as the supervisor has said them."""
+    ends = RESTART_SAID.findall(said)
+    return dict(Counter(f"{name}: {reason}" for name, reason in ends if reason != "killed by SIGKILL"))
 
 
 def _end(

@@ -132,9 +132,12 @@ class Robot:
         found: dict[str, Any] = json.loads(summary.read_text())
         return found
 
+    def said(self) -> str:
+        """Return what the supervisor has said so far: each restart with its reason."""
+        return Path(self._stderr.name).read_text(errors="replace")
+
     def _last_words(self) -> str:
-        self._stderr.flush()
-        return Path(self._stderr.name).read_text()[-2000:]
+        return self.said()[-2000:]
 
     def close(self) -> None:
         """End whatever still runs."""
