@@ -50,7 +50,7 @@ def quick_run(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Callable[..., ru
         on_change: Callable[[StateChange], None], on_begin: Callable[[str], None] = lambda _run_id: None
     ) -> run.RunResult:
         listener = run.RunListener(change=on_change, begin=on_begin)
-        return run.run_profile(load_profile("robot"), {}, robot.output, listener)
+        return run.run_profile(load_profile("robot"), {}, (), robot.output, listener)
 
     return supervise
 
