@@ -1,1 +1,1 @@
-"""Benchmarks; each is a program: `python -m tools.bench.NAME`."""
+"""Benchmarks: Robbie beside its peers and two floors; `python -m tools.bench --help`."""

@@ -42,13 +42,13 @@ class Robot:
         runtime = folder / "runtime"
         runtime.mkdir(parents=True, mode=0o700)
         path = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
-        environment = dict(os.environ, XDG_RUNTIME_DIR=str(runtime), PYTHONPATH=path)
+        self.environment = dict(os.environ, XDG_RUNTIME_DIR=str(runtime), PYTHONPATH=path)
         self._stdout = (folder / "stdout").open("w+")
         self._stderr = (folder / "stderr").open("w+")
         self.supervisor = subprocess.Popen(
             [*COMMAND, "run", *arguments, "--json", "--output", str(self.output)],
             cwd=workspace,
-            env=environment,
+            env=self.environment,
             stdout=self._stdout,
             stderr=self._stderr,
         )

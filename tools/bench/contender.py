@@ -1,0 +1,187 @@
+"""Runs the processes of one peer for one work, and ends them."""
+
+import contextlib
+import os
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import psutil
+from numpy.typing import NDArray
+
+from tools.bench import record
+from tools.bench.peers.peer import Peer
+from tools.bench.work import Work
+
+REPOSITORY = Path(__file__).parents[2]
+LIMIT_S = 60.0
+LAST_WORDS = 400
+
+
+class Trouble(RuntimeError):
+    """A contender did not do its work."""
+
+
+@dataclass
+class Outcome:
+    """What came of one work.
+
+    Attributes:
+        sent: messages published, without those that warm up.
+        latencies_ns: for each subscriber and message; 0: it has not come.
+        took_s: from the first publication to the last receipt.
+    """
+
+    sent: int
+    latencies_ns: list[NDArray[np.int64]] = field(default_factory=list)
+    took_s: float = 0.0
+
+    @property
+    def lost(self) -> int:
+        """Messages that did not come, over all subscribers."""
+        return sum(int(np.count_nonzero(one[: self.sent] == 0)) for one in self.latencies_ns)
+
+
+class Contender(Protocol):
+    """Something that is measured."""
+
+    @property
+    def name(self) -> str:
+        """Its name in results."""
+
+    @property
+    def title(self) -> str:
+        """Its name in tables."""
+
+    @property
+    def how(self) -> str:
+        """How it is set up, in one line."""
+
+    @property
+    def version(self) -> str:
+        """Its version."""
+
+    @property
+    def why_absent(self) -> str:
+        """Why it cannot be measured here; '' if it can."""
+
+    def run(self, work: Work) -> Outcome:
+        """Do the work.
+
+        Raises:
+            Trouble: it failed; says why.
+        """
+
+
+@contextlib.contextmanager
+def work_folder() -> Iterator[tuple[str, Path]]:
+    """Give a topic and a folder that no other work has; the folder is removed at the end."""
+    with tempfile.TemporaryDirectory(prefix="robbie-bench-") as name:
+        folder = Path(name)
+        yield folder.name.replace("_", "-"), folder
+
+
+class PeerContender:
+    """Measures a peer."""
+
+    def __init__(self, name: str, peer: Peer):
+        self.name = name
+        self.peer = peer
+        self.title = peer.title
+        self.how = peer.how
+
+    @property
+    def version(self) -> str:
+        """The peer's version."""
+        return self.peer.version
+
+    @property
+    def why_absent(self) -> str:
+        """Why it cannot be measured here."""
+        return self.peer.why_absent
+
+    def run(self, work: Work) -> Outcome:
+        """Start its processes, and wait for their end."""
+        with work_folder() as (topic, folder):
+            here = work.at(topic, folder)
+            try:
+                self._run(here)
+                return outcome(here)
+            finally:
+                self.peer.clean(here)
+
+    def _run(self, work: Work) -> None:
+        work_file = work.folder / "work.json"
+        work.save(work_file)
+        with (work.folder / "stderr").open("w+") as errors:
+            processes = [
+                subprocess.Popen(
+                    command,
+                    cwd=work.folder,
+                    env=environment(),
+                    stdin=subprocess.DEVNULL,
+                    stdout=errors,
+                    stderr=errors,
+                    start_new_session=True,
+                )
+                for command in self.peer.commands(self.name, work, work_file)
+            ]
+            try:
+                _wait(processes, LIMIT_S + work.pause_s)
+            except Trouble as trouble:
+                errors.flush()
+                said = (work.folder / "stderr").read_text(errors="replace").strip()
+                raise Trouble(f"{trouble}: {said[-LAST_WORDS:]}") from None
+            finally:
+                end(processes)
+
+
+def _wait(processes: list[subprocess.Popen[bytes]], limit_s: float) -> None:
+    deadline_s = time.monotonic() + limit_s
+    for process in reversed(processes):  # the publisher, which comes last, ends first
+        try:
+            code = process.wait(max(0.0, deadline_s - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            raise Trouble(f"it did not end within {limit_s:g} s") from None
+        if code:
+            raise Trouble(f"a process ended with {code}")
+        deadline_s = min(deadline_s, time.monotonic() + 10.0)
+
+
+def end(processes: list[subprocess.Popen[bytes]]) -> None:
+    """Kill what is left of processes and their descendants."""
+    left = []
+    for process in processes:
+        if process.poll() is None:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                left += psutil.Process(process.pid).children(recursive=True)
+            process.kill()
+            process.wait()
+    for descendant in left:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            descendant.kill()  # psutil checks that the pid is still the same process
+    psutil.wait_procs(left, timeout=5)
+
+
+def outcome(work: Work) -> Outcome:
+    """Read the records of a work that is done."""
+    publisher = np.fromfile(record.publisher_file(work), np.int64)
+    last_ns = 0
+    latencies = []
+    for index in range(work.subscribers):
+        words = np.fromfile(record.subscriber_file(work, index), np.int64)
+        last_ns = max(last_ns, int(words[record.LAST_NS]))
+        latencies.append(words[record.HEADER :])
+    took_s = (last_ns - int(publisher[record.BEGAN_NS])) / 1e9
+    return Outcome(int(publisher[record.SENT]), latencies, took_s)
+
+
+def environment() -> dict[str, str]:
+    """Return the environment of processes that import this repository from elsewhere."""
+    path = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
+    return dict(os.environ, PYTHONPATH=path)

@@ -1,0 +1,99 @@
+"""Eclipse Cyclone DDS over the loopback interface; IDL types."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from tools.bench.peers.peer import Handle, Peer, Send
+from tools.bench.work import Work
+
+CONFIGURATION = """<CycloneDDS><Domain><General>
+<Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces>
+<MaxMessageSize>65500B</MaxMessageSize></General></Domain></CycloneDDS>"""
+
+
+class CycloneDDS(Peer):
+    """Reliable, keeps all that waits."""
+
+    title = "Cyclone DDS"
+    package = "cyclonedds"
+    module = "cyclonedds"
+    how = "IdlStruct, reliable, keep-all, loopback; WaitSet blocks"
+
+    @contextmanager
+    def publisher(self, work: Work) -> Iterator[Send]:
+        """Write."""
+        from cyclonedds.pub import DataWriter  # noqa: PLC0415
+
+        participant, topic, quality = _topic(work)
+        message_type = topic.data_type
+        writer = DataWriter(participant, topic, qos=quality)
+        data = b"1" * work.size_bytes
+
+        def send(number: int) -> None:
+            writer.write(message_type(number, time.monotonic_ns(), 1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+
+        def send_array(number: int) -> None:
+            writer.write(message_type(number, time.monotonic_ns(), data))
+
+        yield send_array if work.has_array else send
+
+    def receive(self, work: Work, index: int, handle: Handle) -> None:
+        """Wait for data, then take all there is."""
+        from cyclonedds.core import ReadCondition, SampleState, WaitSet  # noqa: PLC0415
+        from cyclonedds.sub import DataReader  # noqa: PLC0415
+        from cyclonedds.util import duration  # noqa: PLC0415
+
+        participant, topic, quality = _topic(work)
+        reader: Any = DataReader(participant, topic, qos=quality)
+        waiting = WaitSet(participant)
+        waiting.attach(ReadCondition(reader, SampleState.NotRead))
+        ended = False
+        while not ended:
+            waiting.wait(duration(seconds=1))
+            for message in reader.take(100):
+                if hasattr(message, "number"):
+                    ended = handle(message.number, message.stamp_ns)
+
+
+def _topic(work: Work) -> tuple[Any, Any, Any]:
+    from cyclonedds.core import Policy, Qos  # noqa: PLC0415
+    from cyclonedds.domain import Domain, DomainParticipant  # noqa: PLC0415
+    from cyclonedds.topic import Topic  # noqa: PLC0415
+    from cyclonedds.util import duration  # noqa: PLC0415
+
+    domain = Domain(0, CONFIGURATION)
+    participant = DomainParticipant(0)
+    participant.bench_domain = domain  # type: ignore[attr-defined]  # it must live as long
+    topic = Topic(participant, work.topic, _message_type(work))
+    quality = Qos(Policy.Reliability.Reliable(duration(seconds=10)), Policy.History.KeepAll)
+    return participant, topic, quality
+
+
+def _message_type(work: Work) -> Any:
+    from cyclonedds.idl import IdlStruct  # noqa: PLC0415
+    from cyclonedds.idl.types import float64, int64, sequence, uint8  # noqa: PLC0415
+
+    @dataclass
+    class Probe(IdlStruct, typename="bench.Probe"):
+        number: int64
+        stamp_ns: int64
+        x: float64
+        y: float64
+        z: float64
+        roll: float64
+        pitch: float64
+        yaw: float64
+
+    @dataclass
+    class Picture(IdlStruct, typename="bench.Picture"):
+        number: int64
+        stamp_ns: int64
+        data: sequence[uint8]
+
+    return Picture if work.has_array else Probe
+
+
+PEER = CycloneDDS()

@@ -1,0 +1,72 @@
+"""dora-rs: a daemon between the nodes, arrow arrays; large ones through shared memory."""
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tools.bench.peers.peer import Handle, Peer, Send
+from tools.bench.work import Work
+
+QUEUE = 100
+
+
+class Dora(Peer):
+    """A dataflow of two nodes and more, run by `dora.run`."""
+
+    title = "dora-rs"
+    package = "dora-rs"
+    module = "dora"
+    how = "arrow arrays, stamp in the metadata; Node.next blocks"
+
+    def commands(self, name: str, work: Work, work_file: Path) -> list[list[str]]:
+        """Let dora start the nodes."""
+        dataflow = work.folder / "dataflow.yml"
+        nodes = [_node("publisher", name, work_file, "    outputs: [message]\n")]
+        policy = "\n        queue_policy: backpressure" if work.lossless else ""
+        source = f"        source: publisher/message\n        queue_size: {QUEUE}{policy}\n"
+        for index in range(work.subscribers):
+            inputs = f"    inputs:\n      message:\n{source}"
+            nodes.append(_node(f"subscriber-{index}", name, work_file, inputs))
+        dataflow.write_text("nodes:\n" + "".join(nodes))
+        return [[sys.executable, "-c", f"import dora; dora.run({str(dataflow)!r})"]]
+
+    @contextmanager
+    def publisher(self, work: Work) -> Iterator[Send]:
+        """Send outputs."""
+        import dora  # noqa: PLC0415
+        import numpy as np  # noqa: PLC0415
+        import pyarrow as pa  # noqa: PLC0415
+
+        node = dora.Node()
+        data = pa.array(np.ones(work.size_bytes, np.uint8)) if work.has_array else None
+
+        def send(number: int) -> None:
+            values = pa.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+            node.send_output("message", values, {"number": number, "stamp_ns": time.monotonic_ns()})
+
+        def send_array(number: int) -> None:
+            node.send_output("message", data, {"number": number, "stamp_ns": time.monotonic_ns()})
+
+        yield send_array if work.has_array else send
+
+    def receive(self, work: Work, index: int, handle: Handle) -> None:
+        """Take inputs."""
+        import dora  # noqa: PLC0415
+
+        node = dora.Node()
+        for event in node:
+            if event["type"] == "INPUT":
+                metadata: Any = event["metadata"]
+                if handle(metadata["number"], metadata["stamp_ns"]):
+                    return
+
+
+def _node(role: str, name: str, work_file: Path, rest: str) -> str:
+    arguments = f"-m tools.bench.worker {name} {role} {work_file}"
+    return f"  - id: {role}\n    path: {sys.executable}\n    args: {arguments}\n{rest}"
+
+
+PEER = Dora()

@@ -1,0 +1,127 @@
+"""Eclipse eCAL: shared memory; protobuf for small messages, bytes for large ones."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from tools.bench.peers.peer import Handle, Peer, Send
+from tools.bench.work import Work
+
+FIELDS = ("x", "y", "z", "roll", "pitch", "yaw")
+REGISTRATION_MS = 200
+"""How often processes make themselves known; less than the default of 1000, to start sooner."""
+
+
+class ECAL(Peer):
+    """Local transport by shared memory; callbacks run in a thread of eCAL's."""
+
+    title = "eCAL"
+    package = "eclipse-ecal"
+    module = "ecal"
+    how = "shared memory; protobuf for small messages, bytes with the stamp beside for arrays; callback"
+
+    @contextmanager
+    def publisher(self, work: Work) -> Iterator[Send]:
+        """Serialize and send."""
+        import ecal.nanobind_core as core  # noqa: PLC0415
+        from ecal.msg.proto.core import Publisher  # noqa: PLC0415
+
+        core.initialize(_configuration(core), f"{work.topic} publisher")
+        if work.has_array:
+            raw = core.Publisher(work.topic)
+            data = b"1" * work.size_bytes
+
+            def send_array(number: int) -> None:
+                # eCAL takes bytes only, so the message is the array alone; its time field carries the stamp,
+                # and the lowest bits of that the number's kind.
+                raw.send(data, _as_time(number, time.monotonic_ns()))
+
+            yield send_array
+        else:
+            probe_type = _probe_type()
+            publisher = Publisher[Any](probe_type, work.topic)
+
+            def send(number: int) -> None:
+                stamp_ns = time.monotonic_ns()
+                publisher.send(
+                    probe_type(
+                        number=number, stamp_ns=stamp_ns, x=1.0, y=2.0, z=3.0, roll=4.0, pitch=5.0, yaw=6.0
+                    )
+                )
+
+            yield send
+        core.finalize()
+
+    def receive(self, work: Work, index: int, handle: Handle) -> None:
+        """Wait in the main thread while eCAL's calls back."""
+        import ecal.nanobind_core as core  # noqa: PLC0415
+        from ecal.msg.proto.core import Subscriber  # noqa: PLC0415
+
+        core.initialize(_configuration(core), f"{work.topic} subscriber {index}")
+        ended = threading.Event()
+
+        def on_probe(_publisher: Any, data: Any) -> None:
+            if handle(data.message.number, data.message.stamp_ns):
+                ended.set()
+
+        def on_array(_publisher: Any, _type: Any, data: Any) -> None:
+            if handle(*_of_time(data.send_timestamp)):
+                ended.set()
+
+        subscriber: Any
+        if work.has_array:
+            subscriber = core.Subscriber(work.topic)
+            subscriber.set_receive_callback(on_array)
+        else:
+            subscriber = Subscriber[Any](_probe_type(), work.topic)
+            subscriber.set_receive_callback(on_probe)
+        ended.wait()
+        subscriber.remove_receive_callback()
+        core.finalize()
+
+
+NUMBERS = 1 << 12
+"""Numbers that the time of a message with an array can carry; the last ones are negative."""
+
+
+def _as_time(number: int, stamp_ns: int) -> int:
+    """Return a stamp, shortened to 4 µs, with a number in its lowest bits."""
+    from tools.bench.work import END  # noqa: PLC0415
+
+    code = {END: NUMBERS - 1, -1: NUMBERS - 2}.get(number, number)
+    return stamp_ns // NUMBERS * NUMBERS + code
+
+
+def _of_time(time_ns: int) -> tuple[int, int]:
+    """Return number and stamp, the latter in the middle of the time it may have been."""
+    from tools.bench.work import END  # noqa: PLC0415
+
+    stamp, code = divmod(time_ns, NUMBERS)
+    number = {NUMBERS - 1: END, NUMBERS - 2: -1}.get(code, code)
+    return number, stamp * NUMBERS + NUMBERS // 2
+
+
+def _configuration(core: Any) -> Any:
+    configuration = core.get_configuration()
+    configuration.registration.registration_refresh = REGISTRATION_MS
+    return configuration
+
+
+def _probe_type() -> Any:
+    """Return the protobuf class of the small message, as protoc would generate it."""
+    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory  # noqa: PLC0415
+
+    file = descriptor_pb2.FileDescriptorProto(name="bench.proto", package="bench", syntax="proto3")
+    message = file.message_type.add(name="Probe")
+    field = descriptor_pb2.FieldDescriptorProto
+    for place, name in enumerate(("number", "stamp_ns", *FIELDS), start=1):
+        kind = field.TYPE_SFIXED64 if place <= 2 else field.TYPE_DOUBLE
+        message.field.add(name=name, number=place, type=kind, label=field.LABEL_OPTIONAL)
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName("bench.Probe"))
+
+
+PEER = ECAL()

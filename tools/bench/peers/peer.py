@@ -1,0 +1,82 @@
+"""What a peer's file gives as `PEER`."""
+
+import importlib.metadata
+import importlib.util
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+from tools.bench.work import Work
+
+Send = Callable[[int], None]
+"""Stamps and publishes the message of a number; returns when the transport has it."""
+Handle = Callable[[int, int], bool]
+"""Gets number and stamp (monotonic clock, ns) of a decoded message; True after the last one."""
+
+
+class Peer:
+    """A transport from Python to Python.
+
+    A derived class imports its library inside its methods: it may be missing.
+
+    Attributes:
+        title: what tables call it.
+        package: the distribution whose version is reported; '' for none.
+        module: what can be imported if it is installed; '' if nothing is needed.
+        how: one line: which messages, and how the subscriber waits.
+        can_fill_in_place: whether arrays can be filled in the memory that is published.
+        has_relay: whether there is a third process between publisher and subscriber.
+        most_subscribers: how many it can have.
+    """
+
+    title: str
+    package = ""
+    module = ""
+    how: str
+    can_fill_in_place = False
+    has_relay = False
+    most_subscribers = 1000
+
+    def publisher(self, work: Work) -> AbstractContextManager[Send]:
+        """Publish, until the context ends."""
+        raise NotImplementedError
+
+    def receive(self, work: Work, index: int, handle: Handle) -> None:
+        """Receive until `handle` returns True."""
+        raise NotImplementedError
+
+    def relay(self, work: Work) -> None:
+        """Pass messages on until there are no more; only with `has_relay`."""
+        raise NotImplementedError
+
+    def commands(self, name: str, work: Work, work_file: Path) -> list[list[str]]:
+        """Return the command lines of its processes; subscribers first."""
+        roles = [f"subscriber-{index}" for index in range(work.subscribers)]
+        roles += ["relay"] if self.has_relay else []
+        return [worker_command(name, role, work_file) for role in (*roles, "publisher")]
+
+    def clean(self, work: Work) -> None:
+        """Remove what killed processes may have left."""
+
+    @property
+    def why_absent(self) -> str:
+        """Why it cannot be measured here; '' if it can."""
+        try:
+            found = not self.module or importlib.util.find_spec(self.module) is not None
+        except ImportError as error:
+            return f"{self.module}: {error}"
+        return "" if found else f"{self.package or self.module} is not installed"
+
+    @property
+    def version(self) -> str:
+        """Version of its distribution."""
+        try:
+            return importlib.metadata.version(self.package) if self.package else ""
+        except importlib.metadata.PackageNotFoundError:
+            return "unknown"
+
+
+def worker_command(name: str, role: str, work_file: Path) -> list[str]:
+    """Return the command line of one process of a peer."""
+    return [sys.executable, "-m", "tools.bench.worker", name, role, str(work_file)]

@@ -1,0 +1,100 @@
+"""Python's own multiprocessing.Queue: one for each subscriber, dataclasses pickled."""
+
+import multiprocessing
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.queues import Queue
+from pathlib import Path
+from typing import Any
+
+from tools.bench.peers.peer import Handle, Peer, Send, worker_command
+from tools.bench.work import Work
+
+
+@dataclass
+class Probe:
+    """The small message."""
+
+    number: int
+    stamp_ns: int
+    x: float = 1.0
+    y: float = 2.0
+    z: float = 3.0
+    roll: float = 4.0
+    pitch: float = 5.0
+    yaw: float = 6.0
+
+
+@dataclass
+class Picture:
+    """The large message."""
+
+    number: int
+    stamp_ns: int
+    data: Any
+
+
+class MultiprocessingQueue(Peer):
+    """Its processes share queues, so one of them must be the parent of the others: here, the relay."""
+
+    title = "multiprocessing.Queue"
+    how = "pickled dataclass; Queue.get blocks"
+
+    def __init__(self, queues: "list[Queue[Any]] | None" = None):
+        self._queues = queues or []
+
+    def commands(self, name: str, work: Work, work_file: Path) -> list[list[str]]:
+        """Start the parent alone."""
+        return [worker_command(name, "relay", work_file)]
+
+    def relay(self, work: Work) -> None:
+        """Start publisher and subscribers, and wait for them."""
+        from tools.bench.worker import run  # noqa: PLC0415 (it imports this package)
+
+        context = multiprocessing.get_context("spawn")
+        peer = MultiprocessingQueue([context.Queue() for _ in range(work.subscribers)])
+        roles = [*(f"subscriber-{index}" for index in range(work.subscribers)), "publisher"]
+        processes = [context.Process(target=run, args=(peer, role, work), daemon=True) for role in roles]
+        for process in processes:
+            process.start()
+        for process in processes:
+            process.join()
+        if any(process.exitcode for process in processes):
+            raise SystemExit(1)
+
+    @contextmanager
+    def publisher(self, work: Work) -> Iterator[Send]:
+        """Put into every queue."""
+        queues = self._queues
+        data = _array(work.size_bytes) if work.has_array else None
+
+        def send(number: int) -> None:
+            if data is None:
+                message: Any = Probe(number, time.monotonic_ns())
+            else:
+                message = Picture(number, time.monotonic_ns(), data)
+            for queue in queues:
+                queue.put(message)
+
+        yield send
+        for queue in queues:
+            queue.cancel_join_thread()  # nobody gets any more
+
+    def receive(self, work: Work, index: int, handle: Handle) -> None:
+        """Get from the queue of this subscriber."""
+        queue = self._queues[index]
+        ended = False
+        while not ended:
+            message = queue.get()
+            ended = handle(message.number, message.stamp_ns)
+
+
+def _array(size_bytes: int) -> Any:
+    import numpy as np  # noqa: PLC0415 (small messages do without)
+
+    return np.ones(size_bytes, np.uint8)
+
+
+PEER = MultiprocessingQueue()

@@ -1,0 +1,80 @@
+"""How a peer's publisher works: it warms up until all subscribers have heard it, then it publishes."""
+
+import time
+from collections.abc import Callable
+
+from tools.bench.record import (
+    BEGAN_NS,
+    ENDED_NS,
+    FINISHED,
+    RECEIVED,
+    SENT,
+    map_publisher,
+    map_subscriber,
+)
+from tools.bench.work import END, Work
+
+WARM_UP_HZ = 1000.0
+CONNECT_LIMIT_S = 15.0
+DRAIN_LIMIT_S = 15.0
+FLAT_OUT_LIMIT_S = 8.0
+END_EVERY_S = 0.02
+
+
+class NoConnection(RuntimeError):
+    """No message arrived."""
+
+
+def publish_all(work: Work, send: Callable[[int], None]) -> None:
+    """Publish the whole work.
+
+    Args:
+        work: what is to be published.
+        send: stamps and publishes the message of a number.
+
+    Raises:
+        NoConnection: a subscriber did not hear the warm-up.
+    """
+    subscribers = [map_subscriber(work, index) for index in range(work.subscribers)]
+    _warm_up(work, send, subscribers)
+    own = map_publisher(work)
+    own[BEGAN_NS] = time.monotonic_ns()
+    own[SENT] = _publish_measured(work, send)
+    own[ENDED_NS] = time.monotonic_ns()
+    time.sleep(work.pause_s)
+    deadline_s = time.monotonic() + DRAIN_LIMIT_S
+    while not all(words[FINISHED] for words in subscribers) and time.monotonic() < deadline_s:
+        send(END)
+        time.sleep(END_EVERY_S)
+
+
+def _warm_up(work: Work, send: Callable[[int], None], subscribers: list[memoryview]) -> None:
+    period_s = 1 / min(work.rate_hz or WARM_UP_HZ, WARM_UP_HZ)
+    deadline_s = time.monotonic() + CONNECT_LIMIT_S
+    while any(words[RECEIVED] < work.warm_up for words in subscribers):
+        if time.monotonic() > deadline_s:
+            heard = [words[RECEIVED] for words in subscribers]
+            raise NoConnection(f"after {CONNECT_LIMIT_S:g} s subscribers had received {heard} messages")
+        send(-1)
+        time.sleep(period_s)
+
+
+def _publish_measured(work: Work, send: Callable[[int], None]) -> int:
+    if not work.rate_hz:
+        return _publish_flat_out(work, send)
+    period_s = 1 / work.rate_hz
+    next_s = time.monotonic()
+    for number in range(work.count):
+        next_s += period_s
+        time.sleep(max(0.0, next_s - time.monotonic()))
+        send(number)
+    return work.count
+
+
+def _publish_flat_out(work: Work, send: Callable[[int], None]) -> int:
+    deadline_s = time.monotonic() + FLAT_OUT_LIMIT_S
+    for number in range(work.count):
+        send(number)
+        if number % 1000 == 0 and time.monotonic() > deadline_s:
+            return number + 1
+    return work.count

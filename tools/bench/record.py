@@ -1,0 +1,73 @@
+"""What publisher and subscribers note while they work, in mapped files that the others can read meanwhile."""
+
+import mmap
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.bench.work import END, Work
+
+RECEIVED, FINISHED, MEASURED, FIRST_NS, LAST_NS, HEADER = range(6)
+SENT, BEGAN_NS, ENDED_NS = range(3)
+
+
+def _map(file: Path, words: int) -> memoryview:
+    with file.open("a+b") as opened:
+        opened.truncate(words * 8)
+        return memoryview(mmap.mmap(opened.fileno(), words * 8)).cast("q")
+
+
+def subscriber_file(work: Work, index: int) -> Path:
+    """Where a subscriber notes what it gets."""
+    return work.folder / f"subscriber-{index}.record"
+
+
+def publisher_file(work: Work) -> Path:
+    """Where the publisher notes what it has sent."""
+    return work.folder / "publisher.record"
+
+
+def map_subscriber(work: Work, index: int) -> memoryview:
+    """Map a subscriber's words: the header, then the latency of each message (ns); 0: it has not come."""
+    return _map(subscriber_file(work, index), HEADER + work.count)
+
+
+def map_publisher(work: Work) -> memoryview:
+    """Map the publisher's words."""
+    return _map(publisher_file(work), 3)
+
+
+class Receipts:
+    """What one subscriber notes."""
+
+    def __init__(self, work: Work, index: int):
+        self._words = map_subscriber(work, index)
+        self._received = 0
+        self._measured = 0
+
+    def handle(self, number: int, stamp_ns: int) -> bool:
+        """Handle a message, already decoded; True if it was the last one."""
+        now_ns = time.monotonic_ns()
+        words = self._words
+        if number >= 0:
+            words[HEADER + number] = now_ns - stamp_ns
+            words[LAST_NS] = now_ns
+            if not self._measured:
+                words[FIRST_NS] = now_ns
+            self._measured += 1
+            words[MEASURED] = self._measured
+            return False
+        if number == END:
+            words[FINISHED] = 1
+            return True
+        self._received += 1
+        words[RECEIVED] = self._received
+        return False
+
+
+def latencies_ns(work: Work, index: int) -> NDArray[np.int64]:
+    """Latency of each message at a subscriber, in ns; 0: it has not come."""
+    words = np.fromfile(subscriber_file(work, index), np.int64)
+    return words[HEADER:]

@@ -1,0 +1,139 @@
+"""Runs Robbie for one work as it always runs: a profile, a supervisor, a core, modules."""
+
+import contextlib
+import subprocess
+import threading
+from collections.abc import Iterator, Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tools.bench.contender import LAST_WORDS, Outcome, Trouble, outcome, work_folder
+from tools.bench.work import Work
+from tools.kill_campaign.robot import COMMAND, Robot, RobotTrouble
+
+MODULES = "tools.bench.robbie_modules"
+MEGABYTE = 1 << 20
+LIMIT_S = 90.0
+MODULE = {"restart": {"policy": "never"}, "essential": True}
+"""A benchmark in which a module crashes is over."""
+
+
+class RobbieContender:
+    """Measures Robbie.
+
+    Args:
+        name: its name in results.
+        title: its name in tables.
+        core: the profile's `core`.
+        module: further keys of each module in the profile.
+        with_top: `robbie top` looks at it all the time.
+    """
+
+    def __init__(
+        self,
+        name: str = "robbie",
+        title: str = "Robbie-MP",
+        core: Mapping[str, Any] | None = None,
+        module: Mapping[str, Any] | None = None,
+        with_top: bool = False,
+    ):
+        self.name = name
+        self.title = title
+        self._core = dict(core or {})
+        self._module = dict(module or {})
+        self._with_top = with_top
+
+    @property
+    def how(self) -> str:
+        """How it is set up."""
+        special = {"core": self._core, "module": self._module}
+        changed = ", ".join(f"{key}: {value}" for key, value in special.items() if value)
+        watched = "`robbie top --once` over and over beside it" if self._with_top else ""
+        setup = "a profile run by `robbie run`: supervisor, core, modules"
+        return "; ".join(filter(None, (setup, changed, watched)))
+
+    @property
+    def version(self) -> str:
+        """Its version."""
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            return metadata.version("robbie-mp")
+        return "this checkout"
+
+    @property
+    def why_absent(self) -> str:
+        """It never is."""
+        return ""
+
+    def run(self, work: Work) -> Outcome:
+        """Run a profile with one publisher and the work's subscribers to its end."""
+        with work_folder() as (topic, folder):
+            here = work.at(topic, folder)
+            with self.robot(folder, self.pair(here)) as robot:
+                with self._top(robot) if self._with_top else contextlib.nullcontext():
+                    try:
+                        robot.wait_for_end(LIMIT_S + work.pause_s)
+                    except (RobotTrouble, subprocess.TimeoutExpired) as trouble:
+                        raise Trouble(str(trouble)) from trouble
+                if robot.supervisor.returncode:
+                    raise Trouble((folder / "stderr").read_text()[-LAST_WORDS:])
+                return outcome(here)
+
+    def pair(self, work: Work, suffix: str = "") -> dict[str, dict[str, Any]]:
+        """Describe the modules of a work for a profile, subscribers first.
+
+        Args:
+            work: what they do.
+            suffix: of the modules' names.
+        """
+        file = work.folder / f"work{suffix}.json"
+        work.save(file)
+        memory = {"segment_bytes": MEGABYTE + 4 * work.size_bytes}
+        described = {
+            f"subscriber-{index}{suffix}": {
+                "class": f"{MODULES}:Subscriber",
+                "settings": {"work_file": str(file), "index": index},
+            }
+            for index in range(work.subscribers)
+        }
+        described[f"publisher{suffix}"] = {
+            "class": f"{MODULES}:Publisher",
+            "settings": {"work_file": str(file)},
+            "memory": memory,
+            "ends_run": True,
+        }
+        return described
+
+    @contextlib.contextmanager
+    def robot(self, folder: Path, modules: Mapping[str, dict[str, Any]]) -> Iterator[Robot]:
+        """Start a profile of these modules; at the end, whatever of it still runs is killed."""
+        (folder / "profiles").mkdir()
+        complete = {name: {**MODULE, **own, **self._module} for name, own in modules.items()}
+        text = yaml.safe_dump({"core": self._core, "modules": complete}, sort_keys=False)
+        (folder / "profiles" / "bench.yaml").write_text(text)
+        robot = Robot(folder, folder, "bench")
+        try:
+            yield robot
+        finally:
+            robot.close()
+
+    @contextlib.contextmanager
+    def _top(self, robot: Robot) -> Iterator[None]:
+        """Look at the run over and over until the block ends."""
+        robot.wait_until_running()
+        ends = threading.Event()
+        command = [*COMMAND, "top", "--once", "--run", robot.run_id]
+
+        def look() -> None:
+            while not ends.is_set():
+                subprocess.run(command, env=robot.environment, stdout=subprocess.DEVNULL, check=False)
+
+        thread = threading.Thread(target=look)
+        thread.start()
+        try:
+            yield
+        finally:
+            ends.set()
+            thread.join()

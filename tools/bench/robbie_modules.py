@@ -1,0 +1,117 @@
+"""The modules that Robbie is measured with."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from robbie_mp.messages import DEFAULT, Array, Message, float64, int64, uint8
+from robbie_mp.module import Module, setting
+from robbie_mp.settings import REQUIRED
+from tools.bench.record import BEGAN_NS, ENDED_NS, SENT, Receipts, map_publisher
+from tools.bench.work import END, Work
+
+LOOK_EVERY_S = 0.01
+FLAT_OUT_OUTSTANDING = 2000
+"""Messages on their way when publishing flat out; half as many are sent at a time."""
+
+
+class Probe(Message, name="bench_msgs/msg/Probe", version=1):
+    """The small message: 64 bytes."""
+
+    number: int64
+    stamp_ns: int64  # monotonic clock
+    x: float64 = DEFAULT
+    y: float64 = DEFAULT
+    z: float64 = DEFAULT
+    roll: float64 = DEFAULT
+    pitch: float64 = DEFAULT
+    yaw: float64 = DEFAULT
+
+
+class Picture(Message, name="bench_msgs/msg/Picture", version=1):
+    """The large message."""
+
+    number: int64
+    stamp_ns: int64  # monotonic clock; 0: it is in the first 8 bytes of data, written when they were filled
+    data: Array[uint8]  # (N,)
+
+
+class Publisher(Module):
+    """Publishes a work's messages, waits until all have been handled, and ends."""
+
+    work_file: Path = setting(REQUIRED, "the work, as JSON")
+
+    def setup(self) -> None:
+        """Prepare what is to be published."""
+        self.work = work = Work.load(self.work_file)
+        self.period_s = 1 / work.rate_hz if work.rate_hz else LOOK_EVERY_S
+        self.record = map_publisher(work)
+        self.source = np.ones(work.size_bytes, np.uint8)
+        self.numbers = self.upcoming()
+        self.ended = False
+
+    def upcoming(self) -> Iterator[int]:
+        """The numbers to be published, with notes of when the measured ones begin and end."""
+        for _ in range(self.work.warm_up):
+            yield -1
+        self.record[BEGAN_NS] = time.monotonic_ns()
+        for number in range(self.work.count):
+            self.record[SENT] = number + 1
+            yield number
+        self.record[ENDED_NS] = time.monotonic_ns()
+        yield END
+        self.ended = True
+
+    def tick(self) -> None:
+        """Publish the next, or as many as may be on their way."""
+        if self.ended:
+            if not self.outstanding:
+                self.stop()
+            return
+        if self.work.rate_hz:
+            self.publish_next()
+            return
+        while not self.ended and self.outstanding < FLAT_OUT_OUTSTANDING:
+            self.publish_next()
+        self.wake_after_freed(FLAT_OUT_OUTSTANDING // 2)
+
+    def publish_next(self) -> None:
+        """Stamp and publish."""
+        number = next(self.numbers, None)
+        if number is None:
+            return
+        if not self.work.has_array:
+            stamp_ns = time.monotonic_ns()
+            self.publish(
+                Probe(number=number, stamp_ns=stamp_ns, x=1.0, y=2.0, z=3.0, roll=4.0, pitch=5.0, yaw=6.0)
+            )
+        elif self.work.in_place:
+            with self.loan(Picture, number=number, stamp_ns=0, data=self.work.size_bytes) as picture:
+                np.copyto(picture.data, self.source)
+                picture.data[:8].view(np.int64)[0] = time.monotonic_ns()
+        else:
+            self.publish(Picture(number=number, stamp_ns=time.monotonic_ns(), data=self.source))
+
+
+class Subscriber(Module):
+    """Notes when it gets which message."""
+
+    work_file: Path = setting(REQUIRED, "the work, as JSON")
+    index: int = setting(0, "which of the subscribers it is", minimum=0)
+
+    def setup(self) -> None:
+        """Subscribe."""
+        work = Work.load(self.work_file)
+        self.handle = Receipts(work, self.index).handle
+        self.subscribe(Probe, self.on_probe)
+        self.subscribe(Picture, self.on_picture)
+
+    def on_probe(self, probe: Probe) -> None:
+        """Note it."""
+        self.handle(probe.number, probe.stamp_ns)
+
+    def on_picture(self, picture: Picture) -> None:
+        """Note it."""
+        self.handle(picture.number, picture.stamp_ns or int(picture.data[:8].view(np.int64)[0]))

@@ -1,0 +1,36 @@
+"""One process of a peer: `python -m tools.bench.worker PEER ROLE WORK.json`."""
+
+import importlib
+import sys
+from pathlib import Path
+
+from tools.bench.peers.peer import Peer
+from tools.bench.publishing import publish_all
+from tools.bench.record import Receipts
+from tools.bench.work import Work
+
+PUBLISHER = "publisher"
+RELAY = "relay"
+SUBSCRIBER = "subscriber-"
+
+
+def load_peer(name: str) -> Peer:
+    """Return a peer by the name of its file."""
+    peer: Peer = importlib.import_module(f"tools.bench.peers.{name}").PEER
+    return peer
+
+
+def run(peer: Peer, role: str, work: Work) -> None:
+    """Play one role to its end."""
+    if role == PUBLISHER:
+        with peer.publisher(work) as send:
+            publish_all(work, send)
+    elif role == RELAY:
+        peer.relay(work)
+    else:
+        index = int(role.removeprefix(SUBSCRIBER))
+        peer.receive(work, index, Receipts(work, index).handle)
+
+
+if __name__ == "__main__":
+    run(load_peer(sys.argv[1]), sys.argv[2], Work.load(Path(sys.argv[3])))
