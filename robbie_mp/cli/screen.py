@@ -18,9 +18,10 @@ from rich.live import Live
 
 from robbie_mp.cli.figures import LIVE_FIGURES, table
 from robbie_mp.observe import RunObserver
-from robbie_mp.supervisor.output import OutputLine
 from robbie_mp.supervisor.run import RunListener
 from robbie_mp.supervisor.states import ChildState, StateChange
+from robbie_mp.trace.entry import Entry
+from robbie_mp.trace.kinds import Kind
 from robbie_mp.transport.segment import SegmentMissing
 
 REFRESH_S = 0.25
@@ -76,7 +77,7 @@ class RunScreen:
         self._run_id = ""
         self._reported = 0
         self.dropped = 0
-        self.listener = RunListener(self._on_line, self._on_change, self._on_begin)
+        self.listener = RunListener(self._on_entry, self._on_change, self._on_begin)
 
     def __enter__(self) -> "RunScreen":
         """Begin to show."""
@@ -94,9 +95,10 @@ class RunScreen:
     def _on_begin(self, run_id: str) -> None:
         self._run_id = run_id
 
-    def _on_line(self, line: OutputLine) -> None:
-        if not self._quiet:
-            self._put(f"[{line.name}] {line.text}", "dim" if line.stream == "stdout" else "")
+    def _on_entry(self, entry: Entry) -> None:
+        if not self._quiet and entry.kind is not Kind.SYSTEM:
+            for line in entry.lines():
+                self._put(f"[{entry.module}] {line}", "dim" if entry.stream == "stdout" else "")
 
     def _on_change(self, change: StateChange) -> None:
         if change.new in (ChildState.FAILED, ChildState.BACKOFF):

@@ -16,6 +16,7 @@ from robbie_mp.profile.model import (
     QueueLimits,
     RestartPolicy,
     SpareInterpreters,
+    TraceSettings,
 )
 from robbie_mp.profile.problem import Place, Problem, ProfileError
 from robbie_mp.profile.reader import Node
@@ -23,7 +24,7 @@ from robbie_mp.suggest import did_you_mean
 from robbie_mp.value_check import NO_LIMITS, ValueMismatch, check_value
 
 T = TypeVar("T")
-PROFILE_KEYS = ("parents", "description", "modules", "config", "core", "spares")
+PROFILE_KEYS = ("parents", "description", "modules", "config", "core", "spares", "trace")
 MODULE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,47}")
 RESERVED_NAMES = ("core", "supervisor")
 CONFIG_KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
@@ -69,6 +70,7 @@ class _Builder:
             config=self.config(self.map_of(content.get("config"), "config")),
             core=self.section(CoreLimits, self.map_of(content.get("core"), "core"), "core"),
             spares=self.section(SpareInterpreters, self.map_of(content.get("spares"), "spares"), "spares"),
+            trace=self.section(TraceSettings, self.map_of(content.get("trace"), "trace"), "trace"),
             description=self.value(str, content.get("description"), "description", ""),
             workspace=workspace,
             origins=_origins(tree),

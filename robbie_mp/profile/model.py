@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from robbie_mp.profile.problem import Place
+from robbie_mp.trace.kinds import Kind
 from robbie_mp.value_check import Limits
 
 AGES_S = 1e9
@@ -100,6 +101,8 @@ class ModuleSpec:
     memory: MemoryLimits = MemoryLimits()
     queue: QueueLimits = QueueLimits()
     checkpoint: CheckpointPolicy = CheckpointPolicy()
+    record: list[Kind] | None = None
+    """Kinds of trace entries that are recorded of it; None: those of `trace.record`."""
     folder_of: Mapping[str, Path] = field(default_factory=dict)
     """What a relative path in a setting starts from, for settings where that is not the workspace."""
 
@@ -133,6 +136,29 @@ class SpareInterpreters:
 
 
 @dataclass(frozen=True)
+class TraceSettings:
+    """What is recorded of what processes say, and bounds of it."""
+
+    record: list[Kind] = field(default_factory=lambda: [Kind.ERROR, Kind.WARNING, Kind.INFO])
+    """Of modules. Everything is recorded of the core and the supervisor, until `robbie log --record`."""
+    lines_per_s: float = bounded(1000.0, 0, 1e6)
+    """Of each stream of a process, and of its log records; and `burst_lines` at once."""
+    burst_lines: int = bounded(5000, 1, MAX_ENTRIES)
+    line_characters: int = bounded(4096, 80, 1 << 20)
+    """A longer line is cut into several."""
+    kept_lines: int = bounded(200, 1, MAX_ENTRIES)
+    """The last ones of each incarnation, for its crash report."""
+    file_bytes: int = bounded(4 << 20, 4096, MAX_BYTES)
+    """Each file of JSON lines; every process has `files` of them."""
+    files: int = bounded(3, 1, 1000)
+    page_bytes: int = bounded(24 << 20, 1 << 16, 1 << 30)
+    """Each page of HTML; the run has `pages` of them."""
+    pages: int = bounded(2, 1, 1000)
+    crash_reports: int = bounded(20, 1, MAX_ENTRIES)
+    """The newest ones of each process."""
+
+
+@dataclass(frozen=True)
 class Profile:
     """A merged and checked profile."""
 
@@ -143,6 +169,7 @@ class Profile:
     """Flat: dotted key to value."""
     core: CoreLimits = CoreLimits()
     spares: SpareInterpreters = SpareInterpreters()
+    trace: TraceSettings = field(default_factory=TraceSettings)
     description: str = ""
     workspace: Path = Path()
     """The folder that contains profiles/; the root of imports and of relative paths."""

@@ -48,6 +48,7 @@ def as_tree(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> d
         "config": dict(profile.config),
         "core": _plain(profile.core),
         "spares": _plain(profile.spares),
+        "trace": _plain(profile.trace),
     }
 
 
@@ -62,6 +63,8 @@ def _module_tree(module: ModuleSpec, settings: Mapping[str, object]) -> dict[str
 def _plain(value: Any) -> Any:
     if is_dataclass(value):
         return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, list):
+        return [_plain(element) for element in value]
     return str(value) if isinstance(value, str) else value  # a StrEnum becomes its text
 
 

@@ -28,6 +28,7 @@ from robbie_mp.settings import check_settings
 from robbie_mp.supervisor.leftovers import MARKER
 from robbie_mp.supervisor.memory import CORE
 from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.trace.channel import log_to_supervisor
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.bus import SharedMemoryBus
@@ -54,7 +55,7 @@ def run_child(plan: RunPlan, name: str, incarnation: int) -> NoReturn:
     """Run one incarnation of the core or a module, then end the process."""
     set_process_name(name)
     faulthandler.enable()  # also answers SIGABRT, which the supervisor sends to a child that hangs
-    logging.basicConfig(format="%(levelname)s %(message)s", level=logging.INFO)
+    channel = log_to_supervisor()
     code = 0
     try:
         if name == CORE:
@@ -63,8 +64,12 @@ def run_child(plan: RunPlan, name: str, incarnation: int) -> NoReturn:
             run_module(plan, name, incarnation)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
-    except BaseException:  # whatever it is, it is printed, and the process ends by it
-        traceback.print_exc()
+        if isinstance(end.code, str):
+            logging.getLogger(name).error("%s", end.code)
+    except BaseException as error:  # whatever it is, it is said, and the process ends by it
+        logging.getLogger(name).critical("%s: %s", type(error).__name__, error, exc_info=True)
+        if channel is None or channel.dropped:
+            traceback.print_exc()
         code = 1
     sys.stdout.flush()
     sys.stderr.flush()

@@ -1,7 +1,7 @@
 """What the supervisor must know of a child to run it."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import Self
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.profile.model import CoreLimits, ModuleSpec, RestartPolicy, RestartWhen
+from robbie_mp.trace.kinds import ALL_KINDS, Kind
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 
@@ -49,6 +50,8 @@ class ChildSpec:
     stop_grace_s: float = 3.0
     handler_deadline_s: float = 0.0
     """How long it may do one and the same thing; 0: for ever."""
+    record: Collection[Kind] = ALL_KINDS
+    """Which kinds of entries of the trace are recorded of it."""
     may_be_warm: bool = False
     """Whether a spare interpreter does the same as the command, so that it may take its place."""
 
@@ -62,8 +65,14 @@ class ChildSpec:
             raise InvalidChild(f"child name {self.name!r}: use letters, digits and _ . - only")
 
     @classmethod
-    def of_module(cls, module: ModuleSpec, argv: tuple[str, ...], environment: Mapping[str, str]) -> Self:
-        """Describe the child that runs a profile's module."""
+    def of_module(
+        cls,
+        module: ModuleSpec,
+        argv: tuple[str, ...],
+        environment: Mapping[str, str],
+        record: Collection[Kind],
+    ) -> Self:
+        """Describe the child that runs a profile's module; `record` holds if the module says nothing else."""
         return cls(
             name=module.name,
             argv=argv,
@@ -75,6 +84,7 @@ class ChildSpec:
             start_deadline_s=module.start_deadline_s,
             stop_grace_s=module.stop_grace_s,
             handler_deadline_s=module.handler_deadline_s,
+            record=record if module.record is None else module.record,
             may_be_warm=True,
         )
 

@@ -1,59 +1,36 @@
-"""What children print: written to log files, shown, and the last of it remembered.
+"""What children say: entries of the trace, written to files, shown, and the last of it remembered.
 
-What is beyond the bound of lines per second is thrown away and counted.
+Each child has files of its own, so that who says much pushes out nobody's lines but its own. What is beyond
+the bound of lines per second is thrown away and counted.
 """
 
 import os
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.profile.model import TraceSettings
 from robbie_mp.supervisor.rate_limit import RateLimit
 from robbie_mp.supervisor.rotating_file import RotatingFile
+from robbie_mp.trace.entry import Entry, EntryNumbers, visible
+from robbie_mp.trace.kinds import ALL_KINDS, KIND_OF_STREAM, Kind, kind_of_level
+from robbie_mp.trace.packet import LogRecord, parse_packet
 
-STREAMS = ("stdout", "stderr")
+LOG = "log"
+ERRORS = "errors"
+"""Among the log records: they have a rate of their own."""
+SUPERVISOR = "supervisor"
 REPORT_EVERY_S = 1.0
-# What a terminal would obey; an escape sequence in a log is an attack or an accident.
-VISIBLE = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0)) if code != ord("\t")}
-
-
+SHOWN_LINES = 40
 ADVICE = "choose another output directory"
+
+Listener = Callable[[Entry], None]
 
 
 class LogNotWritable(RobbieError, OSError):
     """The folder for log files is of no use: no such place, or no permission."""
-
-
-@dataclass(frozen=True)
-class OutputLimits:
-    """Bounds of what is kept of each child's output."""
-
-    file_bytes: int = 4 << 20
-    files: int = 3
-    lines_per_s: float = 1000.0
-    """Of each stream, and of `burst_lines` at once."""
-    burst_lines: int = 5000
-    line_characters: int = 4096
-    """A longer line is cut into several."""
-    kept_lines: int = 40
-    """Of the current incarnation, in memory."""
-
-
-@dataclass(frozen=True)
-class OutputLine:
-    """One line that a child printed."""
-
-    name: str
-    incarnation: int
-    stream: str
-    """"stdout", "stderr", or "supervisor" for a remark about the output."""
-    wall_time_s: float
-    """Unix time at which it was read."""
-    text: str
-    """Without its end of line; control characters are escaped."""
 
 
 class OutputStore:
@@ -62,14 +39,14 @@ class OutputStore:
     def __init__(
         self,
         folder: Path,
-        listener: Callable[[OutputLine], None] = lambda line: None,
-        limits: OutputLimits = OutputLimits(),
+        listener: Listener = lambda entry: None,
+        limits: TraceSettings | None = None,
     ):
         """Prepare for children.
 
         Args:
-            folder: gets one log file a child.
-            listener: called with each line that is kept, in the supervisor's thread; must not block.
+            folder: gets the files of each child.
+            listener: called with each entry that is kept, in the supervisor's thread; must not block.
             limits: what is kept of each child.
 
         Raises:
@@ -84,13 +61,14 @@ class OutputStore:
         if not os.access(folder, os.W_OK | os.X_OK):
             raise LogNotWritable(f"cannot write to the log folder {folder}: no permission; {ADVICE}")
         self.folder = folder
-        self.listener = listener
-        self.limits = limits
+        self.limits = limits or TraceSettings()
+        self._listener = listener
+        self._numbers = EntryNumbers()
 
-    def child(self, name: str) -> "ChildOutput":
-        """Return the output of a new child."""
-        file = RotatingFile(self.folder / f"{name}.log", self.limits.file_bytes, self.limits.files)
-        return ChildOutput(name, file, self.listener, self.limits)
+    def child(self, name: str, kinds: Collection[Kind] = ALL_KINDS) -> "ChildOutput":
+        """Return the output of a new child, of which these kinds are recorded."""
+        file = RotatingFile(self.folder / f"{name}.jsonl", self.limits.file_bytes, self.limits.files)
+        return ChildOutput(name, file, self._listener, self.limits, self._numbers, kinds)
 
 
 class ChildOutput:
@@ -100,29 +78,42 @@ class ChildOutput:
 
     Attributes:
         limits: what is kept.
-        lines: how many lines were kept so far.
-        dropped: how many were thrown away so far, beyond the rate or because the disk refused them.
+        kinds: which entries are recorded; the others are neither written nor counted.
+        lines: how many entries were kept so far.
+        dropped: how many were thrown away so far: beyond the rate, because the disk refused them, or by the
+            child itself because its log channel was full.
     """
 
     def __init__(
-        self, name: str, file: RotatingFile, listener: Callable[[OutputLine], None], limits: OutputLimits
+        self,
+        name: str,
+        file: RotatingFile,
+        listener: Listener,
+        limits: TraceSettings,
+        numbers: EntryNumbers,
+        kinds: Collection[Kind],
     ):
         self.limits = limits
+        self.kinds = frozenset(kinds)
         self.lines = 0
         self.dropped = 0
         self._name = name
         self._file = file
         self._listener = listener
+        self._numbers = numbers
         self._incarnation = 0
         self._unreported = 0
         self._reported_s = 0.0
-        self._rates = {stream: RateLimit(limits.lines_per_s, limits.burst_lines) for stream in STREAMS}
-        self._last = {stream: deque[str](maxlen=limits.kept_lines) for stream in STREAMS}
+        self._rates = {
+            stream: RateLimit(limits.lines_per_s, limits.burst_lines)
+            for stream in (*KIND_OF_STREAM, LOG, ERRORS)
+        }
+        self._last = {stream: deque[str](maxlen=limits.kept_lines) for stream in KIND_OF_STREAM}
 
     @property
     def last_lines(self) -> tuple[str, ...]:
-        """The end of what the current incarnation printed: on standard error if it did, else on output."""
-        return tuple(self._last["stderr"] or self._last["stdout"])
+        """The end of what the current incarnation logged and printed on standard error, else on output."""
+        return tuple(self._last["stderr"] or self._last["stdout"])[-SHOWN_LINES:]
 
     def begin(self, incarnation: int) -> None:
         """Forget the last lines of the former incarnation."""
@@ -131,15 +122,46 @@ class ChildOutput:
             lines.clear()
 
     def add(self, stream: str, texts: list[str]) -> bool:
-        """Keep these lines as far as the rate allows; False if it did not allow all."""
+        """Keep these printed lines as far as the rate allows; False if it did not allow all."""
         # Even of a flood, for its end tells why the child ended.
-        self._last[stream].extend(map(_visible, texts[-self.limits.kept_lines :]))
+        self._last[stream].extend(map(visible, texts[-self.limits.kept_lines :]))
+        kind = KIND_OF_STREAM[stream]
         allowed = self._rates[stream].take(len(texts))
-        if allowed and time.monotonic() - self._reported_s >= REPORT_EVERY_S:
-            self.report_dropped()
-        self._write([self._line(stream, text) for text in texts[:allowed]])
-        self._drop(len(texts) - allowed)
+        if kind in self.kinds:
+            self._report_dropped_now_and_then(bool(allowed))
+            now_s = time.time()
+            self._write([self._entry(now_s, kind, stream, text) for text in texts[:allowed]])
+            self._drop(len(texts) - allowed)
         return allowed == len(texts)
+
+    def add_records(self, packets: list[bytes]) -> bool:
+        """Keep these log records as far as the rate allows; False if it did not allow all."""
+        is_within = True
+        kept = []
+        now_s = time.time()
+        for packet in packets:
+            entry = self._entry_of(packet, now_s)
+            if entry is None:
+                continue
+            self._last["stderr"].extend(entry.lines())
+            is_error = entry.kind is Kind.ERROR
+            # A long record counts as often as a printed line of its length would.
+            cost = 1 + len(packet) // self.limits.line_characters
+            is_allowed = self._rates[ERRORS if is_error else LOG].take(cost) == cost
+            is_within = is_within and is_allowed
+            if entry.kind in self.kinds:
+                if is_allowed:
+                    kept.append(entry)
+                else:
+                    self._drop(1)
+        self._report_dropped_now_and_then(bool(kept))
+        self._write(kept)
+        return is_within
+
+    def say(self, kind: Kind, text: str, crash_report: str = "") -> None:
+        """Add a remark of the supervisor about this child."""
+        if kind in self.kinds:
+            self._write([self._entry(time.time(), kind, SUPERVISOR, text, crash_report=crash_report)])
 
     def report_dropped(self) -> None:
         """Say in the log how many lines were dropped since this was last said, if any."""
@@ -147,35 +169,51 @@ class ChildOutput:
             text = f"{self._unreported} lines dropped: more than {self.limits.lines_per_s:g} lines/s"
             self._unreported = 0
             self._reported_s = time.monotonic()
-            self._write([self._line("supervisor", text)])
+            self._write([self._entry(time.time(), Kind.WARNING, SUPERVISOR, text)])
 
     def close(self) -> None:
         """Close the log file."""
         self.report_dropped()
         self._file.close()
 
+    def _report_dropped_now_and_then(self, is_flood_over: bool) -> None:
+        if is_flood_over and time.monotonic() - self._reported_s >= REPORT_EVERY_S:
+            self.report_dropped()
+
     def _drop(self, count: int) -> None:
         self.dropped += count
         self._unreported += count
 
-    def _line(self, stream: str, text: str) -> OutputLine:
-        return OutputLine(self._name, self._incarnation, stream, time.time(), _visible(text))
+    def _entry_of(self, packet: bytes, now_s: float) -> Entry | None:
+        parsed = parse_packet(packet, now_s)
+        if parsed is None:
+            return self._entry(now_s, Kind.ERROR, LOG, f"a damaged log record: {packet[:60]!r}")
+        self._drop(parsed.dropped)
+        return self._entry_of_record(parsed.record) if parsed.record else None
 
-    def _write(self, lines: list[OutputLine]) -> None:
-        if not lines:
+    def _entry_of_record(self, record: LogRecord) -> Entry:
+        return self._entry(
+            record.time_s,
+            kind_of_level(record.level),
+            LOG,
+            record.text,
+            logger=visible(record.logger),
+            level=visible(record.level_name),
+            where=visible(record.where),
+            thread=visible(record.thread),
+            traceback=visible(record.traceback),
+        )
+
+    def _entry(self, time_s: float, kind: Kind, stream: str, text: str, **more: str) -> Entry:
+        number = self._numbers.next()
+        time_s = round(time_s, 6)
+        return Entry(number, time_s, kind, self._name, self._incarnation, stream, visible(text), **more)
+
+    def _write(self, entries: list[Entry]) -> None:
+        if not entries:
             return
-        self.lines += len(lines)
-        if not self._file.write("".join(map(_log_entry, lines)).encode()):
-            self.dropped += len(lines)
-        for line in lines:
-            self._listener(line)
-
-
-def _visible(text: str) -> str:
-    return text if text.isprintable() else text.translate(VISIBLE)
-
-
-def _log_entry(line: OutputLine) -> str:
-    seconds, milliseconds = divmod(int(line.wall_time_s * 1000), 1000)
-    stamp = time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(seconds))
-    return f"{stamp}.{milliseconds:03d}Z #{line.incarnation} {line.stream} {line.text}\n"
+        self.lines += len(entries)
+        if not self._file.write(b"".join([entry.to_line() for entry in entries])):
+            self.dropped += len(entries)
+        for entry in entries:
+            self._listener(entry)

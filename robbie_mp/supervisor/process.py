@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import socket
 import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,6 +12,7 @@ from typing import Self
 
 from robbie_mp.proc import read_stat
 from robbie_mp.supervisor.leftovers import MARKER
+from robbie_mp.trace.channel import CHANNEL_VARIABLE, open_channel
 
 P_PIDFD = getattr(os, "P_PIDFD", 3)
 """As in <linux/wait.h>; Python has it only where it was built with a recent glibc, the kernel since 5.4."""
@@ -49,11 +51,18 @@ class ChildProcess:
         pidfd: becomes readable when the child has ended (pidfd_open(2)).
         stdout: the reading end of its standard output, non-blocking; the caller closes it.
         stderr: the same of its standard error.
+        log_channel: the supervisor's end of its log channel; the caller closes it.
         marker: what its descendants are known by.
     """
 
     def __init__(
-        self, popen: "subprocess.Popen[bytes]", pidfd: int, stdout: int, stderr: int, child_marker: str
+        self,
+        popen: "subprocess.Popen[bytes]",
+        pidfd: int,
+        stdout: int,
+        stderr: int,
+        log_channel: socket.socket,
+        child_marker: str,
     ):
         self._popen = popen
         self.pid = popen.pid
@@ -61,6 +70,7 @@ class ChildProcess:
         self.pidfd = pidfd
         self.stdout = stdout
         self.stderr = stderr
+        self.log_channel = log_channel
 
     @classmethod
     def start(
@@ -71,13 +81,13 @@ class ChildProcess:
         folder: Path | None = None,
         stdin: int = subprocess.DEVNULL,
     ) -> Self:
-        """Start a command, its output in pipes, no descriptor of ours inherited.
+        """Start a command, its output in pipes, no descriptor of ours inherited but its log channel.
 
         Must be called from the main thread: the death of the starting thread is what children die with.
 
         Args:
             argv: the command.
-            environment: all of it but `MARKER`.
+            environment: all of it but `MARKER` and `CHANNEL_VARIABLE`.
             child_marker: the value of `MARKER`.
             folder: its working directory; None: ours.
             stdin: its standard input, by default empty; stays the caller's as well.
@@ -87,27 +97,32 @@ class ChildProcess:
         """
         out_read, out_write = os.pipe2(os.O_CLOEXEC)
         error_read, error_write = os.pipe2(os.O_CLOEXEC)
+        channel, child_channel = open_channel()
+        channel_fd = child_channel.fileno()
         try:
             popen = subprocess.Popen(
                 argv,
                 stdin=stdin,
                 stdout=out_write,
                 stderr=error_write,
-                env={**environment, MARKER: child_marker},
+                env={**environment, MARKER: child_marker, CHANNEL_VARIABLE: str(channel_fd)},
                 cwd=folder,
                 start_new_session=True,
                 close_fds=True,
+                pass_fds=(channel_fd,),
             )
         except BaseException:
             os.close(out_read)
             os.close(error_read)
+            channel.close()
             raise
         finally:
             os.close(out_write)
             os.close(error_write)
+            child_channel.close()
         os.set_blocking(out_read, False)
         os.set_blocking(error_read, False)
-        return cls(popen, os.pidfd_open(popen.pid), out_read, error_read, child_marker)
+        return cls(popen, os.pidfd_open(popen.pid), out_read, error_read, channel, child_marker)
 
     def exit_status(self) -> ExitStatus | None:
         """Return how it ended, None while it runs; it stays a zombie, so that its pid is still its own."""

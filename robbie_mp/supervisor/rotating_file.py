@@ -1,27 +1,30 @@
 """A log file that never grows beyond its bound."""
 
+import contextlib
 import os
 from pathlib import Path
 
 
 class RotatingFile:
-    """Appends to a file; when that is full it becomes `.1`, the former `.1` becomes `.2`, the oldest goes.
+    """Appends to a file; when `a.log` is full it becomes `a.1.log`, that becomes `a.2.log`, the oldest goes.
 
     logging.handlers.RotatingFileHandler prints a traceback for each line that a full disk refuses; here the
     caller learns of it and goes on.
     """
 
-    def __init__(self, path: Path, max_bytes: int, files: int):
+    def __init__(self, path: Path, max_bytes: int, files: int, head: bytes = b""):
         """Prepare; the file is opened when there is something to write.
 
         Args:
             path: the newest file; its folder exists.
             max_bytes: bound of each file.
             files: how many, the newest included.
+            head: what each file begins with.
         """
         self.path = path
         self._max_bytes = max_bytes
         self._files = files
+        self._head = head
         self._fd: int | None = None
         self._size = 0
 
@@ -29,13 +32,19 @@ class RotatingFile:
         """Append; False if the disk refused, as when it is full."""
         try:
             fd = self._open() if self._fd is None else self._fd
-            if self._size and self._size + len(data) > self._max_bytes:
+            if self._size > len(self._head) and self._size + len(data) > self._max_bytes:
                 fd = self._rotate()
             written = os.write(fd, data)
         except OSError:
             return False
         self._size += written
         return written == len(data)
+
+    def begin_anew(self) -> None:
+        """Begin a new file if there is one already, such as a former run's."""
+        with contextlib.suppress(OSError):
+            if self.path.exists():
+                self._rotate()
 
     def close(self) -> None:
         """Close the file; a later write opens it again."""
@@ -46,6 +55,8 @@ class RotatingFile:
     def _open(self) -> int:
         self._fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
         self._size = os.fstat(self._fd).st_size
+        if not self._size:
+            self._size = os.write(self._fd, self._head)
         return self._fd
 
     def _rotate(self) -> int:
@@ -59,4 +70,9 @@ class RotatingFile:
         return self._open()
 
     def _numbered(self, number: int) -> Path:
-        return self.path.with_name(f"{self.path.name}.{number}") if number else self.path
+        return numbered(self.path, number)
+
+
+def numbered(path: Path, number: int) -> Path:
+    """Return what a file is called when so many newer ones have been begun."""
+    return path.with_name(f"{path.stem}.{number}{path.suffix}") if number else path

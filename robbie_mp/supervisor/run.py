@@ -14,22 +14,21 @@ from robbie_mp.profile.model import Profile
 from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.control import ControlServer
 from robbie_mp.supervisor.memory import CORE, SUPERVISOR, RunMemory
-from robbie_mp.supervisor.output import OutputLine, OutputStore
+from robbie_mp.supervisor.output import Listener, OutputStore
 from robbie_mp.supervisor.plan import RunPlan
 from robbie_mp.supervisor.run_directory import RunDirectory
 from robbie_mp.supervisor.spares import SpareCommand
 from robbie_mp.supervisor.states import StateChange
 from robbie_mp.supervisor.sweep import sweep
 from robbie_mp.supervisor.tree import Tree
-
-LOG_FOLDER = "log"
+from robbie_mp.trace.reader import LOG_FOLDER
 
 
 @dataclass(frozen=True)
 class RunListener:
     """What the caller of a run wants to hear of it; every call must return soon."""
 
-    line: Callable[[OutputLine], None] = lambda _line: None
+    entry: Listener = lambda _entry: None
     change: Callable[[StateChange], None] = lambda _change: None
     begin: Callable[[str], None] = lambda _run_id: None
     """Once, when the run's memory is there for a `RunObserver`."""
@@ -104,7 +103,7 @@ def _run(
             _children(profile, run_folder, environment),
             plan.run_id,
             memory,
-            OutputStore(output_directory / LOG_FOLDER, listener.line),
+            OutputStore(output_directory / LOG_FOLDER, listener.entry, profile.trace),
             lambda: _each_turn(tree, memory, control),
             spares=_spares(profile, run_folder, environment),
         )
@@ -132,7 +131,7 @@ def _each_turn(tree: Tree, memory: RunMemory, control: ControlServer) -> None:
             continue
         child = tree.child(name)
         if child.incarnation == incarnation:
-            child.kill("the core refused its records; core.log says why")
+            child.kill("the core refused its records; the core's log says why")
     control.turn()
 
 
@@ -143,7 +142,11 @@ def _children(profile: Profile, run_folder: Path, environment: Mapping[str, str]
         return (sys.executable, "-m", "robbie_mp.supervisor.child", str(run_folder), name)
 
     core = ChildSpec.of_core(profile.core, command("core"), environment)
-    return [core, *(ChildSpec.of_module(spec, command(spec.name), environment) for spec in profile.modules)]
+    record = profile.trace.record
+    return [
+        core,
+        *(ChildSpec.of_module(spec, command(spec.name), environment, record) for spec in profile.modules),
+    ]
 
 
 def _spares(profile: Profile, run_folder: Path, environment: Mapping[str, str]) -> SpareCommand:

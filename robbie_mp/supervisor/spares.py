@@ -183,6 +183,7 @@ class SparePool:
         kill_child_leftovers(spare.process.pid, spare.process.marker, self.pids | {spare.process.pid})
         for fd, name in ((spare.process.stdout, "stdout"), (spare.process.stderr, "stderr")):
             OutputStream(fd, name, self._output, self._loop).finish()
+        spare.process.log_channel.close()
         spare.process.reap()
 
     def _fail(self, text: str) -> None:

@@ -201,7 +201,7 @@ class Tree:
             self._on_change,
         )
         budget = RestartBudget(spec.restart, self._clock, random.random)
-        return SupervisedChild(spec, output.child(spec.name), budget, surroundings)
+        return SupervisedChild(spec, output.child(spec.name, spec.record), budget, surroundings)
 
     def _known_pids(self) -> set[int]:
         return {child.pid for child in self.children if child.pid} | self._spares.pids

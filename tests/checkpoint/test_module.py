@@ -109,5 +109,5 @@ def test_spoiled_file_does_not_keep_the_robot_from_starting(robot: Robot, conten
     write_file(checkpoint_path(robot), content)
     ended = robot.run("--set", "memory.until=3")
     assert ended.exit_code == 0, ended.stderr
-    assert "starts fresh" in (robot.output / "log" / "memory.log").read_text()
+    assert "starts fresh" in (robot.output / "log" / "memory.jsonl").read_text()
     assert journal(robot) == ["begins at 0, life 1", "ends at 3, life 1"]

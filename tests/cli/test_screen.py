@@ -6,16 +6,17 @@ import time
 from pathlib import Path
 
 from robbie_mp.cli.screen import QUEUED_LINES, RunScreen
-from robbie_mp.supervisor.output import OutputLine
 from robbie_mp.supervisor.states import ChildState, StateChange
+from robbie_mp.trace.entry import Entry
+from robbie_mp.trace.kinds import Kind
 
 LINES = QUEUED_LINES + 3000
 LONG = "x" * 200
 """So many of these are more than a pipe or a terminal takes while nobody reads."""
 
 
-def line(text: str) -> OutputLine:
-    return OutputLine("laser", 1, "stdout", 0.0, text)
+def line(text: str) -> Entry:
+    return Entry(1, 0.0, Kind.INFO, "laser", 1, "stdout", text)
 
 
 def failure(reason: str) -> StateChange:
@@ -33,7 +34,7 @@ def test_lines_come_out_in_their_order(tmp_path: Path) -> None:
     reader, writer = os.pipe()
     with RunScreen(quiet=False, fd=writer) as screen:
         for number in range(100):
-            screen.listener.line(line(str(number)))
+            screen.listener.entry(line(str(number)))
         screen.listener.change(failure("exit code 1"))
     os.close(writer)
     assert read_all(reader).splitlines() == [
@@ -46,7 +47,7 @@ def test_lines_come_out_in_their_order(tmp_path: Path) -> None:
 def test_quiet_screen_shows_only_what_went_wrong() -> None:
     reader, writer = os.pipe()
     with RunScreen(quiet=True, fd=writer) as screen:
-        screen.listener.line(line("hello"))
+        screen.listener.entry(line("hello"))
         screen.listener.change(failure("exit code 1"))
     os.close(writer)
     shown = read_all(reader).splitlines()
@@ -58,7 +59,7 @@ def test_blocked_reader_stalls_nobody_and_what_is_missing_is_counted() -> None:
     begin_s = time.monotonic()
     with RunScreen(quiet=False, fd=writer) as screen:
         for _ in range(LINES):
-            screen.listener.line(line(LONG))
+            screen.listener.entry(line(LONG))
         lines_s = time.monotonic() - begin_s
     assert lines_s < 1.0, "the supervisor waited for the terminal"
     assert screen.dropped > 1000
@@ -78,7 +79,7 @@ def test_stopped_terminal_does_not_stop_the_end_of_the_run() -> None:
     begin_s = time.monotonic()
     with RunScreen(quiet=False, fd=terminal) as screen:
         for _ in range(LINES):
-            screen.listener.line(line(LONG))
+            screen.listener.entry(line(LONG))
     assert time.monotonic() - begin_s < 5.0
     os.close(controller)  # the thread is told that its terminal is gone
     screen._thread.join(5.0)
@@ -91,6 +92,6 @@ def test_closed_pipe_ends_the_show_and_nothing_else() -> None:
     os.close(reader)
     with RunScreen(quiet=False, fd=writer) as screen:
         for _ in range(LINES):
-            screen.listener.line(line(LONG))
+            screen.listener.entry(line(LONG))
     os.close(writer)
     assert not screen._thread.is_alive()

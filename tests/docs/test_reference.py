@@ -2,8 +2,7 @@
 
 import re
 
-from robbie_mp.profile.model import CoreLimits, MemoryLimits, QueueLimits
-from robbie_mp.supervisor.output import OutputLimits
+from robbie_mp.profile.model import CoreLimits, MemoryLimits, QueueLimits, TraceSettings
 from robbie_mp.transport import layout
 from tests.docs.pages import ROOT
 
@@ -31,7 +30,7 @@ def test_limits_of_the_profile() -> None:
 
 
 def test_limits_of_the_output() -> None:
-    limits = OutputLimits()
+    limits = TraceSettings()
     rate = f"{limits.burst_lines} at once, then {limits.lines_per_s:g}/s"
-    assert ROWS["lines that a module prints, on each stream"] == rate
-    assert f"what each process printed; {limits.file_bytes // MIB} MiB each" in TEXT
+    assert ROWS["lines that a module prints, on each stream, and log records"] == rate
+    assert f"what each process said, as JSON lines; {limits.file_bytes // MIB} MiB each" in TEXT

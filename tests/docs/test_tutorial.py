@@ -114,7 +114,7 @@ class Reader:
         assert self.process.wait(LIMIT_S) == 0
         (output,) = (self.folder / "output" / "first").iterdir()
         assert (output / "summary.json").exists()
-        assert (output / "log" / "watch.log").exists()
+        assert (output / "log" / "watch.jsonl").exists()
 
 
 @pytest.fixture

@@ -119,7 +119,7 @@ def test_code_that_cannot_be_imported_is_a_warning(robot: Robot, capsys: Out) ->
 def test_tree_of_a_profile_without_findings_is_what_files_say(robot: Robot) -> None:
     tree = as_tree(robot.load(), {})
     assert tree["modules"]["mapping"]["settings"] == {"resolution_m": 0.001, "weights": {"y": 2}}
-    assert list(tree) == ["description", "modules", "config", "core", "spares"]
+    assert list(tree) == ["description", "modules", "config", "core", "spares", "trace"]
 
 
 @pytest.mark.parametrize(

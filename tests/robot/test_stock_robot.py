@@ -161,4 +161,4 @@ def test_broken_line_of_a_log_is_named_and_may_be_skipped(robot: StockRobot, tmp
     )
     assert code == 0, errors
     assert modules["mapping"]["handled"] == 5  # four lines and the place of the laser
-    assert "1 broken lines" in (robot.output / "log" / "playback.log").read_text()
+    assert "1 broken lines" in (robot.output / "log" / "playback.jsonl").read_text()

@@ -94,7 +94,7 @@ def stopped(robot: Robot) -> Ended:
 
 
 def log(robot: Robot, name: str) -> str:
-    return (robot.output / "log" / f"{name}.log").read_text()
+    return (robot.output / "log" / f"{name}.jsonl").read_text()
 
 
 def test_hung_handler_is_named_shown_and_costs_one_message(robot: Robot) -> None:

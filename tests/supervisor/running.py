@@ -9,13 +9,14 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 
 from robbie_mp.proc import read_stat
-from robbie_mp.profile.model import RestartPolicy, RestartWhen
+from robbie_mp.profile.model import RestartPolicy, RestartWhen, TraceSettings
 from robbie_mp.supervisor.child_spec import ChildKind, ChildSpec
 from robbie_mp.supervisor.incarnations import Doing
-from robbie_mp.supervisor.output import OutputLimits, OutputLine, OutputStore
+from robbie_mp.supervisor.output import OutputStore
 from robbie_mp.supervisor.spares import SpareCommand
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.supervisor.tree import Tree
+from robbie_mp.trace.entry import Entry
 from tests.supervisor import zoo
 
 LIMIT_S = 10.0
@@ -104,14 +105,14 @@ class Run:
         folder: Path,
         *specs: ChildSpec,
         run_id: str = "",
-        limits: OutputLimits | None = None,
+        limits: TraceSettings | None = None,
         wall_clock: Callable[[], float] = time.time,
         clock: Callable[[], float] = time.monotonic,
         spares: SpareCommand | None = None,
     ):
         folder.joinpath("ready").mkdir()
         self.incarnations = FolderIncarnations(folder / "ready")
-        self.lines: list[OutputLine] = []
+        self.lines: list[Entry] = []
         self.logs = folder / "logs"
         self.turns = 0
         self.each_turn: Callable[[], None] = lambda: None
@@ -125,7 +126,7 @@ class Run:
             ],
             run_id or secrets.token_hex(4),
             self.incarnations,
-            OutputStore(self.logs, self.lines.append, limits or OutputLimits()),
+            OutputStore(self.logs, self.lines.append, limits),
             self._each_turn,
             wall_clock,
             clock,
@@ -151,7 +152,7 @@ class Run:
         return self.tree.child(name).state is ChildState.RUNNING
 
     def text(self, name: str, stream: str) -> list[str]:
-        return [line.text for line in self.lines if line.name == name and line.stream == stream]
+        return [line.text for line in self.lines if line.module == name and line.stream == stream]
 
     def _wait_until(self, condition: Callable[[], bool]) -> None:
         self._condition = condition

@@ -11,13 +11,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from robbie_mp.profile.model import TraceSettings
 from robbie_mp.supervisor import rotating_file
 from robbie_mp.supervisor.event_loop import EventLoop
-from robbie_mp.supervisor.output import ChildOutput, LogNotWritable, OutputLimits, OutputLine, OutputStore
+from robbie_mp.supervisor.output import ChildOutput, LogNotWritable, OutputStore
 from robbie_mp.supervisor.output_stream import OutputStream
 from robbie_mp.supervisor.rate_limit import RateLimit
 from robbie_mp.supervisor.rotating_file import RotatingFile
 from robbie_mp.supervisor.states import ChildState
+from robbie_mp.trace.entry import Entry
+from robbie_mp.trace.kinds import Kind
 from tests.supervisor import zoo
 from tests.supervisor.running import NEVER, Run, Scenario, animal
 
@@ -25,8 +28,8 @@ from tests.supervisor.running import NEVER, Run, Scenario, animal
 class Recorder:
     """One child's output, fed by hand."""
 
-    def __init__(self, folder: Path, limits: OutputLimits):
-        self.lines: list[OutputLine] = []
+    def __init__(self, folder: Path, limits: TraceSettings):
+        self.lines: list[Entry] = []
         self.output: ChildOutput = OutputStore(folder, self.lines.append, limits).child("child")
         self.loop = EventLoop(time.monotonic)
 
@@ -47,12 +50,12 @@ class Recorder:
 
 @pytest.fixture
 def recorder(tmp_path: Path) -> Iterator[Recorder]:
-    made = Recorder(tmp_path, OutputLimits(line_characters=20, lines_per_s=1e9))
+    made = Recorder(tmp_path, TraceSettings(line_characters=20, lines_per_s=1e9))
     yield made
     made.close()
 
 
-def texts(lines: list[OutputLine]) -> list[str]:
+def texts(lines: list[Entry]) -> list[str]:
     return [line.text for line in lines]
 
 
@@ -98,7 +101,7 @@ def test_last_lines_are_of_the_current_incarnation_only(recorder: Recorder) -> N
 
 
 def test_flood_is_dropped_counted_and_its_end_remembered(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path, OutputLimits(lines_per_s=0.0, burst_lines=10, kept_lines=3))
+    recorder = Recorder(tmp_path, TraceSettings(lines_per_s=0.0, burst_lines=10, kept_lines=3))
     recorder.feed(b"".join(b"line %d\n" % number for number in range(100)))
     recorder.close()
     assert texts(recorder.lines) == [
@@ -124,9 +127,10 @@ def test_no_more_lines_pass_than_a_burst_and_the_rate(floods: list[tuple[float, 
 def test_log_line_says_when_which_incarnation_and_which_stream(tmp_path: Path, recorder: Recorder) -> None:
     recorder.output.begin(7)
     recorder.feed(b"hello\n")
-    date, number, stream, text = (tmp_path / "child.log").read_text().split()
-    assert (number, stream, text) == ("#7", "stdout", "hello")
-    assert abs(time.mktime(time.strptime(date[:19], "%Y-%m-%dT%H:%M:%S")) - time.mktime(time.gmtime())) < 60
+    entry = Entry.from_line((tmp_path / "child.jsonl").read_bytes())
+    assert entry == recorder.lines[0]
+    assert (entry.incarnation, entry.stream, entry.text, entry.kind) == (7, "stdout", "hello", Kind.INFO)
+    assert abs(entry.time_s - time.time()) < 60
 
 
 def test_log_never_takes_more_disk_than_its_bound(tmp_path: Path) -> None:
@@ -135,8 +139,8 @@ def test_log_never_takes_more_disk_than_its_bound(tmp_path: Path) -> None:
         assert file.write(b"%029d\n" % number)
         assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 300
     file.close()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.log", "a.log.1", "a.log.2"]
-    kept = b"".join((tmp_path / name).read_bytes() for name in ("a.log.2", "a.log.1", "a.log"))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.1.log", "a.2.log", "a.log"]
+    kept = b"".join((tmp_path / name).read_bytes() for name in ("a.2.log", "a.1.log", "a.log"))
     assert kept == b"".join(b"%029d\n" % number for number in range(93, 100))
 
 
@@ -157,7 +161,7 @@ def test_log_is_continued_by_the_next_run(tmp_path: Path) -> None:
 
 
 def test_full_disk_is_counted_and_stops_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recorder = Recorder(tmp_path, OutputLimits())
+    recorder = Recorder(tmp_path, TraceSettings())
 
     def refuse(fd: int, data: bytes) -> int:
         raise OSError(28, "No space left on device")
@@ -169,7 +173,7 @@ def test_full_disk_is_counted_and_stops_nobody(tmp_path: Path, monkeypatch: pyte
     recorder.close()
     assert texts(recorder.lines) == ["one", "two", "three"]
     assert recorder.output.dropped == 2
-    assert (tmp_path / "child.log").read_text().endswith("three\n")
+    assert b"three" in (tmp_path / "child.jsonl").read_bytes()
 
 
 def test_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
@@ -189,7 +193,7 @@ def test_flooding_child_is_not_blocked_for_ever_and_the_others_are_served(tmp_pa
         tmp_path,
         animal(zoo.floods),
         animal(zoo.works_busily),
-        limits=OutputLimits(lines_per_s=500.0, burst_lines=50),
+        limits=TraceSettings(lines_per_s=500.0, burst_lines=50),
     )
     begin_s = time.monotonic()
 
@@ -206,7 +210,7 @@ def test_flooding_child_is_not_blocked_for_ever_and_the_others_are_served(tmp_pa
 
 
 def test_traceback_after_a_flood_is_remembered(tmp_path: Path) -> None:
-    run = Run(tmp_path, animal(zoo.floods_and_fails, restart=NEVER), limits=OutputLimits(burst_lines=10))
+    run = Run(tmp_path, animal(zoo.floods_and_fails, restart=NEVER), limits=TraceSettings(burst_lines=10))
     assert run.play() == 1
     assert run.last("floods_and_fails").last_lines[-1] == "RuntimeError: drowned"
     assert run.text("floods_and_fails", "stderr")[-1] == "RuntimeError: drowned"

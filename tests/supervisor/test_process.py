@@ -28,6 +28,7 @@ def started(code: str, **environment: str) -> Iterator[ChildProcess]:
         process.reap()
         os.close(process.stdout)
         os.close(process.stderr)
+        process.log_channel.close()
 
 
 def ended(process: ChildProcess) -> ExitStatus:
@@ -64,22 +65,23 @@ def test_child_leads_a_session_of_its_own() -> None:
         assert output(process).split() == [str(process.pid)] * 2
 
 
-def test_child_inherits_no_descriptor_and_no_input() -> None:
+def test_child_inherits_no_input_and_no_descriptor_but_its_log_channel() -> None:
     reader, writer = os.pipe()
     os.set_inheritable(writer, True)
     try:
         with started(
-            "import os, sys; print(sorted(map(int, os.listdir('/proc/self/fd')))[:-1], sys.stdin.read())"
+            "import os, sys; channel = os.environ['ROBBIE_LOG_CHANNEL']; "
+            "print(sorted({*os.listdir('/proc/self/fd')} - {channel}, key=int)[:-1], sys.stdin.read())"
         ) as process:
-            assert output(process).strip() == "[0, 1, 2]"
+            assert output(process).strip() == "['0', '1', '2']"
     finally:
         os.close(reader)
         os.close(writer)
 
 
-def test_child_gets_the_given_environment_and_its_marker_alone() -> None:
+def test_child_gets_the_given_environment_and_our_two_variables_alone() -> None:
     with started("import os; print(sorted(set(os.environ) - {'LC_CTYPE'}))", ROBOT="lisa") as process:
-        assert output(process).strip() == "['PYTHONPATH', 'ROBBIE_CHILD', 'ROBOT']"
+        assert output(process).strip() == "['PYTHONPATH', 'ROBBIE_CHILD', 'ROBBIE_LOG_CHANNEL', 'ROBOT']"
 
 
 def test_command_that_does_not_exist_leaves_nothing_open() -> None:

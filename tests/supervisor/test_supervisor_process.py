@@ -1,5 +1,6 @@
 """What happens to children when the supervisor is another process: killed, or interrupted from a terminal."""
 
+import json
 import os
 import signal
 import subprocess
@@ -72,6 +73,10 @@ def test_stop_by_sigterm_leaves_nothing_to_sweep(tmp_path: Path) -> None:
         assert sweep([tmp_path / "runs"]) == Swept()
 
 
+def _log_lines(folder: Path) -> list[str]:
+    return (folder / "logs" / "notes_signals.jsonl").read_text().splitlines()
+
+
 def test_interrupt_of_the_terminal_reaches_the_supervisor_alone(tmp_path: Path) -> None:
     controller, terminal = os.openpty()
     try:
@@ -82,7 +87,7 @@ def test_interrupt_of_the_terminal_reaches_the_supervisor_alone(tmp_path: Path) 
     finally:
         os.close(controller)
         os.close(terminal)
-    notes = [line.split()[-1] for line in (tmp_path / "logs" / "notes_signals.log").read_text().splitlines()]
+    notes = [json.loads(line)["text"] for line in _log_lines(tmp_path)]
     assert notes == [signal.Signals.SIGTERM.name]
 
 
@@ -93,4 +98,4 @@ def test_terminal_that_goes_away_stops_the_run_in_order(tmp_path: Path) -> None:
         os.close(terminal)
         os.close(controller)
         assert process.wait() == 0
-    assert (tmp_path / "logs" / "notes_signals.log").read_text().split()[-1] == signal.Signals.SIGTERM.name
+    assert signal.Signals.SIGTERM.name in (tmp_path / "logs" / "notes_signals.jsonl").read_text()

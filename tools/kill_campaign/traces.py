@@ -82,7 +82,8 @@ def violations(before: Traces, after: Traces, run_id: str, modules: Mapping[str,
     for name, opened in after.descriptors.items():
         extra = Counter(map(_kind, opened)) - Counter(map(_kind, before.descriptors[name]))
         # A log file is opened with a process's first line, and stays open: one for each process's name.
-        extra = Counter({what: count for what, count in extra.items() if what[-4:] != ".log" or count > 1})
+        logs = {what: 1 for what in extra if what.endswith(".jsonl")}
+        extra -= Counter(logs)
         if extra:
             found.append(f"{name} has more descriptors open than at the beginning: {dict(extra)}")
     for name, mappings in after.mappings.items():

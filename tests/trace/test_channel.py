@@ -1,0 +1,203 @@
+"""Log records reach the supervisor whole, never wait for it, and are not believed blindly."""
+
+import json
+import logging
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robbie_mp.profile.model import TraceSettings
+from robbie_mp.supervisor.event_loop import EventLoop
+from robbie_mp.supervisor.output import ChildOutput, OutputStore
+from robbie_mp.supervisor.record_stream import RecordStream
+from robbie_mp.trace.channel import PACKET_BYTES, ChannelHandler, open_channel
+from robbie_mp.trace.entry import Entry, EntryNumbers
+from robbie_mp.trace.kinds import Kind
+from robbie_mp.trace.packet import parse_packet
+
+
+class Pair:
+    """A child's logger and the supervisor's end of its channel, in one process."""
+
+    def __init__(self, folder: Path):
+        self.entries: list[Entry] = []
+        store = OutputStore(folder, self.entries.append, TraceSettings(burst_lines=100_000))
+        self.output: ChildOutput = store.child("laser", [Kind.ERROR, Kind.WARNING, Kind.INFO])
+        self.loop = EventLoop(time.monotonic)
+        ours, self.theirs = open_channel()
+        self.stream = RecordStream(ours, self.output, self.loop)
+        self.handler = ChannelHandler(self.theirs)
+        self.log = logging.Logger("laser.driver")
+        self.log.addHandler(self.handler)
+
+    def read(self) -> list[Entry]:
+        """Read all there is."""
+        known = -1
+        while known != self.output.lines + self.output.dropped:
+            known = self.output.lines + self.output.dropped
+            self.loop.turn(0.0)
+        return self.entries
+
+    def close(self) -> None:
+        self.theirs.close()
+        self.stream.finish()
+        self.output.close()
+        self.loop.close()
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> Iterator[Pair]:
+    made = Pair(tmp_path)
+    yield made
+    made.close()
+
+
+def test_record_comes_whole_with_its_traceback(pair: Pair) -> None:
+    pair.output.begin(3)
+    try:
+        _ = 1 / 0
+    except ZeroDivisionError:
+        pair.log.exception("cannot divide\n%s by %d", "one", 0)
+    [entry] = pair.read()
+    assert entry.text == "cannot divide\none by 0"
+    assert (entry.kind, entry.level, entry.logger, entry.module) == (
+        Kind.ERROR,
+        "ERROR",
+        "laser.driver",
+        "laser",
+    )
+    assert (entry.incarnation, entry.stream, entry.thread) == (3, "log", "")
+    assert entry.where.startswith("test_channel.py:")
+    assert entry.traceback.splitlines()[-1] == "ZeroDivisionError: division by zero"
+    assert abs(entry.time_s - time.time()) < 10
+    assert pair.output.last_lines[-1] == "ZeroDivisionError: division by zero"
+
+
+def test_child_never_waits_and_says_how_much_was_lost_while_errors_still_find_room(pair: Pair) -> None:
+    sent = 5000
+    for number in range(sent):
+        pair.log.info("%d %s", number, "x" * 100)
+    assert pair.handler.dropped > 0
+    pair.log.error("the last words")
+    assert pair.handler.dropped == 0, "the error did not find room"
+    entries = pair.read()
+    assert entries[-1].text == "the last words"
+    kept = [entry for entry in entries if entry.kind is Kind.INFO]
+    assert len(kept) + pair.output.dropped == sent
+    assert [entry.text.split()[0] for entry in kept] == [str(number) for number in range(len(kept))]
+    assert any(entry.text.startswith(f"{sent - len(kept)} lines dropped") for entry in entries)
+
+
+def test_records_dropped_last_are_reported_on_the_way_out(pair: Pair) -> None:
+    pair.handler.dropped = 7
+    pair.handler.close()
+    pair.read()
+    assert pair.output.dropped == 7
+
+
+def test_long_record_is_cut_and_says_so(pair: Pair) -> None:
+    pair.log.error("\N{GRINNING FACE}" * 100_000 + "end")
+    pair.log.error("short")
+    long, short = pair.read()
+    assert long.text.endswith("characters cut)")
+    assert len(long.to_line()) < 4 * PACKET_BYTES
+    assert short.text == "short"
+
+
+def test_record_whose_arguments_do_not_fit_is_pythons_complaint(
+    pair: Pair, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pair.log.info("%d", "no number")
+    assert "TypeError" in capsys.readouterr().err
+    assert pair.read() == []
+
+
+def test_kinds_that_are_not_recorded_are_no_loss(pair: Pair) -> None:
+    pair.log.debug("details")
+    pair.log.info("news")
+    assert [entry.text for entry in pair.read()] == ["news"]
+    assert pair.output.dropped == 0
+
+
+def test_child_logs_at_the_level_it_is_told(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = logging.Logger("root")
+    monkeypatch.setattr(logging, "getLogger", lambda: root)
+    pair.stream.set_level(logging.ERROR)
+    pair.stream.set_level(logging.DEBUG)
+    pair.handler.read_level()
+    assert root.level == logging.DEBUG
+
+
+def test_escape_sequences_and_halves_of_characters_arrive_harmless(pair: Pair) -> None:
+    pair.log.info("\x1b[2J\x00 \ud800 \u202e </script>-->")
+    [entry] = pair.read()
+    assert entry.text == "\\x1b[2J\\x00 \ud800 \\u202e </script>-->"
+    assert entry.to_line().isascii()
+    assert not {b"<", b">"} & {bytes([byte]) for byte in entry.to_line()}
+    assert Entry.from_line(entry.to_line()) == entry
+
+
+@pytest.mark.parametrize(
+    "packet",
+    [
+        b"no json",
+        b"[" * 20_000,
+        b'{"text": 1, "level": 1e999, "time_s": NaN, "dropped": -5}',
+        b'{"text": "a", "time_s": 1%s, "level": "high"}' % (b"0" * 4000),
+        b'{"level": true}',
+        b"\xff\xfe",
+        b"x" * (PACKET_BYTES + 100),
+    ],
+)
+def test_hostile_packet_is_an_entry_at_most(pair: Pair, packet: bytes) -> None:
+    pair.theirs.send(packet)
+    pair.log.info("still here")
+    entries = pair.read()
+    assert entries[-1].text == "still here"
+    assert len(entries) == 2
+    assert Entry.from_line(entries[0].to_line()) == entries[0]
+
+
+@given(st.recursive(st.none() | st.booleans() | st.floats() | st.integers() | st.text(), st.lists))
+def test_no_json_makes_a_bad_packet(value: object) -> None:
+    keys = ("text", "level", "time_s", "logger", "dropped", "traceback", "thread", "where", "level_name")
+    for key in keys:
+        packet = json.dumps({"text": "x", key: value}).encode()
+        if parsed := parse_packet(packet, 1e9):
+            assert parsed.dropped >= 0
+            assert parsed.record is None or abs(parsed.record.time_s - 1e9) < 3601
+
+
+def test_flood_of_records_is_bounded_and_its_end_remembered(tmp_path: Path) -> None:
+    kept: list[Entry] = []
+    output = OutputStore(tmp_path, kept.append, TraceSettings(lines_per_s=0.0, burst_lines=10)).child("laser")
+    packets = [json.dumps({"text": f"line {number}", "level": 20}).encode() for number in range(100)]
+    assert output.add_records(packets[:5])
+    assert not output.add_records(packets)
+    assert output.add_records([b'{"text": "why", "level": 40}']), "errors have a rate of their own"
+    output.close()
+    assert [entry.text for entry in kept if entry.stream == "log"] == [
+        *(f"line {number}" for number in (*range(5), *range(5))),
+        "why",
+    ]
+    assert output.dropped == 95
+    assert output.last_lines[-2:] == ("line 99", "why")
+
+
+def test_numbers_count_up_when_the_clock_is_set_back() -> None:
+    times = iter([100.0, 50.0, 50.0, 200.0])
+    numbers = EntryNumbers(lambda: next(times))
+    assert [numbers.next() for _ in range(4)] == [100_000_000, 100_000_001, 100_000_002, 200_000_000]
+
+
+def test_channel_closed_by_the_child_is_closed_here(pair: Pair) -> None:
+    pair.theirs.shutdown(socket.SHUT_RDWR)
+    pair.loop.turn(0.0)
+    pair.log.info("into nowhere")
+    assert pair.handler.dropped == 1
+    pair.stream.finish()
