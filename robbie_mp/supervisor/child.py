@@ -29,6 +29,7 @@ from robbie_mp.supervisor.leftovers import MARKER
 from robbie_mp.supervisor.memory import CORE
 from robbie_mp.supervisor.plan import RunPlan
 from robbie_mp.trace.channel import log_to_supervisor
+from robbie_mp.trace.levels import follow_level
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.bus import SharedMemoryBus
@@ -48,14 +49,15 @@ def main(run_folder: Path, name: str) -> None:
     """Run the core or a module until it is stopped."""
     plan = RunPlan.load(run_folder)
     die_with_parent(plan.supervisor_pid)
-    run_child(plan, name, int(os.environ[MARKER].rpartition("/")[2]))
+    run_child(run_folder, plan, name, int(os.environ[MARKER].rpartition("/")[2]))
 
 
-def run_child(plan: RunPlan, name: str, incarnation: int) -> NoReturn:
+def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> NoReturn:
     """Run one incarnation of the core or a module, then end the process."""
     set_process_name(name)
     faulthandler.enable()  # also answers SIGABRT, which the supervisor sends to a child that hangs
     channel = log_to_supervisor()
+    follow_level(run_folder, name)
     code = 0
     try:
         if name == CORE:

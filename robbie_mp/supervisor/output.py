@@ -16,7 +16,7 @@ from robbie_mp.supervisor.rate_limit import RateLimit
 from robbie_mp.supervisor.rotating_file import RotatingFile
 from robbie_mp.trace.entry import Entry, EntryNumbers, visible
 from robbie_mp.trace.kinds import ALL_KINDS, KIND_OF_STREAM, Kind, kind_of_level
-from robbie_mp.trace.packet import LogRecord, parse_packet
+from robbie_mp.trace.log_record import LogRecord, parse_line
 
 LOG = "log"
 ERRORS = "errors"
@@ -134,19 +134,19 @@ class ChildOutput:
             self._drop(len(texts) - allowed)
         return allowed == len(texts)
 
-    def add_records(self, packets: list[bytes]) -> bool:
+    def add_records(self, lines: list[bytes]) -> bool:
         """Keep these log records as far as the rate allows; False if it did not allow all."""
         is_within = True
         kept = []
         now_s = time.time()
-        for packet in packets:
-            entry = self._entry_of(packet, now_s)
+        for line in lines:
+            entry = self._entry_of(line, now_s)
             if entry is None:
                 continue
             self._last["stderr"].extend(entry.lines())
             is_error = entry.kind is Kind.ERROR
             # A long record counts as often as a printed line of its length would.
-            cost = 1 + len(packet) // self.limits.line_characters
+            cost = 1 + len(line) // self.limits.line_characters
             is_allowed = self._rates[ERRORS if is_error else LOG].take(cost) == cost
             is_within = is_within and is_allowed
             if entry.kind in self.kinds:
@@ -166,7 +166,8 @@ class ChildOutput:
     def report_dropped(self) -> None:
         """Say in the log how many lines were dropped since this was last said, if any."""
         if self._unreported:
-            text = f"{self._unreported} lines dropped: more than {self.limits.lines_per_s:g} lines/s"
+            rate = f"more than {self.limits.lines_per_s:g} lines/s"
+            text = f"{self._unreported} lines dropped: too many at once ({rate})"
             self._unreported = 0
             self._reported_s = time.monotonic()
             self._write([self._entry(time.time(), Kind.WARNING, SUPERVISOR, text)])
@@ -184,10 +185,10 @@ class ChildOutput:
         self.dropped += count
         self._unreported += count
 
-    def _entry_of(self, packet: bytes, now_s: float) -> Entry | None:
-        parsed = parse_packet(packet, now_s)
+    def _entry_of(self, line: bytes, now_s: float) -> Entry | None:
+        parsed = parse_line(line, now_s)
         if parsed is None:
-            return self._entry(now_s, Kind.ERROR, LOG, f"a damaged log record: {packet[:60]!r}")
+            return self._entry(now_s, Kind.ERROR, LOG, f"a damaged log record: {line[:60]!r}")
         self._drop(parsed.dropped)
         return self._entry_of_record(parsed.record) if parsed.record else None
 

@@ -3,7 +3,6 @@
 import contextlib
 import os
 import signal
-import socket
 import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -51,7 +50,7 @@ class ChildProcess:
         pidfd: becomes readable when the child has ended (pidfd_open(2)).
         stdout: the reading end of its standard output, non-blocking; the caller closes it.
         stderr: the same of its standard error.
-        log_channel: the supervisor's end of its log channel; the caller closes it.
+        log_channel: the same of its log channel.
         marker: what its descendants are known by.
     """
 
@@ -61,7 +60,7 @@ class ChildProcess:
         pidfd: int,
         stdout: int,
         stderr: int,
-        log_channel: socket.socket,
+        log_channel: int,
         child_marker: str,
     ):
         self._popen = popen
@@ -97,32 +96,31 @@ class ChildProcess:
         """
         out_read, out_write = os.pipe2(os.O_CLOEXEC)
         error_read, error_write = os.pipe2(os.O_CLOEXEC)
-        channel, child_channel = open_channel()
-        channel_fd = child_channel.fileno()
+        channel_read, channel_write = open_channel()
         try:
             popen = subprocess.Popen(
                 argv,
                 stdin=stdin,
                 stdout=out_write,
                 stderr=error_write,
-                env={**environment, MARKER: child_marker, CHANNEL_VARIABLE: str(channel_fd)},
+                env={**environment, MARKER: child_marker, CHANNEL_VARIABLE: str(channel_write)},
                 cwd=folder,
                 start_new_session=True,
                 close_fds=True,
-                pass_fds=(channel_fd,),
+                pass_fds=(channel_write,),
             )
         except BaseException:
             os.close(out_read)
             os.close(error_read)
-            channel.close()
+            os.close(channel_read)
             raise
         finally:
             os.close(out_write)
             os.close(error_write)
-            child_channel.close()
+            os.close(channel_write)
         os.set_blocking(out_read, False)
         os.set_blocking(error_read, False)
-        return cls(popen, os.pidfd_open(popen.pid), out_read, error_read, channel, child_marker)
+        return cls(popen, os.pidfd_open(popen.pid), out_read, error_read, channel_read, child_marker)
 
     def exit_status(self) -> ExitStatus | None:
         """Return how it ended, None while it runs; it stays a zombie, so that its pid is still its own."""

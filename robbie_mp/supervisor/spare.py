@@ -29,7 +29,7 @@ def main(run_folder: Path) -> None:
         except Exception:
             traceback.print_exc()  # the module that needs it will say so again
     if assignment := wait_for_assignment():
-        run_child(plan, *assignment)
+        run_child(run_folder, plan, *assignment)
 
 
 if __name__ == "__main__":

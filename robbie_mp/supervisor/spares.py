@@ -6,6 +6,7 @@ A spare has done it and waits on a socket, its standard input, to be told whom t
 beginning, in a session of its own, and nothing is ever forked from a process that has threads.
 """
 
+import os
 import socket
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -183,7 +184,7 @@ class SparePool:
         kill_child_leftovers(spare.process.pid, spare.process.marker, self.pids | {spare.process.pid})
         for fd, name in ((spare.process.stdout, "stdout"), (spare.process.stderr, "stderr")):
             OutputStream(fd, name, self._output, self._loop).finish()
-        spare.process.log_channel.close()
+        os.close(spare.process.log_channel)
         spare.process.reap()
 
     def _fail(self, text: str) -> None:

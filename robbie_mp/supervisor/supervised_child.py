@@ -19,8 +19,6 @@ from robbie_mp.supervisor.process import ChildProcess, ExitStatus
 from robbie_mp.supervisor.record_stream import RecordStream
 from robbie_mp.supervisor.restart import GiveUp, Restart, RestartBudget
 from robbie_mp.supervisor.states import ChildState, StateChange
-from robbie_mp.trace.channel import DEFAULT_LEVEL
-from robbie_mp.trace.kinds import Kind, lowest_level
 
 POLL_S = 0.015
 SOON_S = 0.05
@@ -86,7 +84,6 @@ class SupervisedChild:
         self._clock = surroundings.clock
         self._process: ChildProcess | None = None
         self._streams: list[ChildStream] = []
-        self._records: RecordStream | None = None
         self._hang_watch = HangWatch(spec.handler_deadline_s, spec.stop_grace_s)
         self._is_opened = False
         self._may_restart = True
@@ -132,14 +129,11 @@ class SupervisedChild:
         self._incarnations.started(self.spec.name, self.incarnation, self._process.pid)
         loop = self._around.loop
         loop.watch(self._process.pidfd, self._on_exit)
-        self._records = RecordStream(self._process.log_channel, self.output, loop)
         self._streams = [
             OutputStream(self._process.stdout, "stdout", self.output, loop),
             OutputStream(self._process.stderr, "stderr", self.output, loop),
-            self._records,
+            RecordStream(self._process.log_channel, self.output, loop),
         ]
-        if lowest_level(self.output.kinds) != DEFAULT_LEVEL:
-            self._tell_level()
 
     def poll(self) -> None:
         """Do what time brings; called every `POLL_S` in STARTING and BACKOFF, now and then otherwise."""
@@ -227,11 +221,6 @@ class SupervisedChild:
         if self._process:
             self._process.send_signal(signum)
 
-    def record(self, kinds: Collection[Kind]) -> None:
-        """Record these kinds of what it says from now on."""
-        self.output.kinds = frozenset(kinds)
-        self._tell_level()
-
     def wake(self) -> None:
         """Wake its process from waiting for messages, if it has one."""
         if self._process:
@@ -241,11 +230,6 @@ class SupervisedChild:
         """Start no further incarnation: the run stops."""
         self._may_restart = False
         self.stay_stopped(reason)
-
-    def _tell_level(self) -> None:
-        if self._process and self._records:
-            self._records.set_level(lowest_level(self.output.kinds))
-            self._process.send_signal(signal.SIGURG)  # does nothing to who does not know it
 
     def _check_ready(self) -> None:
         if self._incarnations.is_ready(self.spec.name, self.incarnation):
@@ -291,7 +275,6 @@ class SupervisedChild:
         for stream in self._streams:
             stream.finish()
         self._streams = []
-        self._records = None
         self.output.report_dropped()
         self._around.loop.unwatch(process.pidfd)
         process.reap()

@@ -1,42 +1,33 @@
-"""How log records go from a child to the supervisor whole: one packet each, beside the child's output.
+"""How log records go from a child to the supervisor whole: lines of JSON in a pipe beside the child's output.
 
-The child's end of a socket pair (SOCK_SEQPACKET) comes as an inherited descriptor whose number is in the
-variable `ROBBIE_LOG_CHANNEL`. A packet goes or does not: a process that is killed leaves no half of one. A
-child never waits for the supervisor: what finds no room is counted, and the count goes with the next packet.
-Errors find room for longer than everything else, for they tell why a child ends.
-
-The other way come packets with the lowest level that is to be logged, a number in ASCII; SIGURG, which does
-nothing to who does not expect it, says that there is one.
+The writing end comes as an inherited descriptor whose number is in the variable `ROBBIE_LOG_CHANNEL`. A child
+never waits for the supervisor: what finds no room in the pipe is counted, and the count goes with the next
+record. Errors find room for longer than everything else, for they tell why a child ends.
 """
 
 import array
+import contextlib
 import fcntl
 import json
 import logging
 import os
-import signal
-import socket
 import termios
 import threading
 
 CHANNEL_VARIABLE = "ROBBIE_LOG_CHANNEL"
-BUFFER_BYTES = 212992
-"""What an ordinary process may ask for on Linux (net.core.wmem_max); the kernel doubles it."""
-DEFAULT_LEVEL = logging.INFO
-"""What is logged as long as the supervisor has said nothing."""
-PACKET_BYTES = 1 << 15
-LEVEL_BYTES = 16
+CAPACITY_BYTES = 1 << 20
+"""What an ordinary process may ask for on Linux (fs.pipe-max-size); room for thousands of records."""
+LINE_BYTES = 1 << 15
 TEXT_CHARACTERS = 4096
 TRACEBACK_CHARACTERS = 12288
 
 
-def open_channel() -> tuple[socket.socket, socket.socket]:
-    """Return the supervisor's end and the child's end, both non-blocking."""
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
-    ours.setblocking(False)
-    theirs.setblocking(False)
-    return ours, theirs
+def open_channel() -> tuple[int, int]:
+    """Return the supervisor's end and the child's end of a new channel, both non-blocking."""
+    reader, writer = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
+    with contextlib.suppress(OSError):  # all pipes of this user together have a limit, too
+        fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, CAPACITY_BYTES)
+    return reader, writer
 
 
 class ChannelHandler(logging.Handler):
@@ -46,54 +37,53 @@ class ChannelHandler(logging.Handler):
         dropped: records that found no room and are not reported yet.
     """
 
-    def __init__(self, connection: socket.socket):
+    def __init__(self, fd: int):
         super().__init__()
-        self._socket = connection
-        self._room_bytes = connection.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
+        self._fd = fd
+        self._capacity_bytes = fcntl.fcntl(fd, fcntl.F_GETPIPE_SZ)
         self._waiting_bytes = array.array("i", [0])
+        self._rest = b""
+        """Of a line that found room in part."""
         self.dropped = 0
 
     def emit(self, record: logging.LogRecord) -> None:
         """Send a record or count it."""
         try:
-            packet = self._packet(record)
+            line = self._line(record)
         except Exception:  # its arguments do not fit its text, as logging allows
             self.handleError(record)
             return
         if record.levelno < logging.ERROR and self._is_filling():
             self.dropped += 1
         else:
-            self.send(packet)
+            self.send(line)
 
-    def send(self, packet: bytes) -> bool:
-        """Send a packet; False if it did not go, and was counted."""
+    def send(self, line: bytes) -> bool:
+        """Send a line; False if it did not go, and was counted."""
         try:
-            self._socket.send(packet)
+            if self._rest:
+                self._rest = self._rest[os.write(self._fd, self._rest) :]
+            written = 0 if self._rest else os.write(self._fd, line)
         except OSError:
+            written = 0
+        if not written:
             self.dropped += 1
             return False
+        self._rest = line[written:]
         self.dropped = 0
         return True
 
-    def read_level(self) -> None:
-        """Log from now on as the supervisor has last said, if it has."""
-        try:
-            while packet := self._socket.recv(LEVEL_BYTES):
-                logging.getLogger().setLevel(int(packet))
-        except OSError:
-            return
-
     def close(self) -> None:
-        """Say how many records were dropped at last; the socket stays open for who still logs."""
+        """Say how many records were dropped at last; the pipe stays open for who still logs."""
         if self.dropped:
-            self.send(json.dumps({"dropped": self.dropped}).encode())
+            self.send(json.dumps({"dropped": self.dropped}).encode() + b"\n")
         super().close()
 
     def _is_filling(self) -> bool:
-        fcntl.ioctl(self._socket.fileno(), termios.TIOCOUTQ, self._waiting_bytes)
-        return self._waiting_bytes[0] > self._room_bytes // 4 * 3
+        fcntl.ioctl(self._fd, termios.FIONREAD, self._waiting_bytes)
+        return self._waiting_bytes[0] > self._capacity_bytes // 4 * 3
 
-    def _packet(self, record: logging.LogRecord) -> bytes:
+    def _line(self, record: logging.LogRecord) -> bytes:
         data: dict[str, object] = {
             "time_s": record.created,
             "level": record.levelno,
@@ -106,15 +96,15 @@ class ChannelHandler(logging.Handler):
         if self.dropped:
             data["dropped"] = self.dropped
         text, trace = record.getMessage(), _traceback(record)
-        packet, longest = b"", TEXT_CHARACTERS
-        while not packet or len(packet) > PACKET_BYTES:
+        line, longest = b"", TEXT_CHARACTERS
+        while not line or len(line) >= LINE_BYTES:
             data["text"] = _head(text, longest)
             if trace:
                 data["traceback"] = _tail(trace, longest * TRACEBACK_CHARACTERS // TEXT_CHARACTERS)
             # Half a surrogate pair is legal in a Python text; escaped like this it is so in JSON as well.
-            packet = json.dumps(data, ensure_ascii=False).encode(errors="backslashreplace")
+            line = json.dumps(data, ensure_ascii=False).encode(errors="backslashreplace")
             longest //= 2
-        return packet
+        return line + b"\n"
 
 
 def log_to_supervisor() -> ChannelHandler | None:
@@ -125,14 +115,9 @@ def log_to_supervisor() -> ChannelHandler | None:
     number = os.environ.pop(CHANNEL_VARIABLE, None)
     if number is None:
         return None
-    connection = socket.socket(fileno=int(number))
-    connection.set_inheritable(False)
-    handler = ChannelHandler(connection)
-    root = logging.getLogger()
-    root.addHandler(handler)
-    root.setLevel(DEFAULT_LEVEL)
-    signal.signal(signal.SIGURG, lambda _signal, _frame: handler.read_level())
-    handler.read_level()
+    os.set_inheritable(int(number), False)
+    handler = ChannelHandler(int(number))
+    logging.getLogger().addHandler(handler)
     logging.captureWarnings(True)
     threading.excepthook = _log_thread_exception
     return handler

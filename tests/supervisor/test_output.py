@@ -106,7 +106,7 @@ def test_flood_is_dropped_counted_and_its_end_remembered(tmp_path: Path) -> None
     recorder.close()
     assert texts(recorder.lines) == [
         *(f"line {number}" for number in range(10)),
-        "90 lines dropped: more than 0 lines/s",
+        "90 lines dropped: too many at once (more than 0 lines/s)",
     ]
     assert (recorder.output.dropped, recorder.output.lines) == (90, 11)
     assert recorder.output.last_lines == ("line 97", "line 98", "line 99")

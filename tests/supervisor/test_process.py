@@ -28,7 +28,7 @@ def started(code: str, **environment: str) -> Iterator[ChildProcess]:
         process.reap()
         os.close(process.stdout)
         os.close(process.stderr)
-        process.log_channel.close()
+        os.close(process.log_channel)
 
 
 def ended(process: ChildProcess) -> ExitStatus:

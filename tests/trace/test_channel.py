@@ -2,7 +2,9 @@
 
 import json
 import logging
-import socket
+import os
+import select
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,10 +17,11 @@ from robbie_mp.profile.model import TraceSettings
 from robbie_mp.supervisor.event_loop import EventLoop
 from robbie_mp.supervisor.output import ChildOutput, OutputStore
 from robbie_mp.supervisor.record_stream import RecordStream
-from robbie_mp.trace.channel import PACKET_BYTES, ChannelHandler, open_channel
+from robbie_mp.trace.channel import LINE_BYTES, ChannelHandler, open_channel
 from robbie_mp.trace.entry import Entry, EntryNumbers
 from robbie_mp.trace.kinds import Kind
-from robbie_mp.trace.packet import parse_packet
+from robbie_mp.trace.levels import follow_level, write_levels
+from robbie_mp.trace.log_record import parse_line
 
 
 class Pair:
@@ -37,14 +40,13 @@ class Pair:
 
     def read(self) -> list[Entry]:
         """Read all there is."""
-        known = -1
-        while known != self.output.lines + self.output.dropped:
-            known = self.output.lines + self.output.dropped
+        while select.select([self.stream._fd], [], [], 0.0)[0]:
             self.loop.turn(0.0)
         return self.entries
 
     def close(self) -> None:
-        self.theirs.close()
+        if self.theirs >= 0:
+            os.close(self.theirs)
         self.stream.finish()
         self.output.close()
         self.loop.close()
@@ -79,7 +81,7 @@ def test_record_comes_whole_with_its_traceback(pair: Pair) -> None:
 
 
 def test_child_never_waits_and_says_how_much_was_lost_while_errors_still_find_room(pair: Pair) -> None:
-    sent = 5000
+    sent = 10_000
     for number in range(sent):
         pair.log.info("%d %s", number, "x" * 100)
     assert pair.handler.dropped > 0
@@ -105,7 +107,7 @@ def test_long_record_is_cut_and_says_so(pair: Pair) -> None:
     pair.log.error("short")
     long, short = pair.read()
     assert long.text.endswith("characters cut)")
-    assert len(long.to_line()) < 4 * PACKET_BYTES
+    assert len(long.to_line()) < 4 * LINE_BYTES
     assert short.text == "short"
 
 
@@ -124,13 +126,18 @@ def test_kinds_that_are_not_recorded_are_no_loss(pair: Pair) -> None:
     assert pair.output.dropped == 0
 
 
-def test_child_logs_at_the_level_it_is_told(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_child_logs_at_the_level_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = logging.Logger("root")
     monkeypatch.setattr(logging, "getLogger", lambda: root)
-    pair.stream.set_level(logging.ERROR)
-    pair.stream.set_level(logging.DEBUG)
-    pair.handler.read_level()
-    assert root.level == logging.DEBUG
+    before = signal.getsignal(signal.SIGURG)
+    try:
+        follow_level(tmp_path, "laser")
+        assert root.level == logging.INFO, "nobody has said anything"
+        write_levels(tmp_path, {"laser": logging.DEBUG})
+        os.kill(os.getpid(), signal.SIGURG)
+        assert root.level == logging.DEBUG
+    finally:
+        signal.signal(signal.SIGURG, before)
 
 
 def test_escape_sequences_and_halves_of_characters_arrive_harmless(pair: Pair) -> None:
@@ -151,11 +158,11 @@ def test_escape_sequences_and_halves_of_characters_arrive_harmless(pair: Pair) -
         b'{"text": "a", "time_s": 1%s, "level": "high"}' % (b"0" * 4000),
         b'{"level": true}',
         b"\xff\xfe",
-        b"x" * (PACKET_BYTES + 100),
+        b"x" * (LINE_BYTES + 100),
     ],
 )
 def test_hostile_packet_is_an_entry_at_most(pair: Pair, packet: bytes) -> None:
-    pair.theirs.send(packet)
+    os.write(pair.theirs, packet + b"\n")
     pair.log.info("still here")
     entries = pair.read()
     assert entries[-1].text == "still here"
@@ -168,7 +175,7 @@ def test_no_json_makes_a_bad_packet(value: object) -> None:
     keys = ("text", "level", "time_s", "logger", "dropped", "traceback", "thread", "where", "level_name")
     for key in keys:
         packet = json.dumps({"text": "x", key: value}).encode()
-        if parsed := parse_packet(packet, 1e9):
+        if parsed := parse_line(packet, 1e9):
             assert parsed.dropped >= 0
             assert parsed.record is None or abs(parsed.record.time_s - 1e9) < 3601
 
@@ -195,9 +202,28 @@ def test_numbers_count_up_when_the_clock_is_set_back() -> None:
     assert [numbers.next() for _ in range(4)] == [100_000_000, 100_000_001, 100_000_002, 200_000_000]
 
 
-def test_channel_closed_by_the_child_is_closed_here(pair: Pair) -> None:
-    pair.theirs.shutdown(socket.SHUT_RDWR)
-    pair.loop.turn(0.0)
-    pair.log.info("into nowhere")
-    assert pair.handler.dropped == 1
+def test_line_that_found_room_in_part_is_finished_first(pair: Pair) -> None:
+    long = b'{"level":40,"text":"%s"}\n' % (b"x" * 20_000)
+    while pair.handler.send(long):
+        pass
+    assert pair.handler._rest
+    first = len(pair.read())
+    pair.log.info("after that")
+    texts = [entry.text for entry in pair.read() if entry.stream == "log"]
+    assert texts[: first + 1] == ["x" * 20_000] * (first + 1)
+    assert texts[-1] == "after that"
+    assert pair.output.dropped == 1
+
+
+def test_half_a_record_of_a_killed_child_is_shown(pair: Pair) -> None:
+    os.write(pair.theirs, b'{"level":40,"text":"the la')
+    os.close(pair.theirs)
+    pair.theirs = -1
     pair.stream.finish()
+    assert "the la" in pair.entries[0].text
+
+
+def test_record_that_nobody_reads_any_more_is_counted(pair: Pair) -> None:
+    pair.stream.finish()
+    pair.log.error("into nowhere")
+    assert pair.handler.dropped == 1

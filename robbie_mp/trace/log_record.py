@@ -1,4 +1,4 @@
-"""What is in a packet of a log channel; the sender is not trusted."""
+"""What is in a line of a log channel; the sender is not trusted."""
 
 import json
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class LogRecord:
 
 
 @dataclass(frozen=True)
-class Packet:
+class LogLine:
     """What a child has said."""
 
     record: LogRecord | None
@@ -32,17 +32,17 @@ class Packet:
     """Records that it could not send."""
 
 
-def parse_packet(packet: bytes, now_s: float) -> Packet | None:
-    """Return what is in a packet; None if no `ChannelHandler` has made it."""
+def parse_line(line: bytes, now_s: float) -> LogLine | None:
+    """Return what is in a line; None if no `ChannelHandler` has made it."""
     try:
-        data = json.loads(packet)
+        data = json.loads(line)
     except (ValueError, RecursionError):
         return None
     if not isinstance(data, dict):
         return None
     dropped = _count(data.get("dropped"))
     if "text" not in data:
-        return Packet(None, dropped) if dropped else None
+        return LogLine(None, dropped) if dropped else None
     if not (level := _count(data.get("level"))):
         return None
     record = LogRecord(
@@ -55,7 +55,7 @@ def parse_packet(packet: bytes, now_s: float) -> Packet | None:
         thread=_text(data, "thread"),
         traceback=_text(data, "traceback"),
     )
-    return Packet(record, dropped)
+    return LogLine(record, dropped)
 
 
 def _text(data: dict[str, Any], key: str) -> str:
