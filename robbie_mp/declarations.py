@@ -36,8 +36,8 @@ def read_declarations(run_id: str) -> list[Declaration]:
     found = [
         entry
         for slot, row in rows
-        if row.pid or not slot  # the supervisor, in slot 0, shows no pid
-        for entry in _declarations_of(run_id, slot, row.incarnation or 1, row.name)
+        if row.pid
+        for entry in _declarations_of(run_id, slot, row.incarnation, row.name)
     ]
     segment.close()
     return found

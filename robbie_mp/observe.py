@@ -114,9 +114,16 @@ class RunObserver:
         return self._words[layout.CORE_LAST_SEQUENCE]
 
     def modules(self) -> list[ModuleFigures]:
-        """Figures of all modules in start order; the supervisor comes first, the core last."""
+        """Figures of all modules in start order; the supervisor comes first, the core last.
+
+        Before the core come the tools that are attached now.
+        """
         subscriptions = self._subscriptions()
-        return [self._module(slot, subscriptions.get(slot, ())) for slot in range(self._board.slots)]
+        return [
+            self._module(slot, subscriptions.get(slot, ()))
+            for slot in range(self._board.slots)
+            if not self._board.is_left_by_tool(slot)
+        ]
 
     def channels(self) -> list[ChannelFigures]:
         """Figures of all channels."""

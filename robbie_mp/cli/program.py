@@ -13,6 +13,7 @@ COMMANDS = (
     "run",
     "list",
     "type",
+    "echo",
     "top",
     "restart",
     "stop",

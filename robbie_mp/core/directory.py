@@ -11,6 +11,10 @@ LONGEST_INTERVAL_US = 10**9
 """Of two messages; a module may claim any time."""
 ROW_OPEN = 1
 ROW_CLOSED = 2
+COUNTS = (
+    *range(layout.SUBSCRIPTION_ROUTED, layout.SUBSCRIPTION_LAST_SEQUENCE),
+    layout.SUBSCRIPTION_DROPPED_BEFORE,
+)
 
 
 class TableFull(RobbieError, OverflowError):
@@ -93,10 +97,16 @@ class Channel:
 
 
 class Directory:
-    """All channels and subscriptions of a run; those that a dead core left are found again."""
+    """All channels and subscriptions of a run; those that a dead core left are found again.
 
-    def __init__(self, tables: CoreTables):
+    Args:
+        tables: the core's tables.
+        tools: slots of attached tools, whose closed subscriptions are forgotten.
+    """
+
+    def __init__(self, tables: CoreTables, tools: frozenset[int] = frozenset()):
         self._tables = tables
+        self._tools = tools
         self._channels: dict[tuple[str, int, str], Channel] = {}
         self.subscriptions: list[Subscription] = []
         self._read_subscriptions()
@@ -174,22 +184,36 @@ class Directory:
             )  # fmt: skip
             if entry.slot == slot and same_wish:
                 return entry
-        index = len(self.subscriptions)
-        if index == self._tables.sizes.subscriptions:
-            raise TableFull(f"no room for a subscription to {wish.type_name}: {index} are in use")
+        index = self._free_row(wish)
         words, at = self._tables.words, self._tables.subscription(index)
         write_text(words, at + layout.SUBSCRIPTION_TYPE, NAME_WORDS, wish.type_name)
         write_text(words, at + layout.SUBSCRIPTION_TOPIC, NAME_WORDS, wish.topic)
         words[at + layout.SUBSCRIPTION_SLOT] = slot
         words[at + layout.SUBSCRIPTION_HANDLING] = wish.handling
         words[at + layout.SUBSCRIPTION_VERSION] = wish.version
+        if index < len(self.subscriptions):
+            for column in COUNTS:
+                words[at + column] = 0
         words[at + layout.SUBSCRIPTION_STATE] = ROW_OPEN
         entry = Subscription(index, at, slot, wish)
-        self.subscriptions.append(entry)
+        self.subscriptions[index : index + 1] = [entry]
         for channel in self._channels.values():
             if entry.matches(channel):
                 channel.subscriptions.append(entry)
         return entry
+
+    def _free_row(self, wish: Wish) -> int:
+        """Return the next row, or one that a tool has left: no reference leads there any more.
+
+        While it is written anew it stays closed. Its last sequence stays for good: it only ever grows.
+        """
+        for entry in self.subscriptions:
+            if entry.slot in self._tools and not entry.type_name:
+                return entry.index
+        index = len(self.subscriptions)
+        if index == self._tables.sizes.subscriptions:
+            raise TableFull(f"no room for a subscription to {wish.type_name}: {index} are in use")
+        return index
 
     def close(self, entry: Subscription) -> None:
         """Route nothing more to a subscription; its counters stay."""

@@ -62,7 +62,8 @@ class Link:
         """References it has handled, but holds."""
         self.notices: deque[tuple[Inbound, int, int, int]] = deque()
         self._fence = Fence()
-        self._credit = credit
+        self.credit = credit
+        """Messages that may be in its inbound ring."""
         self.awaited_freed = 0
         """It wants to be woken when so many of its blocks were ever freed; 0 if it does not wait."""
         self.ready = False
@@ -107,7 +108,7 @@ class Link:
 
     def send_notices(self) -> None:
         """Push what the module is to be told, as far as there is room besides that for its credits."""
-        while self.notices and self.inbound.room() > self._credit:
+        while self.notices and self.inbound.room() > self.credit:
             kind, first, second, third = self.notices.popleft()
             self.inbound.push(kind, first, second, third, 0, 0, 0)
             self.wake()
@@ -116,11 +117,12 @@ class Link:
 class Slot:
     """A module through all its incarnations: its waiting messages and its publisher counters."""
 
-    def __init__(self, index: int, at: int, queue_messages: int, queue_bytes: int):
+    def __init__(self, index: int, at: int, queue_messages: int, queue_bytes: int, credit: int):
         self.index = index
         self.at = at
         self.queue_messages = queue_messages
         self.queue_bytes = queue_bytes
+        self.credit = credit
         self.waiting: OrderedDict[int, int] = OrderedDict()
         """References in the order of their sequence, and the bytes of each."""
         self.waiting_bytes = 0

@@ -64,7 +64,7 @@ class Members:
         except (SegmentMissing, SegmentMismatch) as error:
             self._accuse(slot, incarnation, str(error))
             return
-        link = Link(slot, memory, self._limits.ring_records, self._limits.credit)
+        link = Link(slot, memory, self._limits.ring_records, self._slots[slot].credit)
         self._slots[slot].link = link
         self.links = (*self.links, link)
         self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = incarnation

@@ -19,14 +19,12 @@ class Queues:
         words: the core segment, for the figures.
         ledger: every reference there is.
         slots: the modules.
-        credit: messages that a module may have in its inbound ring.
     """
 
-    def __init__(self, words: Words, ledger: Ledger, slots: Sequence[Slot], credit: int):
+    def __init__(self, words: Words, ledger: Ledger, slots: Sequence[Slot]):
         self._words = words
         self._ledger = ledger
         self._slots = slots
-        self._credit = credit
 
     def add(self, subscription: Subscription, reference: int, handle: Handle) -> None:
         """Send a message on if nothing is before it, else let it wait; the oldest goes if too many wait."""
@@ -84,7 +82,7 @@ class Queues:
         It asks for the newest by being done with what it has, and then gets what is the newest by then.
         """
         pushed = link.pushed
-        return not pushed if subscription.newest_only else len(pushed) < self._credit
+        return not pushed if subscription.newest_only else len(pushed) < link.credit
 
     def _push(self, subscription: Subscription, reference: int, handle: Handle, link: Link) -> None:
         sequence, source, offset, size, channel, stamp, _ = handle

@@ -41,6 +41,10 @@ class SlotLimits:
 
     queue_messages: int
     queue_bytes: int
+    credit: int | None = None
+    """Messages that may be in its inbound ring; None: as many as in every module's."""
+    is_tool: bool = False
+    """Nobody looks at its books when it has left: rows of its subscriptions are used again."""
 
 
 class Router:
@@ -65,13 +69,20 @@ class Router:
         self._words = tables.words
         self._limits = limits
         self._report = report
-        self._directory = Directory(tables)
+        tools = frozenset(index for index, bound in enumerate(slots) if bound.is_tool)
+        self._directory = Directory(tables, tools)
         self._ledger = Ledger(tables, self._give_back)
         self._slots = [
-            Slot(index, tables.publisher(index), bound.queue_messages, bound.queue_bytes)
+            Slot(
+                index,
+                tables.publisher(index),
+                bound.queue_messages,
+                bound.queue_bytes,
+                limits.credit if bound.credit is None else bound.credit,
+            )
             for index, bound in enumerate(slots)
         ]
-        self._queues = Queues(self._words, self._ledger, self._slots, limits.credit)
+        self._queues = Queues(self._words, self._ledger, self._slots)
         self._members = Members(self._words, self._slots, limits, connect, report)
         self._fence = Fence()
         self._sequence = 0

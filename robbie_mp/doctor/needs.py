@@ -23,7 +23,8 @@ class Needs:
     Attributes:
         profile: its name.
         start_bytes: shared memory of tables, rings, and each module's first segment.
-        limit_bytes: shared memory if each module fills its messages and both of its checkpoints to the limit.
+        limit_bytes: shared memory if each module fills its messages and both of its checkpoints to the limit,
+            and as many tools are attached as may be.
         largest_file_bytes: the largest single segment.
         processes: supervisor, core, modules and spares.
         descriptors_to_start: of the process that needs most of them, as long as little is mapped.
@@ -43,10 +44,13 @@ class Needs:
         """Reckon what a profile needs."""
         core, memories = profile.core, [module.memory for module in profile.modules]
         slots = len(memories) + 1
-        tables = core_words(slots, core.channels, core.subscriptions, core.handles, core.references)
+        rows = slots + profile.tools.count
+        tables = core_words(rows, core.channels, core.subscriptions, core.handles, core.references)
         rings = slots * (out_words(core.ring_records) + in_words(core.credits))
-        fixed_bytes = (board_words(slots + 1) + tables + rings) * WORD_BYTES + SUPERVISOR_SEGMENT_BYTES
-        whole_bytes = sum(memory.limit_bytes + 2 * memory.checkpoint_bytes for memory in memories)
+        fixed_bytes = (board_words(rows + 1) + tables + rings) * WORD_BYTES + SUPERVISOR_SEGMENT_BYTES
+        tool_rings = out_words(core.ring_records) + in_words(profile.tools.credits)
+        whole_bytes = profile.tools.count * tool_rings * WORD_BYTES
+        whole_bytes += sum(memory.limit_bytes + 2 * memory.checkpoint_bytes for memory in memories)
         maps = sum(segments(memory) for memory in memories) * DESCRIPTORS_OF_A_MAP
         to_start = OWN_DESCRIPTORS + DESCRIPTORS_OF_A_CHILD * (slots + profile.spares.count)
         return cls(

@@ -17,6 +17,7 @@ from robbie_mp.profile.model import (
     RestartPolicy,
     SpareInterpreters,
     TraceSettings,
+    ToolLimits,
 )
 from robbie_mp.profile.problem import Place, Problem, ProfileError
 from robbie_mp.profile.reader import Node
@@ -24,7 +25,7 @@ from robbie_mp.suggest import did_you_mean
 from robbie_mp.value_check import NO_LIMITS, ValueMismatch, check_value
 
 T = TypeVar("T")
-PROFILE_KEYS = ("parents", "description", "modules", "config", "core", "spares", "trace")
+PROFILE_KEYS = ("parents", "description", "modules", "config", "core", "spares", "trace", "tools")
 MODULE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,47}")
 RESERVED_NAMES = ("core", "supervisor")
 CONFIG_KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
@@ -71,6 +72,7 @@ class _Builder:
             core=self.section(CoreLimits, self.map_of(content.get("core"), "core"), "core"),
             spares=self.section(SpareInterpreters, self.map_of(content.get("spares"), "spares"), "spares"),
             trace=self.section(TraceSettings, self.map_of(content.get("trace"), "trace"), "trace"),
+            tools=self.section(ToolLimits, self.map_of(content.get("tools"), "tools"), "tools"),
             description=self.value(str, content.get("description"), "description", ""),
             workspace=workspace,
             origins=_origins(tree),

@@ -159,6 +159,20 @@ class TraceSettings:
 
 
 @dataclass(frozen=True)
+class ToolLimits:
+    """What commands that attach to the run, such as `robbie echo`, may take of it."""
+
+    count: int = bounded(4, 0, 64)
+    """How many may be attached at once."""
+    messages: int = bounded(1000, 1, MAX_ENTRIES)
+    """How many messages may wait for each; beyond this the oldest goes and is counted."""
+    bytes: int = bounded(16 << 20, 1, MAX_BYTES)
+    """How much memory of the publishers these may hold."""
+    credits: int = bounded(4, 1, 64)
+    """Messages that each may have in its inbound ring."""
+
+
+@dataclass(frozen=True)
 class Profile:
     """A merged and checked profile."""
 
@@ -170,6 +184,7 @@ class Profile:
     core: CoreLimits = CoreLimits()
     spares: SpareInterpreters = SpareInterpreters()
     trace: TraceSettings = field(default_factory=TraceSettings)
+    tools: ToolLimits = ToolLimits()
     description: str = ""
     workspace: Path = Path()
     """The folder that contains profiles/; the root of imports and of relative paths."""

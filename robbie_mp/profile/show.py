@@ -49,6 +49,7 @@ def as_tree(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> d
         "core": _plain(profile.core),
         "spares": _plain(profile.spares),
         "trace": _plain(profile.trace),
+        "tools": _plain(profile.tools),
     }
 
 

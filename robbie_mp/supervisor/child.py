@@ -82,9 +82,12 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
 
 def run_core(plan: RunPlan) -> None:
     """Route messages until SIGTERM."""
-    queues = [SlotLimits(module.queue.messages, module.queue.bytes) for module in plan.modules]
+    modules = [SlotLimits(module.queue.messages, module.queue.bytes) for module in plan.modules]
+    queue = plan.tool_queue
+    tool = SlotLimits(queue.messages, queue.bytes, plan.tools.credits, is_tool=True)
     message_bytes = max((module.memory.limit_bytes for module in plan.modules), default=0)
-    CoreProcess(plan.run_id, plan.sizes, [SUPERVISOR_QUEUE, *queues], max(message_bytes, 1 << 20)).run()
+    slots = [SUPERVISOR_QUEUE, *modules, *[tool] * plan.tools.count]
+    CoreProcess(plan.run_id, plan.sizes, slots, max(message_bytes, 1 << 20)).run()
 
 
 def run_module(plan: RunPlan, name: str, incarnation: int) -> None:

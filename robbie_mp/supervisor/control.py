@@ -2,9 +2,10 @@
 
 A client sends one line, a JSON object such as `{"command": "restart", "module": "laser"}`, and gets one
 line back as soon as it is done: `{"done": TEXT}` or `{"error": TEXT}`. After `{"command": "stop"}`, which
-stops the whole run, the connection is closed when the run is over. Only who may enter the run's folder (mode
-0700) can connect. Nothing here ever blocks the supervisor: a client that sends too much, too slowly, or does
-not read what it is told is cut off.
+stops the whole run, the connection is closed when the run is over. After `{"command": "attach", "purpose":
+TEXT}` it stays open for as long as the tool is attached (see `attached_tools`). Only who may enter the run's
+folder (mode 0700) can connect. Nothing here ever blocks the supervisor: a client that sends too much, too
+slowly, or does not read what it is told is cut off.
 """
 
 import contextlib
@@ -16,6 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.supervisor.attached_tools import AttachedTools
 from robbie_mp.supervisor.states import ChildState
 from robbie_mp.supervisor.supervised_child import SupervisedChild
 from robbie_mp.supervisor.tree import Tree
@@ -24,6 +26,7 @@ SOCKET_NAME = "control"
 MAX_CLIENTS = 8
 MAX_LINE_BYTES = 4096
 LINE_TIMEOUT_S = 2.0
+PURPOSE_LENGTH = 100
 
 Answer = dict[str, str]
 Progress = Callable[[], Answer | None]
@@ -42,15 +45,23 @@ def socket_address(folder_fd: int) -> str:
 class ControlServer:
     """Serves the socket in the tree's event loop."""
 
-    def __init__(self, folder: Path, tree: Tree, clock: Callable[[], float] = time.monotonic):
+    def __init__(
+        self,
+        folder: Path,
+        tree: Tree,
+        clock: Callable[[], float] = time.monotonic,
+        tools: AttachedTools | None = None,
+    ):
         """Listen, from the tree's first turn on.
 
         Args:
             folder: the run's folder.
             tree: what is controlled.
             clock: a time in s that never goes back.
+            tools: where tools attach; None: nowhere.
         """
         self._tree = tree
+        self._tools = tools
         self._clock = clock
         self._clients: list[_Client] = []
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -104,22 +115,36 @@ class ControlServer:
             self._answer(client, {"error": f"expected one line of at most {MAX_LINE_BYTES} bytes"})
         elif newline:
             try:
-                client.progress = self._begin(line)
-            except RobbieError as error:
+                client.progress = self._begin(line, client)
+            except (RobbieError, OSError) as error:
                 self._answer(client, {"error": str(error)})
 
-    def _begin(self, line: bytes) -> Progress:
+    def _begin(self, line: bytes, client: "_Client") -> Progress | None:
         """Do as a request says, and return how to see when it is done."""
         match _parse(line):
             case {"command": "stop", "module": str(name)}:
                 return _stopped(self._tree.stop_child(name, "stopped by command"))
             case {"command": "restart", "module": str(name)}:
                 return _restarted(self._tree.restart_child(name, "restarted by command"))
+            case {"command": "attach", "purpose": str(purpose)} if self._tools:
+                self._hand_over(client, purpose[:PURPOSE_LENGTH], self._tools)
+                return None
             case {"command": "stop", **others} if not others:
                 self._tree.stop("stopped by command")
                 return lambda: None
             case request:
-                raise BadRequest(f"expected stop, or stop or restart of a module; got {request!r:.100}")
+                raise BadRequest(
+                    f"expected stop, attach, or stop or restart of a module; got {request!r:.100}"
+                )
+
+    def _hand_over(self, client: "_Client", purpose: str, tools: AttachedTools) -> None:
+        self._tree.unwatch(client.connection.fileno())
+        try:
+            tools.attach(client.connection, purpose)
+        except BaseException:
+            self._tree.watch(client.connection.fileno(), lambda: self._on_readable(client))
+            raise
+        self._clients.remove(client)
 
     def _answer(self, client: "_Client", answer: Answer) -> None:
         with contextlib.suppress(OSError):  # it does not wait for an answer, or does not read

@@ -4,6 +4,7 @@ import json
 import os
 import socket
 from pathlib import Path
+from typing import Any
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.supervisor.control import MAX_LINE_BYTES, socket_address
@@ -42,7 +43,8 @@ def control(folder: Path, command: str, module: str | None = None) -> str:
         RunNotControlled: nobody answers.
     """
     request = {"command": command} | ({"module": module} if module is not None else {})
-    answer = json.loads(_exchange(folder, json.dumps(request).encode() + b"\n") or "{}")
+    connection, answer = converse(folder, request)
+    connection.close()
     if "error" in answer:
         raise ControlRefused(answer["error"])
     if module is not None and not answer:
@@ -50,18 +52,26 @@ def control(folder: Path, command: str, module: str | None = None) -> str:
     return str(answer.get("done", ""))
 
 
-def _exchange(folder: Path, request: bytes) -> bytes:
-    """Send a line and return the answer, empty if the connection is closed without one."""
+def converse(folder: Path, request: dict[str, str]) -> tuple[socket.socket, dict[str, Any]]:
+    """Send a request; return the connection, still open, and the answer, empty if it was closed without one.
+
+    Raises:
+        RunNotControlled: nobody answers.
+    """
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         folder_fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
-            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
-                connection.connect(socket_address(folder_fd))
-                connection.sendall(request)
-                return connection.makefile("rb").readline(MAX_LINE_BYTES + 1)
+            connection.connect(socket_address(folder_fd))
         finally:
             os.close(folder_fd)
+        connection.sendall(json.dumps(request).encode() + b"\n")
+        line = b""
+        while not line.endswith(b"\n") and (more := connection.recv(MAX_LINE_BYTES)):
+            line += more
+        return connection, json.loads(line or b"{}")
     except OSError as error:
+        connection.close()
         raise RunNotControlled(
             f"run {folder.name} takes no commands: {error.strerror}; see `robbie list`"
         ) from error

@@ -15,7 +15,7 @@ from robbie_mp.supervisor.plan import PlannedModule, RunPlan
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.supervisor.sweep import unlink_names
 from robbie_mp.transport import layout, names
-from robbie_mp.transport.board import Board, SlotBounds, SlotState, Totals
+from robbie_mp.transport.board import TOOL_PREFIX, Board, SlotBounds, SlotState, Totals
 from robbie_mp.transport.endpoint import Notice
 from robbie_mp.transport.layout import Activity, SegmentKind
 from robbie_mp.transport.outbox import Outbox
@@ -35,6 +35,8 @@ SUPERVISOR = "supervisor"
 SUPERVISOR_SLOT = 0
 SUPERVISOR_SEGMENT_BYTES = 64 << 10
 SUPERVISOR_LIMIT_BYTES = 1 << 20
+TOOL_MEMORY_BYTES = 64 << 20
+"""What a tool that publishes may hold."""
 STATES = tuple(ChildState)
 """The board holds a state as its place in this order, counted from 1."""
 
@@ -81,8 +83,10 @@ class RunMemory:
         made = self._made
         board = Segment.create(names.board(run_id), layout.board_words(rows), SegmentKind.BOARD)
         self.board = Board(made.enter_context(contextlib.closing(board)).words)
+        queue = plan.tool_queue
+        tools = [SlotBounds(queue.messages, queue.bytes, TOOL_MEMORY_BYTES)] * plan.tools.count
         supervisor = SlotBounds(memory_bytes=SUPERVISOR_LIMIT_BYTES)
-        self.board.create(plan.names, [supervisor, *map(_bounds, plan.modules)])
+        self.board.create(plan.names, [supervisor, *map(_bounds, plan.modules), *tools])
         now_ns = time.monotonic_ns()
         running = STATES.index(ChildState.RUNNING) + 1
         self.board.write(
@@ -111,7 +115,8 @@ class RunMemory:
         if name == CORE:
             self._open_core(incarnation)
             return
-        memory = IncarnationMemory.create(self._run_id, slot, incarnation, self._plan.sizes)
+        sizes = self._plan.tool_sizes if name.startswith(TOOL_PREFIX) else self._plan.sizes
+        memory = IncarnationMemory.create(self._run_id, slot, incarnation, sizes)
         self._incarnations[slot] = (incarnation, memory)
         self._endpoint.send(Outbound.MODULE_UP, slot, incarnation)
 
@@ -239,6 +244,29 @@ class RunMemory:
         )
         self._outbox.publish(message, "")
         self._on_change(change)
+
+    def attached(self, name: str, incarnation: int, pid: int) -> None:
+        """Show on the board that a tool has come; its own lease is this row."""
+        self.started(name, incarnation, pid)
+        slot = self._slots[name]
+        running = STATES.index(ChildState.RUNNING) + 1
+        self.board.write(slot, replace(self.board.read(slot), state=running, past=Totals()))
+
+    def detached(self, name: str, incarnation: int, reason: str) -> None:
+        """Withdraw a tool's lease, then have the core take back what it held and forget what it wanted.
+
+        In this order, because a tool that is stopped while it copies a message looks at the board afterwards.
+        """
+        slot = self._slots[name]
+        self.board.write(slot, replace(self.board.read(slot), state=0, pid=0, reason=reason))
+        self.died(name, incarnation)
+        self._endpoint.send(Outbound.MODULE_GONE, slot, 1)
+
+    def unread(self, name: str) -> tuple[int, int]:
+        """How many records wait in a tool's inbound ring, and how many it has ever taken."""
+        _, memory = self._incarnations[self._slots[name]]
+        taken = memory.out.words[layout.OUT_INBOUND_TAIL]
+        return memory.into.words[layout.IN_HEAD] - taken, taken
 
     def all_started(self) -> None:
         """Let messages flow."""

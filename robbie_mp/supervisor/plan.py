@@ -14,7 +14,9 @@ from robbie_mp.profile.model import (
     ModuleSpec,
     Profile,
     QueueLimits,
+    ToolLimits,
 )
+from robbie_mp.transport.board import TOOL_PREFIX
 from robbie_mp.transport.run_memory import RingSizes
 
 PLAN_FILE = "plan.json"
@@ -48,6 +50,7 @@ class RunPlan:
     modules: tuple[PlannedModule, ...]
     spare_imports: list[str]
     """What a spare interpreter imports ahead."""
+    tools: ToolLimits
     types: list[TypeDescription]
     """The robot's own message types, as far as its modules' files declare them when they are imported."""
 
@@ -72,6 +75,7 @@ class RunPlan:
             config=dict(profile.config),
             modules=tuple(_planned(module) for module in profile.modules),
             spare_imports=profile.spares.imports,
+            tools=profile.tools,
             types=list(types),
         )
 
@@ -81,9 +85,25 @@ class RunPlan:
         return RingSizes(self.core.ring_records, self.core.credits)
 
     @property
+    def tool_sizes(self) -> RingSizes:
+        """Capacities of the rings of an attached tool."""
+        return RingSizes(self.core.ring_records, self.tools.credits)
+
+    @property
+    def tool_queue(self) -> QueueLimits:
+        """Bounds of what waits for an attached tool: however many there are, most rows are the modules'."""
+        rows = min(self.core.handles, self.core.references) // (4 * max(self.tools.count, 1))
+        return QueueLimits(max(1, min(self.tools.messages, rows - self.tools.credits)), self.tools.bytes)
+
+    @property
+    def tool_names(self) -> list[str]:
+        """Names of the tools' rows on the board, which no module can have."""
+        return [f"{TOOL_PREFIX}{number}" for number in range(1, self.tools.count + 1)]
+
+    @property
     def names(self) -> list[str]:
         """Names of the board's rows."""
-        return ["supervisor", *(module.name for module in self.modules), "core"]
+        return ["supervisor", *(module.name for module in self.modules), *self.tool_names, "core"]
 
     def save(self, run_directory: Path) -> None:
         """Write the plan for the children."""
@@ -105,6 +125,7 @@ class RunPlan:
             )
             for module in data["modules"]
         )
+        data["tools"] = ToolLimits(**data["tools"])
         data["types"] = [TypeDescription(*entry) for entry in data["types"]]
         return cls(**data)
 

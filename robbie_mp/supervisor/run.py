@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -11,6 +11,7 @@ from pathlib import Path
 from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.observe import ModuleFigures, RunObserver
 from robbie_mp.profile.model import Profile
+from robbie_mp.supervisor.attached_tools import AttachedTools
 from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.control import ControlServer
 from robbie_mp.supervisor.memory import CORE, SUPERVISOR, RunMemory
@@ -22,6 +23,7 @@ from robbie_mp.supervisor.states import StateChange
 from robbie_mp.supervisor.sweep import sweep
 from robbie_mp.supervisor.tree import Tree
 from robbie_mp.trace.reader import LOG_FOLDER
+from robbie_mp.transport.board import TOOL_PREFIX
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ def _run(
     output_directory = Path(plan.output_directory)
     memory = RunMemory(plan, listener.change)
     observer = RunObserver(plan.run_id)
-    memory.before_close = lambda: figures.extend(observer.modules())
+    memory.before_close = lambda: figures.extend(_without_tools(observer.modules()))
     figures: list[ModuleFigures] = []
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}  # else the last words of who dies are lost
     try:
@@ -104,11 +106,13 @@ def _run(
             plan.run_id,
             memory,
             OutputStore(output_directory / LOG_FOLDER, listener.entry, profile.trace),
-            lambda: _each_turn(tree, memory, control),
+            lambda: _each_turn(tree, memory, control, tools),
             spares=_spares(profile, run_folder, environment),
         )
-        control = ControlServer(run_folder, tree)
+        tools = AttachedTools(tree, memory, plan.tool_names)
+        control = ControlServer(run_folder, tree, tools=tools)
         connections.callback(control.close)
+        connections.callback(tools.close)
         listener.begin(plan.run_id)
     except BaseException:
         memory.close()
@@ -120,7 +124,12 @@ def _run(
     return RunResult(exit_code, tree.stop_reason, figures, output_directory)
 
 
-def _each_turn(tree: Tree, memory: RunMemory, control: ControlServer) -> None:
+def _without_tools(figures: Sequence[ModuleFigures]) -> list[ModuleFigures]:
+    """What belongs into the summary of a run: not who just happened to watch its end."""
+    return [entry for entry in figures if not entry.name.startswith(TOOL_PREFIX)]
+
+
+def _each_turn(tree: Tree, memory: RunMemory, control: ControlServer, tools: AttachedTools) -> None:
     memory.read_notices()
     while memory.faulted:
         name, incarnation = memory.faulted.pop()
@@ -129,10 +138,13 @@ def _each_turn(tree: Tree, memory: RunMemory, control: ControlServer) -> None:
         ):  # no module could be restarted any more: a new core may read better, or ends it
             tree.child(CORE).kill("it refused the supervisor's own records; core.log says why")
             continue
+        if tools.fault(name, incarnation):
+            continue
         child = tree.child(name)
         if child.incarnation == incarnation:
             child.kill("the core refused its records; the core's log says why")
     control.turn()
+    tools.turn()
 
 
 def _children(profile: Profile, run_folder: Path, environment: Mapping[str, str]) -> list[ChildSpec]:

@@ -7,6 +7,9 @@ from robbie_mp.transport import layout
 from robbie_mp.transport.layout import LINE_WORDS, NAME_WORDS
 from robbie_mp.transport.words import WORD_MAX, Words, read_text, write_text
 
+TOOL_PREFIX = "~tool"
+"""Begins the names of rows for attached tools; no module's name does."""
+
 
 @dataclass(frozen=True)
 class Totals:
@@ -89,6 +92,15 @@ class Board:
     def name(self, slot: int) -> str:
         """Name of the module in a slot."""
         return read_text(self._words, self._row(slot) + layout.SLOT_NAME, NAME_WORDS)
+
+    def is_left_by_tool(self, slot: int) -> bool:
+        """Whether a row is kept for tools, and none is attached there now."""
+        return not self._words[self._row(slot) + layout.SLOT_PID] and self.name(slot).startswith(TOOL_PREFIX)
+
+    def is_leased_to(self, slot: int, incarnation: int, pid: int) -> bool:
+        """Whether a tool may still use what it was given; see `supervisor.attached_tools`."""
+        words, at = self._words, self._row(slot)
+        return (words[at + layout.SLOT_PID], words[at + layout.SLOT_INCARNATION]) == (pid, incarnation)
 
     def write(self, slot: int, row: SlotState) -> None:
         """Write a module's state; its name stays."""

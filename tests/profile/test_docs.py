@@ -16,6 +16,7 @@ from robbie_mp.profile.model import (
     QueueLimits,
     RestartPolicy,
     SpareInterpreters,
+    ToolLimits,
 )
 
 from .conftest import Robot
@@ -44,6 +45,7 @@ def in_yaml(value: object) -> str:
         ("queue", QueueLimits),
         ("checkpoint", CheckpointPolicy),
         ("core", CoreLimits),
+        ("tools", ToolLimits),
     ],
 )
 def test_every_key_of_a_section_is_documented_with_its_default(heading: str, section: type) -> None:

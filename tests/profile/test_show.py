@@ -119,7 +119,7 @@ def test_code_that_cannot_be_imported_is_a_warning(robot: Robot, capsys: Out) ->
 def test_tree_of_a_profile_without_findings_is_what_files_say(robot: Robot) -> None:
     tree = as_tree(robot.load(), {})
     assert tree["modules"]["mapping"]["settings"] == {"resolution_m": 0.001, "weights": {"y": 2}}
-    assert list(tree) == ["description", "modules", "config", "core", "spares", "trace"]
+    assert list(tree) == ["description", "modules", "config", "core", "spares", "trace", "tools"]
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,9 @@ def test_bad_usage_is_exit_code_2(argv: list[str], capsys: Out) -> None:
     with pytest.raises(SystemExit) as ended:
         main(argv)
     assert ended.value.code == 2
-    assert capsys.readouterr().err.startswith("usage: robbie")
+    said = capsys.readouterr().err
+    assert said.startswith("robbie")
+    assert said.count("\n") == 1, "one line for each error"
 
 
 def test_help_and_version_tell(capsys: Out) -> None:

@@ -203,3 +203,22 @@ class Flood(Module):
     def tick(self) -> None:
         for _ in range(200):
             self.publish(Image(data=np.zeros(100_000, np.uint8)))
+
+
+class Pulse(Journal):
+    """Publishes numbered messages at a steady rate, whoever listens; journals how many when it is stopped."""
+
+    period_s: float = setting(0.02, "between bursts")
+    burst: int = setting(10, "messages in each")
+
+    def setup(self) -> None:
+        self.number = 0
+
+    def tick(self) -> None:
+        for _ in range(self.burst):
+            sent = self.publish(DriveCommand(header=Header(stamp=Time(sec=self.number))), topic="wheels")
+            assert sent, "it was refused"
+            self.number += 1
+
+    def teardown(self) -> None:
+        self.note(self.number)

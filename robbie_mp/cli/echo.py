@@ -1,0 +1,138 @@
+"""`robbie echo TYPE`: print messages as they pass."""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from contextlib import closing
+from typing import TYPE_CHECKING, Any
+
+from robbie_mp.attachment import Received, RunEnded
+from robbie_mp.cli.known_types import types_of_run
+from robbie_mp.cli.message_text import FieldPath, flat, to_csv, to_json, to_yaml
+from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.runs import add_run_argument, choose_run
+from robbie_mp.message_stream import MessageStream
+from robbie_mp.messages import DecodeError, Message
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+SAY_MISSED_EVERY_S = 1.0
+Printer = Callable[[Received, Any], str]
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `echo` to the commands."""
+    parser = add_command(
+        subparsers,
+        "echo",
+        "print messages as they pass",
+        "Print the messages of a type. The robot does not wait for this: what comes faster than it is "
+        "printed is missed here, and counted on standard error.",
+        [
+            "robbie echo LaserScan",
+            "robbie echo sensor_msgs/LaserScan --topic laser/front --field 'ranges[0]'",
+            "robbie echo Odometry --once --json | jq .message.pose",
+            "robbie echo Odometry --field pose.pose.position --csv > track.csv",
+        ],
+    )
+    add_type_argument(parser)
+    parser.add_argument("--topic", default="", help="only messages of this topic")
+    parser.add_argument("--field", metavar="FIELD", default="", help="only this field, as pose.position.x")
+    parser.add_argument("--once", action="store_true", help="end after one message")
+    parser.add_argument("--full", action="store_true", help="print long arrays in full")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="print one JSON object a line for each message")
+    form.add_argument("--csv", action="store_true", help="print a line of column names, then one a message")
+    add_run_argument(parser)
+    parser.set_defaults(command=echo)
+
+
+def add_type_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the argument by which commands take a message type."""
+    parser.add_argument(
+        "type", metavar="TYPE", help="a message type: sensor_msgs/msg/LaserScan, or short LaserScan"
+    )
+
+
+def echo(arguments: argparse.Namespace) -> int:
+    """Print messages until the run or the user ends this."""
+    run = choose_run(arguments.run)
+    message_type = types_of_run(run).get(arguments.type)
+    field = FieldPath(message_type, arguments.field)
+    name, version = message_type.type_name, message_type.version
+    on_topic = f" --topic {arguments.topic}" if arguments.topic else ""
+    purpose = f"robbie echo {name}{on_topic}"
+    with closing(MessageStream(run, name, version, arguments.topic, purpose)) as stream:
+        return _Echo(message_type, field, arguments).print_all(stream)
+
+
+class _Echo:
+    """Prints messages one after the other."""
+
+    def __init__(self, message_type: type[Message], field: FieldPath, arguments: argparse.Namespace):
+        self._type = message_type
+        self._field = field
+        self._arguments = arguments
+        self._printed = 0
+        self._said_missed = 0
+        self._next_say_s = 0.0
+
+    def print_all(self, stream: MessageStream) -> int:
+        """Print what comes; return the exit code."""
+        try:
+            for received in stream:
+                self._print(received)
+                self._say_missed(stream)
+                if self._arguments.once:
+                    return 0
+        except RunEnded:
+            _note("the run has ended")
+            return int(self._arguments.once)
+        finally:
+            if not self._arguments.once or stream.missed:
+                _note(f"printed {self._printed}, missed {stream.missed}")
+        return 0
+
+    def _print(self, received: Received) -> None:
+        try:
+            value = self._field.value(self._type.decode(received.data))
+        except DecodeError as error:
+            _note(f"message {received.sequence} from {received.sender} cannot be read: {error}")
+            return
+        arguments = self._arguments
+        if arguments.json:
+            print(to_json(_envelope(received) | {"message": value}), flush=True)
+        elif arguments.csv:
+            row = _envelope(received) | dict(flat(value, arguments.field))
+            if not self._printed:
+                print(to_csv(list(row)))
+            print(to_csv(list(row.values())), flush=True)
+        else:
+            about = f"topic {received.topic}, " if received.topic else ""
+            print(f"--- # {about}from {received.sender}, sequence {received.sequence}")
+            print(to_yaml(value, full=arguments.full or bool(arguments.field)), flush=True)
+        self._printed += 1
+
+    def _say_missed(self, stream: MessageStream) -> None:
+        now_s = time.monotonic()
+        if now_s >= self._next_say_s:
+            self._next_say_s = now_s + SAY_MISSED_EVERY_S
+            missed = stream.missed
+            if missed > self._said_missed:
+                _note(f"missed {missed - self._said_missed} messages")
+                self._said_missed = missed
+
+
+def _envelope(received: Received) -> dict[str, Any]:
+    return {
+        "topic": received.topic,
+        "sequence": received.sequence,
+        "sender": received.sender,
+        "published_ns": received.published_ns,
+    }
+
+
+def _note(text: str) -> None:
+    print(f"({text})", file=sys.stderr, flush=True)

@@ -1,0 +1,140 @@
+"""Messages as text: YAML for people, JSON and CSV for programs, whole or one field of them."""
+
+import csv
+import io
+import json
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.messages import Message, as_dict
+from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, fields_of
+from robbie_mp.profile.show import inline
+from robbie_mp.suggest import did_you_mean
+
+SHOWN = 8
+"""Elements of an array that are shown to people, if not all are asked for."""
+STEP = re.compile(r"(\w+)((?:\[\d+\])*)")
+INDEX = re.compile(r"\[(\d+)\]")
+
+
+class NoSuchField(RobbieError, LookupError):
+    """A path names no field of a message type."""
+
+
+class FieldPath:
+    """A field of a message, or of a message in it, or an element of it: `pose.position.x`, `ranges[3]`.
+
+    Args:
+        message_type: whose field.
+        path: the field; '' for the whole message.
+
+    Raises:
+        NoSuchField: there is none.
+    """
+
+    def __init__(self, message_type: type[Message], path: str):
+        self._steps: list[str | int] = []
+        kind: FieldType = Nested(message_type)
+        for part in path.split(".") if path else ():
+            found = STEP.fullmatch(part)
+            if found is None:
+                raise NoSuchField(
+                    f"{part!r} in {path!r} is no field; write it as pose.position.x or ranges[3]"
+                )
+            kind = self._field(kind, found[1], path)
+            for index in INDEX.findall(found[2]):
+                if not isinstance(kind, Numbers | Items):
+                    raise NoSuchField(f"{path}: {found[1]} is a {kind}, no array")
+                self._steps.append(int(index))
+                kind = kind.element
+        self.kind = kind
+
+    def _field(self, kind: FieldType, name: str, path: str) -> FieldType:
+        if not isinstance(kind, Nested):
+            raise NoSuchField(f"{path}: a {kind} has no field {name!r}")
+        kinds = {field.name: field.type for field in fields_of(kind.message)}
+        if name not in kinds:
+            near = did_you_mean(name, kinds) or f"; it has {', '.join(kinds)}"
+            raise NoSuchField(f"{kind.message.type_name} has no field {name!r}{near}")
+        self._steps.append(name)
+        return kinds[name]
+
+    def value(self, message: Message) -> Any:
+        """Return the field's value as plain data; None for an element beyond the end of an array."""
+        value: Any = message
+        for step in self._steps:
+            if isinstance(step, int):
+                if step >= len(value):
+                    return None
+                value = value[step]
+            else:
+                value = getattr(value, step)
+        return _plain(value)
+
+
+def _plain(value: Any) -> Any:
+    """Only what JSON has; arrays as lists."""
+    if isinstance(value, Message):
+        return {name: _plain(inner) for name, inner in as_dict(value).items()}
+    if isinstance(value, dict):
+        return {name: _plain(inner) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def to_yaml(value: Any, *, full: bool) -> str:
+    """Return plain data as YAML, each list on one line, long ones abbreviated unless `full`."""
+    return "\n".join(_yaml_lines(value, "", full))
+
+
+def _yaml_lines(value: Any, indent: str, full: bool) -> Iterator[str]:
+    if not isinstance(value, dict):
+        yield indent + _yaml_inline(value, full)
+        return
+    for name, inner in value.items():
+        if isinstance(inner, dict) and inner:
+            yield f"{indent}{name}:"
+            yield from _yaml_lines(inner, indent + "  ", full)
+        else:
+            yield f"{indent}{name}: {_yaml_inline(inner, full)}"
+
+
+def _yaml_inline(value: Any, full: bool) -> str:
+    if full or not isinstance(value, list) or len(value) <= SHOWN:
+        return inline(value)
+    first = inline(value[: SHOWN - 1]).removesuffix("]")
+    return f"{first}, … {len(value) - SHOWN} more …, {inline(value[-1])}]"
+
+
+def to_json(value: Any) -> str:
+    """Return plain data as JSON on one line; infinity and not-a-number as null, for JSON has none."""
+    return json.dumps(_without_infinity(value), ensure_ascii=False, allow_nan=False)
+
+
+def _without_infinity(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _without_infinity(inner) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [_without_infinity(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def to_csv(cells: list[Any]) -> str:
+    """Return a row of CSV (RFC 4180)."""
+    row = io.StringIO()
+    csv.writer(row, lineterminator="").writerow(cells)
+    return row.getvalue()
+
+
+def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield columns and cells of plain data: nested messages by dotted names, lists as JSON in one cell."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from flat(inner, f"{name}.{key}" if name else key)
+    else:
+        yield name, to_json(value) if isinstance(value, list) else value

@@ -1,0 +1,129 @@
+"""Tools that attach to a run are killed, stopped and come at bad times; no module loses a message."""
+
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.cli.runs import live_runs
+from tests.run.robot import COMMAND, Ended, Robot, kill, wait_until
+
+PROFILE = """
+modules:
+  listener:
+    class: zoo.modules:Listener
+    queue: {messages: 100000}
+  pulse: {class: "zoo.modules:Pulse"}
+core: {deadline_s: 60.0, ring_records: 16384}
+tools: {count: 1, messages: 40}
+"""
+TOOL = "~tool1"
+EACH = 60
+"""Messages that show that all is well again."""
+
+
+class Echo:
+    """`robbie echo` in a process of its own, printing into a file."""
+
+    def __init__(self, folder: Path, run_id: str, name: str):
+        self.output = folder / f"{name}.jsonl"
+        self.notes = folder / f"{name}.err"
+        command = [*COMMAND, "echo", "DriveCommand", "--run", run_id, "--topic", "wheels", "--json"]
+        with self.output.open("wb") as output, self.notes.open("wb") as notes:
+            self.process = subprocess.Popen(command, stdout=output, stderr=notes)
+
+    def numbers(self) -> list[int]:
+        """What it has printed; a line that is just being written is left out."""
+        whole, _, _ = self.output.read_text().rpartition("\n")
+        return [json.loads(line)["message"]["header"]["stamp"]["sec"] for line in whole.splitlines()]
+
+    def wait_for_more(self) -> None:
+        """Wait until it has printed some more messages."""
+        before = len(self.numbers())
+        wait_until(lambda: len(self.numbers()) >= before + EACH)
+
+    def printed_and_missed(self) -> tuple[int, int]:
+        """What it says at its end."""
+        printed, missed = self.notes.read_text().splitlines()[-1].strip("()").split(", ")
+        return int(printed.removeprefix("printed ")), int(missed.removeprefix("missed "))
+
+
+@pytest.fixture
+def echoes() -> Iterator[list[Echo]]:
+    started: list[Echo] = []
+    yield started
+    for echo in started:
+        if echo.process.poll() is None:
+            echo.process.kill()
+        echo.process.wait(10)
+
+
+def test_tools_come_go_die_and_stand_still_and_no_module_loses_a_message(
+    robot: Robot, echoes: list[Echo]
+) -> None:
+    robot.write_profile(PROFILE)
+    process = robot.start()
+    robot.until(lambda modules: modules["listener"]["handled"] > 0)
+    (run,) = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
+
+    def start(name: str) -> Echo:
+        echoes.append(Echo(robot.folder, run.run_id, name))
+        return echoes[-1]
+
+    # Killed: its place is free again.
+    killed = start("killed")
+    killed.wait_for_more()
+    refused = robot.command("echo", "DriveCommand", "--run", run.run_id)
+    assert refused.returncode == 1
+    assert refused.stderr.startswith("no place for robbie echo robbie_msgs/msg/DriveCommand: tools.count")
+    kill(killed.process.pid)
+    robot.until(lambda modules: TOOL not in modules)
+
+    # It attaches while the core stands still; then the core is killed.
+    figures = robot.until(lambda modules: modules["core"]["pid"] != 0)
+    os.kill(figures["core"]["pid"], signal.SIGSTOP)
+    watching = start("watching")
+    robot.until(lambda modules: TOOL in modules)
+    assert watching.numbers() == []
+    os.kill(figures["core"]["pid"], signal.SIGCONT)
+    watching.wait_for_more()
+    kill(figures["core"]["pid"])
+    robot.until(lambda modules: modules["core"]["restarts"] == 1 and modules["core"]["state"] == "RUNNING")
+    watching.wait_for_more()
+
+    # Stopped in a flood: it is detached, and attaches again by itself.
+    os.kill(watching.process.pid, signal.SIGSTOP)
+    robot.until(lambda modules: TOOL not in modules)
+    handled = robot.top()["listener"]["handled"]
+    robot.until(lambda modules: modules["listener"]["handled"] > handled + EACH)
+    os.kill(watching.process.pid, signal.SIGCONT)
+    watching.wait_for_more()
+    assert "missed" in watching.notes.read_text()
+
+    process.send_signal(signal.SIGINT)
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    assert watching.process.wait(30) == 0
+    assert "(the run has ended)" in watching.notes.read_text()
+
+    # No module has lost anything.
+    (published,) = robot.journal("pulse")
+    assert robot.journal("listener") == list(range(published))
+    pulse, listener = ended.modules["pulse"], ended.modules["listener"]
+    assert (pulse["published"], pulse["refused"], pulse["restarts"]) == (published, 0, 0)
+    assert listener["dropped"] == listener["lost"] == 0
+    assert TOOL not in ended.modules
+
+    # What echo has printed is in order and true to the gaps that it tells of.
+    for echo in (killed, watching):
+        assert echo.numbers() == sorted(set(echo.numbers()))
+    numbers = watching.numbers()
+    gaps = numbers[-1] - numbers[0] + 1 - len(numbers)
+    printed, missed = watching.printed_and_missed()
+    assert printed == len(numbers)
+    assert gaps > EACH
+    assert abs(missed - gaps - (published - 1 - numbers[-1])) <= 2
