@@ -16,8 +16,8 @@ from robbie_mp.profile.model import (
     QueueLimits,
     RestartPolicy,
     SpareInterpreters,
-    TraceSettings,
     ToolLimits,
+    TraceSettings,
 )
 from robbie_mp.profile.problem import Place, Problem, ProfileError
 from robbie_mp.profile.reader import Node
