@@ -111,7 +111,9 @@ def _describe(samples: list[Sample]) -> dict[str, Any]:
         found |= {
             "resident_mb_per_h": _slope_mb_per_h(times_s, [sample.resident_bytes for sample in warm]),
             "unique_mb_per_h": _slope_mb_per_h(times_s, [sample.unique_bytes for sample in warm]),
-            "unique_mb_first_last": [round(warm[at].unique_bytes / MEGABYTE, 2) for at in (0, -1)],
+            "unique_mb_quarters": [
+                round(warm[quarter * (len(warm) - 1) // 4].unique_bytes / MEGABYTE, 2) for quarter in range(5)
+            ],
             "descriptors_first_last": [warm[0].descriptors, warm[-1].descriptors],
             "mappings_first_last": [warm[0].mappings, warm[-1].mappings],
         }
