@@ -133,9 +133,8 @@ def _each_turn(tree: Tree, memory: RunMemory, control: ControlServer, tools: Att
     memory.read_notices()
     while memory.faulted:
         name, incarnation = memory.faulted.pop()
-        if (
-            name == SUPERVISOR
-        ):  # no module could be restarted any more: a new core may read better, or ends it
+        if name == SUPERVISOR:
+            # No module can be restarted any more: a new core reads better, or fails until that ends the run.
             tree.child(CORE).kill("it refused the supervisor's own records; core.log says why")
             continue
         if tools.fault(name, incarnation):
