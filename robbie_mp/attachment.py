@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from robbie_mp.channel_counters import ChannelCounters
 from robbie_mp.clock import SystemClock
 from robbie_mp.core.directory import ROW_OPEN
 from robbie_mp.core.tables import CoreTables
@@ -102,6 +103,7 @@ class Attachment:
         self._core_segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
         self._core = self._core_segment.words
         self._tables = CoreTables.attach(self._core)
+        self._counters = ChannelCounters(self._core)
         self._fence = Fence()
         write_text(self._words, layout.OUT_STATUS, LINE_WORDS, self._purpose)
 
@@ -223,13 +225,5 @@ class Attachment:
 
     def passed(self, type_name: str, version: int, topic: str) -> int:
         """Messages of a type, on a topic or on all, that the core has ever routed."""
-        passed = 0
-        for index in range(self._tables.sizes.channels):
-            at = self._tables.channel(index)
-            if self._core[at + layout.CHANNEL_STATE] != ROW_OPEN:
-                break
-            is_type = read_text(self._core, at + layout.CHANNEL_TYPE, NAME_WORDS) == type_name
-            is_topic = topic in ("", read_text(self._core, at + layout.CHANNEL_TOPIC, NAME_WORDS))
-            if is_type and is_topic and self._core[at + layout.CHANNEL_VERSION] == version:
-                passed += self._core[at + layout.CHANNEL_MESSAGES]
-        return passed
+        counts = self._counters.read(type_name, version, topic)
+        return sum(count.messages for count in counts.values())

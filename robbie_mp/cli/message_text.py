@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.messages import Message, as_dict
+from robbie_mp.messages import FieldTypeError, Message, as_dict, from_dict
 from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, fields_of
+from robbie_mp.profile.reader import read_text
 from robbie_mp.profile.show import inline
 from robbie_mp.suggest import did_you_mean
 
@@ -85,6 +86,19 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list):
         return [_plain(item) for item in value]
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def message_of_yaml(message_type: type[Message], text: str) -> Message:
+    """Return the message whose fields a YAML text gives.
+
+    Raises:
+        ProfileError: it is no YAML.
+        FieldError: a field does not exist or does not fit; the text names it with its path.
+    """
+    plain = read_text(text, message_type.type_name).plain()
+    if not isinstance(plain, dict):
+        raise FieldTypeError(f"{message_type.type_name}: expected a map of its fields, got {plain!r:.60}")
+    return from_dict(message_type, plain)
 
 
 def to_yaml(value: Any, *, full: bool) -> str:

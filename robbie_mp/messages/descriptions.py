@@ -72,6 +72,9 @@ class KnownTypes:
         ]
         if "/" not in name and len(same) == 1:
             return same[0]
+        if not same and "/" not in name:
+            names = [known.rpartition("/")[2] for known in names]
+            full = name
         near = f"; did you mean {' or '.join(map(repr, same))}?" if same else did_you_mean(full, names)
         raise UnknownType(f"no message type is called {name!r}{near}")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
-from robbie_mp.messages.errors import FieldTypeError
+from robbie_mp.messages.errors import FieldError, FieldTypeError
 from robbie_mp.messages.field_types import FieldType, Items, Nested, fields_of
 from robbie_mp.messages.message import Message
 from robbie_mp.suggest import did_you_mean
@@ -30,16 +30,28 @@ def from_dict(message_type: type[_Message], fields: Mapping[str, Any]) -> _Messa
     Raises:
         FieldError: there is no such field, or a value does not fit.
     """
+    return _build(message_type, fields, "")
+
+
+def _build(message_type: type[_Message], fields: Mapping[str, Any], path: str) -> _Message:
+    where = f"{path}: " if path else ""
     kinds = {field.name: field.type for field in fields_of(message_type)}
     for name in fields:
         if name not in kinds:
-            raise FieldTypeError(f"{message_type.type_name} has no field {name!r}{did_you_mean(name, kinds)}")
-    return message_type(**{name: _typed(kinds[name], value) for name, value in fields.items()})
+            near = did_you_mean(name, kinds)
+            raise FieldTypeError(f"{where}{message_type.type_name} has no field {name!r}{near}")
+    typed = {
+        name: _typed(kinds[name], value, f"{path}.{name}" if path else name) for name, value in fields.items()
+    }
+    try:
+        return message_type(**typed)
+    except FieldError as error:
+        raise type(error)(f"{where}{error}") from None
 
 
-def _typed(kind: FieldType, value: Any) -> Any:
+def _typed(kind: FieldType, value: Any, path: str) -> Any:
     if isinstance(kind, Nested) and isinstance(value, Mapping):
-        return from_dict(kind.message, value)
+        return _build(kind.message, value, path)
     if isinstance(kind, Items) and isinstance(value, list):
-        return [_typed(kind.element, item) for item in value]
+        return [_typed(kind.element, item, f"{path}[{index}]") for index, item in enumerate(value)]
     return value

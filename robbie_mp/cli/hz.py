@@ -1,0 +1,34 @@
+"""`robbie hz TYPE`: how often messages come."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from robbie_mp.cli.echo import add_type_argument
+from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.rates import Rates, add_rate_arguments, print_rates
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `hz` to the commands."""
+    parser = add_command(
+        subparsers,
+        "hz",
+        "print how often messages come",
+        "Print every second how many messages of a type were published, and how regularly. This reads the "
+        "core's counters: it misses nothing and costs the robot nothing.",
+        ["robbie hz LaserScan", "robbie hz Odometry --topic wheels --every 10 --once --json"],
+    )
+    add_type_argument(parser)
+    add_rate_arguments(parser)
+    parser.set_defaults(command=lambda arguments: print_rates(arguments, describe))
+
+
+def describe(rates: Rates) -> str:
+    """Put the rate of messages into words."""
+    line = f"{rates.hz:.2f} Hz"
+    if rates.interval_mean_s is not None and rates.interval_deviation_s is not None:
+        line += f", every {rates.interval_mean_s * 1e3:.3f} ms ± {rates.interval_deviation_s * 1e3:.3f} ms"
+    return f"{line} ({rates.messages} in {rates.seconds:.2f} s)"

@@ -1,0 +1,75 @@
+"""`robbie pub TYPE YAML`: publish messages by hand."""
+
+import argparse
+import time
+from contextlib import closing
+from typing import TYPE_CHECKING
+
+from robbie_mp.attachment import Attachment
+from robbie_mp.cli.echo import add_type_argument
+from robbie_mp.cli.known_types import types_of_run
+from robbie_mp.cli.message_text import message_of_yaml
+from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.runs import add_run_argument, choose_run
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `pub` to the commands."""
+    parser = add_command(
+        subparsers,
+        "pub",
+        "publish messages by hand",
+        "Publish a message, once or at a rate. Fields that are not given have their defaults. The message is "
+        "checked before anything is sent.",
+        [
+            "robbie pub DriveCommand '{linear_m_per_s: 0.1, valid_for: {sec: 1}}'",
+            "robbie pub geometry_msgs/Twist '{linear: {x: 0.1}}' --topic teleop --rate 10",
+        ],
+    )
+    add_type_argument(parser)
+    parser.add_argument(
+        "message", metavar="YAML", nargs="?", default="{}", help="its fields; '{}' by default"
+    )
+    parser.add_argument("--topic", default="", help="the topic to publish it on")
+    parser.add_argument("--rate", metavar="HZ", type=_rate, help="publish again and again, until Ctrl-C")
+    parser.add_argument("--count", metavar="N", type=_count, help="with --rate: end after so many")
+    add_run_argument(parser)
+    parser.set_defaults(command=pub)
+
+
+def _rate(text: str) -> float:
+    rate_hz = float(text)
+    if not 0 < rate_hz <= 1000:
+        raise argparse.ArgumentTypeError(f"expected more than 0 and at most 1000 Hz; got {text}")
+    return rate_hz
+
+
+def _count(text: str) -> int:
+    count = int(text)
+    if count < 1:
+        raise argparse.ArgumentTypeError(f"expected at least 1; got {text}")
+    return count
+
+
+def pub(arguments: argparse.Namespace) -> int:
+    """Publish; 1 if a message was refused because the robot's memory or tables are full."""
+    run = choose_run(arguments.run)
+    message = message_of_yaml(types_of_run(run).get(arguments.type), arguments.message)
+    count = 1 if arguments.rate is None else arguments.count
+    published = refused = 0
+    next_s = time.monotonic()
+    with closing(Attachment(run, f"robbie pub {message.type_name}")) as attachment:
+        attachment.ready()
+        try:
+            while count is None or published + refused < count:
+                while (wait_s := next_s - time.monotonic()) > 0:
+                    attachment.wait(wait_s)
+                sent = attachment.publish(message, arguments.topic)
+                published, refused = published + sent, refused + (not sent)
+                next_s = max(next_s + 1 / (arguments.rate or 1), time.monotonic() - 1)
+        finally:
+            print(f"published {published}" + (f", {refused} refused" if refused else ""))
+    return int(refused > 0)

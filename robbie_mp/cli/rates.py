@@ -1,0 +1,100 @@
+"""How often messages come and how much they are, from the core's own counters: what `hz` and `bw` print."""
+
+import argparse
+import json
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import asdict, dataclass
+
+from robbie_mp.channel_counters import ChannelCount, ChannelCounters
+from robbie_mp.cli.known_types import types_of_run
+from robbie_mp.cli.runs import add_run_argument, choose_run
+from robbie_mp.transport import names
+from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.words import WORD_MAX
+
+
+@dataclass(frozen=True)
+class Rates:
+    """What passed through a channel in a while."""
+
+    topic: str
+    messages: int
+    seconds: float
+    hz: float
+    bytes_per_s: float
+    mean_bytes: float
+    interval_mean_s: float | None
+    """Time from one message to the next, as they were published; None if there were less than two."""
+    interval_deviation_s: float | None
+    """Its standard deviation."""
+
+    @classmethod
+    def between(cls, topic: str, before: ChannelCount, after: ChannelCount, seconds: float) -> "Rates":
+        """Reckon them from the counters at both ends."""
+        messages, size = after.messages - before.messages, after.bytes - before.bytes
+        mean_s = deviation_s = None
+        if messages and before.last_stamp_ns:
+            mean_s = (after.last_stamp_ns - before.last_stamp_ns) / messages / 1e9
+            squared_us2 = after.intervals_squared_us2 - before.intervals_squared_us2 & WORD_MAX
+            deviation_s = math.sqrt(max(0.0, squared_us2 / messages / 1e12 - mean_s * mean_s))
+        return cls(
+            topic=topic,
+            messages=messages,
+            seconds=seconds,
+            hz=messages / seconds,
+            bytes_per_s=size / seconds,
+            mean_bytes=size / messages if messages else 0.0,
+            interval_mean_s=mean_s,
+            interval_deviation_s=deviation_s,
+        )
+
+
+def add_rate_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what both commands take besides the type."""
+    parser.add_argument("--topic", default="", help="only messages of this topic")
+    parser.add_argument(
+        "--every", metavar="SECONDS", type=_seconds, default=1.0, help="how long each line covers (1)"
+    )
+    parser.add_argument("--once", action="store_true", help="print once and end")
+    parser.add_argument("--json", action="store_true", help="print one JSON object a line")
+    add_run_argument(parser)
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0.01 <= seconds <= 1e6:
+        raise argparse.ArgumentTypeError(f"expected 0.01 to 1000000 s; got {text}")
+    return seconds
+
+
+def print_rates(arguments: argparse.Namespace, describe: Callable[[Rates], str]) -> int:
+    """Print a line for each topic, again and again, until the run or the user ends it."""
+    run = choose_run(arguments.run)
+    wanted = types_of_run(run).describe(arguments.type)
+    with closing(Segment.attach(names.core(run.run_id), SegmentKind.CORE)) as segment:
+        counters = ChannelCounters(segment.words)
+        for rates in _measure(counters, (wanted.name, wanted.version, arguments.topic), arguments.every):
+            for rate in rates:
+                about = f"  topic {rate.topic}" if rate.topic else ""
+                print(json.dumps(asdict(rate)) if arguments.json else describe(rate) + about, flush=True)
+            if not rates:
+                print(f"nobody publishes {wanted.name}", flush=True)
+            if arguments.once or not run.folder.exists():
+                return 0
+    return 0
+
+
+def _measure(counters: ChannelCounters, wish: tuple[str, int, str], every_s: float) -> Iterator[list[Rates]]:
+    before, before_s = counters.read(*wish), time.monotonic()
+    while True:
+        time.sleep(every_s)
+        after, after_s = counters.read(*wish), time.monotonic()
+        yield [
+            Rates.between(topic, before.get(topic, ChannelCount()), count, after_s - before_s)
+            for topic, count in sorted(after.items())
+        ]
+        before, before_s = after, after_s

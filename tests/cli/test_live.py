@@ -1,0 +1,112 @@
+"""Commands that look into a run or speak to it, all on one robot."""
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robbie_mp.cli import main
+from robbie_mp.cli.runs import live_runs
+from tests.run.robot import Robot, wait_until
+
+PROFILE = """
+modules:
+  listener: {class: "zoo.modules:Listener", queue: {messages: 100000}}
+  pulse: {class: "zoo.modules:Pulse", settings: {period_s: 0.05, burst: 1}}
+"""
+
+
+class Person:
+    """Types commands and reads what they say."""
+
+    def __init__(self, robot: Robot, run_id: str, capsys: pytest.CaptureFixture[str]):
+        self.robot = robot
+        self._run_id = run_id
+        self._capsys = capsys
+        self.errors = ""
+
+    def types(self, *words: str, code: int = 0) -> str:
+        self._capsys.readouterr()
+        assert main([*words, "--run", self._run_id]) == code
+        output, self.errors = self._capsys.readouterr()
+        return output
+
+    def gets(self, *words: str) -> Any:
+        return json.loads(self.types(*words, "--json"))
+
+
+@pytest.fixture
+def person(robot: Robot, capsys: pytest.CaptureFixture[str]) -> Iterator[Person]:
+    robot.write_profile(PROFILE)
+    robot.start()
+    robot.until(lambda modules: modules["listener"]["handled"] > 2)
+    (run,) = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
+    yield Person(robot, run.run_id, capsys)
+
+
+def test_everything_a_person_asks_of_a_run(person: Person, tmp_path: Path) -> None:
+    lists_what_there_is(person)
+    echoes(person)
+    measures_rates(person)
+    publishes(person)
+
+
+def lists_what_there_is(person: Person) -> None:
+    topics = {topic["type"]: topic for topic in person.gets("list", "topics")}
+    drive = topics["robbie_msgs/msg/DriveCommand"]
+    assert (drive["topic"], drive["publishers"], drive["subscribers"]) == ("wheels", ["pulse"], ["listener"])
+    assert drive["messages"] > 2
+    assert topics["robbie_msgs/msg/ModuleState"]["publishers"] == ["supervisor"]
+    assert {row["type"] for row in person.gets("list", "types")} == set(topics)
+    assert [row["module"] for row in person.gets("list", "modules")] == ["listener", "pulse", "core"]
+    assert "wheels" in person.types("list", "topics")
+    assert person.types("type", "show", "DriveCommand").startswith("# robbie_msgs/msg/DriveCommand, version")
+
+
+def echoes(person: Person) -> None:
+    message = person.gets("echo", "DriveCommand", "--once")
+    assert (message["sender"], message["topic"]) == ("pulse", "wheels")
+    assert message["message"]["header"]["stamp"]["sec"] > 2
+    assert person.errors == ""
+    number = person.types("echo", "DriveCommand", "--once", "--field", "header.stamp.sec").splitlines()[1]
+    assert int(number) > message["message"]["header"]["stamp"]["sec"]
+    header, row = person.types(
+        "echo", "DriveCommand", "--once", "--csv", "--field", "header.stamp"
+    ).splitlines()
+    assert header == "topic,sequence,sender,published_ns,header.stamp.sec,header.stamp.nanosec"
+    assert int(row.split(",")[4]) > int(number)
+    person.types("echo", "DriveComand", code=1)
+    assert person.errors == (
+        "no message type is called 'DriveComand'; did you mean 'DriveCommand'?\n"
+    )
+    person.types("echo", "DriveCommand", "--field", "speed", code=1)
+    assert person.errors.startswith("robbie_msgs/msg/DriveCommand has no field 'speed'")
+
+
+def measures_rates(person: Person) -> None:
+    rates = person.gets("hz", "DriveCommand", "--once", "--every", "0.5")
+    assert rates["topic"] == "wheels"
+    assert rates["hz"] == pytest.approx(rates["messages"] / rates["seconds"])
+    assert rates["interval_mean_s"] == pytest.approx(0.05, rel=0.5)
+    assert 0 <= rates["interval_deviation_s"] < 0.1
+    size = person.gets("bw", "DriveCommand", "--once", "--every", "0.2")
+    count = person.gets("list", "topics")[0]
+    assert size["mean_bytes"] == count["bytes"] / count["messages"]
+    assert "Hz, every" in person.types("hz", "DriveCommand", "--once", "--every", "0.2")
+    assert "nobody publishes" in person.types("bw", "Image", "--once", "--every", "0.01")
+
+
+def publishes(person: Person) -> None:
+    text = "{header: {stamp: {sec: 1000001}}, valid_for: {sec: 1}}"
+    assert person.types("pub", "DriveCommand", text) == "published 1\n"
+    wait_until(lambda: 1000001 in person.robot.journal("listener"))
+    again = text.replace("1000001", "1000002")
+    assert person.types("pub", "DriveCommand", again, "--rate", "500", "--count", "20") == "published 20\n"
+    wait_until(lambda: person.robot.journal("listener").count(1000002) == 20)
+    person.types("pub", "DriveCommand", "{linear_m_per_s: fast}", code=1)
+    assert person.errors.startswith(
+        "robbie_msgs/msg/DriveCommand.linear_m_per_s: expected float64, got 'fast'"
+    )
