@@ -7,25 +7,72 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from tools.bench import latency
+from tools.bench import load, messages
+from tools.bench.goals import goal_table
+from tools.bench.machine import describe_machine
 from tools.bench.options import Options, read_variant
-from tools.bench.table import latency_table
+from tools.bench.report import write_report
+from tools.bench.restarting import restart
+from tools.bench.table import table
 
-BENCHMARKS = {"latency": latency.run}
+BENCHMARKS = {
+    "latency": messages.latency,
+    "large": messages.large,
+    "fanout": messages.fanout,
+    "throughput": messages.throughput,
+    "scale": load.scale,
+    "idle": load.idle,
+    "restart": restart,
+}
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run benchmarks and print their tables."""
+    """Run the command line."""
+    given = sys.argv[1:] if arguments is None else arguments
+    parser = _parser()
+    parsed = parser.parse_args(given)
+    unknown = set(parsed.benchmarks) - set(BENCHMARKS)
+    if unknown:
+        parser.error(f"there is no benchmark {', '.join(sorted(unknown))}; there are {', '.join(BENCHMARKS)}")
+    if parsed.read:
+        run = json.loads(parsed.read.read_text())
+    else:
+        machine = describe_machine()
+        results = _measure(parsed.benchmarks or list(BENCHMARKS), _options(parsed))
+        run = {"machine": machine, "command": " ".join(["python -m tools.bench", *given]), "results": results}
+    if parsed.json:
+        parsed.json.write_text(json.dumps(run, indent=1))
+    if parsed.report:
+        write_report(run, parsed.report)
+    return 0
+
+
+def _measure(names: list[str], options: Options) -> list[dict[str, Any]]:
+    """Run benchmarks and print their tables as they come."""
+    results: list[dict[str, Any]] = []
+    for name in names:
+        for result in BENCHMARKS[name](options):
+            results.append(result)
+            print(f"\n{result['benchmark']}: {result['title']}\n\n{table(result)}", flush=True)
+    print(f"\ngoals\n\n{goal_table(results)}")
+    return results
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tools.bench", description=__doc__)
-    names = ", ".join(BENCHMARKS)
-    parser.add_argument("benchmarks", nargs="*", metavar="BENCHMARK", help=f"{names}; all if none")
-    parser.add_argument("--quick", action="store_true", help="less than 30 s for each")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results here as well")
-    parser.add_argument("--only", default="", help="names of those measured, as robbie,floor,zeromq")
-    parser.add_argument("--rounds", type=int, default=0, help="how often each is measured")
-    parser.add_argument("--count", type=int, default=0, help="messages in each round")
-    parser.add_argument("--with-top", action="store_true", help="also measure Robbie watched by robbie top")
-    parser.add_argument(
+    add = parser.add_argument
+    add("benchmarks", nargs="*", metavar="BENCHMARK", help=f"{', '.join(BENCHMARKS)}; all if none")
+    add("--quick", action="store_true", help="less than 30 s for each")
+    add("--json", type=Path, metavar="FILE", help="write the results here as well")
+    add("--report", type=Path, metavar="DOCS", help="put them into benchmarks.md of this folder")
+    add("--read", type=Path, metavar="FILE", help="measure nothing; read what --json has written")
+    add("--only", default="", help="names of those measured, as robbie,floor,zeromq")
+    add("--rounds", type=int, default=0, help="how often each is measured")
+    add("--count", type=int, default=0, help="messages in each round")
+    add("--modules", type=int, default=0, help="the largest number of modules or subscribers")
+    add("--seconds", type=float, default=0.0, help="for which processor time is measured")
+    add("--with-top", action="store_true", help="also measure Robbie watched by robbie top")
+    add(
         "--variant",
         action="append",
         default=[],
@@ -33,26 +80,20 @@ def main(arguments: list[str] | None = None) -> int:
         metavar="NAME=FILE",
         help="also measure Robbie with the keys `core` and `module` of this YAML file",
     )
-    parsed = parser.parse_args(arguments)
-    unknown = set(parsed.benchmarks) - set(BENCHMARKS)
-    if unknown:
-        parser.error(f"there is no benchmark {', '.join(sorted(unknown))}")
-    options = Options(
+    return parser
+
+
+def _options(parsed: argparse.Namespace) -> Options:
+    return Options(
         quick=parsed.quick,
         rounds=parsed.rounds,
         count=parsed.count,
+        modules=parsed.modules,
+        seconds=parsed.seconds,
         only=tuple(filter(None, parsed.only.split(","))),
         with_top=parsed.with_top,
         variants=dict(parsed.variant),
     )
-    results: list[dict[str, Any]] = []
-    for name in parsed.benchmarks or BENCHMARKS:
-        for result in BENCHMARKS[name](options):
-            results.append(result)
-            print(f"\n{result['benchmark']}: {result['title']}\n\n{latency_table(result)}", flush=True)
-    if parsed.json:
-        parsed.json.write_text(json.dumps({"results": results}, indent=2))
-    return 0
 
 
 if __name__ == "__main__":

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from tools.bench import record
 from tools.bench.peers.peer import Peer
+from tools.bench.shared_memory import mapped_names, remove_unmapped
 from tools.bench.work import Work
 
 REPOSITORY = Path(__file__).parents[2]
 LIMIT_S = 60.0
-LAST_WORDS = 400
 
 
 class Trouble(RuntimeError):
@@ -110,12 +110,19 @@ class PeerContender:
         with work_folder() as (topic, folder):
             here = work.at(topic, folder)
             try:
-                self._run(here)
+                with self.started(here) as processes:
+                    wait_for_end(processes, LIMIT_S)
                 return outcome(here)
             finally:
                 self.peer.clean(here)
 
-    def _run(self, work: Work) -> None:
+    @contextlib.contextmanager
+    def started(self, work: Work) -> Iterator[list[subprocess.Popen[bytes]]]:
+        """Start its processes, subscribers first; at the end, kill what is left of them.
+
+        Raises:
+            Trouble: from the block, with what the processes said.
+        """
         work_file = work.folder / "work.json"
         work.save(work_file)
         with (work.folder / "stderr").open("w+") as errors:
@@ -132,16 +139,19 @@ class PeerContender:
                 for command in self.peer.commands(self.name, work, work_file)
             ]
             try:
-                _wait(processes, LIMIT_S + work.pause_s)
+                yield processes
             except Trouble as trouble:
-                errors.flush()
-                said = (work.folder / "stderr").read_text(errors="replace").strip()
-                raise Trouble(f"{trouble}: {said[-LAST_WORDS:]}") from None
+                raise Trouble(f"{trouble}: {last_words(work.folder / 'stderr')}") from None
             finally:
                 end(processes)
 
 
-def _wait(processes: list[subprocess.Popen[bytes]], limit_s: float) -> None:
+def wait_for_end(processes: list[subprocess.Popen[bytes]], limit_s: float) -> None:
+    """Wait until all have ended well.
+
+    Raises:
+        Trouble: one has not.
+    """
     deadline_s = time.monotonic() + limit_s
     for process in reversed(processes):  # the publisher, which comes last, ends first
         try:
@@ -154,18 +164,29 @@ def _wait(processes: list[subprocess.Popen[bytes]], limit_s: float) -> None:
 
 
 def end(processes: list[subprocess.Popen[bytes]]) -> None:
-    """Kill what is left of processes and their descendants."""
+    """Kill what is left of processes and their descendants, and remove the shared memory they leave."""
     left = []
     for process in processes:
         if process.poll() is None:
             with contextlib.suppress(psutil.NoSuchProcess):
-                left += psutil.Process(process.pid).children(recursive=True)
-            process.kill()
-            process.wait()
-    for descendant in left:
+                parent = psutil.Process(process.pid)
+                left += [parent, *parent.children(recursive=True)]
+    if not left:
+        return
+    names = mapped_names([one.pid for one in left])
+    for one in left:
         with contextlib.suppress(psutil.NoSuchProcess):
-            descendant.kill()  # psutil checks that the pid is still the same process
+            one.kill()  # psutil checks that the pid is still the same process
+    for process in processes:
+        process.wait()
     psutil.wait_procs(left, timeout=5)
+    remove_unmapped(names)
+
+
+def last_words(file: Path) -> str:
+    """Return the last line that says something."""
+    lines = [line.strip(" -=") for line in file.read_text(errors="replace").splitlines()]
+    return next(filter(None, reversed(lines)), "it said nothing")
 
 
 def outcome(work: Work) -> Outcome:

@@ -7,6 +7,7 @@ from tools.bench.record import (
     BEGAN_NS,
     ENDED_NS,
     FINISHED,
+    MEASURED,
     RECEIVED,
     SENT,
     map_publisher,
@@ -15,8 +16,9 @@ from tools.bench.record import (
 from tools.bench.work import END, Work
 
 WARM_UP_HZ = 1000.0
-CONNECT_LIMIT_S = 15.0
-DRAIN_LIMIT_S = 15.0
+CONNECT_LIMIT_S = 10.0
+DRAIN_LIMIT_S = 3.0
+"""How long nothing may arrive before what is missing counts as lost."""
 FLAT_OUT_LIMIT_S = 8.0
 END_EVERY_S = 0.02
 
@@ -42,8 +44,18 @@ def publish_all(work: Work, send: Callable[[int], None]) -> None:
     own[SENT] = _publish_measured(work, send)
     own[ENDED_NS] = time.monotonic_ns()
     time.sleep(work.pause_s)
-    deadline_s = time.monotonic() + DRAIN_LIMIT_S
-    while not all(words[FINISHED] for words in subscribers) and time.monotonic() < deadline_s:
+    _finish(send, subscribers)
+
+
+def _finish(send: Callable[[int], None], subscribers: list[memoryview]) -> None:
+    """Send the end until all have it, or nothing arrives any more."""
+    before, since_s = -1, 0.0
+    while not all(words[FINISHED] for words in subscribers):
+        arrived = sum(words[MEASURED] for words in subscribers)
+        if arrived != before:
+            before, since_s = arrived, time.monotonic()
+        if time.monotonic() - since_s > DRAIN_LIMIT_S:
+            return
         send(END)
         time.sleep(END_EVERY_S)
 

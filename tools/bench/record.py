@@ -4,9 +4,6 @@ import mmap
 import time
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tools.bench.work import END, Work
 
 RECEIVED, FINISHED, MEASURED, FIRST_NS, LAST_NS, HEADER = range(6)
@@ -65,9 +62,3 @@ class Receipts:
         self._received += 1
         words[RECEIVED] = self._received
         return False
-
-
-def latencies_ns(work: Work, index: int) -> NDArray[np.int64]:
-    """Latency of each message at a subscriber, in ns; 0: it has not come."""
-    words = np.fromfile(subscriber_file(work, index), np.int64)
-    return words[HEADER:]

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from tools.bench.contender import LAST_WORDS, Outcome, Trouble, outcome, work_folder
+from tools.bench.contender import Outcome, Trouble, last_words, outcome, work_folder
 from tools.bench.work import Work
 from tools.kill_campaign.robot import COMMAND, Robot, RobotTrouble
 
@@ -78,7 +78,7 @@ class RobbieContender:
                     except (RobotTrouble, subprocess.TimeoutExpired) as trouble:
                         raise Trouble(str(trouble)) from trouble
                 if robot.supervisor.returncode:
-                    raise Trouble((folder / "stderr").read_text()[-LAST_WORDS:])
+                    raise Trouble(last_words(folder / "stderr"))
                 return outcome(here)
 
     def pair(self, work: Work, suffix: str = "") -> dict[str, dict[str, Any]]:

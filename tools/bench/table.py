@@ -1,26 +1,29 @@
-"""Turns results into text: one table for the terminal and for Markdown."""
+"""Turns results into tables, for the terminal and for Markdown alike."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from statistics import median
 from typing import Any
 
 Row = dict[str, Any]
+Figures = Sequence[float | None]
 
 
-def middle(values: Sequence[float]) -> float | None:
+def middle(values: Figures) -> float | None:
     """Median over rounds; None if there was none."""
-    return median(values) if values else None
+    present = [value for value in values if value is not None]
+    return median(present) if present else None
 
 
 def ratio(row: Row, other: Row, column: str) -> float | None:
     """Median of the ratios within each round."""
     pairs = zip(row.get(column, ()), other.get(column, ()), strict=False)
-    return middle([one / another for one, another in pairs if another])
+    return middle([one / another for one, another in pairs if one is not None and another])
 
 
 def render(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Align columns as a Markdown table; all but the first to the right."""
-    widths = [max(len(row[place]) for row in (header, *rows)) for place in range(len(header))]
+    complete = [[*row, *[""] * (len(header) - len(row))] for row in rows]
+    widths = [max(len(row[place]) for row in (header, *complete)) for place in range(len(header))]
     rule = [("-" * width if place == 0 else "-" * (width - 1) + ":") for place, width in enumerate(widths)]
 
     def line(cells: Sequence[str]) -> str:
@@ -30,7 +33,7 @@ def render(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         ]
         return f"| {' | '.join(aligned)} |"
 
-    return "\n".join([line(header), line(rule), *map(line, rows)])
+    return "\n".join([line(header), line(rule), *map(line, complete)])
 
 
 def number(value: float | None, digits: int = 1) -> str:
@@ -38,32 +41,105 @@ def number(value: float | None, digits: int = 1) -> str:
     return "" if value is None else f"{value:,.{digits}f}"
 
 
-def latency_table(result: Row) -> str:
-    """Return the table of one work: latencies, their ratios to the reference, losses."""
-    rows = result["contenders"]
-    reference = next((row for row in rows if row["name"] == result["reference"]), {})
+def reference(result: Row) -> Row:
+    """Return the row that the others are compared to; {} if it was not measured."""
+    name = result.get("reference", "")
+    return next((row for row in result["contenders"] if row["name"] == name), {})
+
+
+def _title(row: Row) -> str:
+    name = f"{row['title']} {row['version']}".strip()
+    if row["trouble"]:
+        said = " ".join(row["trouble"].split())
+        return f"{name}: {said[:80]}"
+    return name
+
+
+def _latency(result: Row) -> str:
+    compared = reference(result)
+    name = compared.get("title", "Robbie-MP")
     lines = []
-    for row in rows:
-        title = f"{row['title']} {row['version']}".strip()
-        if not row["rounds"]:
-            lines.append([f"{title}: {first_line(row['trouble'])}", "", "", "", "", "", ""])
-            continue
-        lines.append(
-            [
-                title + (" (failed in a later round)" if row["trouble"] else ""),
-                number(middle(row["p50_us"])),
+    for row in result["contenders"]:
+        p50_us = [value for value in row.get("p50_us", ()) if value is not None]
+        cells = [_title(row)]
+        if p50_us:
+            cells += [
+                number(middle(p50_us)),
                 number(middle(row["p99_us"])),
-                f"{number(min(row['p50_us'], default=None))} to {number(max(row['p50_us'], default=None))}",
-                number(ratio(row, reference, "p50_us"), 2),
-                number(ratio(row, reference, "p99_us"), 2),
-                f"{row['lost']}/{row['sent']}",
+                f"{number(min(p50_us))} to {number(max(p50_us))}",
+                number(ratio(row, compared, "p50_us"), 2),
+                number(ratio(row, compared, "p99_us"), 2),
             ]
-        )
-    name = reference.get("title", result["reference"])
+        elif row.get("sent"):
+            cells += ["", "", "", "", ""]
+        cells += [f"{sum(row['lost']):,}/{sum(row['sent']):,}"] if row.get("sent") else []
+        lines.append(cells)
     header = ["", "p50 µs", "p99 µs", "p50 of rounds", f"p50 ÷ {name}", f"p99 ÷ {name}", "lost"]
     return render(header, lines)
 
 
-def first_line(text: str) -> str:
-    """Return what a trouble says, without what came after."""
-    return text.strip().splitlines()[0][:70] if text.strip() else ""
+def _throughput(result: Row) -> str:
+    lines = []
+    for row in result["contenders"]:
+        cells = [_title(row)]
+        if row.get("sent"):
+            received = row["received_per_s"]
+            cells += [
+                number(middle(received), 0),
+                f"{number(min(received), 0)} to {number(max(received), 0)}",
+                f"{sum(row['sent']):,}",
+                f"{sum(row['lost']):,}",
+            ]
+        lines.append(cells)
+    return render(["", "received/s", "of rounds", "sent", "lost"], lines)
+
+
+def _idle(result: Row) -> str:
+    lines = [[_title(row), number(middle(row["cpu_percent"]), 2)] for row in result["contenders"]]
+    return render(["", "% of one core"], lines)
+
+
+SCALE_COLUMNS = {
+    "messages_per_s": ("messages/s", 0),
+    "core_us_per_message": ("core µs/message", 1),
+    "robot_us_per_message": ("robot µs/message", 1),
+    "core_percent": ("core %", 1),
+    "robot_percent": ("robot %", 1),
+    "p50_us": ("p50 µs", 1),
+    "p99_us": ("p99 µs", 1),
+}
+
+
+def _scale(result: Row) -> str:
+    lines = [
+        [_title(row | {"version": ""})]
+        + [
+            number(middle([each[column] for each in row["each"]]), digits)
+            for column, (_, digits) in SCALE_COLUMNS.items()
+        ]
+        for row in result["contenders"]
+    ]
+    return render(["", *(title for title, _ in SCALE_COLUMNS.values())], lines)
+
+
+def _restart(result: Row) -> str:
+    lines = []
+    for row in result["contenders"]:
+        lines.append([_title(row)])
+        for part, figures in row["parts"].items():
+            lines.append([part, number(figures["median_ms"]), number(figures["p99_ms"])])
+    return render(["", "median ms", "p99 ms"], lines)
+
+
+TABLES: dict[str, Callable[[Row], str]] = {
+    "latency": _latency,
+    "throughput": _throughput,
+    "idle": _idle,
+    "scale": _scale,
+    "restart": _restart,
+}
+
+
+def table(result: Row) -> str:
+    """Return the table of one result."""
+    return TABLES[result["kind"]](result)

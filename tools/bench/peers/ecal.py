@@ -10,6 +10,8 @@ from tools.bench.peers.peer import Handle, Peer, Send
 from tools.bench.work import Work
 
 FIELDS = ("x", "y", "z", "roll", "pitch", "yaw")
+ACKNOWLEDGE_MS = 1000
+"""How long a publisher that shall lose nothing waits for its subscribers."""
 REGISTRATION_MS = 200
 """How often processes make themselves known; less than the default of 1000, to start sooner."""
 
@@ -28,7 +30,7 @@ class ECAL(Peer):
         import ecal.nanobind_core as core  # noqa: PLC0415
         from ecal.msg.proto.core import Publisher  # noqa: PLC0415
 
-        core.initialize(_configuration(core), f"{work.topic} publisher")
+        core.initialize(_configuration(core, work), f"{work.topic} publisher")
         if work.has_array:
             raw = core.Publisher(work.topic)
             data = b"1" * work.size_bytes
@@ -59,7 +61,7 @@ class ECAL(Peer):
         import ecal.nanobind_core as core  # noqa: PLC0415
         from ecal.msg.proto.core import Subscriber  # noqa: PLC0415
 
-        core.initialize(_configuration(core), f"{work.topic} subscriber {index}")
+        core.initialize(_configuration(core, work), f"{work.topic} subscriber {index}")
         ended = threading.Event()
 
         def on_probe(_publisher: Any, data: Any) -> None:
@@ -103,8 +105,10 @@ def _of_time(time_ns: int) -> tuple[int, int]:
     return number, stamp * NUMBERS + NUMBERS // 2
 
 
-def _configuration(core: Any) -> Any:
+def _configuration(core: Any, work: Work) -> Any:
     configuration = core.get_configuration()
+    if work.lossless:
+        configuration.publisher.layer.shm.acknowledge_timeout_ms = ACKNOWLEDGE_MS
     configuration.registration.registration_refresh = REGISTRATION_MS
     return configuration
 

@@ -5,9 +5,11 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from tools.bench.peers.peer import Handle, Peer, Send
+from tools.bench.shared_memory import remove_unmapped
 from tools.bench.work import Work
 
 PROBE = struct.Struct("qqdddddd")
@@ -58,6 +60,10 @@ class Zenoh(Peer):
         with zenoh.open(_configuration(work, "connect")) as session:
             session.declare_subscriber(work.topic, on_array if work.has_array else on_probe)
             ended.wait()
+
+    def clean(self, work: Work) -> None:
+        """Remove what no process uses, as Zenoh does when another one of its processes starts."""
+        remove_unmapped(Path("/dev/shm").glob("*.zenoh"))
 
 
 def _array_sender(work: Work, publisher: Any) -> Send:

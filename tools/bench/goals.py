@@ -1,0 +1,149 @@
+"""What Robbie is to reach, as ratios within one run, and whether it does."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tools.bench.table import middle, ratio, render
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Goal:
+    """One figure to be reached.
+
+    Attributes:
+        title: of what.
+        limit: the figure must be at most this, or at least if `at_least`.
+        figure: what was measured, and who it was compared to; None if it was not measured.
+    """
+
+    title: str
+    limit: float
+    figure: Callable[["Results"], "tuple[float | None, str]"]
+    at_least: bool = False
+
+
+class Results:
+    """Finds rows in the results of a run."""
+
+    def __init__(self, results: Sequence[Row]):
+        self._results = results
+
+    def rows(self, benchmark: str, part: str = "") -> list[Row]:
+        """Return the contenders of the result whose title begins so."""
+        for result in self._results:
+            if result["benchmark"] == benchmark and result["title"].startswith(part):
+                rows: list[Row] = result["contenders"]
+                return rows
+        return []
+
+    def row(self, benchmark: str, name: str, part: str = "") -> Row:
+        """Return one contender's row; {} if there is none."""
+        return next((row for row in self.rows(benchmark, part) if row["name"] == name), {})
+
+    def best(self, benchmark: str, column: str, part: str = "") -> Row:
+        """Return the peer with the lowest median of a column; {} if there is none."""
+        peers = [row for row in self.rows(benchmark, part) if is_peer(row) and middle(row.get(column, ()))]
+        return min(peers, key=lambda row: middle(row[column]) or 0.0, default={})
+
+
+def is_peer(row: Row) -> bool:
+    """Whether a row is neither Robbie's nor a floor's."""
+    return not row["name"].startswith(("robbie", "floor", "memcpy"))
+
+
+def _against(benchmark: str, name: str, other: str, part: str = "") -> Callable[[Results], Any]:
+    """Robbie's p50 against that of a certain row."""
+
+    def figure(results: Results) -> tuple[float | None, str]:
+        row, compared = results.row(benchmark, name, part), results.row(benchmark, other, part)
+        return ratio(row, compared, "p50_us"), compared.get("title", other)
+
+    return figure
+
+
+def _against_best(
+    benchmark: str, name: str, part: str = "", column: str = "p50_us"
+) -> Callable[[Results], Any]:
+    """Robbie's figure against the best peer's."""
+
+    def figure(results: Results) -> tuple[float | None, str]:
+        best = results.best(benchmark, column, part)
+        return ratio(results.row(benchmark, name, part), best, column), best.get("title", "no peer")
+
+    return figure
+
+
+def _copy_and_wake(results: Results) -> tuple[float | None, str]:
+    image = middle(results.row("large", "robbie", "6.2").get("p50_us", ()))
+    copy = middle(results.row("large", "memcpy", "6.2").get("p50_us", ()))
+    small = middle(results.row("large", "robbie 64 B", "6.2").get("p50_us", ()))
+    return (image / (copy + small) if image and copy and small else None), "memcpy + 64 B"
+
+
+def _of_row(benchmark: str, name: str, column: str) -> Callable[[Results], Any]:
+    def figure(results: Results) -> tuple[float | None, str]:
+        values = results.row(benchmark, name).get(column, ())
+        return middle([float(value) for value in values]), ""
+
+    return figure
+
+
+def _of_bus(beginning: str, column: str, compared: str = "") -> Callable[[Results], Any]:
+    """A figure of `scale`, or its ratio to another bus."""
+
+    def find(results: Results, begins: str) -> float | None:
+        rows = [row for row in results.rows("scale") if begins in row["title"]]
+        return middle([each[column] for each in rows[0].get("each", ())]) if rows else None
+
+    def figure(results: Results) -> tuple[float | None, str]:
+        value = find(results, beginning)
+        if not compared:
+            return value, ""
+        base = find(results, compared)
+        return (value / base if value and base else None), compared
+
+    return figure
+
+
+def _restart_ms(results: Results) -> tuple[float | None, str]:
+    parts = results.row("restart", "robbie 1 spares").get("parts", {})
+    return parts.get("kill to handler", {}).get("median_ms"), ""
+
+
+GOALS = (
+    Goal("64 B, 1 kHz: p50 ÷ floor", 1.3, _against("latency", "robbie", "floor")),
+    Goal("64 B, 1 kHz: p50 ÷ best peer", 1.0, _against_best("latency", "robbie")),
+    Goal("64 B, 1 kHz: p99 ÷ best peer", 1.0, _against_best("latency", "robbie", column="p99_us")),
+    Goal("1 MB in place: p50 ÷ own 64 B", 1.5, _against("large", "robbie in place", "robbie 64 B", "1 MB")),
+    Goal("6.2 MB in place: p50 ÷ own 64 B", 1.5, _against("large", "robbie in place", "robbie 64 B", "6.2")),
+    Goal("6.2 MB in place: p50 ÷ best peer", 0.1, _against_best("large", "robbie in place", "6.2")),
+    Goal("6.2 MB copied: p50 ÷ best peer", 1.0, _against_best("large", "robbie", "6.2")),
+    Goal("6.2 MB copied: p50 ÷ (memcpy + 64 B)", 1.3, _copy_and_wake),
+    Goal("1 MB to 8 in place: p50 ÷ best peer", 0.3, _against_best("fanout", "robbie in place")),
+    Goal("1 MB to 8 copied: p50 ÷ best peer", 0.3, _against_best("fanout", "robbie")),
+    Goal("flat out: messages/s", 100_000, _of_row("throughput", "robbie", "received_per_s"), at_least=True),
+    Goal("flat out: lost", 0, _of_row("throughput", "robbie", "lost")),
+    Goal("4 → 64 modules: core's time ÷", 1.2, _of_bus("with all", "core_us_per_message", "4 modules")),
+    Goal("4 → 64 modules: p50 ÷", 1.2, _of_bus("with all", "p50_us", "4 modules")),
+    Goal("20 idle modules: % of a core", 1.0, _of_row("idle", "robbie", "cpu_percent")),
+    Goal("20 modules, 1,500 messages/s: core %", 10.0, _of_bus("1,500", "core_percent")),
+    Goal("SIGKILL to next message: median ms", 60.0, _restart_ms),
+)
+
+
+def goal_table(results: Sequence[Row]) -> str:
+    """Return a table of what is to be reached and what was."""
+    found = Results(results)
+    lines = []
+    for goal in GOALS:
+        figure, compared = goal.figure(found)
+        limit = f"{'≥' if goal.at_least else '≤'} {goal.limit:,g}"
+        if figure is None:
+            lines.append([goal.title, limit, "not measured", "", ""])
+            continue
+        reached = figure >= goal.limit if goal.at_least else figure <= goal.limit
+        lines.append([goal.title, limit, f"{figure:,.2f}", compared, "yes" if reached else "no"])
+    return render(["", "goal", "measured", "compared to", "reached"], lines)

@@ -1,0 +1,193 @@
+"""The benchmarks of processor time: `idle` and `scale`."""
+
+import subprocess
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tools.bench import record
+from tools.bench.contender import PeerContender, Trouble, wait_for_end, work_folder
+from tools.bench.cpu import cpu_ns, family
+from tools.bench.options import Options, peers
+from tools.bench.robbie import RobbieContender
+from tools.bench.rounds import Series, run_rounds
+from tools.bench.work import Work
+from tools.kill_campaign.robot import Robot, RobotTrouble
+
+Result = dict[str, Any]
+
+IDLE_MODULES = 20
+MOST_MODULES = 64
+SETTLE_S = 1.0
+CONNECT_LIMIT_S = 30.0
+POLL_S = 0.05
+SCALE_HZ = 1000.0
+LOAD_HZ = 1500.0
+
+
+@dataclass(frozen=True)
+class Bus:
+    """Who is on the bus in `scale`.
+
+    Attributes:
+        title: what the table calls it.
+        pairs: of a publisher and its subscriber, on topics of their own, sharing the traffic.
+        idle: subscribers to a topic on which nothing is published.
+        rate_hz: of all messages together.
+    """
+
+    title: str
+    pairs: int
+    idle: int
+    rate_hz: float
+
+
+def buses(most: int) -> list[Bus]:
+    """Return what `scale` measures; the first is what the next two are compared to.
+
+    Args:
+        most: how many modules, at least 4 and even.
+    """
+    loaded = min(20, most)
+    return [
+        Bus("4 modules", 2, 0, SCALE_HZ),
+        Bus(f"{most} modules, 4 of them with all traffic", 2, most - 4, SCALE_HZ),
+        Bus(f"{most} modules sharing the traffic", most // 2, 0, SCALE_HZ),
+        Bus(f"{loaded} modules, {LOAD_HZ:,.0f} messages/s", loaded // 2, 0, LOAD_HZ),
+    ]
+
+
+def idle(options: Options) -> list[Result]:
+    """Processor time of a robot of idle modules, and of as many idle subscribers of each peer."""
+    window_s = options.window_s(10.0, 2.0)
+    count = options.modules or IDLE_MODULES
+    series = options.chosen([*map(Series, options.robbies()), *map(Series, peers())])
+
+    def run(one: Series) -> float:
+        if isinstance(one.contender, RobbieContender):
+            return _idle_robot(one.contender, count, window_s)
+        assert isinstance(one.contender, PeerContender)
+        return _idle_peer(one.contender, count, window_s)
+
+    run_rounds(series, run, options.times(3, 1), options.budget_s)
+    rows = [one.describe() | {"cpu_percent": one.outcomes} for one in series]
+    title = f"{count} idle modules, {window_s:g} s: processor time of all processes"
+    return [{"benchmark": "idle", "title": title, "kind": "idle", "contenders": rows}]
+
+
+def scale(options: Options) -> list[Result]:
+    """What a message costs when more modules are on the bus."""
+    window_s = options.window_s(10.0, 2.0)
+    contender = options.robbies()[-1 if options.variants else 0]
+    series = [Series(contender, {"bus": bus}) for bus in buses(options.modules or (24 if options.quick else MOST_MODULES))]
+
+    def run(one: Series) -> Result:
+        return _busy_robot(contender, one.changes["bus"], window_s)
+
+    run_rounds(series, run, options.times(3, 1), options.budget_s)
+    rows = []
+    for one in series:
+        title = one.changes["bus"].title
+        rows.append(one.describe() | {"name": title, "title": title, "each": one.outcomes})
+    return [{"benchmark": "scale", "title": "cost of a message", "kind": "scale", "contenders": rows}]
+
+
+def _percent(before_ns: int, after_ns: int, window_s: float) -> float:
+    return (after_ns - before_ns) / 1e7 / window_s
+
+
+def _idle_robot(contender: RobbieContender, count: int, window_s: float) -> float:
+    with work_folder() as (topic, folder):
+        work = Work(topic, folder, subscribers=count)
+        with contender.robot(folder, subscribers_only(contender.pair(work))) as robot:
+            _wait(robot)
+            pids = family(robot.supervisor.pid)
+            before_ns = cpu_ns(pids)
+            time.sleep(window_s)
+            return _percent(before_ns, cpu_ns(pids), window_s)
+
+
+def subscribers_only(modules: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Leave out the publishers."""
+    return {name: module for name, module in modules.items() if not name.startswith("publisher")}
+
+
+def _idle_peer(contender: PeerContender, count: int, window_s: float) -> float:
+    with work_folder() as (topic, folder):
+        pause_s = SETTLE_S + window_s + 0.5
+        work = Work(topic, folder, count=0, subscribers=count, warm_up=1, pause_s=pause_s)
+        try:
+            with contender.started(work) as processes:
+                _wait_for_pause(work, processes)
+                pids = [pid for process in processes for pid in family(process.pid)]
+                before_ns = cpu_ns(pids)
+                time.sleep(window_s)
+                percent = _percent(before_ns, cpu_ns(pids), window_s)
+                wait_for_end(processes, CONNECT_LIMIT_S)
+                return percent
+        finally:
+            contender.peer.clean(work)
+
+
+def _wait_for_pause(work: Work, processes: list[subprocess.Popen[bytes]]) -> None:
+    """Wait until all subscribers have heard the publisher, which is silent from then on."""
+    deadline_s = time.monotonic() + CONNECT_LIMIT_S
+    while not (record.publisher_file(work).exists() and record.map_publisher(work)[record.ENDED_NS]):
+        ended = [process.returncode for process in processes if process.poll() is not None]
+        if any(ended) or time.monotonic() > deadline_s:
+            raise Trouble(f"the {work.subscribers} subscribers did not connect")
+        time.sleep(POLL_S)
+    time.sleep(SETTLE_S)
+
+
+def _wait(robot: Robot) -> None:
+    try:
+        robot.wait_until_running()
+    except RobotTrouble as trouble:
+        raise Trouble(str(trouble)) from trouble
+    time.sleep(SETTLE_S)
+
+
+def _busy_robot(contender: RobbieContender, bus: Bus, window_s: float) -> Result:
+    """Return what the core and the whole robot take, for each message and in percent of a processor."""
+    with work_folder() as (topic, folder):
+        modules: dict[str, dict[str, Any]] = {}
+        works = []
+        for index in range(bus.pairs):
+            (folder / f"pair-{index}").mkdir()
+            rate_hz = bus.rate_hz / bus.pairs
+            count = round(rate_hz * (window_s + 120))
+            works.append(Work(f"{topic}-{index}", folder / f"pair-{index}", count=count, rate_hz=rate_hz))
+            modules |= contender.pair(works[-1], f"-{index}")
+        bystanders = Work(f"{topic}-silence", folder, count=0, subscribers=bus.idle)
+        modules |= subscribers_only(contender.pair(bystanders, "-idle")) if bus.idle else {}
+        with contender.robot(folder, modules) as robot:
+            _wait(robot)
+            result = _sample(robot, window_s)
+        latencies_us = np.concatenate([_latencies_us(work) for work in works])
+        p50_us, p99_us = np.quantile(latencies_us, (0.5, 0.99))
+        return result | {"p50_us": float(p50_us), "p99_us": float(p99_us)}
+
+
+def _sample(robot: Robot, window_s: float) -> Result:
+    assert robot.observer is not None
+    pids, core = family(robot.supervisor.pid), [robot.figures()["core"].pid]
+    began_s, routed, all_ns, core_ns = time.monotonic(), robot.observer.routed, cpu_ns(pids), cpu_ns(core)
+    time.sleep(window_s)
+    took_s, core_ns, all_ns = time.monotonic() - began_s, cpu_ns(core) - core_ns, cpu_ns(pids) - all_ns
+    messages = robot.observer.routed - routed
+    return {
+        "messages_per_s": messages / took_s,
+        "core_us_per_message": core_ns / 1e3 / max(1, messages),
+        "robot_us_per_message": all_ns / 1e3 / max(1, messages),
+        "core_percent": core_ns / 1e7 / took_s,
+        "robot_percent": all_ns / 1e7 / took_s,
+    }
+
+
+def _latencies_us(work: Work) -> Any:
+    words = np.fromfile(record.subscriber_file(work, 0), np.int64)[record.HEADER :]
+    return words[words > 0] / 1e3

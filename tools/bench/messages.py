@@ -1,0 +1,83 @@
+"""The benchmarks of one publisher: `latency`, `large`, `fanout` and `throughput`."""
+
+from pathlib import Path
+from typing import Any
+
+from tools.bench.options import IN_PLACE, Options, peer, peers
+from tools.bench.rounds import Series, run_work
+from tools.bench.work import PROBE_BYTES, Work
+
+Result = dict[str, Any]
+
+MEGABYTE = 1 << 20
+IMAGE_BYTES = 1920 * 1080 * 3
+"""6.2 MB."""
+IMAGE_HZ = 30.0
+FANOUT = 8
+
+
+def latency(options: Options) -> list[Result]:
+    """A typed message of 64 bytes, 1,000 times a second, from one publisher to one subscriber."""
+    work = Work("", Path(), count=options.messages(4000, 500), rate_hz=1000.0, warm_up=100)
+    series = [Series(one) for one in (peer("floor"), *options.robbies(), *peers())]
+    return [_latencies(options, "latency", "64 bytes, 1 kHz, 1 subscriber", work, series, (7, 2))]
+
+
+def large(options: Options) -> list[Result]:
+    """Messages with large arrays, copied from an existing array or filled in place."""
+    sizes = {"6.2 MB": IMAGE_BYTES} if options.quick else {"1 MB": MEGABYTE, "6.2 MB": IMAGE_BYTES}
+    results = []
+    for title, size_bytes in sizes.items():
+        work = _images(options, size_bytes)
+        small = Series(options.robbies()[0], {"size_bytes": PROBE_BYTES}, "64 B")
+        series = [Series(peer("memcpy")), small, *_with_arrays(options)]
+        results.append(
+            _latencies(options, "large", f"{title}, {IMAGE_HZ:g} Hz, 1 subscriber", work, series, (5, 1))
+        )
+    return results
+
+
+def fanout(options: Options) -> list[Result]:
+    """1 MB to eight subscribers: when does the last one have it?"""
+    work = _images(options, MEGABYTE, subscribers=options.modules or FANOUT)
+    title = f"1 MB, {IMAGE_HZ:g} Hz, {work.subscribers} subscribers: until the last one has it"
+    return [_latencies(options, "fanout", title, work, _with_arrays(options), (5, 1))]
+
+
+def throughput(options: Options) -> list[Result]:
+    """64-byte messages as fast as they go; those that can be told to lose nothing are told so."""
+    count = options.messages(200_000, 20_000)
+    work = Work("", Path(), count=count, rate_hz=0.0, warm_up=50, lossless=True)
+    zeromq = Series(peer("zeromq"), {"lossless": False}, "default high-water marks")
+    series = options.chosen([*(Series(one) for one in (*options.robbies(), *peers())), zeromq])
+    rows = run_work(series, work, options.times(5, 1), options.budget_s)
+    title = f"64 bytes flat out, {count:,} messages, 1 subscriber"
+    return [{"benchmark": "throughput", "title": title, "kind": "throughput", "contenders": rows}]
+
+
+def _images(options: Options, size_bytes: int, subscribers: int = 1) -> Work:
+    count = options.messages(60, 15)
+    return Work(
+        "", Path(), size_bytes, count=count, rate_hz=IMAGE_HZ, subscribers=subscribers, warm_up=5
+    )
+
+
+def _with_arrays(options: Options) -> list[Series]:
+    """Everybody, and once more in place those that can."""
+    robbies, others = options.robbies(), peers()
+    able = [one for one in others if one.peer.can_fill_in_place]
+    in_place = [Series(one, {"in_place": True}, IN_PLACE) for one in (*robbies, *able)]
+    return [*in_place, *(Series(one) for one in (*robbies, *others))]
+
+
+def _latencies(
+    options: Options, benchmark: str, title: str, work: Work, series: list[Series], rounds: tuple[int, int]
+) -> Result:
+    rows = run_work(options.chosen(series), work, options.times(*rounds), options.budget_s)
+    return {
+        "benchmark": benchmark,
+        "title": title,
+        "kind": "latency",
+        "reference": "robbie",
+        "contenders": rows,
+    }
