@@ -2,7 +2,7 @@
 PYTHON ?= python3
 ROBBIE := .venv/bin/robbie
 
-.PHONY: demo test lint types clean
+.PHONY: demo test lint types bench clean
 
 demo: .venv/robot
 	$(ROBBIE) run demo
@@ -16,6 +16,9 @@ lint: .venv/dev
 types: .venv/dev
 	.venv/bin/mypy
 
+bench: .venv/bench
+	.venv/bin/python -m tools.bench --json docs/benchmarks.json --report docs
+
 .venv/robot: pyproject.toml
 	$(PYTHON) -m venv .venv
 	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot]'
@@ -23,6 +26,10 @@ types: .venv/dev
 
 .venv/dev: pyproject.toml .venv/robot
 	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot,dev]'
+	touch $@
+
+.venv/bench: pyproject.toml .venv/robot
+	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot,bench]'
 	touch $@
 
 clean:

@@ -82,10 +82,11 @@ def scale(options: Options) -> list[Result]:
     """What a message costs when more modules are on the bus."""
     window_s = options.window_s(10.0, 2.0)
     contender = options.robbies()[-1 if options.variants else 0]
-    series = [Series(contender, {"bus": bus}) for bus in buses(options.modules or (24 if options.quick else MOST_MODULES))]
+    most = options.modules or (24 if options.quick else MOST_MODULES)
+    series = [Series(contender, {"bus": bus}) for bus in buses(most)]
 
     def run(one: Series) -> Result:
-        return _busy_robot(contender, one.changes["bus"], window_s)
+        return measure_bus(contender, one.changes["bus"], window_s)
 
     run_rounds(series, run, options.times(3, 1), options.budget_s)
     rows = []
@@ -151,8 +152,8 @@ def _wait(robot: Robot) -> None:
     time.sleep(SETTLE_S)
 
 
-def _busy_robot(contender: RobbieContender, bus: Bus, window_s: float) -> Result:
-    """Return what the core and the whole robot take, for each message and in percent of a processor."""
+def measure_bus(contender: RobbieContender, bus: Bus, window_s: float) -> Result:
+    """Run a robot; return what core and robot take, for each message and in percent of a processor."""
     with work_folder() as (topic, folder):
         modules: dict[str, dict[str, Any]] = {}
         works = []

@@ -2,7 +2,6 @@
 
 import contextlib
 import subprocess
-import threading
 from collections.abc import Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
@@ -11,8 +10,9 @@ from typing import Any
 import yaml
 
 from tools.bench.contender import Outcome, Trouble, last_words, outcome, work_folder
+from tools.bench.watching import watched
 from tools.bench.work import Work
-from tools.kill_campaign.robot import COMMAND, Robot, RobotTrouble
+from tools.kill_campaign.robot import Robot, RobotTrouble
 
 MODULES = "tools.bench.robbie_modules"
 MEGABYTE = 1 << 20
@@ -51,7 +51,7 @@ class RobbieContender:
         """How it is set up."""
         special = {"core": self._core, "module": self._module}
         changed = ", ".join(f"{key}: {value}" for key, value in special.items() if value)
-        watched = "`robbie top --once` over and over beside it" if self._with_top else ""
+        watched = "`robbie top` beside it" if self._with_top else ""
         setup = "a profile run by `robbie run`: supervisor, core, modules"
         return "; ".join(filter(None, (setup, changed, watched)))
 
@@ -72,14 +72,21 @@ class RobbieContender:
         with work_folder() as (topic, folder):
             here = work.at(topic, folder)
             with self.robot(folder, self.pair(here)) as robot:
-                with self._top(robot) if self._with_top else contextlib.nullcontext():
-                    try:
-                        robot.wait_for_end(LIMIT_S + work.pause_s)
-                    except (RobotTrouble, subprocess.TimeoutExpired) as trouble:
-                        raise Trouble(str(trouble)) from trouble
+                try:
+                    self._wait_for_end(robot)
+                except (RobotTrouble, subprocess.TimeoutExpired) as trouble:
+                    raise Trouble(str(trouble)) from trouble
                 if robot.supervisor.returncode:
                     raise Trouble(last_words(folder / "stderr"))
                 return outcome(here)
+
+    def _wait_for_end(self, robot: Robot) -> None:
+        if not self._with_top:
+            robot.wait_for_end(LIMIT_S)
+            return
+        robot.wait_for(robot.attach, "no run appeared")
+        with watched(robot):
+            robot.wait_for_end(LIMIT_S)
 
     def pair(self, work: Work, suffix: str = "") -> dict[str, dict[str, Any]]:
         """Describe the modules of a work for a profile, subscribers first.
@@ -108,7 +115,7 @@ class RobbieContender:
 
     @contextlib.contextmanager
     def robot(self, folder: Path, modules: Mapping[str, dict[str, Any]]) -> Iterator[Robot]:
-        """Start a profile of these modules; at the end, whatever of it still runs is killed."""
+        """Start a profile of these modules; at the end it is stopped, and killed if it does not."""
         (folder / "profiles").mkdir()
         complete = {name: {**MODULE, **own, **self._module} for name, own in modules.items()}
         text = yaml.safe_dump({"core": self._core, "modules": complete}, sort_keys=False)
@@ -117,23 +124,7 @@ class RobbieContender:
         try:
             yield robot
         finally:
+            with contextlib.suppress(RobotTrouble, subprocess.TimeoutExpired):
+                if robot.is_up:
+                    robot.stop()
             robot.close()
-
-    @contextlib.contextmanager
-    def _top(self, robot: Robot) -> Iterator[None]:
-        """Look at the run over and over until the block ends."""
-        robot.wait_until_running()
-        ends = threading.Event()
-        command = [*COMMAND, "top", "--once", "--run", robot.run_id]
-
-        def look() -> None:
-            while not ends.is_set():
-                subprocess.run(command, env=robot.environment, stdout=subprocess.DEVNULL, check=False)
-
-        thread = threading.Thread(target=look)
-        thread.start()
-        try:
-            yield
-        finally:
-            ends.set()
-            thread.join()

@@ -58,10 +58,11 @@ class Robot:
 
     def wait_until_running(self) -> None:
         """Wait until all modules and the core are RUNNING."""
-        self.wait_for(self._attach, "no run appeared")
+        self.wait_for(self.attach, "no run appeared")
         self.wait_for(self.all_running, "not everything is RUNNING")
 
-    def _attach(self) -> bool:
+    def attach(self) -> bool:
+        """Find the run and its figures; whether they are there."""
         runs = list_runs(self._bases)
         if not runs:
             return False

@@ -1,0 +1,142 @@
+"""The benchmarks with tiny counts: what they measure, and what they say of those they cannot measure."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tools.bench.__main__ import main
+from tools.bench.contender import PeerContender, Trouble, wait_for_end
+from tools.bench.load import Bus, measure_bus
+from tools.bench.options import peer
+from tools.bench.peers.peer import Peer
+from tools.bench.robbie import RobbieContender
+from tools.bench.rounds import Series, run_rounds, run_work
+from tools.bench.shared_memory import mapped_names, remove_unmapped
+from tools.bench.work import Work
+
+WORK = Work("", Path(), count=30, warm_up=3)
+
+
+class Missing(Peer):
+    title = "missing"
+    package = "no-such-package"
+    module = "no_such_package"
+    how = "not at all"
+
+
+class Broken(Peer):
+    title = "broken"
+    how = "its daemon does not run"
+
+    def commands(self, name, work, work_file):
+        return [[sys.executable, "-c", "import sys; print('started'); sys.exit('the daemon does not run')"]]
+
+
+class Hanging(Peer):
+    title = "hanging"
+    how = "it starts a child and waits for ever"
+
+    def commands(self, name, work, work_file):
+        child = "import signal; signal.pause()"
+        parent = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {child!r}])"
+        return [[sys.executable, "-c", parent]]
+
+
+def measure(tmp_path, *arguments):
+    """Run the command line; return its results."""
+    file = tmp_path / "results.json"
+    assert main([*arguments, "--json", str(file), "--rounds=1"]) == 0
+    return json.loads(file.read_text())
+
+
+def test_latency_of_robbie_and_others_in_one_run(tmp_path, capsys):
+    run = measure(tmp_path, "latency", "--only=floor,robbie,queue,rospy", "--count=40")
+    floor, robbie, rospy, queue = run["results"][0]["contenders"]
+    for row in (floor, robbie, queue):
+        assert (row["sent"], row["lost"], row["trouble"]) == ([40], [0], "")
+        assert 0 < row["p50_us"][0] <= row["p99_us"][0] < 1e6
+    assert rospy["trouble"] == "rospy is not installed"
+    printed = capsys.readouterr().out
+    assert "rospy is not installed" in printed
+    assert "p50 ÷ floor" in printed
+    assert run["machine"]["cores"] > 0
+
+
+def test_arrays_copied_and_filled_in_place_reach_the_last_subscriber(tmp_path):
+    run = measure(tmp_path, "fanout", "--only=robbie,queue", "--count=3", "--modules=2")
+    rows = {row["name"]: row for row in run["results"][0]["contenders"]}
+    assert set(rows) == {"robbie in place", "robbie", "queue"}
+    assert all((row["sent"], row["lost"]) == ([3], [0]) for row in rows.values())
+
+
+def test_throughput_loses_nothing_of_robbies(tmp_path):
+    run = measure(tmp_path, "throughput", "--only=robbie", "--count=3000")
+    (row,) = run["results"][0]["contenders"]
+    assert (row["sent"], row["lost"]) == ([3000], [0])
+    assert row["received_per_s"][0] > 0
+
+
+def test_idle_modules_take_processor_time(tmp_path):
+    run = measure(tmp_path, "idle", "--only=robbie", "--modules=2", "--seconds=0.6")
+    (row,) = run["results"][0]["contenders"]
+    assert 0 < row["cpu_percent"][0] < 200
+
+
+def test_cost_of_a_message_beside_idle_modules():
+    figures = measure_bus(RobbieContender(), Bus("3 modules", pairs=1, idle=1, rate_hz=200.0), window_s=0.3)
+    assert 0 < figures["core_us_per_message"] < figures["robot_us_per_message"]
+    assert 0 < figures["p50_us"] <= figures["p99_us"]
+    assert figures["messages_per_s"] < 250
+
+
+def test_who_is_absent_or_broken_is_reported_and_the_others_are_measured():
+    series = [Series(PeerContender(one.title, one)) for one in (Missing(), Broken())]
+    series.append(Series(peer("memcpy"), {"size_bytes": 4096}))
+    missing, broken, memcpy = run_work(series, WORK, rounds=2)
+    assert missing["trouble"] == "no-such-package is not installed"
+    assert broken["trouble"] == "a process ended with 1: the daemon does not run"
+    assert memcpy["lost"] == [0, 0]
+
+
+def test_each_round_begins_with_another_one():
+    series = [Series(PeerContender(name, Broken())) for name in "abc"]
+    order = []
+    run_rounds(series, lambda one: order.append(one.contender.name), rounds=3)
+    assert "".join(order) == "abc" "bca" "cab"
+
+
+def test_what_hangs_is_killed_with_its_children(tmp_path):
+    contender = PeerContender("hanging", Hanging())
+    work = replace(WORK, folder=tmp_path)
+    with pytest.raises(Trouble, match="did not end within"), contender.started(work) as processes:
+        parent = psutil.Process(processes[0].pid)
+        while not parent.children():
+            assert processes[0].poll() is None
+        children = parent.children()
+        wait_for_end(processes, limit_s=0.0)
+    assert not any(child.is_running() for child in [parent, *children])
+
+
+def test_only_shared_memory_that_nobody_has_is_removed():
+    name = Path("/dev/shm/robbie-bench-test-of-names")
+    name.write_bytes(bytes(4096))
+    code = (
+        "import mmap, sys; file = open(sys.argv[1], 'r+b'); memory = mmap.mmap(file.fileno(), 4096);"
+        "print(flush=True); sys.stdin.read()"
+    )
+    holder = subprocess.Popen(
+        [sys.executable, "-c", code, str(name)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    with holder:
+        holder.stdout.readline()
+        assert mapped_names([holder.pid]) == {name}
+        remove_unmapped([name])
+        assert name.exists()
+        holder.stdin.close()
+    remove_unmapped([name])
+    assert not name.exists()
