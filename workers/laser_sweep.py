@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,13 +18,11 @@ class LaserSweep:
     """A sweep in the laser's own frame.
 
     Attributes:
-        hits: Where beams ended.
         ranges_m: `(N,)`, m; NaN for a beam without a return.
         angle_min_rad: Bearing of the first beam.
         angle_increment_rad: From one beam to the next.
     """
 
-    hits: SurfacePoints
     ranges_m: NDArray[np.float64]
     angle_min_rad: float
     angle_increment_rad: float
@@ -40,10 +39,14 @@ class LaserSweep:
         ranges = np.array(ranges_m, float)
         with np.errstate(invalid="ignore"):
             ranges[~((ranges >= range_min_m) & (ranges < range_max_m))] = np.nan
-        bearings = angle_min_rad + angle_increment_rad * np.arange(len(ranges))
-        returned = np.isfinite(ranges)
-        hits = SurfacePoints.from_bearings(bearings[returned], ranges[returned])
-        return LaserSweep(hits, ranges, angle_min_rad, angle_increment_rad)
+        return LaserSweep(ranges, angle_min_rad, angle_increment_rad)
+
+    @cached_property
+    def hits(self) -> SurfacePoints:
+        """Where beams ended; reckoned when first asked for, so that a map of many sweeps is restored quickly."""
+        bearings = self.angle_min_rad + self.angle_increment_rad * np.arange(len(self.ranges_m))
+        returned = np.isfinite(self.ranges_m)
+        return SurfacePoints.from_bearings(bearings[returned], self.ranges_m[returned])
 
     def state(self) -> dict[str, Any]:
         """Return the sweep as it was measured; ranges as lasers give them, `float32`."""

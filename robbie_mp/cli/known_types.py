@@ -19,7 +19,7 @@ IMPORT_TIMEOUT_S = 10.0
 
 def types_of_run(run: KnownRun) -> KnownTypes:
     """Return the stock types and those that the run's modules declare; nothing is imported."""
-    return KnownTypes(RunPlan.load(run.folder).types)
+    return KnownTypes(TypeDescription(*one) for one in RunPlan.load(run.folder).types)
 
 
 def types_of_run_or_workspace(run_id: str | None) -> KnownTypes:

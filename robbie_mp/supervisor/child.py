@@ -1,55 +1,34 @@
-"""What runs in a child: `python -m robbie_mp.supervisor.child RUN_FOLDER NAME`."""
+"""What runs in a child: `python -m robbie_mp.supervisor.child RUN_FOLDER NAME [INCARNATION]`.
+
+What only the core or only a module needs is imported when it is known which of them this is.
+"""
 
 import faulthandler
 import logging
 import os
-import resource
-import signal
 import sys
 import traceback
 from pathlib import Path
 from typing import NoReturn
 
-from robbie_mp.bus import Envelope
-from robbie_mp.checkpoint.buffers import CheckpointBuffers
-from robbie_mp.checkpoint.file import checkpoint_file
-from robbie_mp.checkpoint.keeper import CheckpointKeeper, DiskPolicy
-from robbie_mp.clock import SystemClock
-from robbie_mp.config import Config
-from robbie_mp.core.process import CoreProcess
-from robbie_mp.core.router import SlotLimits
-from robbie_mp.core.tables import CoreTables
 from robbie_mp.die_with_parent import die_with_parent
-from robbie_mp.module import Module, ModuleContext
 from robbie_mp.prctl import set_process_name
-from robbie_mp.profile.check import load_class
-from robbie_mp.runner import ModuleRunner
-from robbie_mp.settings import check_settings
 from robbie_mp.supervisor.leftovers import MARKER
-from robbie_mp.supervisor.memory import CORE
-from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.supervisor.plan import CORE, RunPlan
 from robbie_mp.trace.channel import log_to_supervisor
 from robbie_mp.trace.levels import follow_level
-from robbie_mp.transport import layout, names
-from robbie_mp.transport.board import Board
-from robbie_mp.transport.bus import SharedMemoryBus
-from robbie_mp.transport.endpoint import Delivery
-from robbie_mp.transport.inbox import Inbox
-from robbie_mp.transport.layout import LINE_WORDS, NAME_WORDS, SegmentKind
-from robbie_mp.transport.outbox import Outbox
-from robbie_mp.transport.run_memory import IncarnationMemory, make_block_store, make_endpoint, make_views
-from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.wakeup import Wakeup
-from robbie_mp.transport.words import read_text, write_text
-
-SUPERVISOR_QUEUE = SlotLimits(queue_messages=1000, queue_bytes=1 << 20)
 
 
-def main(run_folder: Path, name: str) -> None:
+def main(run_folder: Path, name: str, incarnation: int) -> None:
     """Run the core or a module until it is stopped."""
     plan = RunPlan.load(run_folder)
     die_with_parent(plan.supervisor_pid)
-    run_child(run_folder, plan, name, int(os.environ[MARKER].rpartition("/")[2]))
+    run_child(run_folder, plan, name, incarnation)
+
+
+def own_incarnation() -> int:
+    """Return the number that the supervisor has marked this process with."""
+    return int(os.environ[MARKER].rpartition("/")[2])
 
 
 def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> NoReturn:
@@ -61,8 +40,12 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
     code = 0
     try:
         if name == CORE:
+            from robbie_mp.supervisor.core_child import run_core  # noqa: PLC0415
+
             run_core(plan)
         else:
+            from robbie_mp.supervisor.module_child import run_module  # noqa: PLC0415
+
             run_module(plan, name, incarnation)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
@@ -80,83 +63,5 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
     os._exit(code)
 
 
-def run_core(plan: RunPlan) -> None:
-    """Route messages until SIGTERM."""
-    modules = [SlotLimits(module.queue.messages, module.queue.bytes) for module in plan.modules]
-    queue = plan.tool_queue
-    tool = SlotLimits(queue.messages, queue.bytes, plan.tools.credits, is_tool=True)
-    message_bytes = max((module.memory.limit_bytes for module in plan.modules), default=0)
-    slots = [SUPERVISOR_QUEUE, *modules, *[tool] * plan.tools.count]
-    CoreProcess(plan.run_id, plan.sizes, slots, max(message_bytes, 1 << 20)).run()
-
-
-def run_module(plan: RunPlan, name: str, incarnation: int) -> None:
-    """Import, construct and run a module until it is stopped or stops itself."""
-    slot = plan.names.index(name)
-    planned = plan.modules[slot - 1]
-    memory = IncarnationMemory.attach_as_module(plan.run_id, slot, incarnation)
-    words = memory.out.words
-    core_wakeup = Wakeup.attach(names.core_wakeup(plan.run_id))
-    endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post)
-    limits = planned.memory
-    blocks = make_block_store(plan.run_id, slot, incarnation, limits.segment_bytes, limits.limit_bytes)
-    outbox = Outbox(endpoint, blocks, words, SystemClock())
-    inbox = Inbox(endpoint, make_views(plan.run_id), words)
-    board = Board(Segment.attach(names.board(plan.run_id), SegmentKind.BOARD).words)
-    bus = SharedMemoryBus(outbox, inbox, _Describer(plan.run_id, board))
-    if (process_bytes := planned.memory.process_bytes) is not None:
-        resource.setrlimit(resource.RLIMIT_AS, (process_bytes, process_bytes))
-    sys.path.insert(0, plan.workspace)
-    module_class = load_class(planned.class_path, Module)
-    folders = {setting: Path(folder) for setting, folder in planned.folder_of.items()}
-    checkpoints = open_checkpoints(plan, slot, incarnation)
-    context = ModuleContext(
-        name=name,
-        settings=check_settings(
-            module_class, planned.settings, folder=Path(plan.workspace), folder_of=folders
-        ),
-        bus=bus,
-        clock=SystemClock(),
-        config=Config(plan.config),
-        checkpoints=checkpoints,
-        output_directory=Path(plan.output_directory),
-        show_status=lambda line: write_text(words, layout.OUT_STATUS, LINE_WORDS, line),
-        show_states=lambda line: write_text(words, layout.OUT_STATES, LINE_WORDS, line),
-        run_id=plan.run_id,
-    )
-    module = module_class(context)
-    runner = ModuleRunner(module, endpoint, inbox, outbox, memory.wakeup, words, lambda: board.may_go)
-    signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
-    runner.run()
-    checkpoints.close()
-
-
-def open_checkpoints(plan: RunPlan, slot: int, incarnation: int) -> CheckpointKeeper:
-    """Find what earlier incarnations or runs of a module have left, and prepare to leave something."""
-    planned = plan.modules[slot - 1]
-    disk = None
-    if planned.checkpoint.persist:
-        path = checkpoint_file(Path(plan.workspace), plan.profile_name, planned.name)
-        disk = DiskPolicy(path, planned.checkpoint.persist_every_s)
-    buffers = CheckpointBuffers(plan.run_id, slot, incarnation, planned.memory.checkpoint_bytes)
-    return CheckpointKeeper(buffers, disk, logging.getLogger(planned.name))
-
-
-class _Describer:
-    """Makes envelopes from the tables of core and supervisor."""
-
-    def __init__(self, run_id: str, board: Board):
-        segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
-        self._words = segment.words
-        self._tables = CoreTables.attach(self._words)
-        self._board = board
-
-    def __call__(self, delivery: Delivery) -> Envelope:
-        at = self._tables.channel(delivery.channel) + layout.CHANNEL_TOPIC
-        topic = read_text(self._words, at, NAME_WORDS)
-        sender = self._board.name(layout.unpack_source(delivery.source)[0])
-        return Envelope(topic, delivery.sequence, sender, delivery.stamp_ns)
-
-
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2])
+    main(Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]) if sys.argv[3:] else own_incarnation())

@@ -9,9 +9,8 @@ from dataclasses import replace
 from robbie_mp.clock import SystemClock
 from robbie_mp.core.tables import CoreTables, TableSizes
 from robbie_mp.messages import ModuleState, Time
-from robbie_mp.supervisor.child_spec import ChildKind
 from robbie_mp.supervisor.incarnations import Doing
-from robbie_mp.supervisor.plan import PlannedModule, RunPlan
+from robbie_mp.supervisor.plan import CORE, PlannedModule, RunPlan
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.supervisor.sweep import unlink_names
 from robbie_mp.transport import layout, names
@@ -30,7 +29,6 @@ from robbie_mp.transport.segment import Segment, unlink_segment
 from robbie_mp.transport.wakeup import Wakeup
 from robbie_mp.transport.words import read_text
 
-CORE = str(ChildKind.CORE)
 SUPERVISOR = "supervisor"
 SUPERVISOR_SLOT = 0
 SUPERVISOR_SEGMENT_BYTES = 64 << 10

@@ -6,7 +6,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.profile.model import (
     CheckpointPolicy,
     CoreLimits,
@@ -20,6 +19,8 @@ from robbie_mp.transport.board import TOOL_PREFIX
 from robbie_mp.transport.run_memory import RingSizes
 
 PLAN_FILE = "plan.json"
+CORE = "core"
+"""Name of the core among the processes of a run."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,9 @@ class RunPlan:
     spare_imports: list[str]
     """What a spare interpreter imports ahead."""
     tools: ToolLimits
-    types: list[TypeDescription]
-    """The robot's own message types, as far as its modules' files declare them when they are imported."""
+    types: list[tuple[str, int, str]]
+    """The robot's own message types, as far as its modules' files declare them when they are imported: what a
+    `TypeDescription` holds, but plain, for the core and spares read this and need no messages."""
 
     @classmethod
     def of_profile(
@@ -62,7 +64,7 @@ class RunPlan:
         workspace: Path,
         output_directory: Path,
         supervisor_pid: int,
-        types: Iterable[TypeDescription] = (),
+        types: Iterable[tuple[str, int, str]] = (),
     ) -> Self:
         """Plan a run of a profile."""
         return cls(
@@ -76,7 +78,7 @@ class RunPlan:
             modules=tuple(_planned(module) for module in profile.modules),
             spare_imports=profile.spares.imports,
             tools=profile.tools,
-            types=list(types),
+            types=[(name, version, schema) for name, version, schema in types],
         )
 
     @property
@@ -103,7 +105,7 @@ class RunPlan:
     @property
     def names(self) -> list[str]:
         """Names of the board's rows."""
-        return ["supervisor", *(module.name for module in self.modules), *self.tool_names, "core"]
+        return ["supervisor", *(module.name for module in self.modules), *self.tool_names, CORE]
 
     def save(self, run_directory: Path) -> None:
         """Write the plan for the children."""
@@ -126,7 +128,7 @@ class RunPlan:
             for module in data["modules"]
         )
         data["tools"] = ToolLimits(**data["tools"])
-        data["types"] = [TypeDescription(*entry) for entry in data["types"]]
+        data["types"] = [tuple(entry) for entry in data["types"]]
         return cls(**data)
 
 

@@ -1,7 +1,8 @@
-"""How long a killed module is missing: `python -m tools.bench.restart --kills 30 [--spares 0] [--json]`.
+"""How long a killed module is missing: `python -m tools.bench.restart [--kills 30] [--subject mapping]`.
 
-Kills a module that imports numpy with SIGKILL, again and again, while another one publishes at 100 Hz, and
-measures until the restarted one enters the handler of its next message.
+Kills a module with SIGKILL, again and again, while another one publishes at 100 Hz, and measures until the
+restarted one enters the handler of its next message. The module is a small one that imports numpy, or the
+stock robot's mapping, which restores its map; spares import what the profile `demo` names.
 """
 
 import argparse
@@ -15,17 +16,21 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import psutil
 
-from robbie_mp.profile.model import ModuleSpec, Profile, RestartPolicy, SpareInterpreters
+from robbie_mp.profile.load import load_profile
+from robbie_mp.profile.model import ModuleSpec, Profile, RestartPolicy
 from robbie_mp.supervisor.run import RunListener, run_profile
 from robbie_mp.supervisor.states import ChildState, StateChange
 
 SUBJECT = "subject"
+CHECKOUT = Path(__file__).parents[2]
+UNLIMITED = RestartPolicy(max_restarts=1 << 20, stable_after_s=0.0)
 LIMIT_S = 30.0
 PAUSE_S = 0.3
 """Between a restart and the next kill."""
@@ -123,28 +128,39 @@ def kill(pid: int) -> tuple[int, int]:
         os.close(pidfd)
 
 
-def profile(spares: int) -> Profile:
-    """Describe the robot that is measured."""
+def small_robot() -> Profile:
+    """Describe a robot of two modules, one of which is killed."""
     where = f"{__package__}.restart_subject"
-    unlimited = RestartPolicy(max_restarts=1 << 20, stable_after_s=0.0)
     return Profile(
         name="restart",
         modules=(
             ModuleSpec("source", f"{where}:Source"),
-            ModuleSpec(SUBJECT, f"{where}:Subject", restart=unlimited),
+            ModuleSpec(SUBJECT, f"{where}:Subject", restart=UNLIMITED),
         ),
-        spares=SpareInterpreters(count=spares),
-        workspace=Path(__file__).parents[2],
+        workspace=CHECKOUT,
     )
 
 
-def measure(kills: int, spares: int) -> list[dict[str, int]]:
+def stock_robot() -> Profile:
+    """Describe the demo's robot without exploration, its odometry at 100 Hz; mapping is killed."""
+    where = f"{__package__}.restart_mapping"
+    demo = load_profile("demo", CHECKOUT, ["base.period_s=0.01"])
+    spec = {module.name: module for module in demo.modules}
+    mapping = replace(spec["mapping"], name=SUBJECT, class_path=f"{where}:MappingSubject", restart=UNLIMITED)
+    circling = ModuleSpec("circling", f"{where}:Circling")
+    return replace(demo, name="restart", modules=(mapping, spec["base"], spec["laser"], circling))
+
+
+ROBOTS = {"small": small_robot, "mapping": stock_robot}
+
+
+def measure(profile: Profile, kills: int) -> list[dict[str, int]]:
     """Run the campaign and return the times of each restart."""
     with tempfile.TemporaryDirectory() as name:
-        campaign = Campaign(kills, spares, Path(name))
+        campaign = Campaign(kills, profile.spares.count, Path(name))
         campaign.thread.start()
         try:
-            run_profile(profile(spares), {}, (), Path(name), RunListener(change=campaign.on_change))
+            run_profile(profile, {}, (), Path(name), RunListener(change=campaign.on_change))
         finally:
             campaign.thread.join()
     return campaign.restarts
@@ -168,18 +184,22 @@ def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="python -m tools.bench.restart", description=__doc__)
     parser.add_argument("--kills", type=int, default=30)
+    parser.add_argument("--subject", choices=ROBOTS, default="small", help="which module is killed")
     parser.add_argument("--spares", type=int, default=1, help="warm interpreters; 0: all starts are cold")
     parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
     arguments = parser.parse_args()
-    restarts = measure(arguments.kills, arguments.spares)
+    robot = ROBOTS[arguments.subject]()
+    robot = replace(robot, spares=replace(robot.spares, count=arguments.spares))
+    restarts = measure(robot, arguments.kills)
     if len(restarts) < arguments.kills:
         print(f"only {len(restarts)} of {arguments.kills} restarts were seen", file=sys.stderr)
         return 1
     figures = summary(restarts)
     if arguments.json:
-        print(json.dumps({"kills": len(restarts), "spares": arguments.spares, "parts": figures}, indent=2))
+        facts = {"subject": arguments.subject, "kills": len(restarts), "spares": arguments.spares}
+        print(json.dumps({**facts, "parts": figures}, indent=2))
         return 0
-    print(f"{len(restarts)} kills, {arguments.spares} spares: median and p99 in ms")
+    print(f"{len(restarts)} kills of {arguments.subject}, {arguments.spares} spares: median and p99 in ms")
     for part, values in figures.items():
         print(f"  {part:24} {values['median_ms']:8.1f} {values['p99_ms']:8.1f}")
     return 0

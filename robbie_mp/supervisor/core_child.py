@@ -1,0 +1,17 @@
+"""The core's part of a child: connect the router with the run's memory."""
+
+from robbie_mp.core.process import CoreProcess
+from robbie_mp.core.router import SlotLimits
+from robbie_mp.supervisor.plan import RunPlan
+
+SUPERVISOR_QUEUE = SlotLimits(queue_messages=1000, queue_bytes=1 << 20)
+
+
+def run_core(plan: RunPlan) -> None:
+    """Route messages until SIGTERM."""
+    modules = [SlotLimits(module.queue.messages, module.queue.bytes) for module in plan.modules]
+    queue = plan.tool_queue
+    tool = SlotLimits(queue.messages, queue.bytes, plan.tools.credits, is_tool=True)
+    message_bytes = max((module.memory.limit_bytes for module in plan.modules), default=0)
+    slots = [SUPERVISOR_QUEUE, *modules, *[tool] * plan.tools.count]
+    CoreProcess(plan.run_id, plan.sizes, slots, max(message_bytes, 1 << 20)).run()

@@ -1,0 +1,99 @@
+"""A module's part of a child: connect its class with the run's memory."""
+
+import logging
+import resource
+import signal
+import sys
+from pathlib import Path
+
+from robbie_mp.bus import Envelope
+from robbie_mp.checkpoint.buffers import CheckpointBuffers
+from robbie_mp.checkpoint.file import checkpoint_file
+from robbie_mp.checkpoint.keeper import CheckpointKeeper, DiskPolicy
+from robbie_mp.clock import SystemClock
+from robbie_mp.config import Config
+from robbie_mp.core.tables import CoreTables
+from robbie_mp.module import Module, ModuleContext
+from robbie_mp.profile.check import load_class
+from robbie_mp.runner import ModuleRunner
+from robbie_mp.settings import check_settings
+from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.board import Board
+from robbie_mp.transport.bus import SharedMemoryBus
+from robbie_mp.transport.endpoint import Delivery
+from robbie_mp.transport.inbox import Inbox
+from robbie_mp.transport.layout import LINE_WORDS, NAME_WORDS, SegmentKind
+from robbie_mp.transport.outbox import Outbox
+from robbie_mp.transport.run_memory import IncarnationMemory, make_block_store, make_endpoint, make_views
+from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.wakeup import Wakeup
+from robbie_mp.transport.words import read_text, write_text
+
+
+def run_module(plan: RunPlan, name: str, incarnation: int) -> None:
+    """Import, construct and run a module until it is stopped or stops itself."""
+    slot = plan.names.index(name)
+    planned = plan.modules[slot - 1]
+    memory = IncarnationMemory.attach_as_module(plan.run_id, slot, incarnation)
+    words = memory.out.words
+    core_wakeup = Wakeup.attach(names.core_wakeup(plan.run_id))
+    endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post)
+    limits = planned.memory
+    blocks = make_block_store(plan.run_id, slot, incarnation, limits.segment_bytes, limits.limit_bytes)
+    outbox = Outbox(endpoint, blocks, words, SystemClock())
+    inbox = Inbox(endpoint, make_views(plan.run_id), words)
+    board = Board(Segment.attach(names.board(plan.run_id), SegmentKind.BOARD).words)
+    bus = SharedMemoryBus(outbox, inbox, _Describer(plan.run_id, board))
+    if (process_bytes := planned.memory.process_bytes) is not None:
+        resource.setrlimit(resource.RLIMIT_AS, (process_bytes, process_bytes))
+    sys.path.insert(0, plan.workspace)
+    module_class = load_class(planned.class_path, Module)
+    folders = {setting: Path(folder) for setting, folder in planned.folder_of.items()}
+    checkpoints = open_checkpoints(plan, slot, incarnation)
+    context = ModuleContext(
+        name=name,
+        settings=check_settings(
+            module_class, planned.settings, folder=Path(plan.workspace), folder_of=folders
+        ),
+        bus=bus,
+        clock=SystemClock(),
+        config=Config(plan.config),
+        checkpoints=checkpoints,
+        output_directory=Path(plan.output_directory),
+        show_status=lambda line: write_text(words, layout.OUT_STATUS, LINE_WORDS, line),
+        show_states=lambda line: write_text(words, layout.OUT_STATES, LINE_WORDS, line),
+        run_id=plan.run_id,
+    )
+    module = module_class(context)
+    runner = ModuleRunner(module, endpoint, inbox, outbox, memory.wakeup, words, lambda: board.may_go)
+    signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
+    runner.run()
+    checkpoints.close()
+
+
+def open_checkpoints(plan: RunPlan, slot: int, incarnation: int) -> CheckpointKeeper:
+    """Find what earlier incarnations or runs of a module have left, and prepare to leave something."""
+    planned = plan.modules[slot - 1]
+    disk = None
+    if planned.checkpoint.persist:
+        path = checkpoint_file(Path(plan.workspace), plan.profile_name, planned.name)
+        disk = DiskPolicy(path, planned.checkpoint.persist_every_s)
+    buffers = CheckpointBuffers(plan.run_id, slot, incarnation, planned.memory.checkpoint_bytes)
+    return CheckpointKeeper(buffers, disk, logging.getLogger(planned.name))
+
+
+class _Describer:
+    """Makes envelopes from the tables of core and supervisor."""
+
+    def __init__(self, run_id: str, board: Board):
+        segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
+        self._words = segment.words
+        self._tables = CoreTables.attach(self._words)
+        self._board = board
+
+    def __call__(self, delivery: Delivery) -> Envelope:
+        at = self._tables.channel(delivery.channel) + layout.CHANNEL_TOPIC
+        topic = read_text(self._words, at, NAME_WORDS)
+        sender = self._board.name(layout.unpack_source(delivery.source)[0])
+        return Envelope(topic, delivery.sequence, sender, delivery.stamp_ns)

@@ -1,0 +1,43 @@
+"""The stock robot in the restart benchmark: mapping is killed while a simulated robot drives in a circle."""
+
+import time
+
+IMPORT_BEGIN_NS = time.monotonic_ns()
+
+from modules.mapping import Mapping  # noqa: E402
+from robbie_mp.messages import DriveCommand, Duration, LaserScan, Odometry  # noqa: E402
+from robbie_mp.module import Module  # noqa: E402
+from tools.bench.restart_times import StartTimes  # noqa: E402
+
+IMPORT_END_NS = time.monotonic_ns()
+
+
+class Circling(Module):
+    """Drives in a circle."""
+
+    period_s = 0.2
+
+    def tick(self) -> None:
+        """Go on."""
+        second = Duration(sec=1)
+        self.publish(DriveCommand(linear_m_per_s=0.2, angular_rad_per_s=0.4, valid_for=second))
+
+
+class MappingSubject(Mapping):
+    """Mapping as it is, which notes when it handled its first message."""
+
+    def setup(self) -> None:
+        """Set up, and restore the last checkpoint."""
+        self.times = StartTimes(self.output_directory, IMPORT_BEGIN_NS, IMPORT_END_NS)
+        super().setup()
+        self.times.setup_ends()
+
+    def on_odometry(self, odometry: Odometry) -> None:
+        """Note it, and map."""
+        self.times.message_comes()
+        super().on_odometry(odometry)
+
+    def on_scan(self, scan: LaserScan) -> None:
+        """Note it, and map."""
+        self.times.message_comes()
+        super().on_scan(scan)
