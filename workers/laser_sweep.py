@@ -43,7 +43,7 @@ class LaserSweep:
 
     @cached_property
     def hits(self) -> SurfacePoints:
-        """Where beams ended; reckoned when first asked for, so that a map of many sweeps is restored quickly."""
+        """Where beams ended; reckoned when first asked for, so that a map is restored quickly."""
         bearings = self.angle_min_rad + self.angle_increment_rad * np.arange(len(self.ranges_m))
         returned = np.isfinite(self.ranges_m)
         return SurfacePoints.from_bearings(bearings[returned], self.ranges_m[returned])

@@ -69,7 +69,7 @@ class _Builder:
             name=name,
             modules=tuple(self.module(key, node, modules) for key, node in modules.items()),
             config=self.config(self.map_of(content.get("config"), "config")),
-            core=self.section(CoreLimits, self.map_of(content.get("core"), "core"), "core"),
+            core=self.core(self.map_of(content.get("core"), "core")),
             spares=self.section(SpareInterpreters, self.map_of(content.get("spares"), "spares"), "spares"),
             trace=self.section(TraceSettings, self.map_of(content.get("trace"), "trace"), "trace"),
             tools=self.section(ToolLimits, self.map_of(content.get("tools"), "tools"), "tools"),
@@ -77,6 +77,10 @@ class _Builder:
             workspace=workspace,
             origins=_origins(tree),
         )
+
+    def core(self, content: dict[str, Node]) -> CoreLimits:
+        restart = self.nested(RestartPolicy, content, "core", "restart", CoreLimits().restart)
+        return self.section(CoreLimits, content, "core", restart=restart)
 
     def module(self, name: str, node: Node, siblings: dict[str, Node]) -> ModuleSpec:
         where = f"modules.{name}"
@@ -141,17 +145,24 @@ class _Builder:
             return self.value(float, node, where, 0.0)
         return node.value
 
-    def nested(self, cls: type[T], content: dict[str, Node], where: str, key: str) -> T:
+    def nested(
+        self, cls: type[T], content: dict[str, Node], where: str, key: str, default: T | None = None
+    ) -> T:
         where = f"{where}.{key}"
-        return self.section(cls, self.map_of(content.get(key), where), where)
+        return self.section(cls, self.map_of(content.get(key), where), where, default)
 
-    def section(self, cls: type[T], content: dict[str, Node], where: str, **built: object) -> T:
-        """Build a dataclass from the map of its fields; those in `built` are done already."""
+    def section(
+        self, cls: type[T], content: dict[str, Node], where: str, default: T | None = None, **built: object
+    ) -> T:
+        """Build a dataclass from the map of its fields.
+
+        What is not in the map is as in `default`, else as the class has it; fields in `built` are done.
+        """
         hints = get_type_hints(cls)
         names = [field.name for field in fields(cls)]  # type: ignore[arg-type]
         keys = {"class" if name == "class_path" else name for name in names} - {"name", "folder_of"}
         self.refuse_unknown(content, sorted(keys), where + ".")
-        values: dict[str, Any] = dict(built)
+        values: dict[str, Any] = {**(vars(default) if default is not None else {}), **built}
         for field in fields(cls):  # type: ignore[arg-type]
             if field.name in content and field.name not in built:
                 limits = field.metadata.get("limits", NO_LIMITS)

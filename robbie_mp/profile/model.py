@@ -124,6 +124,8 @@ class CoreLimits:
     """Messages that a module may have in its inbound ring."""
     deadline_s: float = bounded(2.0, 0.5, AGES_S)
     """A core that gives no sign of life for so long is killed and restarted."""
+    restart: RestartPolicy = RestartPolicy(policy=RestartWhen.ALWAYS, max_restarts=20)
+    """As for a module; its FAILED ends the run."""
 
 
 @dataclass(frozen=True)

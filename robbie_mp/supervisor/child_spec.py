@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Self
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.profile.model import CoreLimits, ModuleSpec, RestartPolicy, RestartWhen
+from robbie_mp.profile.model import CoreLimits, ModuleSpec, RestartPolicy
 from robbie_mp.trace.kinds import ALL_KINDS, Kind
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
@@ -96,7 +96,7 @@ class ChildSpec:
             argv=argv,
             environment=environment,
             kind=ChildKind.CORE,
-            restart=RestartPolicy(policy=RestartWhen.ALWAYS, max_restarts=20),
+            restart=limits.restart,
             essential=True,
             handler_deadline_s=limits.deadline_s,
             may_be_warm=True,

@@ -13,6 +13,7 @@ from robbie_mp.profile.model import (
     ModuleSpec,
     Profile,
     QueueLimits,
+    RestartPolicy,
     ToolLimits,
 )
 from robbie_mp.transport.board import TOOL_PREFIX
@@ -115,7 +116,7 @@ class RunPlan:
     def load(cls, run_directory: Path) -> Self:
         """Read what the supervisor wrote."""
         data = json.loads((run_directory / PLAN_FILE).read_text())
-        data["core"] = CoreLimits(**data["core"])
+        data["core"] = CoreLimits(**data["core"] | {"restart": RestartPolicy(**data["core"]["restart"])})
         data["modules"] = tuple(
             PlannedModule(
                 **module

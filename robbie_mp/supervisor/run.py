@@ -14,9 +14,9 @@ from robbie_mp.profile.model import Profile
 from robbie_mp.supervisor.attached_tools import AttachedTools
 from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.control import ControlServer
-from robbie_mp.supervisor.memory import CORE, SUPERVISOR, RunMemory
+from robbie_mp.supervisor.memory import SUPERVISOR, RunMemory
 from robbie_mp.supervisor.output import Listener, OutputStore
-from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.supervisor.plan import CORE, RunPlan
 from robbie_mp.supervisor.run_directory import RunDirectory
 from robbie_mp.supervisor.spares import SpareCommand
 from robbie_mp.supervisor.states import StateChange

@@ -2,7 +2,9 @@
 
 import pytest
 
-from robbie_mp.profile.model import CoreLimits, ModuleSpec, Profile, RestartWhen
+from robbie_mp.profile.model import CoreLimits, ModuleSpec, Profile, RestartPolicy, RestartWhen
+from robbie_mp.profile.problem import ProfileError
+from robbie_mp.supervisor.child_spec import ChildSpec
 
 from .conftest import Robot
 
@@ -169,3 +171,15 @@ def test_files_outside_of_the_current_folder_are_named_in_full(
 def test_a_profile_can_be_made_without_a_file() -> None:
     profile = Profile("made", (ModuleSpec("a", "m:A"),))
     assert profile.place_of("modules", "a") is None
+
+
+def test_core_is_restarted_as_the_profile_says_and_else_as_it_is_by_default(robot: Robot) -> None:
+    robot.write("core", "core: {restart: {max_restarts: 3, within_s: 5}}")
+    core = robot.load("core").core
+    assert core.restart == RestartPolicy(RestartWhen.ALWAYS, max_restarts=3, within_s=5.0)
+    assert ChildSpec.of_core(core, (), {}).restart is core.restart
+    robot.write("core", "core: {restart: {max_restart: 3}}")
+    with pytest.raises(
+        ProfileError, match=r"core\.restart\.max_restart: unknown key; did you mean 'max_restarts'"
+    ):
+        robot.load("core")

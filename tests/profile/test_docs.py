@@ -34,6 +34,11 @@ def documented(heading: str) -> dict[str, str]:
 def in_yaml(value: object) -> str:
     if value is None:
         return "null"
+    if is_dataclass(value):  # what differs from the class's own defaults
+        other = {
+            key: content for key, content in vars(value).items() if content != getattr(type(value)(), key)
+        }
+        return "{" + ", ".join(f"{key}: {in_yaml(content)}" for key, content in other.items()) + "}"
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 

@@ -3,6 +3,8 @@
 import os
 import signal
 
+import psutil
+
 from tests.run.robot import Ended, Robot, wait_until
 
 MODULES = '''
@@ -177,3 +179,26 @@ def test_wrong_command_is_told_so(robot: Robot) -> None:
     wrong = robot.command("restart", "sinc")
     assert (wrong.returncode, wrong.stderr) == (1, "no module is named 'sinc'; did you mean 'sink'?\n")
     assert stopped(robot).exit_code == 0
+
+
+def test_restart_takes_a_warm_module_unless_its_file_was_edited(robot: Robot) -> None:
+    profile = 'modules: {source: {class: "zoo.hanging:Source"}}\nspares: {imports: [zoo.hanging]}'
+    started(robot, profile)
+    robot.until(lambda modules: modules["source"]["state"] == "RUNNING")
+    for edited, command in ((False, "robbie_mp.supervisor.spare"), (True, "robbie_mp.supervisor.child")):
+        wait_until(lambda: bool(spares(robot)))
+        waiting = spares(robot)
+        if edited:
+            (robot.folder / "zoo" / "hanging.py").write_text(MODULES + "\nprint('edited')\n")
+        assert robot.command("restart", "source").returncode == 0
+        pid = robot.top()["source"]["pid"]
+        assert pid in waiting, "it did not take the spare"
+        assert command in psutil.Process(pid).cmdline()
+    assert stopped(robot).modules["source"]["restarts"] == 2
+    assert log(robot, "source").count("edited") == 1
+
+
+def spares(robot: Robot) -> set[int]:
+    """Pids of the spares that are warm."""
+    children = psutil.Process(robot.process.pid).children()  # type: ignore[attr-defined]
+    return {child.pid for child in children if child.name() == "spare"}
