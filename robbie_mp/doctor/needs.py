@@ -11,8 +11,8 @@ from robbie_mp.transport.words import WORD_BYTES
 
 OWN_DESCRIPTORS = 32
 """Of a process that runs nothing yet."""
-DESCRIPTORS_OF_A_CHILD = 8
-"""That the supervisor holds of each: pidfd, two pipes, a spare's socket, maps of its rings, and some room."""
+DESCRIPTORS_OF_A_CHILD = 9
+"""That the supervisor holds of each: pidfd, pipes, a spare's socket, maps of its rings, and some room."""
 DESCRIPTORS_OF_A_MAP = 1
 
 
