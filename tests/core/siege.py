@@ -3,6 +3,7 @@
 import contextlib
 
 from robbie_mp.transport import layout
+from robbie_mp.transport.endpoint import Delivery
 from robbie_mp.transport.records import MessageHandling
 from robbie_mp.transport.ring import RingCorrupt
 from robbie_mp.transport.words import WORD_MAX
@@ -22,6 +23,8 @@ class Siege:
         self.subscriber = self.run.start(2)
         self.subscriber.subscribe()
         self.subscriber.ready()
+        self.held: dict[int, Delivery] = {}
+        """What the hostile module has in its hands, by reference."""
         self.hostile = self._start_hostile(1)
         self.published: list[int] = []
         self.seen: list[int] = []
@@ -51,15 +54,24 @@ class Siege:
         """Do what the hostile module's healthy threads still do, if its memory lets them."""
         with contextlib.suppress(ValueError, OverflowError, RingCorrupt):
             self.hostile.publish(self.hostile_channel, 0)
-            self.hostile.handle_all()
+            self.hold()
+            while self.held:
+                self.hostile.endpoint.release(self.held.popitem()[1])
+
+    def hold(self) -> None:
+        """Let the hostile module take what it was given, and keep it."""
+        with contextlib.suppress(ValueError, OverflowError, RingCorrupt):
+            while (delivery := self.hostile.take()) is not None:
+                self.held[delivery.reference] = delivery
 
     def record(self, *words: int) -> None:
-        """Push a record in due form, with anything in it."""
+        """Push a record in due form, with anything in it; the healthy threads go on behind it."""
         out, head = self.hostile.out, self.hostile.out[layout.OUT_HEAD]
         at = layout.OUT_RING + head % RING_RECORDS * layout.RECORD_WORDS
         for column, word in enumerate((*words, (head + 1) & WORD_MAX)):
             out[at + column] = word
         out[layout.OUT_HEAD] = (head + 1) & WORD_MAX
+        self.hostile.endpoint._outbound.head = (head + 1) & WORD_MAX
 
     def scribble(self, at: int, word: int) -> None:
         self.hostile.out[at] = word
@@ -75,6 +87,7 @@ class Siege:
 
     def restart_hostile(self) -> None:
         self.run.kill(self.hostile)
+        self.held.clear()
         self.hostile = self._start_hostile(self.hostile.incarnation + 1)
 
     def end(self) -> None:

@@ -1,0 +1,119 @@
+"""The fuzzer finds checks that were taken out of the core, and says what it found and where it is kept."""
+
+import inspect
+import sys
+import textwrap
+from itertools import islice
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from robbie_mp.core.link import Link
+from robbie_mp.core.router import Router
+from robbie_mp.transport.ring import RingReader
+from tools.fuzz_core.__main__ import main
+from tools.fuzz_core.corpus import mutate, seeds
+from tools.fuzz_core.plain import Hang, finding, inputs
+from tools.fuzz_core.steps import STEP_BYTES, Do, decode, encode, step
+
+MOST = 1500
+"""Inputs that a defect may take to be found."""
+MOST_OF_WHAT_IS_SOUND = 300
+PLANTED: dict[str, tuple[type, str, str, str]] = {
+    "a message in another's name": (
+        Router, "_publish", "source & layout.SOURCE_OF_INCARNATION != link.source", "False",
+    ),
+    "a message on a channel not advertised": (
+        Router, "_publish", "channel = link.channels.get(declaration)",
+        "channel = link.channels.get(declaration) or next(iter(link.channels.values()))",
+    ),
+    "a message larger than any memory": (Router, "_publish", "size > self._limits.message_bytes", "False"),
+    "a message beyond any segment": (Router, "_publish", "offset > WORD_MAX >> 1", "False"),
+    "a release of what it does not have": (
+        Router, "_release", "elif not link.is_said_again():", "elif False:",
+    ),
+    "a release of an older message": (
+        Router, "_release", "reference in link.pushed and self._ledger.reference(reference)[0] == record[2]",
+        "reference in link.pushed",
+    ),
+    "done with an older message": (
+        Router, "_done", "or self._ledger.reference(reference)[0] != record[2]", "",
+    ),
+    "done twice": (Router, "_done", "if link.is_said_again():", "if True:"),
+    "a word that only the supervisor has": (Router, "_receive", "and link.slot == SUPERVISOR_SLOT", ""),
+    "a record of no kind": (
+        Router, "_receive", 'raise ProtocolViolation(f"record of unknown kind {kind}")', "pass",
+    ),
+    "a declaration beyond the table": (Link, "declaration", "number >= layout.DECLARATION_COUNT", "False"),
+    "a head out of range": (RingReader, "waiting", "not 0 < waiting <= self._capacity", "False"),
+    "a held message that its holder's death does not free": (
+        Router, "_reclaim", "for reference in link.pinned:", "for reference in ():",
+    ),
+}  # fmt: skip
+
+
+def plant(defect: str, patch: pytest.MonkeyPatch) -> None:
+    """Take a check out of the core."""
+    owner, name, old, new = PLANTED[defect]
+    source = textwrap.dedent(inspect.getsource(getattr(owner, name)))
+    assert source.count(old) == 1, f"{owner.__name__}.{name} reads otherwise now; plant this defect anew"
+    namespace = vars(sys.modules[owner.__module__])
+    changed: dict[str, object] = {}
+    exec(f"from __future__ import annotations\n{source.replace(old, new)}", namespace, changed)
+    patch.setattr(owner, name, changed[name])
+
+
+def first_finding(most: int) -> bytes | None:
+    return next((data for data in islice(inputs(seed=5), most) if finding(data, limit_s=2.0)), None)
+
+
+@pytest.mark.parametrize("defect", PLANTED)
+def test_check_that_is_missing_is_found(defect: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    plant(defect, monkeypatch)
+    assert first_finding(MOST), f"not found with {MOST} inputs"
+
+
+def test_core_as_it_is_stands_every_input() -> None:
+    assert first_finding(MOST_OF_WHAT_IS_SOUND) is None
+
+
+def test_finding_is_kept_and_played_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.MonkeyPatch.context() as patch:
+        plant("a message in another's name", patch)
+        assert main(["--plain", "--seconds", "60"]) == 1
+        [kept] = tmp_path.iterdir()
+        assert f"finding kept in {kept}" in capsys.readouterr().err
+        assert main(["--input", str(kept)]) == 1
+        assert "is WRONG, but its module was not faulted" in capsys.readouterr().err
+    assert main(["--input", str(kept)]) == 0
+    assert "no finding" in capsys.readouterr().out
+
+
+def test_without_atheris_it_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
+    assert main([]) == 2
+    assert capsys.readouterr().err == (
+        "fuzz_core: atheris is not installed: pip install 'robbie-mp[fuzz]', or use --plain\n"
+    )
+    assert main(["--input", "no-such-file"]) == 2
+
+
+def test_core_that_hangs_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Router, "drain", lambda _router: 1)
+    assert isinstance(finding(b"", limit_s=0.1), Hang)
+
+
+def test_mutations_keep_the_form_and_any_bytes_are_an_input() -> None:
+    random, known = Random(1), seeds()
+    for _ in range(100):
+        data = mutate(random.choice(known), random, known)
+        assert encode(*decode(data)) == data
+    assert list(decode(random.randbytes(STEP_BYTES - 1))) == []
+    assert next(decode(bytes([len(Do) + Do.PUBLISH]) + bytes(7))).what is Do.PUBLISH
+    assert encode(step(Do.CORE)) == b"\x02" + b"\xff" * 7

@@ -1,0 +1,99 @@
+"""Lets a fuzzer play a hostile module, and watches the core and the others.
+
+    python -m tools.fuzz_core [--seconds N] [--seed N] [--plain] [--input FILE]
+
+Run it from a checkout (the simulated run is that of `tests/core`). An input says what a hostile module pushes
+and writes where in its segment, what it and two innocent modules do in between, and when the core dies. A
+finding is: an exception that leaves the core; an input that takes longer than 20 s; a wrong record whose
+module is not faulted, or a right one whose module is; somebody else accused; a message that the innocent did
+not get once and in order; books that do not balance. Its input is kept in the current directory, and
+`--input` plays it again.
+
+Inputs are made by atheris (libFuzzer for Python), which looks for those that reach new branches of the core
+and needs the extra `fuzz`; or, with `--plain`, in a fixed order: every kind of record with every word of a
+dictionary in each of its columns, then random mutations.
+"""
+
+import argparse
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from tools.fuzz_core import plain
+from tools.fuzz_core.corpus import seeds
+from tools.fuzz_core.steps import MAX_STEPS, STEP_BYTES
+
+START_AND_END_S = 60.0
+FINDING_EXIT = 1
+BAD_USAGE = 2
+
+
+def guided(seconds: int, seed: int) -> int:
+    """Let atheris fuzz in a process of its own; return how it ended: 0, or 1 if there was a finding."""
+    with tempfile.TemporaryDirectory() as corpus:
+        for number, data in enumerate(seeds()):
+            Path(corpus, f"seed-{number}").write_bytes(data)
+        options = [
+            f"-seed={seed}", f"-timeout={plain.HANG_S:.0f}", f"-error_exitcode={FINDING_EXIT}",
+            f"-artifact_prefix={os.getcwd()}/", f"-max_total_time={seconds}",
+            f"-max_len={MAX_STEPS * STEP_BYTES}", "-len_control=0", "-print_final_stats=1", corpus,
+        ]  # fmt: skip
+        command = [sys.executable, "-m", "tools.fuzz_core.engine", *options]
+        try:
+            ended = subprocess.run(
+                command, capture_output=True, text=True, timeout=seconds + START_AND_END_S, check=False
+            )
+        except subprocess.TimeoutExpired:
+            print(f"finding: still running {START_AND_END_S:.0f} s after its time", file=sys.stderr)
+            return FINDING_EXIT
+    output = ended.stdout + ended.stderr
+    print(summary(output, ended.returncode))
+    if ended.returncode:
+        print(output, file=sys.stderr)
+    return FINDING_EXIT if ended.returncode else 0
+
+
+def summary(output: str, returncode: int) -> str:
+    """Say in one line what libFuzzer wrote in many."""
+
+    def last(pattern: str) -> str:
+        return (re.findall(pattern, output) or ["?"])[-1]
+
+    return (
+        f"{last(r'number_of_executed_units: *([0-9]+)')} executions, "
+        f"coverage {last(r'cov: ([0-9]+)')} (features {last(r'ft: ([0-9]+)')}), "
+        + (f"finding kept in {last(r'Test unit written to (.*)')}" if returncode else "no finding")
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the tool; return its exit code."""
+    parser = argparse.ArgumentParser(prog="python -m tools.fuzz_core", description=__doc__.split("\n")[0])
+    parser.add_argument("--seconds", type=int, default=60, metavar="N")
+    parser.add_argument("--seed", type=int, default=1, help="of the fuzzer; not 0, which is random")
+    parser.add_argument("--plain", action="store_true", help="without atheris: inputs in a fixed order")
+    parser.add_argument("--input", type=Path, metavar="FILE", help="play the input of a finding again")
+    options = parser.parse_args(arguments)
+    if options.input:
+        if not options.input.is_file():
+            print(f"fuzz_core: there is no file {options.input}", file=sys.stderr)
+            return BAD_USAGE
+        return plain.repeat(options.input)
+    if options.plain:
+        return plain.search(options.seconds, options.seed, Path.cwd())
+    if importlib.util.find_spec("atheris") is None:
+        print(
+            "fuzz_core: atheris is not installed: pip install 'robbie-mp[fuzz]', or use --plain",
+            file=sys.stderr,
+        )
+        return BAD_USAGE
+    return guided(options.seconds, options.seed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
