@@ -61,6 +61,41 @@ def read_stat(pid: int) -> ProcessStat | None:
     return ProcessStat(pid, fields[0].decode(), int(fields[1]), int(fields[3]), int(fields[19]), cpu_ticks)
 
 
+@dataclass(frozen=True)
+class ProcessUsage:
+    """What a process takes of the machine; zeros for one that is no more."""
+
+    cpu_s: float = 0.0
+    """Time on a processor, in user and kernel mode."""
+    rss_bytes: int = 0
+    """Memory it has touched and that is not swapped out."""
+    shared_bytes: int = 0
+    """Of that: shared memory."""
+    threads: int = 0
+
+
+def read_usage(pid: int) -> ProcessUsage:
+    """Return what /proc says of a process."""
+    stat = read_stat(pid)
+    try:
+        with open(f"/proc/{pid}/status", "rb") as file:
+            lines = dict(line.partition(b":")[::2] for line in file)
+    except OSError:
+        lines = {}
+    if stat is None or not lines:
+        return ProcessUsage()
+    return ProcessUsage(
+        cpu_s=stat.cpu_ticks / os.sysconf("SC_CLK_TCK"),
+        rss_bytes=_kibibytes(lines.get(b"VmRSS")),  # a zombie has none
+        shared_bytes=_kibibytes(lines.get(b"RssShmem")),
+        threads=int(lines[b"Threads"]),
+    )
+
+
+def _kibibytes(text: bytes | None) -> int:
+    return int(text.split()[0]) << 10 if text else 0
+
+
 def processes() -> Iterator[ProcessStat]:
     """Yield every process of the machine; one that ends meanwhile is left out."""
     for name in os.listdir("/proc"):

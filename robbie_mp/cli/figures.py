@@ -1,10 +1,7 @@
 """Figures of a run as a table for people and as plain data for programs."""
 
 import sys
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
-from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -12,7 +9,6 @@ from rich.text import Text
 
 from robbie_mp.observe import ModuleFigures
 from robbie_mp.supervisor.memory import STATES
-from robbie_mp.supervisor.states import ChildState
 
 STYLES = {"RUNNING": "green", "STARTING": "cyan", "BACKOFF": "yellow", "FAILED": "bold red", "STOPPED": "dim"}
 COUNTERS = ("published", "handled", "replaced", "dropped", "lost", "refused")
@@ -30,20 +26,6 @@ def console() -> Console:
 def state_name(figures: ModuleFigures) -> str:
     """The state in words; '-' for who has none (the supervisor itself, or never started)."""
     return str(STATES[figures.state - 1]) if 0 < figures.state <= len(STATES) else "-"
-
-
-def as_data(figures: ModuleFigures) -> dict[str, Any]:
-    """Everything known of a module, for JSON."""
-    data = asdict(figures)
-    data["state"] = state_name(figures)
-    data["replaced"], data["dropped"], data["lost"] = (
-        figures.total(column) for column in ("replaced", "dropped", "lost")
-    )
-    for entry, books in zip(data["subscriptions"], figures.subscriptions, strict=True):
-        entry["waiting"] = books.waiting
-    running = state_name(figures) == ChildState.RUNNING
-    data["uptime_s"] = (time.monotonic_ns() - figures.started_ns) / 1e9 if running else 0.0
-    return data
 
 
 def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str] = ()) -> Table:
@@ -82,7 +64,8 @@ FIGURES: dict[str, Callable[[ModuleFigures], Text]] = {
     "out": lambda module: Text(str(module.published)),
     "waiting": lambda module: Text(str(module.waiting)),
     "replaced": lambda module: Text(str(module.total("replaced"))),
-    "dropped": lambda module: _alarming(module.total("dropped")),
+    "dropped": lambda module: _alarming(module.total("overflowed")),
+    "left": lambda module: Text(str(module.total("left"))),
     "lost": lambda module: _alarming(module.total("lost")),
     "refused": lambda module: _alarming(module.refused),
 }

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.checkpoint.file import checkpoint_file, set_aside
-from robbie_mp.cli.figures import as_data, console, table
+from robbie_mp.cli.figures import console, table
+from robbie_mp.cli.figures_data import as_data
 from robbie_mp.cli.profile import add_profile_arguments
 from robbie_mp.cli.screen import RunScreen
 from robbie_mp.profile.load import load_profile

@@ -1,42 +1,115 @@
-"""`robbie top --once`: what every module of a run is doing, as it is now."""
+"""`robbie top` or `robbie-top`: what every process of a run is doing, now or for hours."""
 
 import argparse
 import json
+import sys
+import time
 from contextlib import closing
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from robbie_mp.cli.figures import as_data, console, table
+from robbie_mp.cli.figures import console
+from robbie_mp.cli.figures_data import run_as_data
+from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.observe import RunObserver
+from robbie_mp.cli.top_csv import record
+from robbie_mp.cli.top_tables import modules_table, totals_line
+from robbie_mp.errors import RobbieError
+from robbie_mp.observe import RunObserver, RunRates, RunReading, rates_between
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
 
+SHORTEST_INTERVAL_S = 0.1
+
+
+class NoTerminalProgram(RobbieError, ImportError):
+    """The library for the program on the terminal is not installed.
+
+    Example scenarios:
+      - a robot's image was made with only the dependencies that it needs to run
+    """
+
+
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add `top` to the commands."""
-    parser = subparsers.add_parser("top", help="show what every module of a run is doing")
-    parser.add_argument("--once", action="store_true", required=True, help="print the figures and end")
-    parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
+    parser = add_command(
+        subparsers,
+        "top",
+        "show what every process of a run is doing",
+        "Show modules, messages, and who talks to whom, live on a terminal. It only looks into shared "
+        "memory: that costs the robot nothing, and works while the core is down. Keys are at the bottom.",
+        (
+            "robbie top",
+            "robbie top --once",
+            "robbie top --json | jq '.modules[] | {name, state, rates}'",
+            "robbie top --csv run.csv --interval 10",
+        ),
+    )
+    parser.add_argument("--once", action="store_true", help="print the figures once and end")
+    forms = parser.add_mutually_exclusive_group()
+    forms.add_argument("--json", action="store_true", help="print the figures once as JSON and end")
+    forms.add_argument(
+        "--csv", metavar="FILE", help="write a line per process and interval until the run ends; -: print"
+    )
+    parser.add_argument(
+        "--interval",
+        type=_interval,
+        default=1.0,
+        metavar="S",
+        help="time over which rates are measured, and between two looks (1); 0 with --once: no rates",
+    )
     add_run_argument(parser)
-    parser.set_defaults(command=show_once)
+    parser.set_defaults(command=top)
+
+
+def top(arguments: argparse.Namespace) -> int:
+    """Show a run's figures in the way that is asked for."""
+    if arguments.csv:
+        interval_s = max(arguments.interval, SHORTEST_INTERVAL_S)
+        return record(choose_run(arguments.run), arguments.csv, interval_s, once=arguments.once)
+    if arguments.json or arguments.once:
+        return show_once(arguments)
+    try:
+        from robbie_mp.cli.top_program.feed import RunFeed  # noqa: PLC0415
+        from robbie_mp.cli.top_program.program import TopProgram  # noqa: PLC0415
+    except ImportError as error:
+        raise NoTerminalProgram(
+            f"robbie top needs the library textual ({error}): `pip install textual`; "
+            "`robbie top --once`, --json and --csv do without it"
+        ) from error
+    if not sys.stdout.isatty():
+        raise NoTerminalProgram("robbie top needs a terminal; use --once, --json or --csv FILE")
+    with closing(RunFeed(arguments.run)) as feed:
+        TopProgram(feed, max(arguments.interval, SHORTEST_INTERVAL_S)).run()
+    return 0
 
 
 def show_once(arguments: argparse.Namespace) -> int:
     """Print a run's figures once."""
     run = choose_run(arguments.run)
     with closing(RunObserver(run.run_id)) as observer:
-        modules = observer.modules()
-        if arguments.json:
-            data = {
-                "run_id": run.run_id,
-                "profile": run.record.profile if run.record else "",
-                "routed": observer.routed,
-                "modules": [as_data(module) for module in modules],
-                "channels": [asdict(channel) for channel in observer.channels()],
-            }
-            print(json.dumps(data, indent=2))
-        else:
-            console().print(table(modules, live=True))
+        reading, rates = _read(observer, arguments.interval)
+    if arguments.json:
+        print(json.dumps(run_as_data(run, reading, rates), indent=2))
+    else:
+        out = console()
+        out.print(totals_line(reading, rates), soft_wrap=True)
+        out.print(modules_table(reading, rates))
     return 0
+
+
+def _read(observer: RunObserver, interval_s: float) -> tuple[RunReading, RunRates | None]:
+    before = observer.read()
+    if not interval_s:
+        return before, None
+    time.sleep(interval_s)
+    now = observer.read()
+    return now, rates_between(before, now)
+
+
+def _interval(text: str) -> float:
+    value = float(text)
+    if not 0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is no time in s")
+    return value

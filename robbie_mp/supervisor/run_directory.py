@@ -146,6 +146,14 @@ def list_runs(bases: list[Path] | None = None) -> list[KnownRun]:
     return sorted(runs, key=lambda run: run.record.started_at if run.record else "")
 
 
+def is_live(folder: Path) -> bool:
+    """Whether the supervisor of a run lives."""
+    lock_fd = lock_folder(folder, shared=True)
+    if lock_fd is not None:
+        os.close(lock_fd)
+    return lock_fd is None and folder.exists()
+
+
 def lock_folder(folder: Path, *, shared: bool = False) -> int | None:
     """Lock a folder and return the descriptor that holds the lock; None if it is gone or locked already."""
     try:

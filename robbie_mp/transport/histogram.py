@@ -5,8 +5,12 @@ equal parts. So a quantile that is read from them is at most 1/32 off, or 32 ns.
 as 18 minutes.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from robbie_mp.transport.layout import HISTOGRAM_BUCKETS, HISTOGRAM_WORDS
 from robbie_mp.transport.words import Words
@@ -82,17 +86,21 @@ class Distribution:
 
 
 class Histogram:
-    """A histogram as it was read at one moment."""
+    """A histogram as it was read at one moment.
 
-    def __init__(self, sum_ns: int, max_ns: int, counts: Sequence[int]):
+    Attributes:
+        counts: `(HISTOGRAM_BUCKETS,)`.
+    """
+
+    def __init__(self, sum_ns: int, max_ns: int, counts: NDArray[np.int64]):
         self.sum_ns = sum_ns
         self.max_ns = max_ns
         self.counts = counts
 
     @classmethod
-    def read(cls, words: Words, at: int) -> "Histogram":
-        """Copy one from shared memory."""
-        counts = [words[at + BUCKETS + bucket] for bucket in range(HISTOGRAM_BUCKETS)]
+    def read(cls, words: Sequence[int], at: int) -> "Histogram":
+        """Find one in a copy of its segment."""
+        counts = np.array(words[at + BUCKETS : at + HISTOGRAM_WORDS], np.uint64).astype(np.int64)
         return cls(words[at + SUM_NS], words[at + MAX_NS], counts)
 
     def distribution(self, since: "Histogram | None" = None) -> Distribution:
@@ -102,30 +110,22 @@ class Histogram:
             since: an earlier reading: only what came after it counts. The maximum is then only as exact as
                 the quantiles, unless it is the largest of all.
         """
-        before = since.counts if since else (0,) * len(self.counts)
-        counts = [now - then for now, then in zip(self.counts, before, strict=True)]
-        total = sum(counts)
-        if total <= 0 or min(counts) < 0:  # nothing, or garbage
+        counts = self.counts - since.counts if since else self.counts
+        total = int(counts.sum())
+        if total <= 0 or counts.min() < 0:  # nothing, or garbage, or of another incarnation
             return Distribution()
         max_s = self.max_ns / 1e9
         if since and since.max_ns == self.max_ns:
-            last = max(bucket for bucket, count in enumerate(counts) if count)
-            max_s = min(max_s, middle_s(last))
+            max_s = min(max_s, middle_s(int(np.flatnonzero(counts)[-1])))
         sum_ns = self.sum_ns - (since.sum_ns if since else 0)
-        return Distribution(
-            total, sum_ns / total / 1e9, quantile_s(counts, 0.5), quantile_s(counts, 0.99), max_s
-        )
+        p50_s, p99_s = (min(max_s, quantile_s(counts, fraction)) for fraction in (0.5, 0.99))
+        return Distribution(total, sum_ns / total / 1e9, p50_s, p99_s, max_s)
 
 
-def quantile_s(counts: Sequence[int], fraction: float) -> float:
+def quantile_s(counts: NDArray[np.int64], fraction: float) -> float:
     """The time in s that this fraction of all times does not exceed, within the stated error."""
-    wanted = fraction * sum(counts)
-    passed = 0
-    for bucket, count in enumerate(counts):
-        passed += count
-        if count and passed >= wanted:
-            return middle_s(bucket)
-    raise ValueError("a histogram without entries has no quantiles")
+    passed = counts.cumsum()
+    return middle_s(int(np.searchsorted(passed, max(1, math.ceil(fraction * passed[-1])))))
 
 
 def middle_s(bucket: int) -> float:

@@ -133,6 +133,10 @@ class Segment:
             )
         return segment
 
+    def copy(self, start: int, count: int) -> list[int]:
+        """Copy some words out."""
+        return self._cast[start : start + count].tolist()
+
     def close(self) -> None:
         """Drop this object's hold of the mapping; arrays over it keep the memory mapped until they die."""
         self._cast.release()

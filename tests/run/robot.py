@@ -13,7 +13,7 @@ from typing import Any
 
 import psutil
 
-from robbie_mp.cli.figures import as_data
+from robbie_mp.cli.figures_data import as_data
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver
 from robbie_mp.transport.segment import SegmentMissing

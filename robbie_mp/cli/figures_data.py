@@ -1,0 +1,97 @@
+"""Figures of a run as plain data for programs; docs/reference.md describes them."""
+
+import time
+from dataclasses import asdict, fields
+from datetime import UTC, datetime
+from typing import Any
+
+from robbie_mp.cli.figures import state_name
+from robbie_mp.observe import ChannelRates, ModuleFigures, RunRates, RunReading, WorkHistograms
+from robbie_mp.observe.talk import Talk, talk_of
+from robbie_mp.supervisor.run_directory import KnownRun
+from robbie_mp.supervisor.states import ChildState
+
+SCHEMA = 1
+"""Raised when a key of `run_as_data` goes or changes its meaning."""
+TIMES = tuple(field.name for field in fields(WorkHistograms))
+_AS_THEY_ARE = tuple(
+    field.name
+    for field in fields(ModuleFigures)
+    if field.name not in ("state", "work", "publishes", "subscriptions")
+)
+
+
+def as_data(module: ModuleFigures, now_ns: int | None = None) -> dict[str, Any]:
+    """Everything known of a module since its begin."""
+    now_ns = time.monotonic_ns() if now_ns is None else now_ns
+    state, work = state_name(module), module.work
+    running = state == ChildState.RUNNING
+    return {
+        **{name: getattr(module, name) for name in _AS_THEY_ARE},
+        "state": state,
+        "uptime_s": (now_ns - module.started_ns) / 1e9 if running else 0.0,
+        "busy_s": (now_ns - module.busy_since_ns) / 1e9 if module.busy_since_ns else 0.0,
+        **{column: module.total(column) for column in ("replaced", "dropped", "left", "lost")},
+        "times": {kind: asdict(getattr(work, kind).distribution()) for kind in TIMES} if work else None,
+        "subscriptions": [{**asdict(entry), "waiting": entry.waiting} for entry in module.subscriptions],
+        "publishes": [
+            {"type_name": name, "version": version, "topic": topic}
+            for name, version, topic in module.publishes
+        ],
+    }
+
+
+def run_as_data(run: KnownRun, now: RunReading, rates: RunRates | None) -> dict[str, Any]:
+    """Everything known of a run.
+
+    Args:
+        run: which one.
+        now: the reading.
+        rates: since the one before; None if there is none.
+    """
+    return {
+        "schema": SCHEMA,
+        "run_id": run.run_id,
+        "profile": run.record.profile if run.record else "",
+        "time": datetime.fromtimestamp(now.wall_time_s, UTC).isoformat(),
+        "uptime_s": (now.at_ns - now.modules[0].started_ns) / 1e9,
+        "interval_s": rates.interval_s if rates else None,
+        "routed": now.core.routed,
+        "routed_hz": rates.routed_hz if rates else None,
+        "core": {
+            **asdict(now.core),
+            "heartbeat_age_s": (now.at_ns - now.core.heartbeat_ns) / 1e9,
+            "wakeups_hz": rates.wakeups_hz if rates else None,
+        },
+        "machine": {**asdict(now.machine), "cpu_percent": rates.cpu_percent if rates else None},
+        "modules": [
+            {**as_data(module, now.at_ns), "rates": _module_rates(module.name, rates)}
+            for module in now.modules
+        ],
+        "channels": [_channel(talk, now.at_ns, rates) for talk in talk_of(now)],
+        "segments": [asdict(segment) for segment in now.segments],
+    }
+
+
+def _module_rates(name: str, rates: RunRates | None) -> dict[str, Any] | None:
+    if rates is None:
+        return None
+    data = asdict(rates.modules[name])
+    return {**data, "times": {kind: data.pop(kind) for kind in TIMES}}
+
+
+def _channel(talk: Talk, now_ns: int, rates: RunRates | None) -> dict[str, Any]:
+    channel = talk.channel
+    key = channel.type_name, channel.version, channel.topic
+    found = rates.channels[key] if rates else None
+    return {
+        "type_name": channel.type_name,
+        "version": channel.version,
+        "topic": channel.topic,
+        "messages": channel.messages,
+        "bytes": channel.bytes,
+        "age_s": (now_ns - channel.last_ns) / 1e9 if channel.last_ns else None,
+        **{field.name: found and getattr(found, field.name) for field in fields(ChannelRates)},
+        "publishers": list(talk.publishers),
+        "subscribers": [name for name, _ in talk.subscribers],
+    }

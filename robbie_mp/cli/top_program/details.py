@@ -1,0 +1,163 @@
+"""Everything of one module: what it does, how long that takes, its books, its log and its last crash."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import ClassVar
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import VerticalScroll
+from textual.screen import Screen
+from textual.widgets import Footer, Static
+
+from robbie_mp.cli.figures import STYLES, state_name
+from robbie_mp.cli.module_log import read_module_log
+from robbie_mp.cli.quantities import long_time, rate, seconds, size, sparkline
+from robbie_mp.cli.top_program.feed import History, Snapshot
+from robbie_mp.cli.top_tables import ALARM, ModuleRow, doing, module_rows
+from robbie_mp.observe import ModuleFigures
+
+LOG_LINES = 20
+TREND_WIDTH = 30
+TIMES = {"latency": "latency", "handler": "handler", "lateness": "tick late", "tick": "tick"}
+
+
+class Details(Screen[None]):
+    """Shows one module until Escape.
+
+    Args:
+        module: its name.
+        history: for the sparklines.
+    """
+
+    CSS = "Details VerticalScroll { padding: 0 1; }"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,enter", "app.pop_screen", "Back"),
+        Binding("r", "app.act('restart')", "Restart"),
+        Binding("x", "app.act('stop')", "Stop"),
+        Binding("space", "app.freeze", "Hold", key_display="␣"),
+        Binding("q", "app.quit", "Quit"),
+    ]
+
+    def __init__(self, module: str, history: History):
+        super().__init__()
+        self.module = module
+        self._history = history
+
+    def compose(self) -> ComposeResult:
+        """Make the one text."""
+        with VerticalScroll():
+            yield Static(id="details")
+        yield Footer(compact=True)
+
+    def show(self, shown: Snapshot) -> None:
+        """Show what is known now."""
+        if shown.reading is None:
+            return
+        row = next(
+            (one for one in module_rows(shown.reading, shown.rates) if one.figures.name == self.module), None
+        )
+        if row is None:
+            return
+        output = Path(shown.run.record.output_directory) if shown.run and shown.run.record else None
+        parts = [*self._summary(row), *_times(row), *_books(row.figures), *_log(output, self.module)]
+        self.query_one("#details", Static).update(Group(*parts))
+
+    def _summary(self, row: ModuleRow) -> Iterable[RenderableType]:
+        module, rates = row.figures, row.rates
+        state = state_name(module)
+        yield Text.assemble(
+            (module.name, "bold"), "  ", (state, STYLES.get(state, "")), f"  {module.reason}",
+            f"  pid {module.pid}  start {module.incarnation}",
+            f"  up {long_time((row.now_ns - module.started_ns) / 1e9) if module.pid else '-'}",
+        )  # fmt: skip
+        if module.last_end:
+            ago = long_time((row.now_ns - module.last_end_ns) / 1e9)
+            yield Text(f"last end: {module.last_end}, {ago} ago; {module.restarts} restarts", ALARM)
+        yield doing(row)
+        yield Text(
+            f"memory {size(module.rss_bytes)}, {size(module.shared_bytes)} of it shared; "
+            f"{module.threads} threads; own messages {module.outstanding} in "
+            f"{size(module.outstanding_bytes)} of {size(module.segment_bytes)} "
+            f"(limit {size(module.memory_bytes)}); pinned {module.pinned} ({size(module.pinned_bytes)})"
+        )
+        yield Text(
+            f"queue {module.waiting}/{module.queue_messages} (peak {module.waiting_peak}), "
+            f"{size(module.waiting_bytes)}/{size(module.queue_bytes)}; "
+            f"outbound {module.outbound_waiting}/{module.outbound_records}; refused {module.refused}; "
+            f"ticks missed {module.ticks_missed}"
+        )
+        if rates:
+            for name, text in (
+                ("cpu", f"{rates.cpu_percent:.0f} %"),
+                ("in", f"{rate(rates.in_hz)}/s"),
+                ("out", f"{rate(rates.out_hz)}/s"),
+                ("latency", f"{seconds(rates.latency.p99_s)} p99"),
+                ("handler", f"{seconds(rates.handler.p99_s)} p99"),
+            ):
+                trend = sparkline(self._history.values("module", module.name, name), TREND_WIDTH)
+                yield Text.assemble(f"{name:8}", (trend, "cyan"), f"  {text}")
+
+
+def _times(row: ModuleRow) -> Iterable[RenderableType]:
+    work = row.figures.work
+    if work is None:
+        return
+    table = _table("times", "count", "mean", "p50", "p99", "max", "lately", "p50", "p99", "max")
+    for kind, name in TIMES.items():
+        whole = getattr(work, kind).distribution()
+        lately = getattr(row.rates, kind) if row.rates else None
+        if whole.count:
+            table.add_row(
+                name, str(whole.count), seconds(whole.mean_s), seconds(whole.p50_s), seconds(whole.p99_s),
+                seconds(whole.max_s),
+                *((str(lately.count), seconds(lately.p50_s), seconds(lately.p99_s), seconds(lately.max_s))
+                  if lately else ()),
+            )  # fmt: skip
+    if table.row_count:
+        yield Text()
+        yield table
+
+
+def _books(module: ModuleFigures) -> Iterable[RenderableType]:
+    if module.subscriptions:
+        table = _table(
+            "subscribes to", "routed", "deliv.", "repl.", "dropped", "left", "lost", "waiting", "handling"
+        )
+        for entry in module.subscriptions:
+            table.add_row(
+                f"{entry.type_name} {entry.topic}",
+                str(entry.routed), str(entry.delivered), str(entry.replaced),
+                Text(str(entry.overflowed), ALARM if entry.overflowed else ""), str(entry.left),
+                Text(str(entry.lost), ALARM if entry.lost else ""), str(entry.waiting),
+                "newest" if entry.handling == "KEEP_ONLY_NEWEST" else "all",
+            )  # fmt: skip
+        yield Text()
+        yield table
+    if module.publishes:
+        yield Text()
+        yield Text("publishes " + ", ".join(f"{name} {topic}".strip() for name, _, topic in module.publishes))
+
+
+def _log(output_directory: Path | None, module: str) -> Iterable[RenderableType]:
+    if output_directory is None:
+        return
+    log = read_module_log(output_directory, module, LOG_LINES)
+    if log.crash:
+        yield Text()
+        yield Text(f"last crash ({log.crash[0]})", ALARM)
+        yield Text("\n".join(log.crash[1:]))
+    yield Text()
+    yield Text("last lines of its log", "bold")
+    yield Text("\n".join(log.lines) or "-", "dim" if not log.lines else "")
+
+
+def _table(first: str, *headings: str) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column(first)
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    return table

@@ -1,0 +1,137 @@
+"""Where the program gets its figures: it finds the run, follows it to its end, and finds the next one."""
+
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from robbie_mp.cli.runs import live_runs
+from robbie_mp.observe import RunObserver, RunRates, RunReading, rates_between
+from robbie_mp.supervisor.run_directory import KnownRun, is_live
+from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
+
+DESCRIBED_READINGS = 10
+"""Quantiles are of the time since so many readings ago."""
+KEPT_VALUES = 120
+"""Of each value that is shown as a sparkline."""
+
+
+class Watching(Enum):
+    """What there is to see."""
+
+    NOTHING = auto()
+    """There is no run."""
+    SEVERAL = auto()
+    """There are several, and none was chosen."""
+    RUN = auto()
+    ENDED = auto()
+    """The run is over; the last reading is still there."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What is shown at one moment."""
+
+    watching: Watching
+    runs: tuple[KnownRun, ...]
+    """All live ones."""
+    run: KnownRun | None = None
+    reading: RunReading | None = None
+    rates: RunRates | None = None
+
+
+class History:
+    """The last values of everything that is shown as a sparkline, by name."""
+
+    def __init__(self) -> None:
+        self._values: dict[tuple[str, ...], deque[float]] = {}
+
+    def add(self, rates: RunRates) -> None:
+        """Keep the values of one interval."""
+        self._keep(("routed",), rates.routed_hz)
+        for name, module in rates.modules.items():
+            self._keep(("module", name, "in"), module.in_hz)
+            self._keep(("module", name, "out"), module.out_hz)
+            self._keep(("module", name, "cpu"), module.cpu_percent)
+            self._keep(("module", name, "latency"), module.latency.p99_s or 0.0)
+            self._keep(("module", name, "handler"), module.handler.p99_s or 0.0)
+        for (type_name, version, topic), channel in rates.channels.items():
+            self._keep(("channel", type_name, str(version), topic), channel.hz)
+
+    def values(self, *name: str) -> list[float]:
+        """Return what is kept of something, the newest last."""
+        return list(self._values.get(name, ()))
+
+    def clear(self) -> None:
+        """Forget everything: another run is watched."""
+        self._values.clear()
+
+    def _keep(self, name: tuple[str, ...], value: float) -> None:
+        self._values.setdefault(name, deque(maxlen=KEPT_VALUES)).append(value)
+
+
+class RunFeed:
+    """Reads one run, whichever there is.
+
+    Args:
+        run_id: the begin of the id of the run that is wanted; None: the only one there is.
+    """
+
+    def __init__(self, run_id: str | None = None):
+        self._run_id = run_id
+        self._run: KnownRun | None = None
+        self._observer: RunObserver | None = None
+        self._readings: deque[RunReading] = deque(maxlen=DESCRIBED_READINGS)
+        self.history = History()
+
+    def poll(self) -> Snapshot:
+        """Read what there is now."""
+        runs = tuple(live_runs())
+        if self._run is not None and self._observer is not None and is_live(self._run.folder):
+            return self._read(runs)
+        fitting = [run for run in runs if self._run_id is None or run.run_id.startswith(self._run_id)]
+        if len(fitting) == 1 and self._attach(fitting[0]):
+            return self._read(runs)
+        if self._readings:
+            return self._shown(Watching.ENDED, runs)
+        return Snapshot(Watching.SEVERAL if len(fitting) > 1 else Watching.NOTHING, runs)
+
+    def choose_next(self) -> None:
+        """Watch the next one of all live runs."""
+        runs = live_runs()
+        known = [run.run_id for run in runs]
+        if not runs:
+            return
+        place = known.index(self._run.run_id) + 1 if self._run and self._run.run_id in known else 0
+        self._attach(runs[place % len(runs)])
+
+    def close(self) -> None:
+        """Unmap what is watched."""
+        if self._observer is not None:
+            self._observer.close()
+            self._observer = None
+
+    def _attach(self, run: KnownRun) -> bool:
+        try:
+            observer = RunObserver(run.run_id)
+        except (SegmentMissing, SegmentMismatch):  # it is just being made, or of another version
+            return False
+        self.close()
+        self._run, self._observer = run, observer
+        self._readings.clear()
+        self.history.clear()
+        return True
+
+    def _read(self, runs: tuple[KnownRun, ...]) -> Snapshot:
+        assert self._observer is not None
+        self._readings.append(self._observer.read())
+        shown = self._shown(Watching.RUN, runs)
+        if shown.rates:
+            self.history.add(shown.rates)
+        return shown
+
+    def _shown(self, watching: Watching, runs: tuple[KnownRun, ...]) -> Snapshot:
+        readings = self._readings
+        rates = None
+        if len(readings) > 1:
+            rates = rates_between(readings[-2], readings[-1], long_before=readings[0])
+        return Snapshot(watching, runs, self._run, readings[-1], rates)

@@ -1,0 +1,125 @@
+"""A table of figures that can be sorted and filtered, and stays where it is while its figures change."""
+
+from collections.abc import Callable, Sequence
+from typing import ClassVar, Generic, Protocol, TypeVar
+
+from rich.text import Text
+from textual.binding import Binding, BindingType
+from textual.widgets import DataTable
+
+from robbie_mp.cli.quantities import sparkline
+
+TREND = "trend"
+TREND_WIDTH = 12
+TEXT_WIDTH = 34
+"""Of columns with lines of text; the others are as wide as they must be."""
+AS_STARTED = "start order"
+
+Row = TypeVar("Row")
+Row_contra = TypeVar("Row_contra", contravariant=True)
+
+
+class Column(Protocol[Row_contra]):
+    """What a column must tell."""
+
+    @property
+    def heading(self) -> str:
+        """Its name."""
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it holds text, not numbers."""
+
+    @property
+    def cell(self) -> Callable[[Row_contra], Text]:
+        """Makes a cell."""
+
+    @property
+    def order(self) -> Callable[[Row_contra], float | str]:
+        """What rows are sorted by: numbers the largest first."""
+
+
+class FiguresTable(DataTable[Text], Generic[Row]):
+    """See the module's text.
+
+    Args:
+        columns: of the rows; the first one stays in place when the others are scrolled.
+        key: names a row.
+        trend: the last values of what is shown as a sparkline.
+        id: of the widget.
+
+    Attributes:
+        filter: only rows that contain this in a text are shown.
+    """
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select_cursor", "More", key_display="⏎")]
+
+    def __init__(
+        self,
+        columns: Sequence[Column[Row]],
+        key: Callable[[Row], str],
+        trend: Callable[[Row], list[float]],
+        *,
+        id: str,
+    ):
+        super().__init__(id=id, cursor_type="row", zebra_stripes=False, fixed_columns=1)
+        self._columns = columns
+        self._key = key
+        self._trend = trend
+        self._sorted_by: Column[Row] | None = None
+        self._reversed = False
+        self.filter = ""
+
+    @property
+    def sorted_by(self) -> str:
+        """Heading of the column that the rows are sorted by."""
+        heading = self._sorted_by.heading if self._sorted_by else AS_STARTED
+        return f"{heading}, reversed" if self._reversed else heading
+
+    @property
+    def selected(self) -> str | None:
+        """Key of the row that the cursor is on."""
+        if not self.row_count:
+            return None
+        return self.coordinate_to_cell_key(self.cursor_coordinate).row_key.value
+
+    def on_mount(self) -> None:
+        """Make the columns."""
+        for number, column in enumerate(self._columns):
+            is_wide = column.is_text and number > 1
+            self.add_column(Text(column.heading), key=column.heading, width=TEXT_WIDTH if is_wide else None)
+        self.add_column(Text(TREND), key=TREND, width=TREND_WIDTH)
+
+    def sort_by_next(self) -> None:
+        """Sort by the next column; after the last one comes the order as given."""
+        place = self._columns.index(self._sorted_by) + 1 if self._sorted_by else 0
+        self._sorted_by = self._columns[place] if place < len(self._columns) else None
+        self._reversed = False
+
+    def reverse(self) -> None:
+        """Sort the other way round."""
+        self._reversed = not self._reversed
+
+    def show(self, rows: Sequence[Row]) -> None:
+        """Show these rows; the cursor stays on the row that it is on."""
+        before, scroll = self.selected, self.scroll_offset
+        self.clear()
+        for row in self._chosen(rows):
+            cells = [column.cell(row) for column in self._columns]
+            trend = Text(sparkline(self._trend(row), TREND_WIDTH), "cyan")
+            self.add_row(*cells, trend, key=self._key(row))
+        if before is not None and before in self.rows:
+            self.move_cursor(row=self.get_row_index(before), animate=False, scroll=False)
+        self.scroll_to(scroll.x, scroll.y, animate=False)
+
+    def _chosen(self, rows: Sequence[Row]) -> list[Row]:
+        chosen = [row for row in rows if self._matches(row)]
+        if (column := self._sorted_by) is not None:
+            chosen.sort(key=column.order, reverse=not column.is_text)
+        return chosen[::-1] if self._reversed else chosen
+
+    def _matches(self, row: Row) -> bool:
+        wanted = self.filter.lower()
+        return not wanted or any(
+            wanted in column.cell(row).plain.lower() for column in self._columns if column.is_text
+        )

@@ -1,0 +1,29 @@
+"""Looks at a run from outside: maps board, core tables and the modules' own words read-only.
+
+Watching costs the robot nothing, and works while the core is down.
+"""
+
+from robbie_mp.observe.figures import (
+    ChannelFigures,
+    CoreFigures,
+    ModuleFigures,
+    RunReading,
+    SubscriptionFigures,
+    WorkHistograms,
+)
+from robbie_mp.observe.rates import ChannelRates, ModuleRates, RunRates, rates_between
+from robbie_mp.observe.run_observer import RunObserver
+
+__all__ = [
+    "ChannelFigures",
+    "ChannelRates",
+    "CoreFigures",
+    "ModuleFigures",
+    "ModuleRates",
+    "RunObserver",
+    "RunRates",
+    "RunReading",
+    "SubscriptionFigures",
+    "WorkHistograms",
+    "rates_between",
+]

@@ -1,0 +1,80 @@
+"""The segments that one incarnation of a module shares with the core, mapped read-only and kept mapped."""
+
+from collections.abc import Sequence
+
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.layout import NAME_WORDS, SegmentKind
+from robbie_mp.transport.records import Outbound
+from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
+from robbie_mp.transport.words import read_text
+
+NO_WORDS = [0] * layout.OUT_DECLARATIONS
+
+
+class ModuleMemory:
+    """What one incarnation of a module shows of itself."""
+
+    def __init__(self, run_id: str, slot: int, incarnation: int):
+        self.incarnation = incarnation
+        self._out = self._in = None
+        if incarnation:
+            self._out = _attach(names.outbound(run_id, slot, incarnation), SegmentKind.OUT)
+            self._in = _attach(names.inbound(run_id, slot, incarnation), SegmentKind.IN)
+        self._declared = 0
+        self.publishes: list[tuple[str, int, str]] = []
+
+    @property
+    def is_there(self) -> bool:
+        """Whether both segments could be mapped."""
+        return self._out is not None and self._in is not None
+
+    def close(self) -> None:
+        """Unmap it."""
+        for segment in (self._out, self._in):
+            if segment is not None:
+                segment.close()
+
+    def own_words(self) -> list[int]:
+        """A copy of the words before the declarations, all at one moment; zeros without a segment."""
+        return self._out.copy(0, layout.OUT_DECLARATIONS) if self._out else NO_WORDS
+
+    def histograms(self) -> Sequence[int]:
+        """A copy of the histograms; empty without a segment."""
+        at = layout.OUT_MESSAGE_FIGURES
+        return self._out.copy(at, layout.OUT_RING - at) if self._out else ()
+
+    def outbound(self, head: int) -> tuple[int, int]:
+        """Records in the outbound ring that the core has not read, and how many it can hold."""
+        if self._out is None or self._in is None:
+            return 0, 0
+        capacity = (self._out.size // 8 - layout.OUT_RING) // layout.RECORD_WORDS
+        waiting = head - self._in.words[layout.IN_OUTBOUND_TAIL]
+        return min(max(waiting, 0), capacity), capacity
+
+    def handler(self, number: int) -> str:
+        """Name of the handler of one of its subscriptions."""
+        if self._out is None:
+            return ""
+        at = layout.OUT_DECLARATIONS + number % layout.DECLARATION_COUNT * layout.DECLARATION_WORDS
+        return read_text(self._out.words, at + layout.DECLARATION_HANDLER, NAME_WORDS)
+
+    def read_declarations(self) -> None:
+        """Find channels that were declared since the last time."""
+        while self._out is not None and self._declared < layout.DECLARATION_COUNT:
+            words = self._out.words
+            at = layout.OUT_DECLARATIONS + self._declared * layout.DECLARATION_WORDS
+            kind = words[at + layout.DECLARATION_KIND]
+            if not kind:
+                return
+            self._declared += 1
+            if kind == Outbound.ADVERTISE:
+                type_name = read_text(words, at + layout.DECLARATION_TYPE, NAME_WORDS)
+                topic = read_text(words, at + layout.DECLARATION_TOPIC, NAME_WORDS)
+                self.publishes.append((type_name, words[at + layout.DECLARATION_VERSION], topic))
+
+
+def _attach(name: str, kind: SegmentKind) -> Segment | None:
+    try:
+        return Segment.attach(name, kind)
+    except (SegmentMissing, SegmentMismatch):  # gone, or destroyed by the module itself
+        return None

@@ -1,0 +1,270 @@
+"""Reads all figures of one run."""
+
+import os
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robbie_mp.core.directory import ROW_OPEN
+from robbie_mp.core.tables import CoreTables
+from robbie_mp.observe.figures import (
+    ChannelFigures,
+    CoreFigures,
+    ModuleFigures,
+    RunReading,
+    SegmentFigures,
+    SubscriptionFigures,
+    WorkHistograms,
+)
+from robbie_mp.observe.machine import SHARED_MEMORY, MachineReading
+from robbie_mp.observe.module_memory import NO_WORDS, ModuleMemory
+from robbie_mp.proc import ProcessUsage, read_usage
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.board import Board
+from robbie_mp.transport.histogram import Histogram
+from robbie_mp.transport.layout import HISTOGRAM_WORDS, LINE_WORDS, NAME_WORDS, Activity, SegmentKind
+from robbie_mp.transport.records import MessageHandling
+from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.words import read_text
+
+_ACTIVITIES = {int(activity): activity.name.lower() for activity in Activity}
+_OF_A_SLOT = ("out", "in", "data", "checkpoint")
+"""Kinds of segments whose names tell the slot."""
+
+
+class RunObserver:
+    """A run's figures, read whenever asked.
+
+    Args:
+        run_id: the run.
+
+    Raises:
+        SegmentMissing: there is no such run.
+    """
+
+    def __init__(self, run_id: str):
+        self._run_id = run_id
+        self._board_segment = Segment.attach(names.board(run_id), SegmentKind.BOARD)
+        self._core_segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
+        self._board = Board(self._board_segment.words)
+        self._words = self._core_segment.words
+        self._tables = CoreTables.attach(self._words)
+        self._memories: dict[int, ModuleMemory] = {}
+
+    def close(self) -> None:
+        """Unmap the run."""
+        for memory in self._memories.values():
+            memory.close()
+        self._board_segment.close()
+        self._core_segment.close()
+
+    @property
+    def routed(self) -> int:
+        """Messages the core has routed."""
+        return self._words[layout.CORE_LAST_SEQUENCE]
+
+    def read(self) -> RunReading:
+        """Read everything."""
+        return RunReading(
+            at_ns=time.monotonic_ns(),
+            wall_time_s=time.time(),
+            core=self.core(),
+            modules=tuple(self.modules()),
+            channels=tuple(self.channels()),
+            segments=tuple(self.segments()),
+            machine=MachineReading.now(),
+        )
+
+    def modules(self) -> list[ModuleFigures]:
+        """Figures of all modules in start order; the supervisor comes first, the core last.
+
+        Before the core come the tools that are attached now.
+        """
+        subscriptions = self._subscriptions()
+        messages, sizes = self._outstanding()
+        return [
+            self._module(slot, subscriptions.get(slot, ()), messages[slot], sizes[slot])
+            for slot in range(self._board.slots)
+            if not self._board.is_left_by_tool(slot)
+        ]
+
+    def channels(self) -> list[ChannelFigures]:
+        """Figures of all channels."""
+        found = []
+        words = self._words
+        for index in range(self._tables.sizes.channels):
+            at = self._tables.channel(index)
+            if words[at + layout.CHANNEL_STATE] != ROW_OPEN:
+                break
+            found.append(
+                ChannelFigures(
+                    read_text(words, at + layout.CHANNEL_TYPE, NAME_WORDS),
+                    words[at + layout.CHANNEL_VERSION],
+                    read_text(words, at + layout.CHANNEL_TOPIC, NAME_WORDS),
+                    words[at + layout.CHANNEL_MESSAGES],
+                    words[at + layout.CHANNEL_BYTES],
+                    words[at + layout.CHANNEL_LAST_STAMP_NS],
+                    words[at + layout.CHANNEL_INTERVALS_SQUARED],
+                )
+            )
+        return found
+
+    def core(self) -> CoreFigures:
+        """Figures of the core."""
+        words, sizes = self._words, self._tables.sizes
+        handles = self._table(self._tables.handle(0), sizes.handles, layout.HANDLE_WORDS)
+        references = self._table(self._tables.reference(0), sizes.references, layout.REFERENCE_WORDS)
+        return CoreFigures(
+            routed=words[layout.CORE_LAST_SEQUENCE],
+            wakeups=words[layout.CORE_WAKEUPS],
+            faults=words[layout.CORE_FAULTS],
+            heartbeat_ns=words[layout.CORE_HEARTBEAT_NS],
+            handles=int(np.count_nonzero(handles[:, layout.HANDLE_SEQUENCE])),
+            handles_limit=sizes.handles,
+            references=int(np.count_nonzero(references[:, layout.REFERENCE_STATE])),
+            references_limit=sizes.references,
+        )
+
+    def segments(self) -> list[SegmentFigures]:
+        """The run's shared memory."""
+        prefix = names.run_prefix(self._run_id)
+        found = []
+        with os.scandir(SHARED_MEMORY) as entries:
+            for entry in entries:
+                if not entry.name.startswith(prefix):
+                    continue
+                kind, *rest = entry.name.removeprefix(prefix).split("-")
+                try:
+                    size = entry.stat().st_size
+                except FileNotFoundError:
+                    continue
+                owner = self._board.name(int(rest[0])) if kind in _OF_A_SLOT else ""
+                found.append(SegmentFigures(entry.name, kind, owner, size))
+        return sorted(found, key=lambda segment: segment.name)
+
+    # -- inside ----------------------------------------------------------------------------------------
+
+    def _table(self, at: int, rows: int, row_words: int) -> NDArray[np.uint64]:
+        """One of the core's tables, `(rows, row_words)`; it changes while one looks."""
+        words = np.frombuffer(self._core_segment.buffer, np.uint64)
+        return words[at : at + rows * row_words].reshape(rows, row_words)
+
+    def _outstanding(self) -> tuple[list[int], list[int]]:
+        """For each slot: how many of its messages are on their way, and their bytes."""
+        table = self._table(self._tables.handle(0), self._tables.sizes.handles, layout.HANDLE_WORDS)
+        live = table[table[:, layout.HANDLE_SEQUENCE] != 0]
+        slots = live[:, layout.HANDLE_SOURCE].astype(np.int64) & 0xFFFF
+        count = self._board.slots
+        counts = np.bincount(slots, minlength=count)
+        sizes = np.bincount(slots, live[:, layout.HANDLE_BYTES], minlength=count)
+        return counts.tolist(), [round(size) for size in sizes.tolist()]
+
+    def _subscriptions(self) -> dict[int, tuple[SubscriptionFigures, ...]]:
+        found: dict[int, tuple[SubscriptionFigures, ...]] = {}
+        words = self._words
+        for index in range(self._tables.sizes.subscriptions):
+            at = self._tables.subscription(index)
+            state = words[at + layout.SUBSCRIPTION_STATE]
+            if not state:
+                break
+            slot = words[at + layout.SUBSCRIPTION_SLOT]
+            routed, delivered, replaced, dropped, lost = (
+                words[at + layout.SUBSCRIPTION_ROUTED + column] for column in range(5)
+            )
+            dropped_before = words[at + layout.SUBSCRIPTION_DROPPED_BEFORE]
+            figures = SubscriptionFigures(
+                read_text(words, at + layout.SUBSCRIPTION_TYPE, NAME_WORDS),
+                read_text(words, at + layout.SUBSCRIPTION_TOPIC, NAME_WORDS),
+                MessageHandling(words[at + layout.SUBSCRIPTION_HANDLING]).name,
+                routed,
+                delivered,
+                replaced,
+                dropped,
+                lost,
+                left=max(0, dropped - (dropped_before - 1)) if dropped_before else 0,
+                version=words[at + layout.SUBSCRIPTION_VERSION],
+                is_open=state == ROW_OPEN,
+            )
+            found[slot] = (*found.get(slot, ()), figures)
+        return found
+
+    def _module(
+        self,
+        slot: int,
+        subscriptions: tuple[SubscriptionFigures, ...],
+        outstanding: int,
+        outstanding_bytes: int,
+    ) -> ModuleFigures:
+        row, bounds = self._board.read(slot), self._board.bounds(slot)
+        is_core = slot == self._board.slots - 1
+        memory = self._memory(slot, 0 if is_core else row.incarnation)
+        last = memory.own_words()
+        own = last if row.pid else NO_WORDS  # a dead one's counts are in the row
+        queue = [0] * layout.PUBLISHER_WORDS
+        if not is_core:
+            at = self._tables.publisher(slot)
+            queue = [self._words[at + column] for column in range(layout.PUBLISHER_WORDS)]
+        core_refused = queue[layout.PUBLISHER_REFUSED] >> layout.REFUSED_TAG_BITS
+        usage = read_usage(row.pid) if row.pid else ProcessUsage()
+        activity = own[layout.OUT_ACTIVITY]
+        outbound_waiting, outbound_records = memory.outbound(own[layout.OUT_HEAD])
+        memory.read_declarations()
+        return ModuleFigures(
+            name=row.name,
+            state=row.state,
+            pid=row.pid,
+            incarnation=row.incarnation,
+            restarts=row.restarts,
+            started_ns=row.started_ns,
+            reason=row.reason,
+            last_end=row.last_end,
+            last_end_ns=row.last_end_ns,
+            cpu_s=row.past.cpu_ns / 1e9 + usage.cpu_s,
+            rss_bytes=usage.rss_bytes,
+            shared_bytes=usage.shared_bytes,
+            threads=usage.threads,
+            published=row.past.published + own[layout.OUT_PUBLISHED],
+            refused=row.past.refused + own[layout.OUT_REFUSED] + core_refused,
+            handled=row.past.handled + own[layout.OUT_HANDLED],
+            ticks=own[layout.OUT_TICKS],
+            ticks_missed=own[layout.OUT_TICKS_MISSED],
+            waiting=queue[layout.PUBLISHER_WAITING],
+            waiting_peak=queue[layout.PUBLISHER_WAITING_PEAK],
+            waiting_bytes=queue[layout.PUBLISHER_WAITING_BYTES],
+            queue_messages=bounds.queue_messages,
+            queue_bytes=bounds.queue_bytes,
+            outbound_waiting=outbound_waiting,
+            outbound_records=outbound_records,
+            pinned=queue[layout.PUBLISHER_PINNED],
+            pinned_bytes=own[layout.OUT_PINNED_BYTES],
+            outstanding=outstanding,
+            outstanding_bytes=outstanding_bytes,
+            segment_bytes=own[layout.OUT_SEGMENT_BYTES],
+            memory_bytes=bounds.memory_bytes,
+            status=read_text(last, layout.OUT_STATUS, LINE_WORDS),
+            states=read_text(last, layout.OUT_STATES, LINE_WORDS),
+            activity=_ACTIVITIES.get(activity & 0xFF, "unknown"),
+            handler=memory.handler(activity >> 8) if activity & 0xFF == Activity.HANDLER else "",
+            busy_since_ns=own[layout.OUT_ACTIVITY_SINCE_NS] if activity else 0,
+            work=_work(memory) if row.pid else None,
+            subscriptions=subscriptions,
+            publishes=tuple(memory.publishes),
+        )
+
+    def _memory(self, slot: int, incarnation: int) -> ModuleMemory:
+        """The memory of an incarnation, 0 for none; what was mapped of the one before is unmapped."""
+        known = self._memories.get(slot)
+        if known is not None and known.incarnation == incarnation and (known.is_there or not incarnation):
+            return known
+        if known is not None:
+            known.close()
+        made = self._memories[slot] = ModuleMemory(self._run_id, slot, incarnation)
+        return made
+
+
+def _work(memory: ModuleMemory) -> WorkHistograms | None:
+    words = memory.histograms()
+    if not words:
+        return None
+    return WorkHistograms(*(Histogram.read(words, number * HISTOGRAM_WORDS) for number in range(4)))
