@@ -17,8 +17,7 @@ from robbie_mp.core.tables import CoreTables
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
 from robbie_mp.supervisor.control_client import ControlRefused, converse
-from robbie_mp.supervisor.memory import TOOL_MEMORY_BYTES
-from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.supervisor.plan import TOOL_MEMORY_BYTES, RunPlan
 from robbie_mp.supervisor.run_directory import KnownRun
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board

@@ -16,6 +16,7 @@ from robbie_mp.clock import ManualClock
 from robbie_mp.config import Config
 from robbie_mp.messages import Message, lay_out
 from robbie_mp.module import Module, ModuleContext
+from robbie_mp.setting_changes import SettingChanges
 from robbie_mp.settings import check_settings
 from robbie_mp.transport.records import MessageHandling
 
@@ -78,10 +79,12 @@ class ModuleHarness(Generic[ModuleClass]):
                 show_status=lambda _line: None,
             )
         )
+        self._changes = SettingChanges(self.module, self.bus)
         self._next_tick_ns = 0
 
     def __enter__(self) -> Self:
         """Run `setup()`."""
+        self._changes.listen()
         self.module.setup()
         self._next_tick_ns = self.clock.monotonic_ns()
         return self
@@ -97,6 +100,15 @@ class ModuleHarness(Generic[ModuleClass]):
     def send(self, message: Message, *, topic: str = "", sender: str = "test") -> None:
         """Have the module handle a message now, if it subscribes to it."""
         self.bus.deliver(message, topic, sender)
+
+    def change_setting(self, name: str, value: object) -> None:
+        """Change a setting as `robbie param set` does.
+
+        Raises:
+            NotChangeable: there is no such setting to change.
+            SettingError: the value does not fit, or the module refuses it.
+        """
+        self._changes.change(name, value)
 
     def advance(self, seconds: float) -> None:
         """Let time pass, with every tick that is due on the way (the first one at once)."""

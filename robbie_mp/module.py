@@ -95,6 +95,20 @@ class Module:
     def tick(self) -> None:
         """Do what is to be done every `period_s`."""
 
+    def setting_changed(self, name: str) -> None:
+        """Take a changed setting into use; its attribute has the new value, checked like a profile's.
+
+        Settings that are declared with `changeable=True` may be changed while the module runs, with `robbie
+        param set`. This is called between two messages or ticks. Who reads the attribute each time it is
+        needed has nothing to do here.
+
+        Args:
+            name: the setting.
+
+        Raises:
+            SettingError: it cannot be used; the attribute gets its old value back, and who asked is told.
+        """
+
     def teardown(self) -> None:
         """Write results, close devices. Runs on an ordered stop, not after a crash."""
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.module import Module
+from robbie_mp.setting_changes import SettingChanges
 from robbie_mp.transport import layout
 from robbie_mp.transport.endpoint import Endpoint
 from robbie_mp.transport.histogram import WorkFigures
@@ -32,6 +33,7 @@ class ModuleRunner:
         wakeup: its semaphore.
         words: its out segment.
         may_go: whether every module of the run is ready.
+        changes: of its settings while it runs.
     """
 
     def __init__(
@@ -43,6 +45,7 @@ class ModuleRunner:
         wakeup: Wakeup,
         words: Words,
         may_go: Callable[[], bool],
+        changes: SettingChanges,
     ):
         self._module = module
         self._endpoint = endpoint
@@ -51,6 +54,7 @@ class ModuleRunner:
         self._wakeup = wakeup
         self._words = words
         self._may_go = may_go
+        self._changes = changes
         self._stopping = False
         self._messages = WorkFigures(words, layout.OUT_MESSAGE_FIGURES)
         self._tick_figures = WorkFigures(words, layout.OUT_TICK_FIGURES)
@@ -65,6 +69,7 @@ class ModuleRunner:
     def run(self) -> None:
         """Run the module until it is stopped or stops itself."""
         self._begin(Activity.SETUP)
+        self._changes.listen()
         self._module.setup()
         self._check_period()
         self._idle()

@@ -15,7 +15,7 @@ from typing import Any, Final, TypeVar, get_type_hints, overload
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.suggest import did_you_mean
-from robbie_mp.value_check import Limits, ValueMismatch, check_value, describe
+from robbie_mp.value_check import Limits, ValueMismatch, check_value, describe, describe_limits
 
 T = TypeVar("T")
 
@@ -45,7 +45,10 @@ class SettingError(RobbieError, ValueError):
 class Setting:
     """One declared setting; reading it from an instance that has no value yet is an AttributeError."""
 
-    def __init__(self, default: object, description: str, limits: Limits) -> None:
+    def __init__(
+        self, default: object, description: str, limits: Limits, *, changeable: bool = False
+    ) -> None:
+        self.changeable = changeable
         self.default = default
         self.description = description
         self.limits = limits
@@ -91,6 +94,10 @@ class Setting:
             raise SettingError(f"{self}: {error}", self.name) from None
         return declared
 
+    def describe(self) -> str:
+        """Return type and limits in words, as "float, at least 0.01"."""
+        return describe(self.declared_type) + describe_limits(self.limits)
+
     def check(self, value: object, folder: Path | None = None) -> Any:
         """Return `value` as the declared type.
 
@@ -113,6 +120,7 @@ def setting(
     choices: Iterable[object] = (),
     must_exist: bool = False,
     finite: bool = True,
+    changeable: bool = False,
 ) -> Any: ...
 @overload
 def setting(
@@ -124,6 +132,7 @@ def setting(
     choices: Iterable[object] = (),
     must_exist: bool = False,
     finite: bool = True,
+    changeable: bool = False,
 ) -> T: ...
 def setting(
     default: object,
@@ -134,6 +143,7 @@ def setting(
     choices: Iterable[object] = (),
     must_exist: bool = False,
     finite: bool = True,
+    changeable: bool = False,
 ) -> Any:
     """Declare a setting of a class; the annotation gives its type.
 
@@ -145,8 +155,10 @@ def setting(
         choices: All values allowed.
         must_exist: A path must name an existing file or folder.
         finite: Refuse infinity and not-a-number.
+        changeable: It may be changed while the module runs; see `Module.setting_changed`.
     """
-    return Setting(default, description, Limits(minimum, maximum, tuple(choices), must_exist, finite))
+    limits = Limits(minimum, maximum, tuple(choices), must_exist, finite)
+    return Setting(default, description, limits, changeable=changeable)
 
 
 def settings_of(cls: type) -> dict[str, Setting]:

@@ -105,7 +105,7 @@ def _element(where: str, declared: Any, value: object, limits: Limits, folder: P
 
 
 def _check_scalar(declared: Any, value: object, limits: Limits, folder: Path | None) -> Any:
-    expected = describe(declared) + _describe_limits(limits)
+    expected = describe(declared) + describe_limits(limits)
     if isinstance(declared, type) and issubclass(declared, StrEnum):
         if not isinstance(value, str) or value not in list(declared):
             raise _mismatch(expected, value)
@@ -149,7 +149,8 @@ def _within(value: float, limits: Limits) -> bool:
     )
 
 
-def _describe_limits(limits: Limits) -> str:
+def describe_limits(limits: Limits) -> str:
+    """Return limits in words that follow those of a type: "" if there are none."""
     if limits.choices:
         return ", " + _one_of(limits.choices)
     bounds = [f"at least {limits.minimum:.10g}"] if limits.minimum is not None else []

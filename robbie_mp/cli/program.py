@@ -17,6 +17,7 @@ COMMANDS = (
     "hz",
     "bw",
     "pub",
+    "param",
     "top",
     "restart",
     "stop",

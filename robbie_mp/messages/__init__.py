@@ -56,7 +56,7 @@ from robbie_mp.messages.stock.geometry_msgs import (
 from robbie_mp.messages.stock.nav_msgs import MapMetaData, OccupancyGrid, Odometry, Path
 from robbie_mp.messages.stock.rcl_interfaces import Log
 from robbie_mp.messages.stock.registry import stock_registry
-from robbie_mp.messages.stock.robbie_msgs import DriveCommand, ModuleState
+from robbie_mp.messages.stock.robbie_msgs import DriveCommand, ModuleState, SettingChange, SettingChanged
 from robbie_mp.messages.stock.sensor_msgs import (
     BatteryState,
     CompressedImage,
@@ -115,6 +115,8 @@ __all__ = [
     "PoseWithCovariance",
     "Quaternion",
     "SchemaError",
+    "SettingChange",
+    "SettingChanged",
     "TFMessage",
     "Time",
     "Transform",

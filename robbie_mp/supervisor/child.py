@@ -46,7 +46,7 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
         else:
             from robbie_mp.supervisor.module_child import run_module  # noqa: PLC0415
 
-            run_module(plan, name, incarnation)
+            run_module(run_folder, plan, name, incarnation)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
         if isinstance(end.code, str):

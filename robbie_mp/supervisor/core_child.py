@@ -2,7 +2,7 @@
 
 from robbie_mp.core.process import CoreProcess
 from robbie_mp.core.router import SlotLimits
-from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.supervisor.plan import TOOL_MEMORY_BYTES, RunPlan
 
 SUPERVISOR_QUEUE = SlotLimits(queue_messages=1000, queue_bytes=1 << 20)
 
@@ -14,4 +14,4 @@ def run_core(plan: RunPlan) -> None:
     tool = SlotLimits(queue.messages, queue.bytes, plan.tools.credits, is_tool=True)
     message_bytes = max((module.memory.limit_bytes for module in plan.modules), default=0)
     slots = [SUPERVISOR_QUEUE, *modules, *[tool] * plan.tools.count]
-    CoreProcess(plan.run_id, plan.sizes, slots, max(message_bytes, 1 << 20)).run()
+    CoreProcess(plan.run_id, plan.sizes, slots, max(message_bytes, TOOL_MEMORY_BYTES)).run()

@@ -10,7 +10,7 @@ from robbie_mp.clock import SystemClock
 from robbie_mp.core.tables import CoreTables, TableSizes
 from robbie_mp.messages import ModuleState, Time
 from robbie_mp.supervisor.incarnations import Doing
-from robbie_mp.supervisor.plan import CORE, PlannedModule, RunPlan
+from robbie_mp.supervisor.plan import CORE, TOOL_MEMORY_BYTES, PlannedModule, RunPlan
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.supervisor.sweep import unlink_names
 from robbie_mp.transport import layout, names
@@ -33,8 +33,6 @@ SUPERVISOR = "supervisor"
 SUPERVISOR_SLOT = 0
 SUPERVISOR_SEGMENT_BYTES = 64 << 10
 SUPERVISOR_LIMIT_BYTES = 1 << 20
-TOOL_MEMORY_BYTES = 64 << 20
-"""What a tool that publishes may hold."""
 STATES = tuple(ChildState)
 """The board holds a state as its place in this order, counted from 1."""
 

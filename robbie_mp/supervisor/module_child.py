@@ -16,8 +16,9 @@ from robbie_mp.core.tables import CoreTables
 from robbie_mp.module import Module, ModuleContext
 from robbie_mp.profile.check import load_class
 from robbie_mp.runner import ModuleRunner
-from robbie_mp.settings import check_settings
-from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.setting_changes import SettingChanges, SettingsFile
+from robbie_mp.settings import SettingError, check_settings
+from robbie_mp.supervisor.plan import PlannedModule, RunPlan
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.bus import SharedMemoryBus
@@ -31,7 +32,7 @@ from robbie_mp.transport.wakeup import Wakeup
 from robbie_mp.transport.words import read_text, write_text
 
 
-def run_module(plan: RunPlan, name: str, incarnation: int) -> None:
+def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> None:
     """Import, construct and run a module until it is stopped or stops itself."""
     slot = plan.names.index(name)
     planned = plan.modules[slot - 1]
@@ -49,13 +50,11 @@ def run_module(plan: RunPlan, name: str, incarnation: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (process_bytes, process_bytes))
     sys.path.insert(0, plan.workspace)
     module_class = load_class(planned.class_path, Module)
-    folders = {setting: Path(folder) for setting, folder in planned.folder_of.items()}
     checkpoints = open_checkpoints(plan, slot, incarnation)
+    settings_file = SettingsFile(run_folder, name)
     context = ModuleContext(
         name=name,
-        settings=check_settings(
-            module_class, planned.settings, folder=Path(plan.workspace), folder_of=folders
-        ),
+        settings=read_settings(plan, planned, module_class, settings_file.changed()),
         bus=bus,
         clock=SystemClock(),
         config=Config(plan.config),
@@ -66,10 +65,28 @@ def run_module(plan: RunPlan, name: str, incarnation: int) -> None:
         run_id=plan.run_id,
     )
     module = module_class(context)
-    runner = ModuleRunner(module, endpoint, inbox, outbox, memory.wakeup, words, lambda: board.may_go)
+    changes = SettingChanges(module, bus, settings_file)
+    wakeup = memory.wakeup
+    runner = ModuleRunner(module, endpoint, inbox, outbox, wakeup, words, lambda: board.may_go, changes)
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
     runner.run()
     checkpoints.close()
+
+
+def read_settings(
+    plan: RunPlan, planned: PlannedModule, module_class: type[Module], changed: dict[str, object]
+) -> dict[str, object]:
+    """Return a module's settings: those of the profile, and what was changed in this run."""
+    workspace = Path(plan.workspace)
+    folders = {setting: Path(folder) for setting, folder in planned.folder_of.items()}
+    try:
+        given = {**planned.settings, **changed}
+        return check_settings(module_class, given, folder=workspace, folder_of=folders)
+    except SettingError:
+        if not changed:
+            raise
+        logging.getLogger(planned.name).exception("settings changed in this run do not fit any more")
+    return check_settings(module_class, planned.settings, folder=workspace, folder_of=folders)
 
 
 def open_checkpoints(plan: RunPlan, slot: int, incarnation: int) -> CheckpointKeeper:

@@ -20,6 +20,8 @@ from robbie_mp.transport.board import TOOL_PREFIX
 from robbie_mp.transport.run_memory import RingSizes
 
 PLAN_FILE = "plan.json"
+TOOL_MEMORY_BYTES = 64 << 20
+"""What a tool that publishes may hold."""
 CORE = "core"
 """Name of the core among the processes of a run."""
 

@@ -10,12 +10,13 @@ import pytest
 
 from robbie_mp.cli import main
 from robbie_mp.cli.runs import live_runs
-from tests.run.robot import Robot, wait_until
+from tests.run.robot import Robot, kill, wait_until
 
 PROFILE = """
 modules:
   listener: {class: "zoo.modules:Listener", queue: {messages: 100000}}
   pulse: {class: "zoo.modules:Pulse", settings: {period_s: 0.05, burst: 1}}
+  tunable: {class: "zoo.modules:Tunable", settings: {gain: 2}}
 """
 
 
@@ -52,6 +53,7 @@ def test_everything_a_person_asks_of_a_run(person: Person, tmp_path: Path) -> No
     echoes(person)
     measures_rates(person)
     publishes(person)
+    changes_settings(person)
 
 
 def lists_what_there_is(person: Person) -> None:
@@ -61,7 +63,12 @@ def lists_what_there_is(person: Person) -> None:
     assert drive["messages"] > 2
     assert topics["robbie_msgs/msg/ModuleState"]["publishers"] == ["supervisor"]
     assert {row["type"] for row in person.gets("list", "types")} == set(topics)
-    assert [row["module"] for row in person.gets("list", "modules")] == ["listener", "pulse", "core"]
+    assert [row["module"] for row in person.gets("list", "modules")] == [
+        "listener",
+        "pulse",
+        "tunable",
+        "core",
+    ]
     assert "wheels" in person.types("list", "topics")
     assert person.types("type", "show", "DriveCommand").startswith("# robbie_msgs/msg/DriveCommand, version")
 
@@ -79,9 +86,7 @@ def echoes(person: Person) -> None:
     assert header == "topic,sequence,sender,published_ns,header.stamp.sec,header.stamp.nanosec"
     assert int(row.split(",")[4]) > int(number)
     person.types("echo", "DriveComand", code=1)
-    assert person.errors == (
-        "no message type is called 'DriveComand'; did you mean 'DriveCommand'?\n"
-    )
+    assert person.errors == ("no message type is called 'DriveComand'; did you mean 'DriveCommand'?\n")
     person.types("echo", "DriveCommand", "--field", "speed", code=1)
     assert person.errors.startswith("robbie_msgs/msg/DriveCommand has no field 'speed'")
 
@@ -110,3 +115,27 @@ def publishes(person: Person) -> None:
     assert person.errors.startswith(
         "robbie_msgs/msg/DriveCommand.linear_m_per_s: expected float64, got 'fast'"
     )
+
+
+def changes_settings(person: Person) -> None:
+    (entry,) = person.gets("param", "list")
+    assert (entry["module"], entry["setting"], entry["value"]) == ("tunable", "gain", 2)
+    assert entry["type"] == "int, at least 0 and at most 100"
+    assert person.types("param", "set", "tunable.gain", "5") == "tunable.gain is 5, was 2\n"
+    assert person.types("param", "get", "tunable.gain") == "5\n"
+    assert person.robot.journal("tunable") == [2, 5]
+    for value, said in (
+        (
+            "many",
+            "tunable refuses: Tunable.gain: expected int, at least 0 and at most 100; got 'many' (str)\n",
+        ),
+        ("13", "tunable refuses: 13 brings bad luck\n"),
+    ):
+        person.types("param", "set", "tunable.gain", value, code=1)
+        assert person.errors == said
+    person.types("param", "get", "tunable.gian", code=1)
+    assert "did you mean 'gain'" in person.errors
+    person.types("param", "set", "pulse.burst", "3", code=1)
+    assert person.errors.startswith("pulse has no setting 'burst' that can be changed while it runs")
+    kill(person.robot.top()["tunable"]["pid"])
+    wait_until(lambda: person.robot.journal("tunable") == [2, 5, 5])  # the next incarnation has it still

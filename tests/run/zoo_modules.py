@@ -9,6 +9,7 @@ import numpy as np
 
 from robbie_mp.messages import DriveCommand, Duration, Header, Image, ModuleState, Time
 from robbie_mp.module import MessageHandling, Module, setting
+from robbie_mp.settings import SettingError
 
 
 class Journal(Module):
@@ -222,3 +223,17 @@ class Pulse(Journal):
 
     def teardown(self) -> None:
         self.note(self.number)
+
+
+class Tunable(Journal):
+    """Has a setting that may be changed while it runs; journals each value it takes into use."""
+
+    gain: int = setting(1, "how much", minimum=0, maximum=100, changeable=True)
+
+    def setup(self) -> None:
+        self.note(self.gain)
+
+    def setting_changed(self, name: str) -> None:
+        if self.gain == 13:
+            raise SettingError("13 brings bad luck", name)
+        self.note(self.gain)

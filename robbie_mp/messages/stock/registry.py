@@ -23,6 +23,8 @@ def stock_registry() -> TypeRegistry:
             rcl_interfaces.Log,
             robbie_msgs.DriveCommand,
             robbie_msgs.ModuleState,
+            robbie_msgs.SettingChange,
+            robbie_msgs.SettingChanged,
             sensor_msgs.BatteryState,
             sensor_msgs.CompressedImage,
             sensor_msgs.Image,

@@ -19,6 +19,24 @@ class ModuleState(Message, name="robbie_msgs/msg/ModuleState", version=1):
     reason: str = DEFAULT  # why it changed, for people
 
 
+class SettingChange(Message, name="robbie_msgs/msg/SettingChange", version=1):
+    """Change a setting of the module whose name is the topic."""
+
+    request: uint64 = DEFAULT  # a number that the answer repeats
+    setting: str = DEFAULT
+    value: str = DEFAULT  # in YAML
+
+
+class SettingChanged(Message, name="robbie_msgs/msg/SettingChanged", version=1):
+    """A module's answer to a SettingChange."""
+
+    request: uint64 = DEFAULT
+    module: str = DEFAULT
+    setting: str = DEFAULT
+    value: str = DEFAULT  # what it is now
+    error: str = DEFAULT  # why it was not changed; '' if it was
+
+
 class DriveCommand(Message, name="robbie_msgs/msg/DriveCommand", version=1):
     """Drive at a velocity, for a while: the device stops when `valid_for` passes without a newer command."""
 
