@@ -28,7 +28,7 @@ from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
 from robbie_mp.transport.run_memory import IncarnationMemory, make_block_store, make_endpoint, make_views
 from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
 from robbie_mp.transport.wakeup import Wakeup
-from robbie_mp.transport.words import Fence, read_text, write_text
+from robbie_mp.transport.words import new_fence, read_text, write_text
 
 SEGMENT_BYTES = 1 << 20
 LONGEST_WAIT_S = 0.2
@@ -103,7 +103,7 @@ class Attachment:
         self._core = self._core_segment.words
         self._tables = CoreTables.attach(self._core)
         self._counters = ChannelCounters(self._core)
-        self._fence = Fence()
+        self._fence = new_fence()
         write_text(self._words, layout.OUT_STATUS, LINE_WORDS, self._purpose)
 
     def close(self) -> None:

@@ -14,7 +14,12 @@ from robbie_mp.transport.layout import Activity
 from robbie_mp.transport.outbox import Outbox
 from robbie_mp.transport.records import Outbound
 from robbie_mp.transport.wakeup import Wakeup
-from robbie_mp.transport.words import Words
+from robbie_mp.transport.words import WORD_BYTES, Words, row_writer
+
+# Looked up once, not for every message.
+_HANDLER, _IDLE = int(Activity.HANDLER), int(Activity.IDLE)
+_ACTIVITY = layout.OUT_ACTIVITY
+_ACTIVITY_AT = layout.OUT_ACTIVITY_SINCE_NS * WORD_BYTES
 
 LONGEST_WAIT_S = 0.5
 """Even an idle module looks up so often: for arrays that other threads have let go, and for signals."""
@@ -53,6 +58,7 @@ class ModuleRunner:
         self._outbox = outbox
         self._wakeup = wakeup
         self._words = words
+        self._write_activity = row_writer(words, 2)
         self._may_go = may_go
         self._changes = changes
         self._stopping = False
@@ -100,15 +106,15 @@ class ModuleRunner:
 
     def _turn(self) -> None:
         """Handle at most one message and at most one tick, or wait for either."""
-        self._inbox.release_let_go()
-        delivery = self._inbox.take()
+        inbox = self._inbox
+        delivery = inbox.take()
         if delivery is not None:
-            begun_ns = self._begin(Activity.HANDLER | delivery.declaration << 8)
-            self._inbox.handle(delivery)
+            begun_ns = self._begin(_HANDLER | delivery.declaration << 8)
+            inbox.handle(delivery)
             self._idle()
             self._messages.record(begun_ns - delivery.stamp_ns, time.monotonic_ns() - begun_ns)
-        if self._ends:
-            return
+            if self._ends:
+                return
         period_s = self._module.period_s
         if period_s is not None and time.monotonic_ns() >= self._next_tick_ns:
             self._tick(period_s)
@@ -141,9 +147,8 @@ class ModuleRunner:
 
     def _begin(self, activity: int) -> int:
         now_ns = time.monotonic_ns()
-        self._words[layout.OUT_ACTIVITY_SINCE_NS] = now_ns
-        self._words[layout.OUT_ACTIVITY] = activity
+        self._write_activity(_ACTIVITY_AT, now_ns, activity)
         return now_ns
 
     def _idle(self) -> None:
-        self._words[layout.OUT_ACTIVITY] = Activity.IDLE
+        self._words[_ACTIVITY] = _IDLE

@@ -1,11 +1,13 @@
 """Who offers and who wants what: channels and subscriptions, in memory and in the core's tables."""
 
+from collections.abc import Callable
+
 from robbie_mp.core.tables import CoreTables
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.layout import NAME_WORDS
 from robbie_mp.transport.records import MessageHandling
-from robbie_mp.transport.words import WORD_MAX, Words, read_text, write_text
+from robbie_mp.transport.words import WORD_BYTES, WORD_MAX, read_text, write_text
 
 LONGEST_INTERVAL_US = 10**9
 """Of two messages; a module may claim any time."""
@@ -70,7 +72,10 @@ class Wish:
 class Channel:
     """A message type with a version on a topic."""
 
-    __slots__ = ("at", "bytes", "index", "messages", "subscriptions", "topic", "type_name", "version")
+    __slots__ = (
+        "_figures_at", "at", "bytes", "index", "intervals_squared", "last_stamp_ns", "messages",
+        "subscriptions", "topic", "type_name", "version",
+    )  # fmt: skip
 
     def __init__(self, index: int, at: int, type_name: str, version: int, topic: str):
         self.index = index
@@ -78,22 +83,35 @@ class Channel:
         self.type_name = type_name
         self.version = version
         self.topic = topic
+        self._figures_at = (at + layout.CHANNEL_MESSAGES) * WORD_BYTES
         self.messages = 0
         self.bytes = 0
+        self.last_stamp_ns = 0
+        self.intervals_squared = 0
         self.subscriptions: list[Subscription] = []
 
-    def note_time(self, words: Words, stamp_ns: int) -> None:
-        """Show when its newest message was published, and how long after the one before it.
+    def count(self, write: Callable[..., None], size: int, stamp_ns: int) -> None:
+        """Count a message, and show when it was published, and how long after the one before it.
 
-        A message that is routed again after a crash of the core may count twice here; nothing rests on it.
+        A message routed again after a crash of the core may add its interval twice; nothing rests on it.
+
+        Args:
+            write: writes four words of the tables.
+            size: of the message in bytes.
+            stamp_ns: when it was published.
         """
-        at = self.at
-        before_ns = words[at + layout.CHANNEL_LAST_STAMP_NS]
-        words[at + layout.CHANNEL_LAST_STAMP_NS] = stamp_ns
-        if before_ns:
-            interval_us = min(abs(stamp_ns - before_ns) // 1000, LONGEST_INTERVAL_US)
-            square = at + layout.CHANNEL_INTERVALS_SQUARED
-            words[square] = words[square] + interval_us * interval_us & WORD_MAX
+        self.messages += 1
+        self.bytes += size
+        if self.last_stamp_ns:
+            interval_us = (stamp_ns - self.last_stamp_ns) // 1000
+            if not -LONGEST_INTERVAL_US < interval_us < LONGEST_INTERVAL_US:
+                interval_us = LONGEST_INTERVAL_US
+            self.intervals_squared = self.intervals_squared + interval_us * interval_us & WORD_MAX
+        self.last_stamp_ns = stamp_ns
+        write(
+            self._figures_at,
+            self.messages, self.bytes, stamp_ns, self.intervals_squared,
+        )  # fmt: skip
 
 
 class Directory:
@@ -145,6 +163,8 @@ class Directory:
             )
             channel.messages = words[at + layout.CHANNEL_MESSAGES]
             channel.bytes = words[at + layout.CHANNEL_BYTES]
+            channel.last_stamp_ns = words[at + layout.CHANNEL_LAST_STAMP_NS]
+            channel.intervals_squared = words[at + layout.CHANNEL_INTERVALS_SQUARED]
 
     def by_index(self, index: int) -> Channel:
         """Find a channel by its row."""

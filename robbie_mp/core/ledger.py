@@ -12,7 +12,7 @@ from typing import NamedTuple
 from robbie_mp.core.directory import Channel, Subscription
 from robbie_mp.core.tables import CoreTables
 from robbie_mp.transport import layout
-from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.transport.words import WORD_BYTES, WORD_MAX, row_writer
 
 NO_RECORD = WORD_MAX
 
@@ -28,7 +28,11 @@ class Outcome(IntEnum):
     LOST = 5
 
 
-_FREE, _HELD = Outcome.FREE, Outcome.HELD  # looked up once, not for every message
+# Looked up once, not for every message.
+_FREE, _HELD, _DELIVERED = int(Outcome.FREE), int(Outcome.HELD), int(Outcome.DELIVERED)
+_ROUTED, _LAST_SEQUENCE = layout.SUBSCRIPTION_ROUTED, layout.SUBSCRIPTION_LAST_SEQUENCE
+_HANDLE_WORDS, _REFERENCE_WORDS = layout.HANDLE_WORDS, layout.REFERENCE_WORDS
+_SOURCE_OF_INCARNATION = layout.SOURCE_OF_INCARNATION
 
 
 class Handle(NamedTuple):
@@ -54,83 +58,88 @@ class Ledger:
     def __init__(self, tables: CoreTables, give_back: Callable[[int], None]):
         self._tables = tables
         self._words = tables.words
+        self._write_handle = row_writer(tables.words, 9)
+        self._write_reference = row_writer(tables.words, 4)
+        self._handles_at, self._references_at = tables.handle(0), tables.reference(0)
+        self._free_handles = tables.free_handles
+        self._free_references = tables.free_references
         self._give_back = give_back
         self._handles: list[Handle] = [Handle(0, 0, 0, 0, 0, 0, 0)] * tables.sizes.handles
         self._holders = [0] * tables.sizes.handles
         self._references: list[tuple[int, int, Subscription] | None] = [None] * tables.sizes.references
-        self._live_of_source: dict[tuple[int, int], int] = {}
+        self._live_of_source: dict[int, int] = {}
+        """Number of live messages of each incarnation of a publisher."""
 
     def has_room(self, references: int) -> bool:
         """Whether a message with so many subscribers can be entered."""
-        return bool(self._tables.free_handles) and len(self._tables.free_references) >= references
+        return bool(self._free_handles) and len(self._free_references) >= references
 
     def open_handle(self, handle: Handle, record: int, publisher_routed: int, channel: Channel) -> int:
         """Enter a message; return the index of its row."""
-        index = self._tables.free_handles.pop()
-        at = self._tables.handle(index)
+        index = self._free_handles.pop()
+        at = self._handles_at + index * _HANDLE_WORDS
         words = self._words
-        words[at + layout.HANDLE_RECORD] = NO_RECORD  # a row half written must not seem to be for its record
-        words[at + layout.HANDLE_SOURCE] = handle.source
-        words[at + layout.HANDLE_OFFSET] = handle.offset
-        words[at + layout.HANDLE_BYTES] = handle.size
-        words[at + layout.HANDLE_CHANNEL] = handle.channel
-        words[at + layout.HANDLE_STAMP_NS] = handle.stamp_ns
-        words[at + layout.HANDLE_BLOCK] = handle.block
-        words[at + layout.HANDLE_PUBLISHER_ROUTED] = publisher_routed
-        words[at + layout.HANDLE_CHANNEL_MESSAGES] = channel.messages + 1
-        words[at + layout.HANDLE_CHANNEL_BYTES] = channel.bytes + handle.size
-        words[at + layout.HANDLE_RECORD] = record
-        words[at] = handle.sequence  # commits: from here on the message is routed
+        sequence, source, offset, size, channel_index, stamp_ns, block = handle
+        words[at + 1] = NO_RECORD  # a row half written must not seem to be for its record
+        self._write_handle(
+            (at + 2) * WORD_BYTES,
+            source, offset, size, channel_index, stamp_ns, block,
+            publisher_routed, channel.messages + 1, channel.bytes + size,
+        )  # fmt: skip
+        words[at + 1] = record
+        words[at] = sequence  # commits: from here on the message is routed
         self._note_handle(index, handle)
         return index
 
     def _note_handle(self, index: int, handle: Handle) -> None:
         self._handles[index] = handle
-        key = (handle.source & 0xFFFF, handle.source >> 32)
-        self._live_of_source[key] = self._live_of_source.get(key, 0) + 1
+        source = handle[1] & _SOURCE_OF_INCARNATION
+        self._live_of_source[source] = self._live_of_source.get(source, 0) + 1
 
     def handle(self, index: int) -> Handle:
         """A live message."""
         return self._handles[index]
 
-    def close_handle(self, index: int) -> tuple[int, int] | None:
-        """Free a handle's row; return its publisher's slot and incarnation if it was the last of them."""
-        self._words[self._tables.handle(index)] = 0
-        self._tables.free_handles.append(index)
-        source = self._handles[index].source
-        key = (source & 0xFFFF, source >> 32)
-        left = self._live_of_source[key] - 1
-        if left:
-            self._live_of_source[key] = left
-            return None
-        del self._live_of_source[key]
-        return key
+    def close_handle(self, index: int) -> int:
+        """Free a handle's row; return how many messages of its publisher are left."""
+        self._words[self._handles_at + index * _HANDLE_WORDS] = 0
+        self._free_handles.append(index)
+        source = self._handles[index][1] & _SOURCE_OF_INCARNATION
+        self._live_of_source[source] = left = self._live_of_source[source] - 1
+        return left
+
+    def forget_source(self, slot: int, incarnation: int) -> None:
+        """Forget a dead publisher that has no messages left."""
+        self._live_of_source.pop(layout.pack_source(slot, 0, incarnation), None)
 
     def sources(self) -> set[tuple[int, int]]:
         """Slot and incarnation of every publisher with live messages."""
-        return set(self._live_of_source)
+        return {_publisher(source) for source, live in self._live_of_source.items() if live}
 
     def has_live(self, slot: int, incarnation: int) -> bool:
         """Whether messages of that publisher are alive."""
-        return (slot, incarnation) in self._live_of_source
+        return self._live_of_source.get(layout.pack_source(slot, 0, incarnation), 0) > 0
 
-    def open_reference(self, subscription: Subscription, handle: int) -> int:
-        """Enter a subscription's claim to a message; return the index of its row."""
-        index = self._tables.free_references.pop()
-        at = self._tables.reference(index)
-        words, counts = self._words, subscription.counts
-        sequence = self._handles[handle].sequence
-        counts[0] += 1
-        words[at + layout.REFERENCE_SEQUENCE] = sequence
-        words[at + layout.REFERENCE_HANDLE] = handle
-        words[at + layout.REFERENCE_SUBSCRIPTION] = subscription.index
-        words[at + layout.REFERENCE_PUSHED_AT] = 0
-        words[at] = _HELD | counts[0] << 8  # commits
-        words[subscription.at + layout.SUBSCRIPTION_ROUTED] = counts[0]
-        words[subscription.at + layout.SUBSCRIPTION_LAST_SEQUENCE] = sequence
-        self._references[index] = (sequence, handle, subscription)
-        self._holders[handle] += 1
-        return index
+    def open_references(
+        self, subscriptions: Sequence[Subscription], handle: int
+    ) -> list[tuple[Subscription, int]]:
+        """Enter the claims of subscriptions to a message; return each with the index of its row."""
+        opened = []
+        words = self._words
+        sequence = self._handles[handle][0]
+        for subscription in subscriptions:
+            index = self._free_references.pop()
+            at = self._references_at + index * _REFERENCE_WORDS
+            counts = subscription.counts
+            counts[0] = routed = counts[0] + 1
+            self._write_reference((at + 1) * WORD_BYTES, sequence, handle, subscription.index, 0)
+            words[at] = _HELD | routed << 8  # commits
+            words[subscription.at + _ROUTED] = routed
+            words[subscription.at + _LAST_SEQUENCE] = sequence
+            self._references[index] = (sequence, handle, subscription)
+            self._holders[handle] += 1
+            opened.append((subscription, index))
+        return opened
 
     def reference(self, index: int) -> tuple[int, int, Subscription]:
         """Sequence, handle and subscription of a live reference.
@@ -145,35 +154,48 @@ class Ledger:
 
     def mark_pushed(self, index: int, record: int) -> None:
         """Note which inbound record is about to bring a reference to its module."""
-        self._words[self._tables.reference(index) + layout.REFERENCE_PUSHED_AT] = record + 1
+        self._words[self._references_at + index * _REFERENCE_WORDS + layout.REFERENCE_PUSHED_AT] = record + 1
 
     def mark_waiting(self, index: int) -> None:
         """Note that a reference waits again: its module died before it began to handle it."""
-        self._words[self._tables.reference(index) + layout.REFERENCE_PUSHED_AT] = 0
+        self._words[self._references_at + index * _REFERENCE_WORDS + layout.REFERENCE_PUSHED_AT] = 0
 
     def count(self, index: int, outcome: Outcome) -> None:
         """Enter what became of a reference."""
         subscription = self.reference(index)[2]
-        counts = subscription.counts
         column = outcome - 1
-        counts[column] += 1
-        self._words[self._tables.reference(index)] = outcome | counts[column] << 8  # commits
-        self._words[subscription.at + layout.SUBSCRIPTION_ROUTED + column] = counts[column]
+        subscription.counts[column] = nth = subscription.counts[column] + 1
+        self._words[self._references_at + index * _REFERENCE_WORDS] = outcome | nth << 8  # commits
+        self._words[subscription.at + _ROUTED + column] = nth
 
     def close_reference(self, index: int) -> None:
         """Free a reference's row, and give the message back if it was the last."""
         handle = self.reference(index)[1]
-        self._words[self._tables.reference(index)] = _FREE
+        self._words[self._references_at + index * _REFERENCE_WORDS] = _FREE
         self._references[index] = None
-        self._tables.free_references.append(index)
-        self._holders[handle] -= 1
-        if not self._holders[handle]:
+        self._free_references.append(index)
+        self._holders[handle] = left = self._holders[handle] - 1
+        if not left:
             self._give_back(handle)
 
     def finish(self, index: int, outcome: Outcome) -> None:
         """Enter what became of a reference and free it."""
         self.count(index, outcome)
         self.close_reference(index)
+
+    def deliver(self, index: int) -> None:
+        """Do as `finish` with DELIVERED, in fewer steps: it happens to almost every reference."""
+        _, handle, subscription = self.reference(index)
+        words, at, counts = self._words, self._references_at + index * _REFERENCE_WORDS, subscription.counts
+        counts[1] = nth = counts[1] + 1
+        words[at] = _DELIVERED | nth << 8  # commits
+        words[subscription.at + _ROUTED + 1] = nth
+        words[at] = _FREE
+        self._references[index] = None
+        self._free_references.append(index)
+        self._holders[handle] = left = self._holders[handle] - 1
+        if not left:
+            self._give_back(handle)
 
     # -- after a crash of the core -----------------------------------------------------------------------
 
@@ -182,13 +204,13 @@ class Ledger:
         found = []
         words = self._words
         for index in range(self._tables.sizes.handles):
-            at = self._tables.handle(index)
+            at = self._handles_at + index * _HANDLE_WORDS
             if words[at]:
-                columns = (words[at + column] for column in range(len(Handle._fields)))
-                self._note_handle(index, Handle(*columns))
+                columns = (words[at + layout.HANDLE_SOURCE + column] for column in range(6))
+                self._note_handle(index, Handle(words[at], *columns))
                 found.append(index)
         alive = set(found)
-        self._tables.free_handles[:] = [row for row in self._tables.free_handles if row not in alive]
+        self._free_handles[:] = [row for row in self._free_handles if row not in alive]
         return found
 
     def read_references(self, subscriptions: Sequence[Subscription]) -> list[tuple[int, Outcome]]:
@@ -200,7 +222,7 @@ class Ledger:
         found = []
         words = self._words
         for index in range(self._tables.sizes.references):
-            at = self._tables.reference(index)
+            at = self._references_at + index * _REFERENCE_WORDS
             if not words[at]:
                 continue
             state, nth = Outcome(words[at] & 0xFF), words[at] >> 8
@@ -211,7 +233,7 @@ class Ledger:
             self._complete_count(subscription, state - 1, nth)
             found.append((index, state))
         alive = {index for index, _ in found}
-        self._tables.free_references[:] = [row for row in self._tables.free_references if row not in alive]
+        self._free_references[:] = [row for row in self._free_references if row not in alive]
         return found
 
     def _complete_count(self, subscription: Subscription, column: int, nth: int) -> None:
@@ -221,7 +243,7 @@ class Ledger:
 
     def pushed_at(self, index: int) -> int:
         """Number of the inbound record that was to bring a reference, plus one; 0 if it waits."""
-        return self._words[self._tables.reference(index) + layout.REFERENCE_PUSHED_AT]
+        return self._words[self._references_at + index * _REFERENCE_WORDS + layout.REFERENCE_PUSHED_AT]
 
     def is_held(self, handle: int) -> bool:
         """Whether any reference to a message is left."""
@@ -240,7 +262,7 @@ class Ledger:
         found = {}
         words = self._words
         for index in range(self._tables.sizes.handles):
-            at = self._tables.handle(index)
+            at = self._handles_at + index * _HANDLE_WORDS
             if source := words[at + layout.HANDLE_SOURCE]:
                 found[source & 0xFFFF, source >> 32, words[at + layout.HANDLE_RECORD]] = index
         return found
@@ -248,3 +270,9 @@ class Ledger:
     def row(self, handle: int, column: int) -> int:
         """A word of a handle's row."""
         return self._words[self._tables.handle(handle) + column]
+
+
+def _publisher(source: int) -> tuple[int, int]:
+    """Slot and incarnation of a publisher."""
+    slot, _, incarnation = layout.unpack_source(source)
+    return slot, incarnation

@@ -9,7 +9,7 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound, MessageHandling
 from robbie_mp.transport.ring import NumberRingWriter, RingPlace, RingReader, RingWriter
-from robbie_mp.transport.words import Fence, Words, read_text
+from robbie_mp.transport.words import Words, new_fence, read_text
 
 REPLACEMENT_CHARACTER = "\ufffd"
 _HANDLINGS = frozenset(int(handling) for handling in MessageHandling)
@@ -56,12 +56,12 @@ class Link:
         )
         self.channels: dict[int, Channel] = {}
         """By the module's declaration number."""
-        self.pushed: OrderedDict[int, int] = OrderedDict()
+        self.pushed: dict[int, int] = {}
         """References in its inbound ring or hands, and the number of the record that brought each."""
         self.pinned: set[int] = set()
         """References it has handled, but holds."""
         self.notices: deque[tuple[Inbound, int, int, int]] = deque()
-        self._fence = Fence()
+        self._fence = new_fence()
         self.credit = credit
         """Messages that may be in its inbound ring."""
         self.awaited_freed = 0

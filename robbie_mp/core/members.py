@@ -11,6 +11,7 @@ from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.transport.words import Words
 
 SUPERVISOR_SLOT = 0
+_OUT_HEAD = layout.OUT_HEAD
 NOTICE_LIMIT = 512
 """So many wait at most for a module that takes none, because it is stopped or hangs.
 
@@ -53,6 +54,11 @@ class Members:
         self._open_memory = open_memory
         self._report = report
         self.links: tuple[Link, ...] = ()
+        self.have_notices = False
+        """Some link may have notices for which there was no room yet."""
+        self._heads: list[int] = []
+        """Of their outbound rings, as seen last."""
+        self._ring_words: list[Words] = []
 
     def connect(self, slot: int, incarnation: int) -> None:
         """Connect with a new incarnation of a module."""
@@ -66,7 +72,7 @@ class Members:
             return
         link = Link(slot, memory, self._limits.ring_records, self._slots[slot].credit)
         self._slots[slot].link = link
-        self.links = (*self.links, link)
+        self._set_links((*self.links, link))
         self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = incarnation
 
     def disconnect(self, link: Link) -> None:
@@ -75,7 +81,21 @@ class Members:
         link.has_ended = True
         # Of a list: CPython keeps up to 2000 tuples of each length for reuse, and one of a generator, whose
         # length is not known at first, adds to them and never takes any.
-        self.links = tuple([other for other in self.links if other is not link])
+        self._set_links(tuple([other for other in self.links if other is not link]))
+
+    def _set_links(self, links: tuple[Link, ...]) -> None:
+        self.links = links
+        self._ring_words = [link.out_words for link in links]
+        self._heads = [link.outbound.tail for link in links]
+
+    def with_news(self) -> list[Link]:
+        """Links whose outbound rings have got records since this was asked last."""
+        heads = [words[_OUT_HEAD] for words in self._ring_words]  # all that is done for who is silent
+        seen = self._heads
+        if heads == seen:
+            return []
+        self._heads = heads
+        return [link for link, head, old in zip(self.links, heads, seen, strict=True) if head != old]
 
     def fault(self, link: Link, error: RobbieError) -> None:
         """Take no more records of a module that broke the protocol, send it none, and have it killed."""
@@ -94,6 +114,7 @@ class Members:
         if link is not None and (slot == SUPERVISOR_SLOT or len(link.notices) < NOTICE_LIMIT):
             link.notices.append(notice)
             link.send_notices()
+            self.have_notices |= bool(link.notices)
 
     def announce_gone(self, source: tuple[int, int]) -> None:
         """Have a dead publisher's data segments unmapped by everyone, and unlinked by the supervisor."""

@@ -1,5 +1,6 @@
 """The core's process: take over what there is, route until told to stop, sleep when nothing is to route."""
 
+import gc
 import signal
 import sys
 import time
@@ -49,16 +50,17 @@ class CoreProcess:
         signal.signal(signal.SIGTERM, self._on_terminate)
         self._router.recover()
         self._router.module_up(SUPERVISOR_SLOT, 1)
-        router = self._router
+        gc.freeze()  # what is imported stays, so there is no need to look through it again and again
+        router, words, wait = self._router, self._words, self._wakeup.wait
+        drain = router.drain
         while not self._stopping:
-            while not self._stopping and router.drain():
-                self._words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()  # under a flood it never sleeps
-            if router.before_sleep() and router.drain():
+            while not self._stopping and drain():
+                words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()  # under a flood it never sleeps
+            if router.before_sleep() and drain():
                 continue
-            self._words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()
-            self._wakeup.wait(HEARTBEAT_S)
-            self._wakeups += 1
-            self._words[layout.CORE_WAKEUPS] = self._wakeups
+            words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()
+            self._wakeups = words[layout.CORE_WAKEUPS] = self._wakeups + 1
+            wait(HEARTBEAT_S)
 
     def _on_terminate(self, _signal: int, _frame: FrameType | None) -> None:
         self._stopping = True

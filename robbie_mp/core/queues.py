@@ -7,9 +7,9 @@ from robbie_mp.core.ledger import Handle, Ledger, Outcome
 from robbie_mp.core.link import Link, Slot
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound
-from robbie_mp.transport.words import Words
+from robbie_mp.transport.words import WORD_BYTES, Words, row_writer
 
-_DELIVER = Inbound.DELIVER  # looked up once, not for every message
+_DELIVER = int(Inbound.DELIVER)  # looked up once, not for every message
 
 
 class Queues:
@@ -25,17 +25,25 @@ class Queues:
         self._words = words
         self._ledger = ledger
         self._slots = slots
+        self._write_figures = row_writer(words, 4)
+        self._outdated: set[Slot] = set()
+        """Modules whose figures are to be written again."""
 
     def add(self, subscription: Subscription, reference: int, handle: Handle) -> None:
         """Send a message on if nothing is before it, else let it wait; the oldest goes if too many wait."""
         slot = self._slots[subscription.slot]
         link = slot.link
-        if not slot.waiting and link is not None and link.ready and self._may_push(subscription, link):
+        if (
+            link is not None
+            and link.ready
+            and not slot.waiting
+            and (not link.pushed if subscription.newest_only else len(link.pushed) < link.credit)
+        ):
             self._push(subscription, reference, handle, link)
             link.wake()
         else:
             self._queue(slot, subscription, reference, handle.size)
-        self.write_figures(slot, link)
+        self._outdated.add(slot)
 
     def _queue(self, slot: Slot, subscription: Subscription, reference: int, size: int) -> None:
         if subscription.newest_only:
@@ -87,8 +95,8 @@ class Queues:
     def _push(self, subscription: Subscription, reference: int, handle: Handle, link: Link) -> None:
         sequence, source, offset, size, channel, stamp, _ = handle
         inbound = link.inbound
-        link.pushed[reference] = inbound.head
-        self._ledger.mark_pushed(reference, inbound.head)
+        link.pushed[reference] = record = inbound.head
+        self._ledger.mark_pushed(reference, record)
         inbound.push(
             _DELIVER | subscription.declaration << 8 | channel << 32,
             reference, sequence, source, offset, size, stamp,
@@ -108,14 +116,23 @@ class Queues:
         slot.waiting.move_to_end(reference, last=False)
         slot.waiting_bytes += size
 
-    def write_figures(self, slot: Slot, link: Link | None) -> None:
-        """Show what waits for a module, and what it has, to whoever watches."""
-        waiting = len(slot.waiting)
-        words, at = self._words, slot.at
-        words[at + layout.PUBLISHER_WAITING] = waiting
-        if waiting > slot.waiting_peak:
-            slot.waiting_peak = waiting
-            words[at + layout.PUBLISHER_WAITING_PEAK] = waiting
-        words[at + layout.PUBLISHER_WAITING_BYTES] = slot.waiting_bytes
-        words[at + layout.PUBLISHER_IN_FLIGHT] = len(link.pushed) if link else 0
-        words[at + layout.PUBLISHER_PINNED] = len(link.pinned) if link else 0
+    def outdate(self, slot: Slot) -> None:
+        """Note that what waits for a module, or what it has, has changed."""
+        self._outdated.add(slot)
+
+    def write_figures(self) -> None:
+        """Show what waits for the modules, and what they have, to whoever watches."""
+        words = self._words
+        while self._outdated:
+            slot = self._outdated.pop()
+            link, waiting = slot.link, len(slot.waiting)
+            self._write_figures(
+                (slot.at + layout.PUBLISHER_WAITING) * WORD_BYTES,
+                waiting,
+                slot.waiting_bytes,
+                len(link.pushed) if link else 0,
+                len(link.pinned) if link else 0,
+            )
+            if waiting > slot.waiting_peak:
+                slot.waiting_peak = waiting
+                words[slot.at + layout.PUBLISHER_WAITING_PEAK] = waiting

@@ -23,11 +23,14 @@ from robbie_mp.core.tables import CoreTables
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound, Outbound
 from robbie_mp.transport.ring import Record, RingCorrupt
-from robbie_mp.transport.words import WORD_MAX, Fence
+from robbie_mp.transport.words import WORD_MAX, new_fence, row_writer
 
-# Looking a member up in its enumeration costs more than all that is done with it for a message.
-_PUBLISH, _RELEASE = Outbound.PUBLISH, Outbound.RELEASE
-_DELIVERED = Outcome.DELIVERED
+# Looked up once, not for every message: each look-up costs as much as what is done with it.
+_PUBLISH, _RELEASE = int(Outbound.PUBLISH), int(Outbound.RELEASE)
+_CORE_LAST_SEQUENCE, _PUBLISHER_ROUTED = layout.CORE_LAST_SEQUENCE, layout.PUBLISHER_ROUTED
+_SOURCE_OF_INCARNATION = layout.SOURCE_OF_INCARNATION
+_LARGEST_OFFSET = WORD_MAX >> 1
+_new_tuple = tuple.__new__  # a named tuple's own constructor takes twice as long
 
 DROPPED_COUNT = layout.SUBSCRIPTION_DROPPED - layout.SUBSCRIPTION_ROUTED
 
@@ -67,7 +70,8 @@ class Router:
         report: Callable[[str], None],
     ):
         self._words = tables.words
-        self._limits = limits
+        self._write_channel = row_writer(tables.words, 4)
+        self._message_bytes = limits.message_bytes
         self._report = report
         tools = frozenset(index for index, bound in enumerate(slots) if bound.is_tool)
         self._directory = Directory(tables, tools)
@@ -84,19 +88,19 @@ class Router:
         ]
         self._queues = Queues(self._words, self._ledger, self._slots)
         self._members = Members(self._words, self._slots, limits, connect, report)
-        self._fence = Fence()
+        self._fence = new_fence()
         self._sequence = 0
         self._dead_sources: set[tuple[int, int]] = set()
         """Slot and incarnation of dead publishers whose messages are still alive."""
         self._freed_waits = 0
         """Links that wait for freed blocks."""
+        self._wanting = True
+        """Some module may have been asked to post when it releases."""
         self._receivers: dict[Outbound, Callable[[Slot, Link, Record], None]] = {
             Outbound.ADVERTISE: self._advertise,
             Outbound.SUBSCRIBE: self._subscribe,
             Outbound.READY: self._ready,
-            Outbound.PUBLISH: self._publish,
             Outbound.DONE: self._done,
-            Outbound.RELEASE: self._release,
             Outbound.WAIT_FREED: self._wait_freed,
         }
 
@@ -138,7 +142,8 @@ class Router:
                 if slot.link.ready:
                     self._queues.pump(slot, slot.link)
                 slot.link.wake()
-            self._queues.write_figures(slot, slot.link)
+            self._queues.outdate(slot)
+        self._queues.write_figures()
         for link in self._members.links:
             self._await_freed(link, link.out_words[layout.OUT_AWAITED_FREED])
 
@@ -178,23 +183,21 @@ class Router:
             for incarnation in range(max(1, last - KNOWN_DEAD), last + 1):
                 source = (slot.index, incarnation)
                 if source not in connected and source not in self._dead_sources:
-                    self._members.announce_gone(source)
+                    self._announce_gone(*source)
 
     # -- the loop's view -------------------------------------------------------------------------------
 
     def drain(self) -> int:
         """Handle every record that waits in any ring once; return how many there were."""
         handled = 0
-        for link in self._members.links:
+        for link in self._members.with_news():
             if link.has_ended:
                 continue
             try:
-                waiting = link.outbound.waiting()
-                for _ in range(waiting):
-                    self._receive(link)
-                handled += waiting
+                handled += self._receive(link, link.outbound.waiting())
             except BROKEN as error:
                 self._members.fault(link, error)
+        self._queues.write_figures()
         return handled
 
     def before_sleep(self) -> bool:
@@ -203,32 +206,40 @@ class Router:
         A module looks at its flag after it has pushed a release, the core at the ring after it has set the
         flag, with a fence between on both sides: so one of the two sees the other, and no release is missed.
         """
-        look_again = False
+        waits = self._freed_waits or any([slot.waiting for slot in self._slots])
+        if not (waits or self._wanting or self._members.have_notices):
+            return False
+        look_again = self._wanting = self._members.have_notices = False
         for link in self._members.links:
             waited_for = self._slots[link.slot].waiting or (self._freed_waits and link.pushed)
-            if link.want_release(1 if waited_for or (link.pinned and self._freed_waits) else 0):
-                look_again = True
+            want = 1 if waited_for or (link.pinned and self._freed_waits) else 0
+            look_again |= link.want_release(want)
+            self._wanting |= want == 1
             if link.notices:
                 link.send_notices()
+                self._members.have_notices |= bool(link.notices)
         if look_again:
             self._fence()
         return look_again
 
-    def _receive(self, link: Link) -> None:
-        record = link.outbound.peek()
-        kind = record[0]
-        slot = self._slots[link.slot]
-        if kind == _PUBLISH:
-            self._publish(slot, link, record)
-        elif kind == _RELEASE:
-            self._release(slot, link, record)
-        elif kind in _CONTROL and link.slot == SUPERVISOR_SLOT:
-            self._control(Outbound(kind), record)
-        elif kind in self._receivers:
-            self._receivers[Outbound(kind)](slot, link, record)
-        else:
-            raise ProtocolViolation(f"record of unknown kind {kind}")
-        link.outbound.take()
+    def _receive(self, link: Link, records: int) -> int:
+        """Handle so many records of a module; return their number."""
+        outbound, slot = link.outbound, self._slots[link.slot]
+        for _ in range(records):
+            record = outbound.peek()
+            kind = record[0]
+            if kind == _PUBLISH:
+                self._publish(slot, link, record)
+            elif kind == _RELEASE:
+                self._release(slot, link, record)
+            elif kind in _CONTROL and link.slot == SUPERVISOR_SLOT:
+                self._control(Outbound(kind), record)
+            elif kind in self._receivers:
+                self._receivers[Outbound(kind)](slot, link, record)
+            else:
+                raise ProtocolViolation(f"record of unknown kind {kind}")
+            outbound.take()
+        return records
 
     # -- modules come and go -----------------------------------------------------------------------------
 
@@ -251,8 +262,8 @@ class Router:
         """Take back what a dead module held; what it had not begun to handle waits for its successor."""
         slot = self._slots[link.slot]
         try:
-            while not link.has_ended and link.outbound.waiting():
-                self._receive(link)
+            while not link.has_ended and (waiting := link.outbound.waiting()):
+                self._receive(link, waiting)
         except BROKEN as error:
             self._report(f"{name_of(link.slot, link.incarnation)} died leaving a broken ring: {error}")
         self._members.disconnect(link)
@@ -265,7 +276,7 @@ class Router:
                 self._queues.put_back(slot, reference)
         for reference in link.pinned:
             self._ledger.close_reference(reference)
-        self._queues.write_figures(slot, None)
+        self._queues.outdate(slot)
         link.close()
 
     def _bury(self, slot: int, incarnation: int) -> None:
@@ -273,7 +284,7 @@ class Router:
         if self._ledger.has_live(slot, incarnation):
             self._dead_sources.add((slot, incarnation))
         else:
-            self._members.announce_gone((slot, incarnation))
+            self._announce_gone(slot, incarnation)
         if self._slots[slot].link is None:
             self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = 0
 
@@ -307,41 +318,38 @@ class Router:
                 self._queues.remove(slot, reference)
                 self._ledger.finish(reference, outcome)
         self._directory.close(entry)
-        self._queues.write_figures(slot, slot.link)
+        self._queues.outdate(slot)
 
     # -- messages ----------------------------------------------------------------------------------------
 
     def _publish(self, slot: Slot, link: Link, record: Record) -> None:
-        _, declaration, source, offset, size, stamp, block = record
+        _, declaration, source, offset, size, stamp, block, _ = record
         channel = link.channels.get(declaration)
-        if channel is None or source & layout.SOURCE_OF_INCARNATION != link.source:
+        if channel is None or source & _SOURCE_OF_INCARNATION != link.source:
             raise ProtocolViolation(f"it published on declaration {declaration} from source {source:#x}")
-        if size > self._limits.message_bytes or offset > WORD_MAX >> 1:
+        if size > self._message_bytes or offset > _LARGEST_OFFSET:
             raise ProtocolViolation(f"it published {size} bytes at offset {offset}")
-        if not self._ledger.has_room(len(channel.subscriptions)):
+        subscriptions = channel.subscriptions
+        ledger = self._ledger
+        if not ledger.has_room(len(subscriptions)):
             self._refuse(slot, link, block)
             return
-        handle = Handle(self._sequence + 1, source, offset, size, channel.index, stamp, block)
-        index = self._ledger.open_handle(handle, link.outbound.tail, slot.routed + 1, channel)
-        self._route(slot, channel, index, channel.subscriptions)
+        handle = _new_tuple(Handle, (self._sequence + 1, source, offset, size, channel.index, stamp, block))
+        index = ledger.open_handle(handle, link.outbound.tail, slot.routed + 1, channel)
+        self._route(slot, channel, index, subscriptions)
 
     def _route(self, slot: Slot, channel: Channel, index: int, subscriptions: Sequence[Subscription]) -> None:
         """Send an entered message to everyone who wants it, or queue it for them, and count it."""
-        handle = self._ledger.handle(index)
-        words = self._words
-        self._sequence = handle.sequence
-        words[layout.CORE_LAST_SEQUENCE] = handle.sequence
-        claims = [(entry, self._ledger.open_reference(entry, index)) for entry in subscriptions]
-        for entry, reference in claims:
-            self._queues.add(entry, reference, handle)
-        slot.routed += 1
-        words[slot.at + layout.PUBLISHER_ROUTED] = slot.routed
-        channel.messages += 1
-        channel.bytes += handle.size
-        words[channel.at + layout.CHANNEL_MESSAGES] = channel.messages
-        words[channel.at + layout.CHANNEL_BYTES] = channel.bytes
-        channel.note_time(words, handle.stamp_ns)
-        if not self._ledger.is_held(index):
+        ledger, words, add = self._ledger, self._words, self._queues.add
+        handle = ledger.handle(index)
+        sequence, _, _, size, _, stamp_ns, _ = handle
+        self._sequence = words[_CORE_LAST_SEQUENCE] = sequence
+        claims = ledger.open_references(subscriptions, index)
+        for subscription, reference in claims:
+            add(subscription, reference, handle)
+        slot.routed = words[slot.at + _PUBLISHER_ROUTED] = slot.routed + 1
+        channel.count(self._write_channel, size, stamp_ns)
+        if not claims and not ledger.is_held(index):
             self._give_back(index)
 
     def _refuse(self, slot: Slot, link: Link, block: int) -> None:
@@ -365,14 +373,14 @@ class Router:
         link.pinned.add(reference)
         self._ledger.count(reference, Outcome.DELIVERED)
         self._queues.pump(slot, link)
-        self._queues.write_figures(slot, link)
+        self._queues.outdate(slot)
 
     def _release(self, slot: Slot, link: Link, record: Record) -> None:
         """Let go of a message; it counts as delivered now, if it did not before."""
         reference = record[1]
         if reference in link.pushed and self._ledger.reference(reference)[0] == record[2]:
             del link.pushed[reference]
-            self._ledger.finish(reference, _DELIVERED)
+            self._ledger.deliver(reference)
         elif reference in link.pinned and self._ledger.reference(reference)[0] == record[2]:
             link.pinned.remove(reference)
             self._ledger.close_reference(reference)
@@ -380,17 +388,27 @@ class Router:
             raise ProtocolViolation(f"it released reference {reference}, which it does not have")
         if slot.waiting:
             self._queues.pump(slot, link)
-        self._queues.write_figures(slot, link)
+        self._queues.outdate(slot)
 
     # -- blocks go back to their owners ------------------------------------------------------------------
 
     def _give_back(self, index: int) -> None:
         """Give a block back to its owner, if that still lives, and then free the row."""
         handle = self._ledger.handle(index)
-        link = self._slots[handle.source & 0xFFFF].link
-        if link is not None and handle.source & layout.SOURCE_OF_INCARNATION == link.source:
+        source = handle[1] & _SOURCE_OF_INCARNATION
+        link = self._slots[source & 0xFFFF].link
+        if link is not None and source == link.source:
             self._free(link, handle.block)
-        self._close_handle(index)
+        if not self._ledger.close_handle(index) and self._dead_sources:
+            slot, _, incarnation = layout.unpack_source(source)
+            if (slot, incarnation) in self._dead_sources:
+                self._dead_sources.remove((slot, incarnation))
+                self._announce_gone(slot, incarnation)
+
+    def _announce_gone(self, slot: int, incarnation: int) -> None:
+        """Say that a dead publisher's last message is gone."""
+        self._ledger.forget_source(slot, incarnation)
+        self._members.announce_gone((slot, incarnation))
 
     def _free(self, link: Link, block: int) -> None:
         link.freed.push(block)
@@ -404,12 +422,6 @@ class Router:
         link.awaited_freed = total if waits else 0
         if not waits:
             link.wake()
-
-    def _close_handle(self, index: int) -> None:
-        source = self._ledger.close_handle(index)
-        if source in self._dead_sources:
-            self._dead_sources.remove(source)
-            self._members.announce_gone(source)
 
     def _wait_freed(self, _slot: Slot, link: Link, record: Record) -> None:
         self._await_freed(link, record[1])

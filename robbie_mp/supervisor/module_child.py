@@ -1,5 +1,6 @@
 """A module's part of a child: connect its class with the run's memory."""
 
+import gc
 import logging
 import resource
 import signal
@@ -69,6 +70,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     wakeup = memory.wakeup
     runner = ModuleRunner(module, endpoint, inbox, outbox, wakeup, words, lambda: board.may_go, changes)
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
+    gc.freeze()  # what is imported stays, so there is no need to look through it again and again
     runner.run()
     checkpoints.close()
 

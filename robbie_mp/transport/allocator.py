@@ -1,15 +1,12 @@
-"""Blocks of a module's data segments, kept in the module's own memory: nobody else needs to know."""
+"""Blocks of a data segment, kept in the module's own memory: nobody else needs to know."""
 
-from bisect import insort
+from bisect import bisect
 
 BLOCK_ALIGNMENT = 64  # a cache line, so that two messages never share one
 
 
 class BlockAllocator:
-    """First fit over one segment, with exact-size reuse in front.
-
-    A robot's messages come in few sizes, so a freed block is mostly taken again by the next message of that
-    size. Only when that fails are the blocks kept for reuse merged with their free neighbours.
+    """First fit over one segment; what is freed is joined with its free neighbours.
 
     Args:
         start: offset of the first usable byte.
@@ -20,24 +17,18 @@ class BlockAllocator:
         start_aligned = -(-start // BLOCK_ALIGNMENT) * BLOCK_ALIGNMENT
         end = (start + size) // BLOCK_ALIGNMENT * BLOCK_ALIGNMENT
         self._extents: list[tuple[int, int]] = [(start_aligned, end - start_aligned)]
-        self._kept: dict[int, list[int]] = {}
+        """Offset and size of what is free, in order; no two of them touch."""
         self._sizes: dict[int, int] = {}
-
-    @property
-    def used_blocks(self) -> int:
-        """Blocks handed out."""
-        return len(self._sizes)
 
     def allocate(self, size: int) -> int | None:
         """Return the offset of a block of at least `size` bytes, or None if there is none."""
         size = -(-size // BLOCK_ALIGNMENT) * BLOCK_ALIGNMENT
-        kept = self._kept.get(size)
-        offset = kept.pop() if kept else self._first_fit(size)
-        if offset is None and self._merge_kept():
-            offset = self._first_fit(size)
-        if offset is not None:
-            self._sizes[offset] = size
-        return offset
+        for index, (offset, free) in enumerate(self._extents):
+            if free >= size:
+                self._extents[index : index + 1] = [(offset + size, free - size)] if free > size else []
+                self._sizes[offset] = size
+                return offset
+        return None
 
     def free(self, offset: int) -> None:
         """Take a block back.
@@ -45,30 +36,12 @@ class BlockAllocator:
         Raises:
             KeyError: no such block is handed out.
         """
-        size = self._sizes.pop(offset)
-        self._kept.setdefault(size, []).append(offset)
-
-    def _first_fit(self, size: int) -> int | None:
-        for index, (offset, free) in enumerate(self._extents):
-            if free > size:
-                self._extents[index] = (offset + size, free - size)
-                return offset
-            if free == size:
-                del self._extents[index]
-                return offset
-        return None
-
-    def _merge_kept(self) -> bool:
-        """Turn kept blocks into extents, joined with free neighbours; False if none was kept."""
-        blocks = [(offset, size) for size, offsets in self._kept.items() for offset in offsets]
-        self._kept.clear()
-        for block in blocks:
-            insort(self._extents, block)
-        joined: list[tuple[int, int]] = []
-        for offset, size in self._extents:
-            if joined and sum(joined[-1]) == offset:
-                joined[-1] = (joined[-1][0], joined[-1][1] + size)
-            else:
-                joined.append((offset, size))
-        self._extents = joined
-        return bool(blocks)
+        end = offset + self._sizes.pop(offset)
+        extents = self._extents
+        index = bisect(extents, (offset,))
+        if index < len(extents) and extents[index][0] == end:
+            end += extents.pop(index)[1]
+        if index and sum(extents[index - 1]) == offset:
+            index -= 1
+            offset = extents.pop(index)[0]
+        extents.insert(index, (offset, end - offset))

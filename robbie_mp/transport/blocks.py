@@ -1,17 +1,19 @@
 """The data segments of one incarnation of a module, and the blocks in them that hold its messages."""
 
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
-from robbie_mp.transport.allocator import BlockAllocator
+from robbie_mp.transport.allocator import BLOCK_ALIGNMENT, BlockAllocator
 from robbie_mp.transport.segment import Segment, SharedMemoryFull
 from robbie_mp.transport.words import WORD_BYTES
 
 # A message starts with 4 bytes of encapsulation; its body is to lie at a multiple of 8.
 LEAD_BYTES = 4
 _HEADER_BYTES = layout.HEADER_WORDS * WORD_BYTES
+_OVERHEAD = LEAD_BYTES + BLOCK_ALIGNMENT - 1
+_ALIGNED = -BLOCK_ALIGNMENT
+"""`size + _OVERHEAD & _ALIGNED` is the capacity of the block for a message of `size` bytes."""
 
 
 class MessageTooLarge(RobbieError, ValueError):
@@ -22,20 +24,32 @@ class MessageTooLarge(RobbieError, ValueError):
     """
 
 
-class Block(NamedTuple):
-    """A piece of a data segment, for one message."""
+class Block:
+    """A piece of a data segment, for one message.
 
-    number: int
-    """Never used twice by an incarnation."""
-    segment: int
-    offset: int
-    """Where the message starts in the segment, in bytes."""
-    buffer: memoryview
-    """The whole segment, writable."""
+    Attributes:
+        number: never used twice by an incarnation; a block that is used again gets a new one.
+        segment: number of the data segment.
+        offset: where the message starts in it, in bytes.
+        buffer: the whole segment, writable.
+        capacity: bytes that it was allocated with.
+    """
+
+    __slots__ = ("buffer", "capacity", "number", "offset", "segment")
+
+    def __init__(self, number: int, segment: int, offset: int, buffer: memoryview, capacity: int = 0):
+        self.number = number
+        self.segment = segment
+        self.offset = offset
+        self.buffer = buffer
+        self.capacity = capacity
 
 
 class BlockStore:
     """Allocates blocks, adding segments up to a limit.
+
+    A robot's messages come in few sizes, so a freed block is kept for the next message of its size. Only when
+    no other memory is left are the kept blocks given back to where larger ones can be made of them.
 
     Args:
         create: makes the data segment with a given number and size in words.
@@ -48,7 +62,9 @@ class BlockStore:
         self._next_bytes = segment_bytes
         self._limit_bytes = limit_bytes
         self._segments: list[tuple[Segment, BlockAllocator]] = []
-        self._taken: dict[int, tuple[BlockAllocator, int]] = {}
+        self._taken: dict[int, Block] = {}
+        self._kept: dict[int, list[Block]] = {}
+        """Free blocks by their capacity."""
         self._numbers = 0
         self.total_bytes = 0
 
@@ -62,34 +78,63 @@ class BlockStore:
         """Blocks that are in use."""
         return len(self._taken)
 
+    def reuse(self, size: int) -> Block | None:
+        """Return a block that was used for a message of about that size before, or None if none is free."""
+        kept = self._kept.get((size + _OVERHEAD) & _ALIGNED)
+        if not kept:
+            return None
+        block = kept.pop()
+        self._numbers = block.number = number = self._numbers + 1
+        self._taken[number] = block
+        return block
+
     def allocate(self, size: int) -> Block | None:
         """Return a block for a message of `size` bytes, or None if all the memory is in use.
 
         Raises:
             MessageTooLarge: it would not fit if all the memory were free.
         """
-        needed = size + LEAD_BYTES
-        for index, (segment, allocator) in enumerate(self._segments):
-            offset = allocator.allocate(needed)
-            if offset is not None:
-                return self._take(index, segment, allocator, offset)
-        if not self._grow(needed):
-            return None
-        segment, allocator = self._segments[-1]
-        offset = allocator.allocate(needed)
-        assert offset is not None, "a new segment holds the block it was made for"
-        return self._take(len(self._segments) - 1, segment, allocator, offset)
+        block = self.reuse(size)
+        if block is None and self._keep_another((size + _OVERHEAD) & _ALIGNED):
+            block = self.reuse(size)
+        return block
 
-    def _take(self, index: int, segment: Segment, allocator: BlockAllocator, offset: int) -> Block:
-        self._numbers += 1
-        self._taken[self._numbers] = (allocator, offset)
-        return Block(self._numbers, index, offset + LEAD_BYTES, segment.buffer)
+    def has_kept(self, size: int) -> bool:
+        """Whether `reuse` would find a block."""
+        return bool(self._kept.get((size + _OVERHEAD) & _ALIGNED))
+
+    def keep_one(self, size: int) -> None:
+        """See to it, if there is memory, that the next message of that size finds a block to reuse."""
+        if not self.has_kept(size):
+            self._fit((size + _OVERHEAD) & _ALIGNED)
+
+    def _keep_another(self, capacity: int) -> bool:
+        if self._fit(capacity):
+            return True
+        if any(self._kept.values()):
+            for blocks in self._kept.values():
+                while blocks:
+                    block = blocks.pop()
+                    self._segments[block.segment][1].free(block.offset - LEAD_BYTES)
+            if self._fit(capacity):
+                return True
+        return self._grow(capacity) and self._fit(capacity)
+
+    def _fit(self, capacity: int) -> bool:
+        """Make a free block of what has never been used or was given back."""
+        for index, (segment, allocator) in enumerate(self._segments):
+            offset = allocator.allocate(capacity)
+            if offset is not None:
+                block = Block(0, index, offset + LEAD_BYTES, segment.buffer, capacity)
+                self._kept.setdefault(capacity, []).append(block)
+                return True
+        return False
 
     def _grow(self, needed: int) -> bool:
-        whole = needed + _HEADER_BYTES + 2 * 64
+        whole = needed + _HEADER_BYTES + BLOCK_ALIGNMENT
         if whole > self._limit_bytes:
             raise MessageTooLarge(
-                f"a message of {needed - LEAD_BYTES} bytes does not fit into this module's memory of "
+                f"a message of about {needed} bytes does not fit into this module's memory of "
                 f"{self._limit_bytes} bytes; raise memory.limit_bytes in the profile"
             )
         size = min(max(self._next_bytes, whole), self._limit_bytes - self.total_bytes)
@@ -108,12 +153,14 @@ class BlockStore:
     def free(self, numbers: Iterable[int]) -> None:
         """Take blocks back; a number that is not in use is passed over, since the core may say it twice."""
         for number in numbers:
-            taken = self._taken.pop(number, None)
-            if taken is not None:
-                taken[0].free(taken[1])
+            block = self._taken.pop(number, None)
+            if block is not None:
+                self._kept[block.capacity].append(block)
 
     def close(self) -> None:
         """Unmap all segments; their names are the supervisor's to unlink."""
         for segment, _ in self._segments:
             segment.close()
         self._segments.clear()
+        self._taken.clear()
+        self._kept.clear()

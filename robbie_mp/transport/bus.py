@@ -22,6 +22,8 @@ class SharedMemoryBus:
 
     def __init__(self, outbox: Outbox, inbox: Inbox, describe: Callable[[Delivery], Envelope]):
         self._outbox = outbox
+        self.publish: Callable[[Message, str], bool] = outbox.publish
+        """Send a message; False if it was refused."""
         self._inbox = inbox
         self._describe = describe
 
@@ -39,10 +41,6 @@ class SharedMemoryBus:
     ) -> None:
         """Have messages of a type handled, of all topics ('') or of one."""
         self._inbox.subscribe(message_type, handler, handling, topic)
-
-    def publish(self, message: Message, topic: str) -> bool:
-        """Send a message; False if it was refused."""
-        return self._outbox.publish(message, topic)
 
     def loan(
         self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]

@@ -11,11 +11,12 @@ from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block
 from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
 from robbie_mp.transport.ring import NumberRingReader, RingPlace, RingReader, RingWriter
-from robbie_mp.transport.words import Fence, Words, write_text
+from robbie_mp.transport.words import Words, new_fence, write_text
 
 # Looking a member up in its enumeration costs more than all that is done with it for a message.
 _PUBLISH, _RELEASE = Outbound.PUBLISH, Outbound.RELEASE
 _DELIVER = Inbound.DELIVER
+_new_tuple = tuple.__new__  # a named tuple's own constructor takes twice as long
 
 
 class TooManyDeclarations(RobbieError, OverflowError):
@@ -72,15 +73,15 @@ class Endpoint:
 
     def __init__(self, memory: EndpointMemory, ring_records: int, credit: int):
         out, into = memory.out_words, memory.in_words
-        self.slot = memory.slot
-        self.incarnation = memory.incarnation
+        self._source = layout.pack_source(memory.slot, 0, memory.incarnation)
         self._out = out
         self._in = into
         self.wake_core = memory.wake_core
         """Has the core look at all rings: a release need not have woken it."""
-        self._fence = Fence()
-        self._lock = threading.Lock()
-        self._declaration_fence = Fence()
+        self._fence = new_fence()
+        self.lock = threading.RLock()
+        """Held while anything is pushed; whoever publishes may hold it longer."""
+        self._declaration_fence = new_fence()
         self._declarations = 0
         self._backlog: deque[tuple[Outbound, int, int, int]] = deque()
         # Publishing leaves room for what must be said in any case: what it is done with.
@@ -133,7 +134,7 @@ class Endpoint:
         for name in (type_name, topic):
             if len(name.encode()) > layout.NAME_BYTES:
                 raise NameTooLong(f"'{name}' has more than {layout.NAME_BYTES} bytes")
-        with self._lock:
+        with self.lock:
             number = self._declarations
             if number == layout.DECLARATION_COUNT:
                 raise TooManyDeclarations(
@@ -155,20 +156,22 @@ class Endpoint:
 
     def send(self, kind: Outbound, first: int = 0, second: int = 0, third: int = 0) -> None:
         """Push a record that must not be refused, and wake the core."""
-        with self._lock:
+        with self.lock:
             self._backlog.append((kind, first, second, third))
             self._flush()
         self.wake_core()
 
     def publish(self, declaration: int, block: Block, size: int, stamp_ns: int) -> bool:
         """Hand a filled block over; False if the ring is full (then the block is still the caller's)."""
-        source = layout.pack_source(self.slot, block.segment, self.incarnation)
-        with self._lock:
-            self._flush()
-            if self._backlog or self._outbound.room() <= self._reserve:
+        with self.lock:
+            outbound = self._outbound
+            if self._backlog:
+                self._flush()
+            if self._backlog or outbound.room() <= self._reserve:
                 return False  # and it never overtakes what waits, such as the declaration of its channel
-            self._outbound.push(_PUBLISH, declaration, source, block.offset, size, stamp_ns, block.number)
-        self.wake_core()
+            source = self._source | block.segment << 16
+            outbound.push(_PUBLISH, declaration, source, block.offset, size, stamp_ns, block.number)
+            self.wake_core()
         return True
 
     def done(self, delivery: Delivery) -> None:
@@ -180,9 +183,12 @@ class Endpoint:
         self._return(_RELEASE, delivery)
 
     def _return(self, kind: Outbound, delivery: Delivery) -> None:
-        with self._lock:
-            self._backlog.append((kind, delivery.reference, delivery.sequence, 0))
-            self._flush()
+        with self.lock:
+            if self._backlog or not self._outbound.room():
+                self._backlog.append((kind, delivery.reference, delivery.sequence, 0))
+                self._flush()
+            else:
+                self._outbound.push(kind, delivery.reference, delivery.sequence, 0, 0, 0, 0)
         # The core sets this word before it sleeps if somebody waits for what is released here; it looks at
         # the ring once more after that, so one of the two sees the other. Else the core need not wake up.
         self._fence()
@@ -203,19 +209,19 @@ class Endpoint:
         Everyone calls this again and again, so here is also pushed what did not fit into the ring before.
         """
         if self._backlog:
-            with self._lock:
+            with self.lock:
                 self._flush()
             self.wake_core()
-        inbound = self._inbound
-        if not inbound.waiting():
+        record = self._inbound.next()
+        if record is None:
             return None
-        first, reference, sequence, source, offset, size, stamp_ns = inbound.peek()
-        inbound.take()
-        kind = first & 0xFF
-        if kind == _DELIVER:
-            declaration = first >> 8 & 0xFFFFFF
-            return Delivery(declaration, first >> 32, reference, sequence, source, offset, size, stamp_ns)
-        return Notice(Inbound(kind), reference, sequence)
+        first, reference, sequence, source, offset, size, stamp_ns, _ = record
+        if first & 0xFF == _DELIVER:
+            declaration, channel = first >> 8 & 0xFFFFFF, first >> 32
+            return _new_tuple(
+                Delivery, (declaration, channel, reference, sequence, source, offset, size, stamp_ns)
+            )
+        return Notice(Inbound(first & 0xFF), reference, sequence)
 
     def freed(self) -> list[int]:
         """Numbers of blocks to which nobody refers any more."""

@@ -69,6 +69,8 @@ class Inbox:
 
     def take(self) -> Delivery | None:
         """Take the next message, which is from then on being handled; None if there is none."""
+        if self._let_go:
+            self.release_let_go()
         while (record := self._endpoint.take()) is not None:
             if isinstance(record, Delivery):
                 return record

@@ -1,7 +1,6 @@
 """Typed messages out: encoded into blocks, or written in place, and handed to the core."""
 
 import logging
-import threading
 import weakref
 from collections import deque
 from collections.abc import Iterator, Mapping
@@ -18,6 +17,9 @@ from robbie_mp.transport.blocks import Block, BlockStore
 from robbie_mp.transport.endpoint import Endpoint
 from robbie_mp.transport.words import Words
 
+_SMALL_BYTES = 4096
+"""For messages up to here a block is kept ready; allocating a larger one is little beside writing it."""
+
 
 class Outbox:
     """Publishes messages. May be used by any thread of the module.
@@ -33,9 +35,9 @@ class Outbox:
         self._endpoint = endpoint
         self._blocks = blocks
         self._words = words
-        self._clock = clock
+        self._monotonic_ns = clock.monotonic_ns
         self._log = logging.getLogger("robbie.publish")
-        self._lock = threading.RLock()
+        self._lock = endpoint.lock
         self._declarations: dict[tuple[type[Message], str], int] = {}
         self._let_go: deque[int] = deque()
         """Blocks of loans whose arrays were still held at the end; filled by finalizers."""
@@ -85,7 +87,9 @@ class Outbox:
     def publish(self, message: Message, topic: str) -> bool:
         """Encode a message into a block of its own and hand it over."""
         with self._lock:
-            declaration = self._declaration(type(message), topic)
+            declaration = self._declarations.get((type(message), topic))
+            if declaration is None:
+                declaration = self._declare(type(message), topic)
             size = message.encoded_size()
             block = self._allocate(size)
             if block is None:
@@ -107,7 +111,9 @@ class Outbox:
         refused: a full bus is no reason for a driver to fail.
         """
         with self._lock:
-            declaration = self._declaration(message_type, topic)
+            declaration = self._declarations.get((message_type, topic))
+            if declaration is None:
+                declaration = self._declare(message_type, topic)
             plan = lay_out(message_type, fields)
             block = self._allocate(plan.size)
         start = block.buffer[block.offset : block.offset + plan.size] if block else bytearray(plan.size)
@@ -136,41 +142,47 @@ class Outbox:
         """Publish nothing more."""
         with self._lock:
             self._closed = True
+            self._declarations.clear()
             self._blocks.close()
 
     # -- inside ----------------------------------------------------------------------------------------
 
-    def _declaration(self, message_type: type[Message], topic: str) -> int:
+    def _declare(self, message_type: type[Message], topic: str) -> int:
         if self._closed:
             raise PublishAfterStop(
                 f"a {message_type.type_name} was published after this module was stopped; "
                 "publish what is last in teardown(), and end threads there"
             )
-        key = (message_type, topic)
-        declaration = self._declarations.get(key)
-        if declaration is None:
-            declaration = self._endpoint.advertise(message_type.type_name, message_type.version, topic)
-            self._declarations[key] = declaration
+        declaration = self._endpoint.advertise(message_type.type_name, message_type.version, topic)
+        self._declarations[message_type, topic] = declaration
         return declaration
 
     def _allocate(self, size: int) -> Block | None:
-        self.collect_freed()
-        if self._blocks.taken == layout.OUTSTANDING_LIMIT:
-            return None
-        segments = self._blocks.segment_count
-        block = self._blocks.allocate(size)
-        if self._blocks.segment_count != segments:
+        block = self._blocks.reuse(size)
+        if block is None:
+            self.collect_freed()
+            block = self._blocks.allocate(size)
             self._words[layout.OUT_SEGMENTS] = self._blocks.segment_count
             self._words[layout.OUT_SEGMENT_BYTES] = self._blocks.total_bytes
-        return block
+        if self._blocks.taken <= layout.OUTSTANDING_LIMIT or block is None:
+            return block
+        self.collect_freed()
+        if self._blocks.taken <= layout.OUTSTANDING_LIMIT:
+            return block
+        self._blocks.free([block.number])
+        return None
 
     def _hand_over(self, declaration: int, block: Block, size: int, type_name: str, topic: str) -> bool:
-        if not self._endpoint.publish(declaration, block, size, self._clock.monotonic_ns()):
+        if not self._endpoint.publish(declaration, block, size, self._monotonic_ns()):
             self._blocks.free([block.number])
             return self._refuse(type_name, topic)
+        # From here on the core is at work; what prepares the next message can be done beside it.
         self._published += 1
         self._words[layout.OUT_PUBLISHED] = self._published
         self._words[layout.OUT_BLOCKS] = self._blocks.taken
+        if size <= _SMALL_BYTES and not self._blocks.has_kept(size):
+            self.collect_freed()
+            self._blocks.keep_one(size)
         return True
 
     def _hand_over_copy(self, declaration: int, block: Block, size: int, type_name: str, topic: str) -> None:

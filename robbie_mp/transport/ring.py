@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport.layout import RECORD_WORDS
-from robbie_mp.transport.words import Fence, Words
+from robbie_mp.transport.words import WORD_BYTES, Words, new_fence, row_reader, row_writer
 
-Record = tuple[int, int, int, int, int, int, int]
-"""What a ring carries: seven words. The eighth numbers the record, so that a reader sees a torn one."""
+Record = tuple[int, ...]
+"""What a ring carries: seven words, and an eighth that numbers the record: so a reader sees a torn one."""
+
+_RECORD_BYTES = RECORD_WORDS * WORD_BYTES
 
 
 @dataclass(frozen=True)
@@ -39,13 +41,14 @@ class RingWriter:
 
     def __init__(self, place: RingPlace):
         self._words = place.words
+        self._write = row_writer(place.words, RECORD_WORDS)
         self._head_at = place.head_at
-        self._records_at = place.records_at
+        self._records_bytes = place.records_at * WORD_BYTES
         self._mask = place.capacity - 1
         self._capacity = place.capacity
         self._tail_words = place.tail_words
         self._tail_at = place.tail_at
-        self._fence = Fence()
+        self._fence = new_fence()
         self.head = place.words[place.head_at]
 
     def room(self) -> int:
@@ -54,20 +57,12 @@ class RingWriter:
 
     def push(self, a: int, b: int, c: int, d: int, e: int, f: int, g: int) -> None:
         """Append one record; the caller has asked for `room()` first."""
-        words = self._words
         head = self.head
-        at = self._records_at + (head & self._mask) * RECORD_WORDS
-        words[at] = a
-        words[at + 1] = b
-        words[at + 2] = c
-        words[at + 3] = d
-        words[at + 4] = e
-        words[at + 5] = f
-        words[at + 6] = g
+        at = self._records_bytes + (head & self._mask) * _RECORD_BYTES
         head += 1
-        words[at + 7] = head
+        self._write(at, a, b, c, d, e, f, g, head)
         self._fence()
-        words[self._head_at] = head
+        self._words[self._head_at] = head
         self.head = head
 
 
@@ -76,14 +71,17 @@ class RingReader:
 
     def __init__(self, place: RingPlace):
         self._words = place.words
+        self._read = row_reader(place.words, RECORD_WORDS)
         self._head_at = place.head_at
-        self._records_at = place.records_at
+        self._records_bytes = place.records_at * WORD_BYTES
         self._mask = place.capacity - 1
         self._capacity = place.capacity
         self._tail_words = place.tail_words
         self._tail_at = place.tail_at
-        self._fence = Fence()
+        self._fence = new_fence()
         self.tail = place.tail_words[place.tail_at]
+        self._looked_up_to = self.tail
+        """Records before this one need no other look at the head, nor a fence."""
 
     def waiting(self) -> int:
         """Records that can be read now.
@@ -105,25 +103,33 @@ class RingReader:
         Raises:
             RingCorrupt: it does not carry its own number.
         """
-        words = self._words
-        at = self._records_at + (self.tail & self._mask) * RECORD_WORDS
-        if words[at + 7] != self.tail + 1:
-            raise RingCorrupt(f"record {self.tail} of a ring is numbered {words[at + 7]}")
-        return (
-            words[at],
-            words[at + 1],
-            words[at + 2],
-            words[at + 3],
-            words[at + 4],
-            words[at + 5],
-            words[at + 6],
-        )
+        tail = self.tail
+        record = self._read(self._records_bytes + (tail & self._mask) * _RECORD_BYTES)
+        if record[7] != tail + 1:
+            raise RingCorrupt(f"record {tail} of a ring is numbered {record[7]}")
+        return record
 
     def take(self) -> None:
         """Advance the tail: the record was read, its place may be written again."""
         self._fence()
         self.tail += 1
         self._tail_words[self._tail_at] = self.tail
+
+    def next(self) -> Record | None:
+        """Read the record at the tail and advance the tail; None if there is none.
+
+        Raises:
+            RingCorrupt: as for `waiting` and `peek`.
+        """
+        tail = self.tail
+        if tail == self._looked_up_to:
+            self._looked_up_to += self.waiting()
+            if tail == self._looked_up_to:
+                return None
+        record = self.peek()
+        self._fence()
+        self.tail = self._tail_words[self._tail_at] = tail + 1
+        return record
 
 
 class NumberRingWriter:
@@ -137,7 +143,7 @@ class NumberRingWriter:
         self._head_at = place.head_at
         self._numbers_at = place.records_at
         self._mask = place.capacity - 1
-        self._fence = Fence()
+        self._fence = new_fence()
         self.head = place.words[place.head_at]
 
     def push(self, number: int) -> None:
@@ -158,7 +164,7 @@ class NumberRingReader:
         self._mask = place.capacity - 1
         self._tail_words = place.tail_words
         self._tail_at = place.tail_at
-        self._fence = Fence()
+        self._fence = new_fence()
         self.tail = place.tail_words[place.tail_at]
 
     def take_all(self) -> list[int]:

@@ -276,7 +276,7 @@ def test_check_of_a_hanging_import_dies_with_who_asked(robot: Robot) -> None:
         "os.rename('pid.new', 'pid')\n"
         "while True:\n    signal.pause()\n"
     )
-    robot.write_profile("modules:\n  hanging: {class: \"zoo.hanging:Camera\"}\n")
+    robot.write_profile('modules:\n  hanging: {class: "zoo.hanging:Camera"}\n')
     process = robot.start()
     pid_file = robot.folder / "pid"
     wait_until(pid_file.exists)

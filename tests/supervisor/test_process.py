@@ -91,9 +91,7 @@ def test_command_that_does_not_exist_leaves_nothing_open() -> None:
 
 def test_child_whose_parent_died_before_it_could_ask_dies_too() -> None:
     """The child is told a parent that is not its parent (any more)."""
-    code = (
-        "from robbie_mp.die_with_parent import die_with_parent; die_with_parent(1); print('lives')"
-    )
+    code = "from robbie_mp.die_with_parent import die_with_parent; die_with_parent(1); print('lives')"
     with started(code) as process:
         assert ended(process).signal == signal.SIGKILL
 

@@ -27,9 +27,7 @@ def command(folder: Path, behaviour: str, count: int = 1) -> SpareCommand:
 
 
 def with_spares(folder: Path, behaviour: str, count: int = 1) -> Run:
-    return Run(
-        folder, animal(zoo.works, "child", may_be_warm=True), spares=command(folder, behaviour, count)
-    )
+    return Run(folder, animal(zoo.works, "child", may_be_warm=True), spares=command(folder, behaviour, count))
 
 
 def ready_spares(run: Run) -> list[int]:

@@ -26,7 +26,7 @@ def test_records_come_out_as_they_went_in_round_and_round() -> None:
         writer.push(value, 1, 2, 3, 4, 5, 2**64 - 1)
         if value % 3 == 2:
             for _ in range(reader.waiting()):
-                seen.append(reader.peek())
+                seen.append(reader.peek()[:7])
                 reader.take()
     assert seen == [(value, 1, 2, 3, 4, 5, 2**64 - 1) for value in range(48)]
 
