@@ -62,9 +62,12 @@ def row_reader(words: Words, count: int) -> Callable[[int], tuple[int, ...]]:
     """Return `read(offset_bytes)`, which loads `count` consecutive words."""
     if isinstance(words, memoryview):
         return partial(struct.Struct(f"@{count}Q").unpack_from, words)
-    return lambda offset_bytes: tuple(
-        words[at] for at in range(offset_bytes // WORD_BYTES, offset_bytes // WORD_BYTES + count)
-    )
+
+    def read(offset_bytes: int) -> tuple[int, ...]:
+        at = offset_bytes // WORD_BYTES
+        return tuple([words[index] for index in range(at, at + count)])
+
+    return read
 
 
 def words_for_text(size_bytes: int) -> int:
