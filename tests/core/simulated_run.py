@@ -66,12 +66,6 @@ class Mapped:
         self._words = None
 
 
-def memory_close(memory: LinkMemory) -> None:
-    for words in (memory.out_words, memory.in_words):
-        assert isinstance(words, Mapped)
-        words.close()
-
-
 @dataclass
 class SimulatedModule:
     """One incarnation of a module; what it published and received is its own journal."""
@@ -187,14 +181,13 @@ class SimulatedRun:
         module = self.modules[slot, incarnation]
         if module.out[layout.HEADER_MAGIC]:
             raise SegmentMismatch("its header was written over")
-        memory = LinkMemory(
-            incarnation,
-            Mapped(module.out, self.fuse),
-            Mapped(module.into, self.fuse),
-            module.wake,
-            lambda: memory_close(memory),
-        )
-        return memory
+        mapped = Mapped(module.out, self.fuse), Mapped(module.into, self.fuse)
+
+        def close() -> None:
+            for words in mapped:
+                words.close()
+
+        return LinkMemory(incarnation, *mapped, module.wake, close)
 
     def run_core(self) -> None:
         """Let the core work until it would sleep; if it dies, a new one takes over."""

@@ -19,6 +19,7 @@ def test_restarts_of_modules_leave_nothing_in_the_core() -> None:
         if slot in living:
             run.kill(living[slot])
             del run.modules[slot, living[slot].incarnation]
+            del living[slot].endpoint  # which refers to it: only the garbage collector would free the two
         module = living[slot] = run.start(slot, next(incarnations))
         module.subscribe(MessageHandling.ALWAYS_DELIVER, "scan")
         module.ready()
