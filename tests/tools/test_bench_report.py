@@ -22,6 +22,7 @@ def row(name, p50_us, title="", **others):
         "p50_us": p50_us,
         "p99_us": [value and 2 * value for value in p50_us],
         "sent": [100] * len(p50_us),
+        "wanted": [100] * len(p50_us),
         "lost": [0] * len(p50_us),
         **others,
     }

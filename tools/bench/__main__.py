@@ -54,7 +54,8 @@ def _measure(names: list[str], options: Options) -> list[dict[str, Any]]:
         for result in BENCHMARKS[name](options):
             results.append(result)
             print(f"\n{result['benchmark']}: {result['title']}\n\n{table(result)}", flush=True)
-    print(f"\ngoals\n\n{goal_table(results)}")
+    if goals := goal_table(results):
+        print(f"\ngoals\n\n{goals}")
     return results
 
 

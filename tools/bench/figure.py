@@ -47,7 +47,7 @@ def _draw_latencies(axes: Any, result: Row) -> None:
 def _draw_rates(axes: Any, result: Row) -> None:
     rows = _measured(result, "received_per_s")
     titles = [
-        title + (f" (lost {sum(row['lost']) / sum(row['sent']):.0%})" if sum(row["lost"]) else "")
+        title + (f" (lost {sum(row['lost']) / sum(row['wanted']):.0%})" if sum(row["lost"]) else "")
         for title, row in zip(_titles(rows), rows, strict=True)
     ]
     axes.barh(titles, [middle(row["received_per_s"]) for row in rows], color=[_colour(row) for row in rows])

@@ -156,7 +156,7 @@ GOALS = (
 
 
 def goal_table(results: Sequence[Row]) -> str:
-    """Return a table of what is to be reached and what was, as far as it was measured."""
+    """Return a table of what is to be reached and what was, as far as it was measured; '' if nothing was."""
     found = Results(results)
     lines = []
     for goal in GOALS:
@@ -166,4 +166,4 @@ def goal_table(results: Sequence[Row]) -> str:
             continue
         reached = figure >= goal.limit if goal.at_least else figure <= goal.limit
         lines.append([goal.title, limit, f"{figure:,.2f}", compared, "yes" if reached else "no"])
-    return render(["", "goal", "measured", "compared to", "reached"], lines)
+    return render(["", "goal", "measured", "compared to", "reached"], lines) if lines else ""

@@ -10,7 +10,7 @@ import numpy as np
 
 from tools.bench import record
 from tools.bench.contender import PeerContender, Trouble, wait_for_end, work_folder
-from tools.bench.cpu import cpu_ns, family
+from tools.bench.cpu import family, measure_cpu_ns, process_ns
 from tools.bench.options import Options, peers
 from tools.bench.robbie import RobbieContender
 from tools.bench.rounds import Series, run_rounds
@@ -72,7 +72,7 @@ def idle(options: Options) -> list[Result]:
         assert isinstance(one.contender, PeerContender)
         return _idle_peer(one.contender, count, window_s)
 
-    run_rounds(series, run, options.times(3, 1), options.budget_s)
+    run_rounds(series, run, options.times(2, 1), options.budget_s)
     rows = [one.describe() | {"cpu_percent": one.outcomes} for one in series]
     title = f"{count} idle modules, {window_s:g} s: processor time of all processes"
     return [{"benchmark": "idle", "title": title, "kind": "idle", "contenders": rows}]
@@ -96,19 +96,12 @@ def scale(options: Options) -> list[Result]:
     return [{"benchmark": "scale", "title": "cost of a message", "kind": "scale", "contenders": rows}]
 
 
-def _percent(before_ns: int, after_ns: int, window_s: float) -> float:
-    return (after_ns - before_ns) / 1e7 / window_s
-
-
 def _idle_robot(contender: RobbieContender, count: int, window_s: float) -> float:
     with work_folder() as (topic, folder):
         work = Work(topic, folder, subscribers=count)
         with contender.robot(folder, subscribers_only(contender.pair(work))) as robot:
             _wait(robot)
-            pids = family(robot.supervisor.pid)
-            before_ns = cpu_ns(pids)
-            time.sleep(window_s)
-            return _percent(before_ns, cpu_ns(pids), window_s)
+            return measure_cpu_ns(family(robot.supervisor.pid), window_s) / 1e7 / window_s
 
 
 def subscribers_only(modules: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -124,9 +117,7 @@ def _idle_peer(contender: PeerContender, count: int, window_s: float) -> float:
             with contender.started(work) as processes:
                 _wait_for_pause(work, processes)
                 pids = [pid for process in processes for pid in family(process.pid)]
-                before_ns = cpu_ns(pids)
-                time.sleep(window_s)
-                percent = _percent(before_ns, cpu_ns(pids), window_s)
+                percent = measure_cpu_ns(pids, window_s) / 1e7 / window_s
                 wait_for_end(processes, CONNECT_LIMIT_S)
                 return percent
         finally:
@@ -175,11 +166,11 @@ def measure_bus(contender: RobbieContender, bus: Bus, window_s: float) -> Result
 
 def _sample(robot: Robot, window_s: float) -> Result:
     assert robot.observer is not None
-    pids, core = family(robot.supervisor.pid), [robot.figures()["core"].pid]
-    began_s, routed, all_ns, core_ns = time.monotonic(), robot.observer.routed, cpu_ns(pids), cpu_ns(core)
-    time.sleep(window_s)
-    took_s, core_ns, all_ns = time.monotonic() - began_s, cpu_ns(core) - core_ns, cpu_ns(pids) - all_ns
-    messages = robot.observer.routed - routed
+    pids, core = family(robot.supervisor.pid), robot.figures()["core"].pid
+    began_s, routed, core_began_ns = time.monotonic(), robot.observer.routed, process_ns(core)
+    all_ns = measure_cpu_ns(pids, window_s)
+    core_ns, messages = process_ns(core) - core_began_ns, robot.observer.routed - routed
+    took_s = time.monotonic() - began_s
     return {
         "messages_per_s": messages / took_s,
         "core_us_per_message": core_ns / 1e3 / max(1, messages),

@@ -18,9 +18,9 @@ FANOUT = 8
 
 def latency(options: Options) -> list[Result]:
     """A typed message of 64 bytes, 1,000 times a second, from one publisher to one subscriber."""
-    work = Work("", Path(), count=options.messages(4000, 500), rate_hz=1000.0, warm_up=100)
+    work = Work("", Path(), count=options.messages(3000, 500), rate_hz=1000.0, warm_up=100)
     series = [Series(one) for one in (peer("floor"), *options.robbies(), *peers())]
-    return [_latencies(options, "latency", "64 bytes, 1 kHz, 1 subscriber", work, series, (7, 2))]
+    return [_latencies(options, "latency", "64 bytes, 1 kHz, 1 subscriber", work, series, (5, 2))]
 
 
 def large(options: Options) -> list[Result]:

@@ -107,6 +107,7 @@ def _figures(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     received = [last_of_all(outcome) for outcome in outcomes]
     return {
         "sent": [outcome.sent for outcome in outcomes],
+        "wanted": [outcome.sent * len(outcome.latencies_ns) for outcome in outcomes],
         "lost": [outcome.lost for outcome in outcomes],
         "received_per_s": [_received_per_s(outcome) for outcome in outcomes],
         "p50_us": [_quantile(one, 0.5) for one in received],

@@ -72,7 +72,7 @@ def _latency(result: Row) -> str:
             ]
         elif row.get("sent"):
             cells += ["", "", "", "", ""]
-        cells += [f"{sum(row['lost']):,}/{sum(row['sent']):,}"] if row.get("sent") else []
+        cells += [f"{sum(row['lost']):,}/{sum(row['wanted']):,}"] if row.get("sent") else []
         lines.append(cells)
     header = ["", "p50 µs", "p99 µs", "p50 of rounds", f"p50 ÷ {name}", f"p99 ÷ {name}", "lost"]
     return render(header, lines)

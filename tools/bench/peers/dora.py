@@ -11,6 +11,8 @@ from tools.bench.peers.peer import Handle, Peer, Send
 from tools.bench.work import Work
 
 QUEUE = 100
+SHARED_MESSAGES = 8
+"""How many large ones the memory of a publisher holds; dora's default is too little for two of 6 MB."""
 
 
 class Dora(Peer):
@@ -24,7 +26,9 @@ class Dora(Peer):
     def commands(self, name: str, work: Work, work_file: Path) -> list[list[str]]:
         """Let dora start the nodes."""
         dataflow = work.folder / "dataflow.yml"
-        nodes = [_node("publisher", name, work_file, "    outputs: [message]\n")]
+        pool = SHARED_MESSAGES * max(work.size_bytes, 1 << 20)
+        outputs = f"    outputs: [message]\n    env: {{DORA_NODE_SHM_POOL_SIZE: {pool}}}\n"
+        nodes = [_node("publisher", name, work_file, outputs)]
         policy = "\n        queue_policy: backpressure" if work.lossless else ""
         source = f"        source: publisher/message\n        queue_size: {QUEUE}{policy}\n"
         for index in range(work.subscribers):

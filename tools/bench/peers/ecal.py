@@ -32,7 +32,7 @@ class ECAL(Peer):
 
         core.initialize(_configuration(core, work), f"{work.topic} publisher")
         if work.has_array:
-            raw = core.Publisher(work.topic)
+            raw = core.Publisher(work.topic, config=core.get_publisher_configuration())
             data = b"1" * work.size_bytes
 
             def send_array(number: int) -> None:
@@ -43,7 +43,8 @@ class ECAL(Peer):
             yield send_array
         else:
             probe_type = _probe_type()
-            publisher = Publisher[Any](probe_type, work.topic)
+            # Not given, it would be what it was when eCAL was imported.
+            publisher = Publisher[Any](probe_type, work.topic, core.get_publisher_configuration())
 
             def send(number: int) -> None:
                 stamp_ns = time.monotonic_ns()

@@ -12,7 +12,8 @@ from types import ModuleType
 from tools.bench.peers.peer import Handle, Peer, Send
 from tools.bench.work import END, Work
 
-PROVIDER = "udpm://239.255.76.67:7667?ttl=0"
+PROVIDER = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"
+"""Multicast that stays on this machine, with a large receive buffer, as LCM recommends for large messages."""
 TYPES = """package bench_lcm;
 struct probe {
     int64_t number; int64_t stamp_ns; double x; double y; double z; double roll; double pitch; double yaw;
