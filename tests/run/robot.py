@@ -16,6 +16,7 @@ import psutil
 from robbie_mp.cli.figures_data import as_data
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver
+from robbie_mp.trace.reader import entries
 from robbie_mp.transport.segment import SegmentMissing
 
 ZOO = Path(__file__).parent / "zoo_modules.py"
@@ -92,6 +93,10 @@ class Robot:
         """What a module of the zoo has written down."""
         file = self.output / f"{name}.journal"
         return [int(line) for line in file.read_text().split()] if file.exists() else []
+
+    def log(self, name: str) -> str:
+        """All that a process has said."""
+        return "\n".join(line for entry in entries(self.output, [name]) for line in entry.lines())
 
     def close(self) -> None:
         """End whatever still runs."""

@@ -95,18 +95,14 @@ def stopped(robot: Robot) -> Ended:
     return Ended.wait_for(robot.process)  # type: ignore[attr-defined]
 
 
-def log(robot: Robot, name: str) -> str:
-    return (robot.output / "log" / f"{name}.jsonl").read_text()
-
-
 def test_hung_handler_is_named_shown_and_costs_one_message(robot: Robot) -> None:
     started(robot, PROFILE % "handler")
     wait_until(lambda: len(robot.journal("sink")) > 40)
     ended = stopped(robot)
     hung = "hung in handler Sink.on_scan of sensor_msgs/msg/LaserScan on front for 0."
     assert f"sink: BACKOFF ({hung}" in ended.stderr
-    assert 'zoo/hanging.py", line' in log(robot, "sink"), "no stack dump"
-    assert "in hang_if" in log(robot, "sink")
+    assert 'zoo/hanging.py", line' in robot.log("sink"), "no stack dump"
+    assert "in hang_if" in robot.log("sink")
     heard = robot.journal("sink")
     last = heard[-1]
     missing = sorted(set(range(heard[0], last + 1)) - set(heard))
@@ -148,7 +144,7 @@ def test_leak_ends_in_a_memory_error_of_that_module_alone(robot: Robot) -> None:
     leak = '{class: "zoo.hanging:Leak", restart: {policy: never}, memory: {process_bytes: 1000000000}}'
     started(robot, PROFILE % "" + f"  leak: {leak}\n")
     robot.until(lambda modules: modules["leak"]["state"] == "FAILED")
-    assert "MemoryError" in log(robot, "leak")
+    assert "MemoryError" in robot.log("leak")
     ended = stopped(robot)
     assert ended.modules["sink"]["restarts"] == 0
     assert ended.exit_code == 1
