@@ -19,6 +19,7 @@ COMMANDS = (
     "pub",
     "param",
     "top",
+    "log",
     "restart",
     "stop",
     "profile",

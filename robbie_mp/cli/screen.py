@@ -18,6 +18,7 @@ from rich.live import Live
 
 from robbie_mp.cli.figures import LIVE_FIGURES, table
 from robbie_mp.observe import RunObserver
+from robbie_mp.supervisor.output import SUPERVISOR
 from robbie_mp.supervisor.run import RunListener
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.trace.entry import Entry
@@ -96,7 +97,8 @@ class RunScreen:
         self._run_id = run_id
 
     def _on_entry(self, entry: Entry) -> None:
-        if not self._quiet and entry.kind is not Kind.SYSTEM:
+        is_change = entry.stream == SUPERVISOR and entry.kind is Kind.ERROR  # which `_on_change` shows
+        if not self._quiet and entry.kind is not Kind.SYSTEM and not is_change:
             for line in entry.lines():
                 self._put(f"[{entry.module}] {line}", "dim" if entry.stream == "stdout" else "")
 

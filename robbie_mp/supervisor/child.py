@@ -52,7 +52,8 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
         if isinstance(end.code, str):
             logging.getLogger(name).error("%s", end.code)
     except BaseException as error:  # whatever it is, it is said, and the process ends by it
-        logging.getLogger(name).critical("%s: %s", type(error).__name__, error, exc_info=True)
+        limit = _memory_limit(plan, name) if isinstance(error, MemoryError) else ""
+        logging.getLogger(name).critical("%s: %s%s", type(error).__name__, error, limit, exc_info=True)
         if channel is None or channel.dropped:
             traceback.print_exc()
         code = 1
@@ -61,6 +62,11 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
     logging.shutdown()
     # What a module leaves running (threads, pools, finalizers) must not hold up a stop or a restart.
     os._exit(code)
+
+
+def _memory_limit(plan: RunPlan, name: str) -> str:
+    process_bytes = plan.modules[plan.names.index(name) - 1].memory.process_bytes if name != CORE else None
+    return f" (the profile allows memory.process_bytes {process_bytes})" if process_bytes else ""
 
 
 if __name__ == "__main__":

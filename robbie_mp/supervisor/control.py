@@ -18,9 +18,11 @@ from pathlib import Path
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.supervisor.attached_tools import AttachedTools
+from robbie_mp.supervisor.recording import Recording
 from robbie_mp.supervisor.states import ChildState
 from robbie_mp.supervisor.supervised_child import SupervisedChild
 from robbie_mp.supervisor.tree import Tree
+from robbie_mp.trace.kinds import Kind
 
 SOCKET_NAME = "control"
 MAX_CLIENTS = 8
@@ -62,6 +64,7 @@ class ControlServer:
         """
         self._tree = tree
         self._tools = tools
+        self._recording = Recording(folder, tree)
         self._clock = clock
         self._clients: list[_Client] = []
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -129,13 +132,15 @@ class ControlServer:
             case {"command": "attach", "purpose": str(purpose)} if self._tools:
                 self._hand_over(client, purpose[:PURPOSE_LENGTH], self._tools)
                 return None
+            case {"command": "record", "kinds": [*kinds], **others} if not others.keys() - {"module"}:
+                done = self._record(kinds, others.get("module"))
+                return lambda: done
             case {"command": "stop", **others} if not others:
                 self._tree.stop("stopped by command")
                 return lambda: None
             case request:
-                raise BadRequest(
-                    f"expected stop, attach, or stop or restart of a module; got {request!r:.100}"
-                )
+                expected = "stop, attach, record, or stop or restart of a module"
+                raise BadRequest(f"expected {expected}; got {request!r:.100}")
 
     def _hand_over(self, client: "_Client", purpose: str, tools: AttachedTools) -> None:
         self._tree.unwatch(client.connection.fileno())
@@ -145,6 +150,13 @@ class ControlServer:
             self._tree.watch(client.connection.fileno(), lambda: self._on_readable(client))
             raise
         self._clients.remove(client)
+
+    def _record(self, kinds: list[object], name: object) -> Answer:
+        if not all(kind in list(Kind) for kind in kinds) or not isinstance(name, str | None):
+            raise BadRequest(f"expected kinds of {', '.join(Kind)}; got {kinds!r:.100}")
+        recorded = [kind for kind in Kind if kind in kinds]
+        self._recording.set(recorded, name)
+        return {"done": f"{name or 'every module'}: {', '.join(recorded) or 'nothing'} recorded from now on"}
 
     def _answer(self, client: "_Client", answer: Answer) -> None:
         with contextlib.suppress(OSError):  # it does not wait for an answer, or does not read

@@ -3,6 +3,7 @@
 import json
 import os
 import socket
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,13 +28,14 @@ class RunNotControlled(RobbieError, ConnectionError):
     """
 
 
-def control(folder: Path, command: str, module: str | None = None) -> str:
+def control(folder: Path, command: str, module: str | None = None, **more: object) -> str:
     """Send a command and wait until it is done.
 
     Args:
         folder: the run's folder.
-        command: "stop" or "restart".
-        module: whom it concerns; None: the whole run, which ends.
+        command: "stop", "restart" or "record".
+        module: whom it concerns; None: the whole run.
+        more: what else belongs to the command.
 
     Returns:
         What the supervisor says; '' if the run has ended.
@@ -42,7 +44,7 @@ def control(folder: Path, command: str, module: str | None = None) -> str:
         ControlRefused: it says that this cannot be done.
         RunNotControlled: nobody answers.
     """
-    request = {"command": command} | ({"module": module} if module is not None else {})
+    request = {"command": command} | ({"module": module} if module is not None else {}) | more
     connection, answer = converse(folder, request)
     connection.close()
     if "error" in answer:
@@ -52,7 +54,7 @@ def control(folder: Path, command: str, module: str | None = None) -> str:
     return str(answer.get("done", ""))
 
 
-def converse(folder: Path, request: dict[str, str]) -> tuple[socket.socket, dict[str, Any]]:
+def converse(folder: Path, request: Mapping[str, object]) -> tuple[socket.socket, dict[str, Any]]:
     """Send a request; return the connection, still open, and the answer, empty if it was closed without one.
 
     Raises:

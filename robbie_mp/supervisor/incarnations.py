@@ -3,6 +3,7 @@
 from typing import NamedTuple, Protocol
 
 from robbie_mp.supervisor.states import StateChange
+from robbie_mp.trace.crash import LastWords
 from robbie_mp.transport.layout import Activity
 
 
@@ -43,6 +44,9 @@ class Incarnations(Protocol):
 
     def describe(self, name: str, incarnation: int, doing: Doing) -> str:
         """Put what it has been doing for too long into words, as "hung in tick"."""
+
+    def last_words(self, name: str, incarnation: int) -> LastWords:
+        """Return what an ended child has left in its memory; asked before `died`, for a crash report."""
 
     def died(self, name: str, incarnation: int) -> None:
         """Begin to reclaim: its process is reaped and will never touch the memory again."""

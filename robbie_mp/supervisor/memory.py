@@ -10,9 +10,11 @@ from robbie_mp.clock import SystemClock
 from robbie_mp.core.tables import CoreTables, TableSizes
 from robbie_mp.messages import ModuleState, Time
 from robbie_mp.supervisor.incarnations import Doing
+from robbie_mp.supervisor.last_words import LastWordsReader, describe_activity
 from robbie_mp.supervisor.plan import CORE, TOOL_MEMORY_BYTES, PlannedModule, RunPlan
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.supervisor.sweep import unlink_names
+from robbie_mp.trace.crash import LastWords
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import TOOL_PREFIX, Board, SlotBounds, SlotState, Totals
 from robbie_mp.transport.endpoint import Notice
@@ -27,7 +29,6 @@ from robbie_mp.transport.run_memory import (
 )
 from robbie_mp.transport.segment import Segment, unlink_segment
 from robbie_mp.transport.wakeup import Wakeup
-from robbie_mp.transport.words import read_text
 
 SUPERVISOR = "supervisor"
 SUPERVISOR_SLOT = 0
@@ -93,6 +94,8 @@ class RunMemory:
         core = Segment.create(names.core(run_id), sizes.words, SegmentKind.CORE)
         self._core_words = made.enter_context(contextlib.closing(core)).words
         CoreTables.create(core.words, sizes)
+        inbound_records = layout.inbound_records(plan.sizes.credit)
+        self._last_words = LastWordsReader(self._core_words, self.board, inbound_records)
         self._core_wakeup = made.enter_context(contextlib.closing(Wakeup.create(names.core_wakeup(run_id))))
         own = IncarnationMemory.create(run_id, SUPERVISOR_SLOT, 1, plan.sizes)
         self._incarnations[SUPERVISOR_SLOT] = (1, own)
@@ -162,15 +165,15 @@ class RunMemory:
         """Put what a child has been doing for too long into words."""
         if name == CORE:
             return "gave no sign of life"
-        if doing.activity is not Activity.HANDLER:
-            return f"hung in {doing.activity.name.lower()}"
         words = self._incarnations[self._slots[name]][1].out.words
-        number = doing.subscription % layout.DECLARATION_COUNT
-        at = layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
-        type_name = read_text(words, at + layout.DECLARATION_TYPE, layout.NAME_WORDS)
-        topic = read_text(words, at + layout.DECLARATION_TOPIC, layout.NAME_WORDS)
-        handler = read_text(words, at + layout.DECLARATION_HANDLER, layout.NAME_WORDS)
-        return f"hung in handler {handler} of {type_name}" + (f" on {topic}" if topic else "")
+        return f"hung in {describe_activity(words, doing.activity | doing.subscription << 8)}"
+
+    def last_words(self, name: str, incarnation: int) -> LastWords:
+        """Return what a dead child has left in its memory."""
+        current, memory = self._incarnations.get(self._slots[name], (0, None))
+        if memory is None or current != incarnation:
+            return LastWords()
+        return self._last_words.read(memory.out.words, memory.into.words)
 
     def died(self, name: str, incarnation: int) -> None:
         """Have the core take back what a dead module held; keep its counters."""

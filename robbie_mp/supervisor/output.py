@@ -8,15 +8,18 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from pathlib import Path
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.profile.model import TraceSettings
 from robbie_mp.supervisor.rate_limit import RateLimit
-from robbie_mp.supervisor.rotating_file import RotatingFile
+from robbie_mp.trace.crash import CrashFolder, CrashReport
 from robbie_mp.trace.entry import Entry, EntryNumbers, visible
 from robbie_mp.trace.kinds import ALL_KINDS, KIND_OF_STREAM, Kind, kind_of_level
 from robbie_mp.trace.log_record import LogRecord, parse_line
+from robbie_mp.trace.page import TracePage
+from robbie_mp.trace.rotating_file import RotatingFile
 
 LOG = "log"
 ERRORS = "errors"
@@ -62,13 +65,35 @@ class OutputStore:
             raise LogNotWritable(f"cannot write to the log folder {folder}: no permission; {ADVICE}")
         self.folder = folder
         self.limits = limits or TraceSettings()
+        self.remarked_kinds = ALL_KINDS
+        """Which of the supervisor's remarks are recorded."""
         self._listener = listener
         self._numbers = EntryNumbers()
+        self._crashes = CrashFolder(folder, self.limits.crash_reports)
+        self._page = TracePage(folder, self.limits.page_bytes, self.limits.pages)
 
     def child(self, name: str, kinds: Collection[Kind] = ALL_KINDS) -> "ChildOutput":
         """Return the output of a new child, of which these kinds are recorded."""
         file = RotatingFile(self.folder / f"{name}.jsonl", self.limits.file_bytes, self.limits.files)
-        return ChildOutput(name, file, self._listener, self.limits, self._numbers, kinds)
+        return ChildOutput(name, file, self, kinds)
+
+    def number(self) -> int:
+        """Return the number of the next entry."""
+        return self._numbers.next()
+
+    def written(self, entries: list[Entry], lines: list[bytes]) -> None:
+        """Put entries that a child's file has got on the page, and show them."""
+        self._page.write(lines)
+        for entry in entries:
+            self._listener(entry)
+
+    def write_report(self, report: CrashReport) -> str:
+        """Keep the report of a crash; return its place below the folder, '' if the disk refuses it."""
+        return self._crashes.write(report)
+
+    def close(self) -> None:
+        """Close the page."""
+        self._page.close()
 
 
 class ChildOutput:
@@ -88,19 +113,16 @@ class ChildOutput:
         self,
         name: str,
         file: RotatingFile,
-        listener: Listener,
-        limits: TraceSettings,
-        numbers: EntryNumbers,
+        store: OutputStore,
         kinds: Collection[Kind],
     ):
-        self.limits = limits
+        self.limits = limits = store.limits
         self.kinds = frozenset(kinds)
         self.lines = 0
         self.dropped = 0
         self._name = name
         self._file = file
-        self._listener = listener
-        self._numbers = numbers
+        self._store = store
         self._incarnation = 0
         self._unreported = 0
         self._reported_s = 0.0
@@ -158,10 +180,20 @@ class ChildOutput:
         self._write(kept)
         return is_within
 
-    def say(self, kind: Kind, text: str, crash_report: str = "") -> None:
+    def say(self, kind: Kind, text: str) -> None:
         """Add a remark of the supervisor about this child."""
-        if kind in self.kinds:
-            self._write([self._entry(time.time(), kind, SUPERVISOR, text, crash_report=crash_report)])
+        if kind in self._store.remarked_kinds:
+            self._write([self._entry(time.time(), kind, SUPERVISOR, text)])
+
+    def report_crash(self, report: CrashReport) -> None:
+        """Keep the report of an abnormal end, with the last lines, and say so."""
+        report = replace(report, said=list(self._last["stderr"]), printed=list(self._last["stdout"]))
+        place = self._store.write_report(report)
+        where = f" in {report.last_words.activity}" if report.last_words.activity else ""
+        text = f"crashed{where}: {report.reason}"
+        detail = "\n".join(report.lines())
+        entry = self._entry(time.time(), Kind.ERROR, SUPERVISOR, text, traceback=detail, crash_report=place)
+        self._write([entry])
 
     def report_dropped(self) -> None:
         """Say in the log how many lines were dropped since this was last said, if any."""
@@ -206,7 +238,7 @@ class ChildOutput:
         )
 
     def _entry(self, time_s: float, kind: Kind, stream: str, text: str, **more: str) -> Entry:
-        number = self._numbers.next()
+        number = self._store.number()
         time_s = round(time_s, 6)
         return Entry(number, time_s, kind, self._name, self._incarnation, stream, visible(text), **more)
 
@@ -214,7 +246,7 @@ class ChildOutput:
         if not entries:
             return
         self.lines += len(entries)
-        if not self._file.write(b"".join([entry.to_line() for entry in entries])):
+        lines = [entry.to_line() for entry in entries]
+        if not self._file.write(b"".join(lines)):
             self.dropped += len(entries)
-        for entry in entries:
-            self._listener(entry)
+        self._store.written(entries, lines)

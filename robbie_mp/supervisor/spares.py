@@ -18,6 +18,7 @@ from robbie_mp.supervisor.leftovers import kill_child_leftovers, marker, wait_go
 from robbie_mp.supervisor.output import ChildOutput
 from robbie_mp.supervisor.output_stream import OutputStream
 from robbie_mp.supervisor.process import ChildProcess
+from robbie_mp.trace.kinds import Kind
 
 MARKED_AS = "~spare"
 """No child can have this name."""
@@ -112,7 +113,6 @@ class SparePool:
             wait_gone([spare.process.pid])
             self._remove(spare)
             self._discard(spare)
-        self._output.close()
 
     def _is_one_missing(self, command: SpareCommand) -> bool:
         return self._failures < MAX_FAILURES and len(self._spares) < command.count
@@ -145,6 +145,7 @@ class SparePool:
             except OSError:
                 continue  # it has died; the loop is about to notice
             self._remove(spare)
+            self._output.say(Kind.SYSTEM, f"spare interpreter {spare.process.pid} becomes {name}")
             return spare.process
         return None
 
@@ -156,6 +157,7 @@ class SparePool:
         spare.is_ready = received == READY
         if spare.is_ready:
             self._failures = 0
+            self._output.say(Kind.SYSTEM, f"spare interpreter {spare.process.pid} is ready")
         else:  # it closed its input and is of no use
             spare.process.kill()
             self._disconnect(spare)
@@ -191,4 +193,4 @@ class SparePool:
         self._failures += 1
         if self._failures == MAX_FAILURES:
             text += "; no further one is started, so restarts take longer"
-        self._output.add("stderr", [text])
+        self._output.say(Kind.WARNING, text)

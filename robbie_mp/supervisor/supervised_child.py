@@ -9,6 +9,7 @@ from enum import Enum, auto
 from robbie_mp.errors import RobbieError
 from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.child_stream import ChildStream
+from robbie_mp.supervisor.crash_watch import CrashWatch
 from robbie_mp.supervisor.event_loop import EventLoop
 from robbie_mp.supervisor.hang_watch import HangWatch
 from robbie_mp.supervisor.incarnations import Incarnations
@@ -19,6 +20,7 @@ from robbie_mp.supervisor.process import ChildProcess, ExitStatus
 from robbie_mp.supervisor.record_stream import RecordStream
 from robbie_mp.supervisor.restart import GiveUp, Restart, RestartBudget
 from robbie_mp.supervisor.states import ChildState, StateChange
+from robbie_mp.trace.kinds import Kind
 
 POLL_S = 0.015
 SOON_S = 0.05
@@ -85,6 +87,7 @@ class SupervisedChild:
         self._process: ChildProcess | None = None
         self._streams: list[ChildStream] = []
         self._hang_watch = HangWatch(spec.handler_deadline_s, spec.stop_grace_s)
+        self._crash_watch = CrashWatch(spec.name, output, surroundings.incarnations, surroundings.clock)
         self._is_opened = False
         self._may_restart = True
         self._then: Then | None = None
@@ -126,6 +129,7 @@ class SupervisedChild:
         except (RobbieError, OSError) as error:
             self._after_end(None, f"cannot be started: {error}")
             return
+        self._crash_watch.begin(self.incarnation, self._process.pid)
         self._incarnations.started(self.spec.name, self.incarnation, self._process.pid)
         loop = self._around.loop
         loop.watch(self._process.pidfd, self._on_exit)
@@ -297,6 +301,8 @@ class SupervisedChild:
             and self.state is ChildState.RUNNING
             and not self._kill_reason
         )
+        if status is not None and self._is_crash(status, is_clean=is_clean):
+            self._crash_watch.report(status, reason, was_killed_by_us=bool(self._kill_reason))
         if self._is_opened:
             self._incarnations.died(self.spec.name, self.incarnation)
         if self._then is Then.RESTART and self._may_restart:
@@ -319,6 +325,12 @@ class SupervisedChild:
             case _:
                 self._move(ChildState.STOPPED, reason, status)
 
+    def _is_crash(self, status: ExitStatus, *, is_clean: bool) -> bool:
+        if self._then is None:
+            return not is_clean
+        # In an ordered stop SIGTERM and SIGKILL are ours.
+        return not status.is_clean and status.signal not in (signal.SIGTERM, signal.SIGKILL)
+
     def _move(
         self,
         new: ChildState,
@@ -338,6 +350,10 @@ class SupervisedChild:
             exit_status=status,
             last_lines=self.output.last_lines if failed else (),
         )
+        old = self.state or "new"
+        again = f", again in {restart_in_s:.2f} s" if restart_in_s is not None else ""
+        kind = Kind.ERROR if new is ChildState.FAILED else Kind.SYSTEM
+        self.output.say(kind, f"{old} → {new}: {reason}{again}")
         self.was_settled = self.was_settled or new is not ChildState.STARTING
         self.state = new
         self.reason = reason

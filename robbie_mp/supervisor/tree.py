@@ -20,6 +20,7 @@ from robbie_mp.supervisor.running_time import RunningTime
 from robbie_mp.supervisor.spares import SpareCommand, SparePool
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.supervisor.supervised_child import POLL_S, SupervisedChild, Surroundings, Then
+from robbie_mp.trace.kinds import Kind
 
 IDLE_POLL_S = 0.1
 CLOCK_STEP_S = 0.01
@@ -51,6 +52,7 @@ class Tree:
 
     Attributes:
         children: in the order of their start.
+        output: what they print.
         stop_reason: why the run stops, empty as long as it does not.
     """
 
@@ -94,7 +96,9 @@ class Tree:
         self._partial_stops: list[OrderedStop] = []
         self._was_all_started = False
         ordered = sorted(specs, key=lambda spec: spec.kind is not ChildKind.CORE)
-        self._spares = SparePool(spares, run_id, self._loop, output.child("supervisor"), self._clock)
+        self.output = output
+        self._own_output = output.child("supervisor")
+        self._spares = SparePool(spares, run_id, self._loop, self._own_output, self._clock)
         self.children: list[SupervisedChild] = []
         self._dependencies = Dependencies(self.children)
         self.children += [self._child(spec, output) for spec in ordered]
@@ -105,6 +109,7 @@ class Tree:
             stack.callback(self._loop.close)
             stack.callback(self._incarnations.close)
             orphans = stack.enter_context(OrphanReaper())
+            stack.callback(self._close_output)
             stack.callback(self._spares.close)
             stack.callback(self._kill_rest)
             signums = [signal.SIGINT, signal.SIGTERM]
@@ -120,6 +125,7 @@ class Tree:
         if self._stop:
             return
         self.stop_reason = reason
+        self._say(f"the run stops: {reason}")
         self._stop = OrderedStop(self.children, Then.STOPPED, "", self._clock)
         self._partial_stops.clear()
         for child in self.children:
@@ -128,6 +134,8 @@ class Tree:
     def kill_all(self, reason: str) -> None:
         """Kill all children at once and end the run."""
         self.stop(reason)
+        if any(child.pid for child in self.children):
+            self._say(f"all processes are killed: {reason}")
         for child in self.children:
             child.stop_now(reason)
 
@@ -152,6 +160,7 @@ class Tree:
             CannotControl: it is the core, or has ended already, or the run stops.
         """
         child = self._controlled(name)
+        child.output.say(Kind.SYSTEM, f"to be {reason}")
         if child.spec.kind is ChildKind.CORE:
             raise CannotControl("without the core nothing runs; stop the whole run, or restart the core")
         if child.state is not None and child.state.is_final:
@@ -172,6 +181,7 @@ class Tree:
         child = self._controlled(name)
         if child.hangs_in_kernel:
             raise CannotControl(f"{name}: its dead process hangs in the kernel and keeps its memory")
+        child.output.say(Kind.SYSTEM, f"to be {reason}")
         child.restart_now(reason)
         if child.pid is not None:
             self._partial_stops.append(OrderedStop([child], Then.RESTART, reason, self._clock))
@@ -189,6 +199,9 @@ class Tree:
     def unwatch(self, fd: int) -> None:
         """Stop watching a descriptor; must come before it is closed."""
         self._loop.unwatch(fd)
+
+    def _say(self, text: str) -> None:
+        self._own_output.say(Kind.SYSTEM, text)
 
     def _child(self, spec: ChildSpec, output: OutputStore) -> SupervisedChild:
         surroundings = Surroundings(
@@ -245,18 +258,21 @@ class Tree:
     def _announce_all_started(self) -> None:
         if not self._was_all_started and not self._stop and all(child.was_settled for child in self.children):
             self._was_all_started = True
+            self._say("every module has started or ended: messages flow")
             self._incarnations.all_started()
 
     def _check_clock_step(self) -> None:
         """Wake everyone when the wall clock was set: their timed waits would last as much too long."""
         offset_s = self._wall_clock() - self._clock()
-        if abs(offset_s - self._clock_offset_s) > CLOCK_STEP_S:
+        if abs(step_s := offset_s - self._clock_offset_s) > CLOCK_STEP_S:
+            self._say(f"the wall clock was set by {step_s:+.3f} s")
             for child in self.children:
                 child.wake()
         self._clock_offset_s = offset_s
 
     def _on_signal(self, signum: int) -> None:
         name = signal.Signals(signum).name
+        self._say(f"got {name}")
         # A closing terminal may send SIGHUP twice; that is nobody's impatience.
         if self._stop and signum != signal.SIGHUP:
             self.kill_all(f"second signal, {name}")
@@ -278,14 +294,21 @@ class Tree:
         dependents = [c for c in self._dependencies.dependents(child) if c.pid is not None]
         if running := [dependent for dependent in dependents if not dependent.is_stopping]:
             reason = f"restarted with {child.spec.name}"
+            for dependent in running:
+                dependent.output.say(Kind.SYSTEM, f"to be {reason}")
             self._partial_stops.append(OrderedStop(running, Then.RESTART, reason, self._clock))
 
+    def _close_output(self) -> None:
+        self._say("all children have ended")
+        for child in self.children:
+            child.output.close()
+        self._own_output.close()
+        self.output.close()
+
     def _kill_rest(self) -> None:
-        """Leave no child behind, whatever error ended the loop; close their log files."""
+        """Leave no child behind, whatever error ended the loop."""
         self.kill_all("the supervisor ends")
         while any(child.pid for child in self.children):
             self._loop.turn(POLL_S)
             for child in self.children:
                 child.poll()
-        for child in self.children:
-            child.output.close()

@@ -8,11 +8,12 @@ from typing import Any, Self
 
 from robbie_mp.trace.kinds import Kind
 
-# What a terminal would obey, and what makes text run backwards: in a log an attack or an accident.
+# What a terminal would obey, what makes text run backwards, and halves of surrogate pairs, which cannot be
+# written in UTF-8: in a log an attack or an accident.
 _CONTROLS = (*range(0x20), *range(0x7F, 0xA0), *range(0x200E, 0x2010), *range(0x202A, 0x202F))
 _INVISIBLE = {
     code: f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
-    for code in (*_CONTROLS, 0x2028, 0x2029, *range(0x2066, 0x206A))
+    for code in (*_CONTROLS, 0x2028, 0x2029, *range(0x2066, 0x206A), *range(0xD800, 0xE000))
     if code not in (ord("\t"), ord("\n"))
 }
 

@@ -1,10 +1,12 @@
 """Reads a run's trace from its files, while the run goes on or long after."""
 
+import contextlib
 import heapq
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from robbie_mp.trace.crash import CrashReport, report_files
 from robbie_mp.trace.entry import Entry
 
 LOG_FOLDER = "log"
@@ -15,13 +17,13 @@ EXPECTED_BYTES = 256
 
 def module_names(output_directory: Path) -> list[str]:
     """Return who has said anything, in alphabetical order."""
-    return sorted({path.name.split(".")[0] for path in _folder(output_directory).glob(f"*{SUFFIX}")})
+    return sorted({path.name.split(".")[0] for path in trace_folder(output_directory).glob(f"*{SUFFIX}")})
 
 
 def last_entries(output_directory: Path, module: str, count: int) -> list[Entry]:
     """Return the newest entries of one module, or of "core" or "supervisor"; empty if there are none."""
     found: list[Entry] = []
-    for path in reversed(_files(_folder(output_directory), module)):
+    for path in reversed(files_of(trace_folder(output_directory), module)):
         found = _last_of_file(path, count - len(found)) + found
         if len(found) >= count:
             break
@@ -35,9 +37,25 @@ def entries(output_directory: Path, modules: list[str] | None = None) -> Iterato
         output_directory: where the run writes its results.
         modules: whose; None: everybody's.
     """
-    folder = _folder(output_directory)
+    folder = trace_folder(output_directory)
     names = module_names(output_directory) if modules is None else modules
     yield from heapq.merge(*(_entries_of(folder, name) for name in names), key=lambda entry: entry.number)
+
+
+def crash_reports(output_directory: Path, module: str | None = None, newest: int = 0) -> list[CrashReport]:
+    """Return the reports of a run's crashes, the oldest first.
+
+    Args:
+        output_directory: where the run writes its results.
+        module: whose; None: everybody's.
+        newest: only so many, the newest; 0: all that are kept.
+    """
+    reports = []
+    for path in report_files(trace_folder(output_directory), module)[-newest:]:
+        with contextlib.suppress(FileNotFoundError):  # it was too old meanwhile
+            if report := CrashReport.from_json(path.read_text()):
+                reports.append(report)
+    return reports
 
 
 def _last_of_file(path: Path, count: int) -> list[Entry]:
@@ -58,7 +76,7 @@ def _last_of_file(path: Path, count: int) -> list[Entry]:
 
 
 def _entries_of(folder: Path, module: str) -> Iterator[Entry]:
-    for path in _files(folder, module):
+    for path in files_of(folder, module):
         try:
             with path.open("rb") as file:
                 for line in file:
@@ -68,8 +86,8 @@ def _entries_of(folder: Path, module: str) -> Iterator[Entry]:
             continue  # rotated away meanwhile
 
 
-def _files(folder: Path, module: str) -> list[Path]:
-    """The files of a module, the oldest first."""
+def files_of(folder: Path, module: str) -> list[Path]:
+    """Return the files of a module, the oldest first; the last one need not exist."""
     numbered = {}
     for path in folder.glob(f"{module}.*{SUFFIX}"):
         number = path.name.removeprefix(f"{module}.").removesuffix(SUFFIX)
@@ -78,5 +96,6 @@ def _files(folder: Path, module: str) -> list[Path]:
     return [*(numbered[number] for number in sorted(numbered, reverse=True)), folder / f"{module}{SUFFIX}"]
 
 
-def _folder(output_directory: Path) -> Path:
+def trace_folder(output_directory: Path) -> Path:
+    """Return where a run's trace is."""
     return output_directory / LOG_FOLDER

@@ -191,7 +191,7 @@ def test_restart_takes_a_warm_module_unless_its_file_was_edited(robot: Robot) ->
         assert pid in waiting, "it did not take the spare"
         assert command in psutil.Process(pid).cmdline()
     assert stopped(robot).modules["source"]["restarts"] == 2
-    assert log(robot, "source").count("edited") == 1
+    assert robot.log("source").count("edited") == 1
 
 
 def spares(robot: Robot) -> set[int]:

@@ -16,6 +16,7 @@ from robbie_mp.supervisor.output import OutputStore
 from robbie_mp.supervisor.spares import SpareCommand
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.supervisor.tree import Tree
+from robbie_mp.trace.crash import LastWords
 from robbie_mp.trace.entry import Entry
 from tests.supervisor import zoo
 
@@ -64,6 +65,10 @@ class FolderIncarnations:
 
     def describe(self, name: str, incarnation: int, doing: Doing) -> str:
         return f"hung in {doing.activity.name.lower()} {doing.subscription}"
+
+    def last_words(self, name: str, incarnation: int) -> LastWords:
+        assert ("died", name, incarnation) not in self.calls
+        return LastWords(activity="its duty")
 
     def died(self, name: str, incarnation: int) -> None:
         assert ("died", name, incarnation) not in self.calls

@@ -12,15 +12,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.profile.model import TraceSettings
-from robbie_mp.supervisor import rotating_file
 from robbie_mp.supervisor.event_loop import EventLoop
 from robbie_mp.supervisor.output import ChildOutput, LogNotWritable, OutputStore
 from robbie_mp.supervisor.output_stream import OutputStream
 from robbie_mp.supervisor.rate_limit import RateLimit
-from robbie_mp.supervisor.rotating_file import RotatingFile
 from robbie_mp.supervisor.states import ChildState
+from robbie_mp.trace import rotating_file
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind
+from robbie_mp.trace.rotating_file import RotatingFile
 from tests.supervisor import zoo
 from tests.supervisor.running import NEVER, Run, Scenario, animal
 
@@ -30,7 +30,8 @@ class Recorder:
 
     def __init__(self, folder: Path, limits: TraceSettings):
         self.lines: list[Entry] = []
-        self.output: ChildOutput = OutputStore(folder, self.lines.append, limits).child("child")
+        self.store = OutputStore(folder, self.lines.append, limits)
+        self.output: ChildOutput = self.store.child("child")
         self.loop = EventLoop(time.monotonic)
 
     def feed(self, *chunks: bytes) -> None:
@@ -45,6 +46,7 @@ class Recorder:
 
     def close(self) -> None:
         self.output.close()
+        self.store.close()
         self.loop.close()
 
 

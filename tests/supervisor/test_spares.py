@@ -10,6 +10,7 @@ import pytest
 from robbie_mp.supervisor import spares
 from robbie_mp.supervisor.spares import SpareCommand
 from robbie_mp.supervisor.states import ChildState
+from robbie_mp.trace.kinds import Kind
 from tests.supervisor import zoo
 from tests.supervisor.running import PROJECT, Run, Scenario, animal, is_gone, wait_for
 
@@ -156,14 +157,14 @@ def test_spares_that_are_no_use_are_given_up_and_said(tmp_path: Path) -> None:
     run = with_spares(tmp_path, "broken_spare")
 
     def scenario() -> Scenario:
-        yield lambda: any("no further one" in text for text in run.text("supervisor", "stderr"))
+        yield lambda: any("no further one" in text for text in run.text("supervisor", "supervisor"))
         kill(run)
         yield lambda: run.states("child").count(RUNNING) == 2
         run.tree.stop("seen enough")
 
     assert run.play(scenario()) == 0
-    said = run.text("supervisor", "stderr")
-    assert said.count("ImportError: no numpy here") == 3
+    assert run.text("supervisor", "stderr").count("ImportError: no numpy here") == 3
+    said = [line.text for line in run.lines if line.module == "supervisor" and line.kind is Kind.WARNING]
     assert said[-1].startswith("a spare interpreter has ended: exit code 1; no further one is started")
 
 

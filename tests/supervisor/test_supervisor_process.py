@@ -1,6 +1,5 @@
 """What happens to children when the supervisor is another process: killed, or interrupted from a terminal."""
 
-import json
 import os
 import signal
 import subprocess
@@ -11,6 +10,7 @@ from pathlib import Path
 
 from robbie_mp.supervisor.run_directory import list_runs
 from robbie_mp.supervisor.sweep import Swept, sweep
+from robbie_mp.trace.entry import Entry
 from tests.supervisor import supervise
 from tests.supervisor.running import PROJECT, is_gone, wait_for
 
@@ -73,8 +73,10 @@ def test_stop_by_sigterm_leaves_nothing_to_sweep(tmp_path: Path) -> None:
         assert sweep([tmp_path / "runs"]) == Swept()
 
 
-def _log_lines(folder: Path) -> list[str]:
-    return (folder / "logs" / "notes_signals.jsonl").read_text().splitlines()
+def _printed(folder: Path) -> list[str]:
+    lines = (folder / "logs" / "notes_signals.jsonl").read_bytes().splitlines()
+    entries = [Entry.from_line(line) for line in lines]
+    return [entry.text for entry in entries if entry and entry.stream == "stdout"]
 
 
 def test_interrupt_of_the_terminal_reaches_the_supervisor_alone(tmp_path: Path) -> None:
@@ -87,8 +89,7 @@ def test_interrupt_of_the_terminal_reaches_the_supervisor_alone(tmp_path: Path) 
     finally:
         os.close(controller)
         os.close(terminal)
-    notes = [json.loads(line)["text"] for line in _log_lines(tmp_path)]
-    assert notes == [signal.Signals.SIGTERM.name]
+    assert _printed(tmp_path) == [signal.Signals.SIGTERM.name]
 
 
 def test_terminal_that_goes_away_stops_the_run_in_order(tmp_path: Path) -> None:
@@ -98,4 +99,4 @@ def test_terminal_that_goes_away_stops_the_run_in_order(tmp_path: Path) -> None:
         os.close(terminal)
         os.close(controller)
         assert process.wait() == 0
-    assert signal.Signals.SIGTERM.name in (tmp_path / "logs" / "notes_signals.jsonl").read_text()
+    assert _printed(tmp_path)[-1] == signal.Signals.SIGTERM.name

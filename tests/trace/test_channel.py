@@ -29,8 +29,8 @@ class Pair:
 
     def __init__(self, folder: Path):
         self.entries: list[Entry] = []
-        store = OutputStore(folder, self.entries.append, TraceSettings(burst_lines=100_000))
-        self.output: ChildOutput = store.child("laser", [Kind.ERROR, Kind.WARNING, Kind.INFO])
+        self.store = OutputStore(folder, self.entries.append, TraceSettings(burst_lines=100_000))
+        self.output: ChildOutput = self.store.child("laser", [Kind.ERROR, Kind.WARNING, Kind.INFO])
         self.loop = EventLoop(time.monotonic)
         ours, self.theirs = open_channel()
         self.stream = RecordStream(ours, self.output, self.loop)
@@ -49,6 +49,7 @@ class Pair:
             os.close(self.theirs)
         self.stream.finish()
         self.output.close()
+        self.store.close()
         self.loop.close()
 
 
@@ -143,7 +144,7 @@ def test_child_logs_at_the_level_it_is_told(tmp_path: Path, monkeypatch: pytest.
 def test_escape_sequences_and_halves_of_characters_arrive_harmless(pair: Pair) -> None:
     pair.log.info("\x1b[2J\x00 \ud800 \u202e </script>-->")
     [entry] = pair.read()
-    assert entry.text == "\\x1b[2J\\x00 \ud800 \\u202e </script>-->"
+    assert entry.text == "\\x1b[2J\\x00 \\ud800 \\u202e </script>-->"
     assert entry.to_line().isascii()
     assert not {b"<", b">"} & {bytes([byte]) for byte in entry.to_line()}
     assert Entry.from_line(entry.to_line()) == entry
@@ -182,12 +183,14 @@ def test_no_json_makes_a_bad_packet(value: object) -> None:
 
 def test_flood_of_records_is_bounded_and_its_end_remembered(tmp_path: Path) -> None:
     kept: list[Entry] = []
-    output = OutputStore(tmp_path, kept.append, TraceSettings(lines_per_s=0.0, burst_lines=10)).child("laser")
+    store = OutputStore(tmp_path, kept.append, TraceSettings(lines_per_s=0.0, burst_lines=10))
+    output = store.child("laser")
     packets = [json.dumps({"text": f"line {number}", "level": 20}).encode() for number in range(100)]
     assert output.add_records(packets[:5])
     assert not output.add_records(packets)
     assert output.add_records([b'{"text": "why", "level": 40}']), "errors have a rate of their own"
     output.close()
+    store.close()
     assert [entry.text for entry in kept if entry.stream == "log"] == [
         *(f"line {number}" for number in (*range(5), *range(5))),
         "why",

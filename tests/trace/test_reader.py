@@ -15,6 +15,7 @@ def write(output_directory: Path, count: int) -> None:
         modules[number % 2].add("stdout", [f"line {number}"])
     for module in modules:
         module.close()
+    store.close()
 
 
 def test_entries_of_all_modules_come_in_the_order_they_were_heard(tmp_path: Path) -> None:

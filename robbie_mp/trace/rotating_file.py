@@ -41,10 +41,9 @@ class RotatingFile:
         return written == len(data)
 
     def begin_anew(self) -> None:
-        """Begin a new file if there is one already, such as a former run's."""
+        """Begin a new file with the next write, even if there is one already, such as a former run's."""
         with contextlib.suppress(OSError):
-            if self.path.exists():
-                self._rotate()
+            self._shift()
 
     def close(self) -> None:
         """Close the file; a later write opens it again."""
@@ -61,13 +60,16 @@ class RotatingFile:
 
     def _rotate(self) -> int:
         self.close()
+        self._shift()
+        return self._open()
+
+    def _shift(self) -> None:
         for number in range(self._files - 2, -1, -1):
             older = self._numbered(number)
             if older.exists():
                 older.replace(self._numbered(number + 1))
         if self._files == 1:
-            self.path.unlink()
-        return self._open()
+            self.path.unlink(missing_ok=True)
 
     def _numbered(self, number: int) -> Path:
         return numbered(self.path, number)

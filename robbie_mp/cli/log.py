@@ -1,0 +1,187 @@
+"""`robbie log`: what the processes of a run have said, while it goes on or afterwards."""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.style import Style
+
+from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
+from robbie_mp.errors import RobbieError
+from robbie_mp.suggest import did_you_mean
+from robbie_mp.supervisor.control_client import control
+from robbie_mp.trace.entry import Entry, visible
+from robbie_mp.trace.follower import TraceFollower
+from robbie_mp.trace.kinds import Kind
+from robbie_mp.trace.reader import LOG_FOLDER, crash_reports, entries, module_names
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+POLL_S = 0.1
+FOLLOWED_LINES = 20
+STYLES = {
+    Kind.ERROR: Style(color="red", bold=True),
+    Kind.WARNING: Style(color="yellow"),
+    Kind.INFO: Style.null(),
+    Kind.SYSTEM: Style(dim=True),
+}
+
+
+class NoTrace(RobbieError, LookupError):
+    """There is no trace to show.
+
+    Example scenarios:
+      - the folder is no output directory of a run
+      - nobody has the name that was given with --module
+    """
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `log` to the commands."""
+    parser = add_command(
+        subparsers,
+        "log",
+        "show what modules have logged, printed and died with",
+        "Show the trace of the run that goes on, or else of the newest below ./output, or of the one in DIR. "
+        "The same as a page for the browser is log/trace.html in the run's output directory.",
+        [
+            "robbie log --follow --kind error,warning",
+            "robbie log --module laser --last 50",
+            "robbie log --crashes output/demo/20260101-120000-4711",
+            "robbie log --record error,warning,info,system --module laser",
+        ],
+    )
+    parser.add_argument("directory", metavar="DIR", nargs="?", type=Path, help="output directory of a run")
+    add_run_argument(parser)
+    parser.add_argument(
+        "--kind", metavar="KINDS", type=_kinds, help=f"only these of {','.join(Kind)}; joined by commas"
+    )
+    parser.add_argument("--module", metavar="NAME", help="only of this module, or of core or supervisor")
+    parser.add_argument("--last", metavar="N", type=int, help="only the last N entries")
+    parser.add_argument("--follow", action="store_true", help="go on as long as the run does")
+    parser.add_argument("--crashes", action="store_true", help="show the reports of crashes instead")
+    parser.add_argument(
+        "--json", action="store_true", help="print JSON for a program to read, a line an entry"
+    )
+    parser.add_argument(
+        "--record",
+        metavar="KINDS",
+        type=_kinds,
+        help="record these kinds from now on, of all modules or of --module; 'none' records nothing",
+    )
+    parser.set_defaults(command=log)
+
+
+def log(arguments: argparse.Namespace) -> int:
+    """Show a trace, or change what is recorded."""
+    if arguments.record is not None:
+        run = choose_run(arguments.run)
+        print(control(run.folder, "record", arguments.module, kinds=sorted(arguments.record)))
+        return 0
+    directory = _directory(arguments)
+    names = module_names(directory)
+    if arguments.module not in (None, *names):
+        near = did_you_mean(arguments.module, names) or f"; there are {', '.join(names) or 'none'}"
+        raise NoTrace(f"{arguments.module!r} has said nothing in {directory / LOG_FOLDER}{near}")
+    if arguments.crashes:
+        _print_crashes(directory, arguments)
+        return 0
+    printer = EntryPrinter(as_json=arguments.json)
+    for entry in _chosen(directory, arguments):
+        printer.print(entry)
+    return 0
+
+
+def _chosen(directory: Path, arguments: argparse.Namespace) -> Iterator[Entry]:
+    modules = None if arguments.module is None else [arguments.module]
+    kinds = frozenset(Kind) if arguments.kind is None else arguments.kind
+    if not arguments.follow:
+        fitting = (entry for entry in entries(directory, modules) if entry.kind in kinds)
+        yield from fitting if arguments.last is None else _last(list(fitting), arguments.last)
+        return
+    follower = TraceFollower(directory, modules)
+    count = FOLLOWED_LINES if arguments.last is None else arguments.last
+    yield from _last([entry for entry in follower.read_new() if entry.kind in kinds], count)
+    is_live = True
+    while is_live:
+        is_live = _is_live(directory)  # before reading: what was said last must not be missed
+        yield from (entry for entry in follower.read_new() if entry.kind in kinds)
+        sys.stdout.flush()
+        time.sleep(POLL_S)
+
+
+def _last(found: list[Entry], count: int) -> list[Entry]:
+    return found[max(0, len(found) - count) :]
+
+
+def _directory(arguments: argparse.Namespace) -> Path:
+    """Return the output directory that is meant."""
+    if arguments.directory is not None:
+        if not (arguments.directory / LOG_FOLDER).is_dir():
+            raise NoTrace(
+                f"{arguments.directory} is no output directory of a run: it has no folder {LOG_FOLDER}"
+            )
+        return Path(arguments.directory)
+    if arguments.run is None and not live_runs():
+        folders = [path.parent for path in Path("output").glob(f"*/*/{LOG_FOLDER}")]
+        if not folders:
+            raise NoTrace(
+                "no run on this machine, and none below ./output; say DIR, the output directory of one"
+            )
+        return max(folders, key=lambda folder: folder.stat().st_mtime)
+    record = choose_run(arguments.run).record
+    if record is None:
+        raise NoTrace("the run is just starting; try again")
+    return Path(record.output_directory)
+
+
+def _is_live(directory: Path) -> bool:
+    outputs = [run.record.output_directory for run in live_runs() if run.record]
+    return str(directory.absolute()) in outputs
+
+
+def _print_crashes(directory: Path, arguments: argparse.Namespace) -> None:
+    for report in crash_reports(directory, arguments.module, arguments.last or 0):
+        if arguments.json:
+            print(json.dumps(asdict(report)))
+        else:
+            print("\n".join(report.lines()), end="\n\n")
+
+
+class EntryPrinter:
+    """Prints entries, in colour on a terminal (unless NO_COLOR is set)."""
+
+    def __init__(self, *, as_json: bool):
+        console = Console()
+        self._as_json = as_json
+        self._is_coloured = console.is_terminal and not console.no_color
+
+    def print(self, entry: Entry) -> None:
+        """Print one entry; more lines than one are indented."""
+        if self._as_json:
+            sys.stdout.write(entry.to_line().decode())
+            return
+        stamp = time.strftime("%H:%M:%S", time.localtime(entry.time_s))
+        milliseconds = int(entry.time_s * 1000) % 1000
+        head = f"{stamp}.{milliseconds:03d} {entry.module}#{entry.incarnation} "
+        logger = f"{entry.logger}: " if entry.logger not in ("", entry.module) else ""
+        lines = [f"{entry.kind} {logger}{entry.text}", *entry.traceback.splitlines()]
+        text = "\n    ".join(line for part in lines for line in visible(part).split("\n"))
+        print(head + (STYLES[entry.kind].render(text) if self._is_coloured else text))
+
+
+def _kinds(text: str) -> frozenset[Kind]:
+    try:
+        return frozenset(Kind(word) for word in text.split(",") if word not in ("", "none"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"expected {', '.join(Kind)}, joined by commas; got {text!r}"
+        ) from None

@@ -1,0 +1,52 @@
+"""Which kinds of entries of the trace are recorded of whom, and how that is changed while the run goes on."""
+
+import signal
+from collections.abc import Collection
+from pathlib import Path
+
+from robbie_mp.supervisor.child_spec import ChildKind
+from robbie_mp.supervisor.output import SUPERVISOR
+from robbie_mp.supervisor.supervised_child import SupervisedChild
+from robbie_mp.supervisor.tree import Tree
+from robbie_mp.trace.kinds import Kind, lowest_level
+from robbie_mp.trace.levels import write_levels
+
+
+class Recording:
+    """Sets it for the children of a tree, and tells them what is worth logging at all."""
+
+    def __init__(self, run_folder: Path, tree: Tree):
+        """Tell the children, none of which has been started yet.
+
+        Args:
+            run_folder: where children look.
+            tree: the children, with what is recorded of them at first.
+        """
+        self._run_folder = run_folder
+        self._tree = tree
+        self._tell([])
+
+    def set(self, kinds: Collection[Kind], name: str | None) -> None:
+        """Record these kinds from now on.
+
+        Args:
+            kinds: the others are not recorded.
+            name: of a module, of the core, or "supervisor" for its remarks; None: of all modules.
+
+        Raises:
+            NoSuchChild: nobody has that name.
+        """
+        if name == SUPERVISOR:
+            self._tree.output.remarked_kinds = frozenset(kinds)
+            return
+        modules = [child for child in self._tree.children if child.spec.kind is ChildKind.MODULE]
+        changed = modules if name is None else [self._tree.child(name)]
+        for child in changed:
+            child.output.kinds = frozenset(kinds)
+        self._tell(changed)
+
+    def _tell(self, changed: Collection[SupervisedChild]) -> None:
+        children = self._tree.children
+        write_levels(self._run_folder, {c.spec.name: lowest_level(c.output.kinds) for c in children})
+        for child in changed:
+            child.send_signal(signal.SIGURG)

@@ -1,0 +1,156 @@
+"""What is kept of each abnormal end of a process: a JSON file each, below the folder of the trace."""
+
+import json
+import os
+import re
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+from robbie_mp.trace.entry import visible
+
+CRASH_FOLDER = "crashes"
+_FILE = re.compile(r"(?P<module>.+)-\d{8}T\d{6}\.\d{3}-\d+\.json")
+_BEGIN_OF_TRACEBACK = ("CRITICAL ", "Fatal Python error: ", "Traceback (most recent call last):")
+
+
+@dataclass(frozen=True)
+class LastMessage:
+    """The last message that a module has taken."""
+
+    type_name: str
+    topic: str
+    sequence: int
+    sender: str
+    age_s: float
+    """From its publication to the end of the process."""
+
+
+@dataclass(frozen=True)
+class LastWords:
+    """What a process has left in shared memory."""
+
+    activity: str = ""
+    """What it was doing, as "handler on_scan of sensor_msgs/msg/LaserScan"."""
+    activity_s: float = 0.0
+    """For how long."""
+    message: LastMessage | None = None
+    counters: dict[str, int] = field(default_factory=dict)
+    status: str = ""
+
+
+@dataclass(frozen=True)
+class CrashReport:
+    """All that is known of one abnormal end."""
+
+    module: str
+    incarnation: int
+    pid: int
+    time_s: float
+    """Unix time."""
+    uptime_s: float
+    reason: str
+    """In words, such as "killed by SIGSEGV"."""
+    exit_code: int | None
+    signal: int | None
+    cpu_s: float
+    hints: list[str]
+    """What else may have to do with it, such as memory that has run out."""
+    last_words: LastWords
+    said: list[str]
+    """The last lines that it logged or printed on standard error, stack dumps among them."""
+    printed: list[str]
+    """The last lines on standard output."""
+
+    @property
+    def traceback(self) -> list[str]:
+        """The lines that say where it was, of Python or of faulthandler; empty if there are none."""
+        for begin in _BEGIN_OF_TRACEBACK:
+            for at in range(len(self.said) - 1, -1, -1):
+                if self.said[at].startswith(begin):
+                    return self.said[at:]
+        return []
+
+    def lines(self) -> list[str]:
+        """Return the report for people."""
+        stamp = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(self.time_s))
+        words = self.last_words
+        made = [
+            f"{self.module}, start {self.incarnation}, pid {self.pid}: {self.reason}",
+            f"ended {stamp}, {self.uptime_s:.3f} s after its start; {self.cpu_s:.2f} s on a processor",
+            *self.hints,
+        ]
+        if words.activity:
+            made.append(f"it was in {words.activity}, for {words.activity_s:.3f} s")
+        if (message := words.message) is not None:
+            topic = f" on {message.topic}" if message.topic else ""
+            made.append(
+                f"last message: {message.type_name}{topic}, number {message.sequence}, "
+                f"published by {message.sender} {message.age_s:.3f} s before the end"
+            )
+        if words.status:
+            made.append(f"status: {words.status}")
+        if words.counters:
+            made.append(", ".join(f"{name} {count}" for name, count in words.counters.items()))
+        for title, lines in (("logged, and printed on standard error", self.said), ("printed", self.printed)):
+            if lines:
+                made += [f"last {title}:", *(f"    {line}" for line in lines)]
+        return [visible(line) for line in made]
+
+    @classmethod
+    def from_json(cls, text: str) -> Self | None:
+        """Return what was written; None if it is none."""
+        try:
+            data: dict[str, Any] = json.loads(text)
+            words = data["last_words"]
+            message = words["message"]
+            words["message"] = LastMessage(**message) if message else None
+            return cls(**(data | {"last_words": LastWords(**words)}))
+        except (ValueError, TypeError, KeyError):
+            return None
+
+
+class CrashFolder:
+    """The reports of a run; of each process only the newest are kept."""
+
+    def __init__(self, folder: Path, keep: int):
+        """Prepare; the folder is made for the first report.
+
+        Args:
+            folder: of the trace.
+            keep: how many reports of each process.
+        """
+        self._folder = folder / CRASH_FOLDER
+        self._keep = keep
+
+    def write(self, report: CrashReport) -> str:
+        """Write a report; return its place below the folder of the trace, '' if the disk refuses it."""
+        seconds, milliseconds = divmod(int(report.time_s * 1000), 1000)
+        stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime(seconds))
+        path = self._folder / f"{report.module}-{stamp}.{milliseconds:03d}-{report.incarnation}.json"
+        try:
+            self._folder.mkdir(exist_ok=True)
+            unfinished = path.with_suffix(".new")
+            unfinished.write_text(json.dumps(asdict(report), indent=1) + "\n")
+            os.replace(unfinished, path)
+            for old in report_files(self._folder.parent, report.module)[: -self._keep]:
+                old.unlink()
+        except OSError:
+            return ""
+        return f"{CRASH_FOLDER}/{path.name}"
+
+
+def report_files(folder: Path, module: str | None = None) -> list[Path]:
+    """Return the files of reports below the folder of a trace, the oldest first.
+
+    Args:
+        folder: of the trace.
+        module: whose; None: everybody's.
+    """
+    found = []
+    for path in (folder / CRASH_FOLDER).glob("*.json"):
+        match = _FILE.fullmatch(path.name)
+        if match and module in (None, match["module"]):
+            found.append((path.name.removeprefix(match["module"]), path))
+    return [path for _, path in sorted(found)]

@@ -1,0 +1,5 @@
+"""Whole runs for tests of the trace."""
+
+from tests.run.conftest import robot
+
+__all__ = ["robot"]
