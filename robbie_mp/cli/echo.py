@@ -8,6 +8,7 @@ from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 from robbie_mp.attachment import Received, RunEnded
+from robbie_mp.cli import completers
 from robbie_mp.cli.known_types import types_of_run
 from robbie_mp.cli.message_text import FieldPath, flat, to_csv, to_json, to_yaml
 from robbie_mp.cli.parser import add_command
@@ -38,7 +39,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         ],
     )
     add_type_argument(parser)
-    parser.add_argument("--topic", default="", help="only messages of this topic")
+    add_topic_argument(parser, "only messages of this topic")
     parser.add_argument("--field", metavar="FIELD", default="", help="only this field, as pose.position.x")
     parser.add_argument("--once", action="store_true", help="end after one message")
     parser.add_argument("--full", action="store_true", help="print long arrays in full")
@@ -51,9 +52,16 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 def add_type_argument(parser: argparse.ArgumentParser) -> None:
     """Add the argument by which commands take a message type."""
-    parser.add_argument(
+    name = parser.add_argument(
         "type", metavar="TYPE", help="a message type: sensor_msgs/msg/LaserScan, or short LaserScan"
     )
+    name.completer = completers.types  # type: ignore[attr-defined]
+
+
+def add_topic_argument(parser: argparse.ArgumentParser, text: str) -> None:
+    """Add the option by which commands take a topic."""
+    topic = parser.add_argument("--topic", default="", help=text)
+    topic.completer = completers.topics  # type: ignore[attr-defined]
 
 
 def echo(arguments: argparse.Namespace) -> int:

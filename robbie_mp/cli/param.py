@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from robbie_mp.attachment import Attachment, Received
+from robbie_mp.cli import completers
 from robbie_mp.cli.figures import console, state_name
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
@@ -46,7 +47,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "List the settings that modules have declared changeable, and their values.",
         ["robbie param list", "robbie param list mapping --json"],
     )
-    listed.add_argument("module", nargs="?", help="only this module's")
+    module = listed.add_argument("module", nargs="?", help="only this module's")
+    module.completer = completers.modules  # type: ignore[attr-defined]
     listed.set_defaults(command=list_all)
     got = add_command(
         actions,
@@ -55,7 +57,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "Print what a changeable setting is now.",
         ["robbie param get mapping.resolution_m"],
     )
-    got.add_argument("setting", metavar="MODULE.SETTING")
+    _add_setting_argument(got)
     got.set_defaults(command=get)
     changed = add_command(
         actions,
@@ -65,7 +67,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "into use between two messages. It lasts as long as the run, over restarts of the module.",
         ["robbie param set mapping.resolution_m 0.1", "robbie param set camera.size '[640, 480]'"],
     )
-    changed.add_argument("setting", metavar="MODULE.SETTING")
+    _add_setting_argument(changed)
     changed.add_argument("value", help="the new value, in YAML as in a profile")
     changed.add_argument(
         "--timeout", metavar="SECONDS", type=float, default=5.0, help="how long to wait for an answer (5)"
@@ -75,6 +77,11 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         action.add_argument("--json", action="store_true", help="print JSON for a program to read")
     for action in (listed, got, changed):
         add_run_argument(action)
+
+
+def _add_setting_argument(parser: argparse.ArgumentParser) -> None:
+    setting = parser.add_argument("setting", metavar="MODULE.SETTING", help="a module and its setting")
+    setting.completer = completers.settings  # type: ignore[attr-defined]
 
 
 def list_all(arguments: argparse.Namespace) -> int:

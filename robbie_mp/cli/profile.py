@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from robbie_mp.cli import completers
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.preflight import preflight
 from robbie_mp.profile.show import Line, as_tree, origins, to_lines
@@ -31,7 +32,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 def add_profile_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments by which every command takes a profile: `profile` and `overrides`."""
-    parser.add_argument("profile", help="name of a profile in profiles/, or path of its file")
+    name = parser.add_argument("profile", help="name of a profile in profiles/, or path of its file")
+    name.completer = completers.profiles  # type: ignore[attr-defined]
     parser.add_argument(
         "--set",
         dest="overrides",

@@ -20,12 +20,13 @@ COMMANDS = (
     "param",
     "top",
     "log",
-    "restart",
+    "module",
     "stop",
     "profile",
     "clean",
     "doctor",
     "new",
+    "completion",
 )
 """In the order in which help lists them."""
 
@@ -36,6 +37,8 @@ INTERRUPTED = 130
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return 0 if it went well, 1 if what it did failed, 2 for bad usage or a bad profile."""
     argv = list(sys.argv[1:] if arguments is None else arguments)
+    if "_ARGCOMPLETE" in os.environ:
+        _complete()
     parser = _parser(argv[:1])
     parsed = parser.parse_args(argv)
     try:
@@ -50,6 +53,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return _exit_code(error)
     return code
+
+
+def _complete() -> None:
+    """Tell the shell what may come next, and end; see `robbie completion`."""
+    import argcomplete  # noqa: PLC0415
+
+    argcomplete.autocomplete(_parser(os.environ.get("COMP_LINE", "").split()[1:2]))
 
 
 def top() -> int:

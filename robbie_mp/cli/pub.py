@@ -6,7 +6,7 @@ from contextlib import closing
 from typing import TYPE_CHECKING
 
 from robbie_mp.attachment import Attachment
-from robbie_mp.cli.echo import add_type_argument
+from robbie_mp.cli.echo import add_topic_argument, add_type_argument
 from robbie_mp.cli.known_types import types_of_run
 from robbie_mp.cli.message_text import message_of_yaml
 from robbie_mp.cli.parser import add_command
@@ -33,7 +33,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser.add_argument(
         "message", metavar="YAML", nargs="?", default="{}", help="its fields; '{}' by default"
     )
-    parser.add_argument("--topic", default="", help="the topic to publish it on")
+    add_topic_argument(parser, "the topic to publish it on")
     parser.add_argument("--rate", metavar="HZ", type=_rate, help="publish again and again, until Ctrl-C")
     parser.add_argument("--count", metavar="N", type=_count, help="with --rate: end after so many")
     add_run_argument(parser)

@@ -9,6 +9,7 @@ from contextlib import closing
 from dataclasses import asdict, dataclass
 
 from robbie_mp.channel_counters import ChannelCount, ChannelCounters
+from robbie_mp.cli.echo import add_topic_argument
 from robbie_mp.cli.known_types import types_of_run
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.transport import names
@@ -55,7 +56,7 @@ class Rates:
 
 def add_rate_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what both commands take besides the type."""
-    parser.add_argument("--topic", default="", help="only messages of this topic")
+    add_topic_argument(parser, "only messages of this topic")
     parser.add_argument(
         "--every", metavar="SECONDS", type=_seconds, default=1.0, help="how long each line covers (1)"
     )

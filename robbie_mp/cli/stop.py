@@ -1,8 +1,9 @@
-"""`robbie stop [MODULE]`: stop a run in order, or one of its modules."""
+"""`robbie stop`: stop a run in order."""
 
 import argparse
 from typing import TYPE_CHECKING
 
+from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.supervisor.control_client import control
 
@@ -12,20 +13,21 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add `stop` to the commands."""
-    parser = subparsers.add_parser(
+    parser = add_command(
+        subparsers,
         "stop",
-        help="stop a run in order, or one of its modules",
-        description="Stop a whole run, the last module started first, and wait until it has ended. With a "
-        "module, stop that one alone; it stays STOPPED until `robbie restart` starts it again.",
+        "stop a run in order",
+        "Stop a run, the last module started first, and wait until it has ended. Single modules: see "
+        "`robbie module stop`.",
+        ["robbie stop", "robbie stop --run 3fa1"],
     )
-    parser.add_argument("module", nargs="?", help="name of the module; without one, the run is stopped")
     add_run_argument(parser)
     parser.set_defaults(command=stop)
 
 
 def stop(arguments: argparse.Namespace) -> int:
-    """Stop a run or a module."""
+    """Stop a run."""
     run = choose_run(arguments.run)
-    said = control(run.folder, "stop", arguments.module)
-    print(said or f"run {run.run_id} has ended")
+    control(run.folder, "stop")
+    print(f"run {run.run_id} has ended")
     return 0

@@ -4,6 +4,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING
 
+from robbie_mp.cli.echo import add_type_argument
 from robbie_mp.cli.known_types import types_of_run_or_workspace
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument
@@ -24,9 +25,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "stock types and those of the run; without a run, those of the workspace around the current folder.",
         ["robbie type show LaserScan", "robbie type show sensor_msgs/LaserScan --json"],
     )
-    shown.add_argument(
-        "type", metavar="TYPE", help="sensor_msgs/msg/LaserScan, sensor_msgs/LaserScan or LaserScan"
-    )
+    add_type_argument(shown)
     shown.set_defaults(command=show)
     listed = add_command(
         actions,

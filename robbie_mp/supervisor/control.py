@@ -127,6 +127,8 @@ class ControlServer:
         match _parse(line):
             case {"command": "stop", "module": str(name)}:
                 return _stopped(self._tree.stop_child(name, "stopped by command"))
+            case {"command": "start", "module": str(name)}:
+                return _restarted(self._tree.start_child(name, "started by command"))
             case {"command": "restart", "module": str(name)}:
                 return _restarted(self._tree.restart_child(name, "restarted by command"))
             case {"command": "attach", "purpose": str(purpose)} if self._tools:
@@ -139,7 +141,7 @@ class ControlServer:
                 self._tree.stop("stopped by command")
                 return lambda: None
             case request:
-                expected = "stop, attach, record, or stop or restart of a module"
+                expected = "stop, attach, record, or stop, start or restart of a module"
                 raise BadRequest(f"expected {expected}; got {request!r:.100}")
 
     def _hand_over(self, client: "_Client", purpose: str, tools: AttachedTools) -> None:

@@ -33,7 +33,7 @@ def control(folder: Path, command: str, module: str | None = None, **more: objec
 
     Args:
         folder: the run's folder.
-        command: "stop", "restart" or "record".
+        command: "stop", "start", "restart" or "record".
         module: whom it concerns; None: the whole run.
         more: what else belongs to the command.
 

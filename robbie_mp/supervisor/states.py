@@ -26,7 +26,7 @@ class ChildState(StrEnum):
 
     @property
     def is_final(self) -> bool:
-        """Whether no other state follows by itself; `robbie restart` starts such a child again."""
+        """Whether no other state follows by itself; `robbie module start` starts such a child again."""
         return self in (ChildState.FAILED, ChildState.STOPPED)
 
 

@@ -30,7 +30,7 @@ class NoSuchChild(RobbieError, LookupError):
     """No child has that name.
 
     Example scenarios:
-      - `robbie restart lazer`
+      - `robbie module restart lazer`
     """
 
 
@@ -186,6 +186,18 @@ class Tree:
         if child.pid is not None:
             self._partial_stops.append(OrderedStop([child], Then.RESTART, reason, self._clock))
         return child
+
+    def start_child(self, name: str, reason: str) -> SupervisedChild:
+        """Start a child that has ended or waits, with a fresh budget.
+
+        Raises:
+            NoSuchChild: there is none of that name.
+            CannotControl: it has a process, or one that hangs in the kernel, or the run stops.
+        """
+        child = self._controlled(name)
+        if child.pid is not None:
+            raise CannotControl(f"{name} is {child.state} already; `robbie module restart` starts it anew")
+        return self.restart_child(name, reason)
 
     def _controlled(self, name: str) -> SupervisedChild:
         if self._stop:

@@ -156,23 +156,27 @@ def test_failed_module_is_brought_back_by_hand(robot: Robot) -> None:
     os.kill(figures["sink"]["pid"], signal.SIGKILL)
     robot.until(lambda modules: modules["sink"]["state"] == "FAILED")
     before = len(robot.journal("sink"))
-    answer = robot.command("restart", "sink")
+    answer = robot.command("module", "restart", "sink")
     assert answer.stdout == "sink is RUNNING, start 2\n", answer.stderr
     wait_until(lambda: len(robot.journal("sink")) > before + 10)
-    answer = robot.command("stop", "sink")
+    answer = robot.command("module", "stop", "sink")
     assert answer.stdout == "sink is STOPPED (stopped by command: exit code 0)\n", answer.stderr
+    answer = robot.command("module", "start", "sink")
+    assert answer.stdout == "sink is RUNNING, start 3\n", answer.stderr
+    again = robot.command("module", "start", "sink")
+    assert (again.returncode, again.stderr.split(";")[0]) == (1, "sink is RUNNING already")
     assert stopped(robot).exit_code == 0
 
 
 def test_wrong_command_is_told_so(robot: Robot) -> None:
-    nobody = robot.command("restart", "sink")
+    nobody = robot.command("module", "restart", "sink")
     assert (nobody.returncode, nobody.stderr) == (
         1,
         "no run on this machine; start one with `robbie run PROFILE`\n",
     )
     started(robot, PROFILE % "")
     robot.until(lambda modules: modules["sink"]["state"] == "RUNNING")
-    wrong = robot.command("restart", "sinc")
+    wrong = robot.command("module", "restart", "sinc")
     assert (wrong.returncode, wrong.stderr) == (1, "no module is named 'sinc'; did you mean 'sink'?\n")
     assert stopped(robot).exit_code == 0
 
@@ -186,7 +190,7 @@ def test_restart_takes_a_warm_module_unless_its_file_was_edited(robot: Robot) ->
         waiting = spares(robot)
         if edited:
             (robot.folder / "zoo" / "hanging.py").write_text(MODULES + "\nprint('edited')\n")
-        assert robot.command("restart", "source").returncode == 0
+        assert robot.command("module", "restart", "source").returncode == 0
         pid = robot.top()["source"]["pid"]
         assert pid in waiting, "it did not take the spare"
         assert command in psutil.Process(pid).cmdline()

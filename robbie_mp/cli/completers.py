@@ -1,0 +1,66 @@
+"""What the shell offers when TAB is pressed behind a command: names from the run or the workspace.
+
+Each function takes what argcomplete gives it, and offers nothing where it cannot tell.
+"""
+
+import argparse
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from robbie_mp.cli.runs import choose_run
+from robbie_mp.errors import RobbieError
+from robbie_mp.supervisor.run_directory import KnownRun
+
+Completer = Callable[..., list[str]]
+
+
+def of_run(names: Callable[[KnownRun], Iterable[str]]) -> Completer:
+    """Make a completer of what is read from the run that is meant."""
+
+    def complete(parsed_args: argparse.Namespace, **_: object) -> list[str]:
+        try:
+            return list(names(choose_run(getattr(parsed_args, "run", None))))
+        except (RobbieError, OSError):
+            return []
+
+    return complete
+
+
+def _modules(run: KnownRun) -> Iterable[str]:
+    from robbie_mp.supervisor.plan import RunPlan  # noqa: PLC0415 - only what TAB needs, for TAB is waited for
+
+    return [*(module.name for module in RunPlan.load(run.folder).modules), "core"]
+
+
+def _types(run: KnownRun) -> Iterable[str]:
+    from robbie_mp.cli.known_types import types_of_run  # noqa: PLC0415
+
+    return [name.replace("/msg/", "/") for name in types_of_run(run).names()]
+
+
+def _topics(run: KnownRun) -> Iterable[str]:
+    from robbie_mp.declarations import read_declarations  # noqa: PLC0415
+
+    return {entry.topic for entry in read_declarations(run.run_id)} - {""}
+
+
+def _settings(run: KnownRun) -> Iterable[str]:
+    from robbie_mp.setting_changes import SettingsFile  # noqa: PLC0415
+
+    return [f"{name}.{key}" for name in _modules(run) for key in SettingsFile(run.folder, name).read()]
+
+
+modules = of_run(_modules)
+types = of_run(_types)
+topics = of_run(_topics)
+settings = of_run(_settings)
+
+
+def profiles(**_: object) -> list[str]:
+    """Names of the profiles of the workspace around the current folder."""
+    from robbie_mp.profile.workspace import find_workspace  # noqa: PLC0415
+
+    try:
+        return find_workspace(Path.cwd()).names()
+    except (RobbieError, OSError):
+        return []

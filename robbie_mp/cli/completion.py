@@ -1,0 +1,37 @@
+"""`robbie completion SHELL`: print what makes a shell complete `robbie`'s commands."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from robbie_mp.cli.parser import add_command
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+PROGRAMS = ["robbie"]
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `completion` to the commands."""
+    parser = add_command(
+        subparsers,
+        "completion",
+        "print what makes your shell complete commands",
+        "Print a script that makes a shell complete commands, options, and the names of modules, message "
+        "types, topics, settings and profiles.",
+        [
+            "robbie completion bash >> ~/.bashrc",
+            "robbie completion zsh >> ~/.zshrc",
+            "robbie completion fish > ~/.config/fish/completions/robbie.fish",
+        ],
+    )
+    parser.add_argument("shell", choices=["bash", "zsh", "fish"], help="which shell")
+    parser.set_defaults(command=completion)
+
+
+def completion(arguments: argparse.Namespace) -> int:
+    """Print the script."""
+    from argcomplete.shell_integration import shellcode  # noqa: PLC0415
+
+    print(shellcode(PROGRAMS, shell=arguments.shell))
+    return 0

@@ -1,0 +1,82 @@
+"""TAB behind a command, as bash asks for it; and what holds for the whole command line."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.cli import main
+from robbie_mp.cli.new import make_workspace
+from robbie_mp.cli.program import COMMANDS, _parser
+from tests.run.robot import COMMAND
+
+ASK = """
+eval "$(robbie completion bash)"
+COMP_LINE="$1" COMP_POINT=${#1} COMP_TYPE=9
+COMP_WORDS=($1) COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
+_python_argcomplete robbie
+printf '%s\\n' "${COMPREPLY[@]}"
+"""
+
+
+@pytest.fixture
+def robbie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A workspace, and `robbie` on the path."""
+    program = tmp_path / "bin" / "robbie"
+    program.parent.mkdir()
+    python, *arguments = COMMAND
+    program.write_text(f"#!/bin/sh\nexec {python} {arguments[0]} '{arguments[1]}' \"$@\"\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{program.parent}:{os.environ['PATH']}")
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    make_workspace(tmp_path / "mouse")
+    monkeypatch.chdir(tmp_path / "mouse")
+    return tmp_path / "mouse"
+
+
+@pytest.mark.skipif(not shutil.which("bash"), reason="there is no bash")
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [("robbie ec", {"echo"}), ("robbie run r", {"robot"}), ("robbie pub --ra", {"--rate"})],
+)
+def test_bash_completes(robbie: Path, typed: str, offered: set[str]) -> None:
+    asked = subprocess.run(
+        ["bash", "-c", ASK, "bash", typed], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert {word.strip() for word in asked.stdout.split("\n")} - {""} == offered, asked.stderr
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_script_for_each_shell_names_the_program(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["completion", shell]) == 0
+    assert "robbie" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command_fits_the_screen(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([command, "--help"])
+    assert end.value.code == 0
+    shown = capsys.readouterr().out
+    assert f"robbie {command}" in shown
+
+
+def test_usage_error_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["echo"])
+    assert end.value.code == 2
+    said = capsys.readouterr().err
+    assert said == "robbie echo: the following arguments are required: TYPE; see `robbie echo --help`\n"
+
+
+def test_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["--version"])
+    assert end.value.code == 0
+    assert capsys.readouterr().out.startswith("robbie ")
+
+
+def test_commands_are_loaded_one_by_one() -> None:
+    assert list(_parser(["echo"])._subparsers._group_actions[0].choices) == ["echo"]  # type: ignore[union-attr]
