@@ -3,6 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
+from robbie_mp.cli.parser import add_command
 from robbie_mp.supervisor.sweep import sweep
 
 if TYPE_CHECKING:
@@ -11,11 +12,13 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add `clean` to the commands."""
-    parser = subparsers.add_parser(
+    parser = add_command(
+        subparsers,
         "clean",
-        help="remove what dead runs left",
-        description="Remove shared memory, processes and folders of runs whose supervisor is dead. Every "
+        "remove what dead runs left",
+        "Remove shared memory, processes and folders of runs whose supervisor is dead. Every "
         "`robbie run` does this first; live runs are not touched.",
+        ["robbie clean"],
     )
     parser.set_defaults(command=clean)
 

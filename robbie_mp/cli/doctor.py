@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 
 from robbie_mp.cli.figures import console
+from robbie_mp.cli.parser import add_command
 from robbie_mp.doctor.examination import examine, worst
 from robbie_mp.doctor.finding import Finding, Level
 from robbie_mp.profile.load import load_profile
@@ -21,12 +22,14 @@ STYLES = {Level.OK: "green", Level.WARN: "yellow", Level.FAIL: "bold red"}
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add `doctor` to the commands."""
-    parser = subparsers.add_parser(
+    parser = add_command(
+        subparsers,
         "doctor",
-        help="say what is wrong with this machine for running robots",
-        description="Check kernel, Python, shared memory, limits, processors, clocks, permissions and what "
+        "say what is wrong with this machine for running robots",
+        "Check kernel, Python, shared memory, limits, processors, clocks, permissions and what "
         "dead runs left. With a profile, check them against what it needs, and import its modules. Nothing "
         "is changed. Exit code 0: a robot runs here, if perhaps not at its best; 1: it does not.",
+        ["robbie doctor", "robbie doctor robot"],
     )
     parser.add_argument("profile", nargs="?", help="name of a profile in profiles/, or path of its file")
     parser.add_argument("--json", action="store_true", help="print JSON for a program to read")

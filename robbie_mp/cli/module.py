@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
 DESCRIPTIONS = {
-    "restart": "Stop a module in order if it runs, start it with all of its restarts to spend, and wait until "
-    "it is RUNNING. Modules that depend on it are restarted with it. It may be FAILED or STOPPED. Exit code "
-    "0: it is RUNNING; 1: it is not.",
+    "restart": "Stop a module in order if it runs, start it with all of its restarts to spend, and wait "
+    "until it is RUNNING. Modules that depend on it are restarted with it. It may be FAILED or STOPPED. Exit "
+    "code 0: it is RUNNING; 1: it is not.",
     "stop": "Stop a module in order, and wait until it has ended. It stays STOPPED until it is started.",
     "start": "Start a module that is STOPPED or FAILED, with all of its restarts to spend, and wait until it "
     "is RUNNING. Exit code 0: it is RUNNING; 1: it is not.",

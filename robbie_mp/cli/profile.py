@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from robbie_mp.cli import completers
+from robbie_mp.cli.parser import add_command
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.preflight import preflight
 from robbie_mp.profile.show import Line, as_tree, origins, to_lines
@@ -19,11 +20,13 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     """Add `profile` to the commands."""
     profile = subparsers.add_parser("profile", help="show what a profile says after merging")
     actions = profile.add_subparsers(title="actions", metavar="ACTION", required=True)
-    parser = actions.add_parser(
+    parser = add_command(
+        actions,
         "show",
-        help="print the merged profile with the origin of each value",
-        description="Print a profile merged with its parents, each value with the line that set it. "
+        "print the merged profile with the origin of each value",
+        "Print a profile merged with its parents, each value with the line that set it. "
         "Classes and settings are checked as before a run.",
+        ["robbie profile show robot", "robbie profile show robot --set sensor.period_s=1 --json"],
     )
     add_profile_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print JSON for a program to read")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from robbie_mp.checkpoint.file import checkpoint_file, set_aside
 from robbie_mp.cli.figures import console, table
 from robbie_mp.cli.figures_data import as_data
+from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_profile_arguments
 from robbie_mp.cli.screen import RunScreen
 from robbie_mp.profile.load import load_profile
@@ -24,12 +25,18 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add `run` to the commands."""
-    parser = subparsers.add_parser(
+    parser = add_command(
+        subparsers,
         "run",
-        help="run a profile until it ends or Ctrl-C stops it",
-        description="Start every module of a profile in a process of its own, restart what dies, and stop "
+        "run a profile until it ends or Ctrl-C stops it",
+        "Start every module of a profile in a process of its own, restart what dies, and stop "
         "all in order at Ctrl-C (a second one stops at once). Exit code 0: the run ended well; 1: a module "
         "is FAILED; 2: bad usage or profile.",
+        [
+            "robbie run robot",
+            "robbie run sim/arena --set mapping.resolution_m=0.1",
+            "robbie run robot --quiet --json > summary.json",
+        ],
     )
     add_profile_arguments(parser)
     parser.add_argument(

@@ -1,15 +1,18 @@
 """TAB behind a command, as bash asks for it; and what holds for the whole command line."""
 
+import argparse
 import os
+import re
 import shutil
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from robbie_mp.cli import main
 from robbie_mp.cli.new import make_workspace
-from robbie_mp.cli.program import COMMANDS, _parser
+from robbie_mp.cli.program import _parser
 from tests.run.robot import COMMAND
 
 ASK = """
@@ -54,13 +57,20 @@ def test_script_for_each_shell_names_the_program(shell: str, capsys: pytest.Capt
     assert "robbie" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_help_of_a_command_fits_the_screen(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        main([command, "--help"])
-    assert end.value.code == 0
-    shown = capsys.readouterr().out
-    assert f"robbie {command}" in shown
+def leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """The commands that do something."""
+    actions = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    if not actions:
+        yield parser
+    for action in actions:
+        for command in action.choices.values():
+            yield from leaves(command)
+
+
+@pytest.mark.parametrize("command", tuple(leaves(_parser(()))), ids=lambda command: command.prog)
+def test_help_of_every_command_has_examples(command: argparse.ArgumentParser) -> None:
+    shown = command.format_help()
+    assert re.search(rf"^examples:\n  .*{command.prog}\b", shown, re.MULTILINE), shown
 
 
 def test_usage_error_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
