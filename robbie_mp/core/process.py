@@ -28,13 +28,22 @@ class CoreProcess:
         sizes: capacities of the rings.
         slots: bounds of each slot's queue.
         message_bytes: the largest message that any module's memory can hold.
+        spin_s: how long to look for the next message before sleeping.
     """
 
-    def __init__(self, run_id: str, sizes: RingSizes, slots: Sequence[SlotLimits], message_bytes: int):
+    def __init__(
+        self,
+        run_id: str,
+        sizes: RingSizes,
+        slots: Sequence[SlotLimits],
+        message_bytes: int,
+        spin_s: float = 0.0,
+    ):
         self._run_id = run_id
         self._segment = Segment.attach(names.core(run_id), SegmentKind.CORE, write=True)
         self._words = self._segment.words
         self._wakeup = Wakeup.attach(names.core_wakeup(run_id))
+        self._wakeup.spin_s = spin_s
         self._stopping = False
         self._wakeups = 0
         self._router = Router(

@@ -15,6 +15,7 @@ from robbie_mp.profile.model import (
     Profile,
     QueueLimits,
     RestartPolicy,
+    Scheduling,
     SpareInterpreters,
     ToolLimits,
     TraceSettings,
@@ -80,7 +81,8 @@ class _Builder:
 
     def core(self, content: dict[str, Node]) -> CoreLimits:
         restart = self.nested(RestartPolicy, content, "core", "restart", CoreLimits().restart)
-        return self.section(CoreLimits, content, "core", restart=restart)
+        scheduling = self.nested(Scheduling, content, "core", "scheduling")
+        return self.section(CoreLimits, content, "core", restart=restart, scheduling=scheduling)
 
     def module(self, name: str, node: Node, siblings: dict[str, Node]) -> ModuleSpec:
         where = f"modules.{name}"
@@ -104,6 +106,7 @@ class _Builder:
             memory=self.memory(content, where),
             queue=self.nested(QueueLimits, content, where, "queue"),
             checkpoint=self.nested(CheckpointPolicy, content, where, "checkpoint"),
+            scheduling=self.nested(Scheduling, content, where, "scheduling"),
         )
 
     def class_path(self, module: Node, content: dict[str, Node], where: str, siblings: list[str]) -> str:

@@ -71,6 +71,18 @@ class CheckpointPolicy:
 
 
 @dataclass(frozen=True)
+class Scheduling:
+    """How the system schedules a process, and what it does before it sleeps."""
+
+    realtime_priority: int = bounded(0, 0, 99)
+    """Of SCHED_FIFO: it runs before all ordinary processes; 0: it is an ordinary one."""
+    cpus: list[int] = field(default_factory=list)
+    """Numbers of the processors it may run on; empty: all."""
+    spin_us: float = bounded(0.0, 0, 1e6)
+    """It looks for the next message so long before it sleeps: faster, but it keeps a processor busy."""
+
+
+@dataclass(frozen=True)
 class QueueLimits:
     """Bounds of the messages that wait for a module; beyond them the oldest goes and is counted."""
 
@@ -101,6 +113,7 @@ class ModuleSpec:
     memory: MemoryLimits = MemoryLimits()
     queue: QueueLimits = QueueLimits()
     checkpoint: CheckpointPolicy = CheckpointPolicy()
+    scheduling: Scheduling = field(default_factory=Scheduling)
     record: list[Kind] | None = None
     """Kinds of trace entries that are recorded of it; None: those of `trace.record`."""
     folder_of: Mapping[str, Path] = field(default_factory=dict)
@@ -126,6 +139,7 @@ class CoreLimits:
     """A core that gives no sign of life for so long is killed and restarted."""
     restart: RestartPolicy = RestartPolicy(policy=RestartWhen.ALWAYS, max_restarts=20)
     """As for a module; its FAILED ends the run."""
+    scheduling: Scheduling = field(default_factory=Scheduling)
 
 
 @dataclass(frozen=True)

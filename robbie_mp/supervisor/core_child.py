@@ -1,8 +1,11 @@
 """The core's part of a child: connect the router with the run's memory."""
 
+import logging
+
 from robbie_mp.core.process import CoreProcess
 from robbie_mp.core.router import SlotLimits
-from robbie_mp.supervisor.plan import TOOL_MEMORY_BYTES, RunPlan
+from robbie_mp.supervisor.plan import CORE, TOOL_MEMORY_BYTES, RunPlan
+from robbie_mp.supervisor.scheduling import apply_scheduling
 
 SUPERVISOR_QUEUE = SlotLimits(queue_messages=1000, queue_bytes=1 << 20)
 
@@ -14,4 +17,7 @@ def run_core(plan: RunPlan) -> None:
     tool = SlotLimits(queue.messages, queue.bytes, plan.tools.credits, is_tool=True)
     message_bytes = max((module.memory.limit_bytes for module in plan.modules), default=0)
     slots = [SUPERVISOR_QUEUE, *modules, *[tool] * plan.tools.count]
-    CoreProcess(plan.run_id, plan.sizes, slots, max(message_bytes, TOOL_MEMORY_BYTES)).run()
+    scheduling = plan.core.scheduling
+    apply_scheduling(scheduling, logging.getLogger(CORE))
+    message_bytes = max(message_bytes, TOOL_MEMORY_BYTES)
+    CoreProcess(plan.run_id, plan.sizes, slots, message_bytes, scheduling.spin_us / 1e6).run()

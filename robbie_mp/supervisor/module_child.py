@@ -20,6 +20,7 @@ from robbie_mp.runner import ModuleRunner
 from robbie_mp.setting_changes import SettingChanges, SettingsFile
 from robbie_mp.settings import SettingError, check_settings
 from robbie_mp.supervisor.plan import PlannedModule, RunPlan
+from robbie_mp.supervisor.scheduling import apply_scheduling
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.bus import SharedMemoryBus
@@ -68,6 +69,8 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     module = module_class(context)
     changes = SettingChanges(module, bus, settings_file)
     wakeup = memory.wakeup
+    wakeup.spin_s = planned.scheduling.spin_us / 1e6
+    apply_scheduling(planned.scheduling, module.log)
     runner = ModuleRunner(module, endpoint, inbox, outbox, wakeup, words, lambda: board.may_go, changes)
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
     gc.freeze()  # what is imported stays, so there is no need to look through it again and again

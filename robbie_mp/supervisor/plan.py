@@ -14,6 +14,7 @@ from robbie_mp.profile.model import (
     Profile,
     QueueLimits,
     RestartPolicy,
+    Scheduling,
     ToolLimits,
 )
 from robbie_mp.transport.board import TOOL_PREFIX
@@ -38,6 +39,7 @@ class PlannedModule:
     memory: MemoryLimits
     queue: QueueLimits
     checkpoint: CheckpointPolicy
+    scheduling: Scheduling
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,9 @@ class RunPlan:
     def load(cls, run_directory: Path) -> Self:
         """Read what the supervisor wrote."""
         data = json.loads((run_directory / PLAN_FILE).read_text())
-        data["core"] = CoreLimits(**data["core"] | {"restart": RestartPolicy(**data["core"]["restart"])})
+        core = data["core"]
+        core |= {"restart": RestartPolicy(**core["restart"]), "scheduling": Scheduling(**core["scheduling"])}
+        data["core"] = CoreLimits(**core)
         data["modules"] = tuple(
             PlannedModule(
                 **module
@@ -126,6 +130,7 @@ class RunPlan:
                     "memory": MemoryLimits(**module["memory"]),
                     "queue": QueueLimits(**module["queue"]),
                     "checkpoint": CheckpointPolicy(**module["checkpoint"]),
+                    "scheduling": Scheduling(**module["scheduling"]),
                 }
             )
             for module in data["modules"]
@@ -144,4 +149,5 @@ def _planned(module: ModuleSpec) -> PlannedModule:
         memory=module.memory,
         queue=module.queue,
         checkpoint=module.checkpoint,
+        scheduling=module.scheduling,
     )

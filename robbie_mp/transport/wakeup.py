@@ -1,6 +1,7 @@
 """A named semaphore by which one process wakes another."""
 
 import contextlib
+import time
 from typing import Self
 
 import posix_ipc
@@ -17,6 +18,8 @@ class Wakeup:
 
     def __init__(self, semaphore: posix_ipc.Semaphore):
         self._semaphore = semaphore
+        self.spin_s = 0.0
+        """A wait looks for a post so long before it sleeps; other threads get the GIL only now and then."""
         self.post = semaphore.release
 
     @classmethod
@@ -49,6 +52,11 @@ class Wakeup:
         The GIL is released meanwhile. All posts are taken at once because whoever wakes looks at everything.
         """
         semaphore = self._semaphore
+        if self.spin_s:
+            spin_s = self.spin_s if timeout_s is None else min(self.spin_s, timeout_s)
+            end_ns = time.monotonic_ns() + spin_s * 1e9
+            while not semaphore.value and time.monotonic_ns() < end_ns:
+                pass
         try:
             semaphore.acquire(timeout_s)
         except (posix_ipc.BusyError, posix_ipc.SignalError):

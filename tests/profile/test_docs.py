@@ -15,6 +15,7 @@ from robbie_mp.profile.model import (
     ModuleSpec,
     QueueLimits,
     RestartPolicy,
+    Scheduling,
     SpareInterpreters,
     ToolLimits,
 )
@@ -49,13 +50,17 @@ def in_yaml(value: object) -> str:
         ("memory", MemoryLimits),
         ("queue", QueueLimits),
         ("checkpoint", CheckpointPolicy),
+        ("scheduling", Scheduling),
         ("core", CoreLimits),
         ("tools", ToolLimits),
     ],
 )
 def test_every_key_of_a_section_is_documented_with_its_default(heading: str, section: type) -> None:
     assert is_dataclass(section)
-    assert documented(heading) == {field.name: in_yaml(field.default) for field in fields(section)}
+    defaults = section()
+    assert documented(heading) == {
+        field.name: in_yaml(getattr(defaults, field.name)) for field in fields(section)
+    }
 
 
 def test_every_key_of_a_module_is_documented_with_its_default() -> None:
@@ -67,7 +72,7 @@ def test_every_key_of_a_module_is_documented_with_its_default() -> None:
     table = documented("Keys of a module")
     assert table == {
         "class": "required",
-        **dict.fromkeys(["settings", "restart", "memory", "queue", "checkpoint"], "{}"),
+        **dict.fromkeys(["settings", "restart", "memory", "queue", "checkpoint", "scheduling"], "{}"),
         "depends_on": "[]",
         **plain,
     }

@@ -1,0 +1,39 @@
+"""Give a process the scheduling that its profile asks for."""
+
+import logging
+import os
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.profile.model import Scheduling
+
+
+class NoSuchCpu(RobbieError, ValueError):
+    """A profile binds a process to processors of which this machine lets it use none."""
+
+
+def apply_scheduling(wanted: Scheduling, log: logging.Logger) -> None:
+    """Schedule this process as wanted; what is not permitted is warned of, for a robot can do without.
+
+    Raises:
+        NoSuchCpu: there is none of the processors it is to run on.
+    """
+    if wanted.cpus:
+        try:
+            os.sched_setaffinity(0, wanted.cpus)
+        except (OSError, ValueError, OverflowError) as error:
+            usable = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
+            raise NoSuchCpu(
+                f"scheduling.cpus is {wanted.cpus}, but this process may only use {usable} ({error}); "
+                "change it in the profile"
+            ) from error
+    if wanted.realtime_priority:
+        # Its children would be real-time processes too, without anyone having asked for it.
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        try:
+            os.sched_setscheduler(0, policy, os.sched_param(wanted.realtime_priority))
+        except PermissionError:
+            log.warning(
+                "no permission for real-time priority %d, so it runs at ordinary priority; allow it with "
+                "`ulimit -r`, rtprio in /etc/security/limits.conf, or CAP_SYS_NICE",
+                wanted.realtime_priority,
+            )

@@ -1,0 +1,62 @@
+import logging
+import os
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from robbie_mp.profile.model import Scheduling
+from robbie_mp.supervisor.scheduling import NoSuchCpu, apply_scheduling
+from robbie_mp.transport.wakeup import Wakeup
+
+SCHEDULE = """
+import logging, os
+from robbie_mp.profile.model import Scheduling
+from robbie_mp.supervisor.scheduling import apply_scheduling
+cpu = min(os.sched_getaffinity(0))
+apply_scheduling(Scheduling(realtime_priority=3, cpus=[cpu]), logging.getLogger())
+assert os.sched_getaffinity(0) == {cpu}
+print(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK, os.sched_getparam(0).sched_priority)
+"""
+
+
+def test_process_runs_where_and_how_it_is_asked_to() -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", SCHEDULE], check=False, capture_output=True, text=True, timeout=30
+    )
+    assert ended.returncode == 0, ended.stderr
+    if ended.stdout.split() != [str(os.SCHED_FIFO), "3"]:
+        assert "no permission for real-time priority 3" in ended.stderr
+
+
+def test_missing_permission_is_a_warning(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def refuse(*_arguments: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    apply_scheduling(Scheduling(realtime_priority=50), logging.getLogger("core"))
+    assert "no permission for real-time priority 50" in caplog.text
+
+
+def test_processor_that_is_not_there_is_an_error_that_names_those_that_are() -> None:
+    with pytest.raises(NoSuchCpu, match=r"scheduling.cpus is \[100000\], but this process may only use 0"):
+        apply_scheduling(Scheduling(cpus=[100000]), logging.getLogger("core"))
+
+
+def test_who_spins_looks_for_a_post_before_it_sleeps() -> None:
+    looks = iter([0, 0, 0, 1, 1])
+    slept = []
+
+    class Semaphore(SimpleNamespace):
+        @property
+        def value(self) -> int:
+            return next(looks) if not slept else 0
+
+    wakeup = Wakeup(Semaphore(release=None, acquire=slept.append))  # type: ignore[arg-type]
+    wakeup.spin_s = 60.0
+    assert wakeup.wait(90.0)
+    assert next(looks) == 1, "it looked until the post had come"
+    assert slept == [90.0]
