@@ -1,0 +1,377 @@
+"""Figures of `robbie top`, against other sources, under a load that is known: one run shows it all."""
+
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import time
+from bisect import bisect_right
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+
+from robbie_mp.cli.top_program.feed import RunFeed, Watching
+from robbie_mp.messages import LaserScan
+from robbie_mp.observe import RunObserver, RunReading, rates_between
+from robbie_mp.transport import layout
+from robbie_mp.transport.histogram import ABSOLUTE_ERROR_S, RELATIVE_ERROR
+from tests.run.robot import Robot, wait_until
+
+pytestmark = pytest.mark.timeout(300)
+
+PAIRS = 9
+COUNT = 1000
+BURST = 10
+PERIOD_S = 0.05
+QUEUE = 50
+SLOW_S = 0.02
+KEPT = 3
+CLOCK_TICK_S = 1 / os.sysconf("SC_CLK_TCK")
+MODULES = [
+    *(
+        f"talker{number}: {{class: 'zoo.load:Talker', settings: {{count: {COUNT}}}}}"
+        for number in range(PAIRS)
+    ),
+    *(
+        f"hearer{number}: {{class: 'zoo.load:Hearer', settings: {{topic: talker{number}}}}}"
+        for number in range(PAIRS - 2)
+    ),
+    f"keeper: {{class: 'zoo.load:Hearer', settings: {{topic: talker7, keep: {KEPT}}}}}",
+    f"slow: {{class: 'zoo.load:Hearer', settings: {{topic: talker8, work_s: {SLOW_S}}}, "
+    f"queue: {{messages: {QUEUE}}}}}",
+    "ticker: {class: 'zoo.load:Ticker'}",
+    "hanger: {class: 'zoo.load:Hanger', handler_deadline_s: 60, stop_grace_s: 0.2}",
+]
+HEARERS = [*(f"hearer{number}" for number in range(PAIRS - 2)), "keeper", "slow"]
+QUIET_S = 3.0
+
+
+@dataclass
+class Evidence:
+    """What was read while the run went on, and what its modules wrote at the end."""
+
+    begun: RunReading
+    loaded: dict[str, Any]
+    """Of `top --json` under load, and what psutil said before and after it."""
+    psutil_before: dict[int, dict[str, Any]]
+    psutil_after: dict[int, dict[str, Any]]
+    processors: list[list[float]]
+    ended: RunReading
+    final: dict[str, Any]
+    stat_bytes: dict[str, int]
+    maps: list[str]
+    hung: dict[str, Any]
+    while_core_died: list[int] = field(default_factory=list)
+    """How many modules each look showed."""
+    calls: dict[str, list[int]] = field(default_factory=dict)
+    """System calls of the core and of a module: without, and with somebody who watches."""
+    books: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def module(self, name: str, of: str = "final") -> dict[str, Any]:
+        figures: dict[str, Any] = getattr(self, of)
+        return next(one for one in figures["modules"] if one["name"] == name)
+
+
+@pytest.fixture(scope="module")
+def evidence(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Evidence]:
+    folder = tmp_path_factory.mktemp("load")
+    (folder / "runtime").mkdir(mode=0o700)
+    (folder / "workspace").mkdir()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(folder / "runtime"))
+        patch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+        with closing(Robot(folder / "workspace")) as robot:
+            (robot.folder / "zoo" / "load.py").write_text(
+                Path(__file__).with_name("load_modules.py").read_text()
+            )
+            robot.write_profile("modules:\n  " + "\n  ".join(MODULES) + "\n")
+            yield gathered(robot)
+
+
+def gathered(robot: Robot) -> Evidence:
+    process = robot.start()
+    robot.until(lambda modules: all(modules[name]["handled"] > 20 for name in HEARERS))
+    run_id = next(Path(os.environ["XDG_RUNTIME_DIR"], "robbie").iterdir()).name
+    with closing(RunObserver(run_id)) as observer:
+        begun = observer.read()
+        pids = [module.pid for module in begun.modules]
+        processors = [busy_s()]
+        before = {pid: by_psutil(pid) for pid in pids}
+        loaded = top(robot, run_id, interval_s=2.0)
+        after = {pid: by_psutil(pid) for pid in pids}
+        processors.append(busy_s())
+        wait_until(lambda: is_over(observer.read()))
+        final = top(robot, run_id, interval_s=0.0)
+        stat_bytes = {path.name: path.stat().st_size for path in Path("/dev/shm").glob(f"robbie-{run_id}-*")}
+        maps = [line for line in Path("/proc/self/maps").read_text().splitlines() if run_id in line]
+        ended = observer.read()
+        calls = counted_calls(observer, ended)
+    (robot.output / "hang").touch()
+    wait_until(lambda: robot.top()["hanger"]["busy_s"] > 1.0)
+    hung = top(robot, run_id, interval_s=0.0)
+    looks = while_core_dies(run_id)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60)
+    found = Evidence(
+        begun, loaded, before, after, processors, ended, final, stat_bytes, maps, hung, looks, calls
+    )
+    for path in robot.output.glob("*.json"):
+        found.books[path.stem] = json.loads(path.read_text())
+    return found
+
+
+def top(robot: Robot, run_id: str, interval_s: float) -> dict[str, Any]:
+    answer = robot.command("top", "--json", "--interval", str(interval_s), "--run", run_id)
+    assert answer.returncode == 0, answer.stderr
+    figures: dict[str, Any] = json.loads(answer.stdout)
+    return figures
+
+
+def by_psutil(pid: int) -> dict[str, Any]:
+    process = psutil.Process(pid)
+    times, memory = process.cpu_times(), process.memory_info()
+    return {
+        "cpu_s": times.user + times.system,
+        "rss": memory.rss,
+        "threads": process.num_threads(),
+        "start": process.create_time(),
+    }
+
+
+def busy_s() -> list[float]:
+    return [
+        times.user + times.nice + times.system + times.irq + times.softirq + times.steal
+        for times in psutil.cpu_times(percpu=True)
+    ]
+
+
+def is_over(now: RunReading) -> bool:
+    """Whether the load is over, and everything handled."""
+    scans = [channel for channel in now.channels if channel.type_name == LaserScan.type_name]
+    done = all(channel.messages == COUNT for channel in scans)
+    return done and not any(books.waiting for name in HEARERS for books in subscriptions(now, name))
+
+
+def subscriptions(now: RunReading, name: str) -> tuple[Any, ...]:
+    module = now.module(name)
+    assert module is not None
+    return module.subscriptions
+
+
+def counted_calls(observer: RunObserver, now: RunReading) -> dict[str, list[int]]:
+    """Count system calls of the core and a module, 20 messages a second: unwatched, then watched."""
+    if shutil.which("strace") is None:
+        return {}
+    found: dict[str, list[int]] = {"core": [], "hanger": []}
+    for is_watched in (False, True):
+        tracers = {name: strace(now, name) for name in found}
+        end_s = time.monotonic() + QUIET_S
+        while time.monotonic() < end_s:
+            if is_watched:
+                observer.read()
+            time.sleep(0.05)
+        for name, tracer in tracers.items():
+            tracer.send_signal(signal.SIGINT)
+            _, report = tracer.communicate(timeout=20)
+            totals = [line.split() for line in report.splitlines() if line.endswith(" total")]
+            found[name].append(int(totals[0][3]) if totals else -1)
+    return found
+
+
+def strace(now: RunReading, name: str) -> "subprocess.Popen[str]":
+    module = now.module(name)
+    assert module is not None
+    return subprocess.Popen(["strace", "-c", "-f", "-p", str(module.pid)], stderr=subprocess.PIPE, text=True)
+
+
+def while_core_dies(run_id: str) -> list[int]:
+    """Look again and again while the core is killed and restarted."""
+    shown: list[int] = []
+    with closing(RunFeed(run_id)) as feed:
+        first = feed.poll()
+        assert first.reading is not None
+        core = first.reading.modules[-1]
+        os.kill(core.pid, signal.SIGKILL)
+
+        def is_back() -> bool:
+            snapshot = feed.poll()
+            assert snapshot.watching is Watching.RUN
+            assert snapshot.reading is not None
+            shown.append(len(snapshot.reading.modules))
+            now = snapshot.reading.modules[-1]
+            return now.restarts == 1 and snapshot.reading.core.heartbeat_ns > core.busy_since_ns
+
+        wait_until(is_back)
+    return shown
+
+
+def quantile_s(times_ns: list[int], fraction: float) -> float:
+    return sorted(times_ns)[math.ceil(fraction * len(times_ns)) - 1] / 1e9
+
+
+def recorded(evidence: Evidence, name: str, at: int, which: int) -> list[int]:
+    return [pair[which] for pair in evidence.books[name]["recorded"][str(at)]]
+
+
+def test_counters_are_those_of_the_modules_themselves(evidence: Evidence) -> None:
+    for number in range(PAIRS):
+        assert evidence.module(f"talker{number}")["published"] == COUNT
+        assert evidence.books[f"talker{number}"]["sent"][-1][1] == COUNT
+    for name in HEARERS:
+        module, handled = evidence.module(name), len(evidence.books[name]["took_ns"])
+        assert module["handled"] == handled
+        (books,) = module["subscriptions"]
+        assert books["routed"] == COUNT == handled + books["dropped"]
+        assert module["dropped"] == (COUNT - handled if name == "slow" else 0)
+        assert module["status"] == f"{handled} scans"
+        assert module["states"] == "ear: LISTEN"
+        assert (module["waiting"], module["left"], module["lost"], module["refused"]) == (0, 0, 0, 0)
+
+
+def test_queue_that_overflowed_shows_its_limit_and_peak(evidence: Evidence) -> None:
+    slow = evidence.module("slow")
+    assert slow["queue_messages"] == slow["waiting_peak"] == QUEUE
+    assert slow["dropped"] > 0
+
+
+def test_channels_have_the_messages_and_bytes_that_were_published(evidence: Evidence) -> None:
+    size = LaserScan(ranges=np.zeros(64, np.float32)).encoded_size()
+    found = [one for one in evidence.final["channels"] if one["type_name"] == LaserScan.type_name]
+    assert len(found) == PAIRS
+    for channel in found:
+        assert (channel["messages"], channel["bytes"]) == (COUNT, COUNT * size)
+        assert channel["publishers"] == [channel["topic"]]
+        assert len(channel["subscribers"]) == 1
+
+
+def test_kept_messages_are_pinned(evidence: Evidence) -> None:
+    keeper = evidence.module("keeper")
+    size = LaserScan(ranges=np.zeros(64, np.float32)).encoded_size()
+    assert (keeper["pinned"], keeper["pinned_bytes"]) == (KEPT, KEPT * size)
+    talker = evidence.module("talker7")
+    assert (talker["outstanding"], talker["outstanding_bytes"]) == (KEPT, KEPT * size)
+    assert evidence.final["core"]["handles"] >= KEPT
+
+
+def test_p99_and_all_other_times_are_within_the_stated_error(evidence: Evidence) -> None:
+    for name in HEARERS:
+        for kind, which in (("latency", 0), ("handler", 1)):
+            true_ns = recorded(evidence, name, layout.OUT_MESSAGE_FIGURES, which)
+            found = evidence.module(name)["times"][kind]
+            assert found["count"] == len(true_ns)
+            assert found["max_s"] == max(true_ns) / 1e9
+            assert found["mean_s"] == pytest.approx(sum(true_ns) / len(true_ns) / 1e9, abs=1e-9)
+            for part, fraction in (("p50_s", 0.5), ("p99_s", 0.99)):
+                true_s = quantile_s(true_ns, fraction)
+                assert abs(found[part] - true_s) <= RELATIVE_ERROR * true_s + ABSOLUTE_ERROR_S
+
+
+def test_handler_times_are_those_that_the_modules_measured_and_the_load_that_they_have(
+    evidence: Evidence,
+) -> None:
+    for name in HEARERS:
+        own_ns, found = evidence.books[name]["took_ns"], evidence.module(name)["times"]["handler"]
+        work_s = SLOW_S if name == "slow" else 0.005
+        assert found["p99_s"] >= (1 - 2 * RELATIVE_ERROR) * max(work_s, quantile_s(own_ns, 0.99))
+        # What it takes to decode a message and give it back is little, mostly.
+        assert found["p50_s"] <= (1 + 2 * RELATIVE_ERROR) * quantile_s(own_ns, 0.5) + 0.002
+
+
+def test_rates_under_load_are_those_at_which_the_modules_published(evidence: Evidence) -> None:
+    loaded = evidence.loaded
+    interval_s = loaded["interval_s"]
+    end_s = datetime.fromisoformat(loaded["time"]).timestamp()
+    total = 0.0
+    tolerance_hz = 3 * BURST / interval_s  # what was published between a look and the next note
+    for number in range(PAIRS):
+        notes = evidence.books[f"talker{number}"]["sent"]
+        times_s = [note[0] for note in notes]
+        first, last = (notes[bisect_right(times_s, at_s) - 1][1] for at_s in (end_s - interval_s, end_s))
+        expected_hz = (last - first) / interval_s
+        total += expected_hz
+        rates = evidence.module(f"talker{number}", "loaded")["rates"]
+        assert rates["out_hz"] == pytest.approx(expected_hz, abs=tolerance_hz)
+        channel = next(one for one in loaded["channels"] if one["topic"] == f"talker{number}")
+        assert channel["hz"] == pytest.approx(expected_hz, abs=tolerance_hz)
+    assert loaded["routed_hz"] == pytest.approx(total + 1 / PERIOD_S, abs=PAIRS * tolerance_hz)
+    assert loaded["routed_hz"] > 200, "that was no load"
+
+
+def test_jitter_is_that_of_the_messages_times(evidence: Evidence) -> None:
+    rates = rates_between(evidence.begun, evidence.ended)
+    for number in range(PAIRS - 2):
+        key = (LaserScan.type_name, LaserScan.version, f"talker{number}")
+        begun = next(one for one in evidence.begun.channels if one.topic == f"talker{number}")
+        stamps = np.array(evidence.books[f"hearer{number}"]["stamps_ns"][begun.messages - 1 :])
+        assert stamps[0] == begun.last_ns
+        assert rates.channels[key].jitter_s == pytest.approx(np.diff(stamps).std() / 1e9, abs=2e-6)
+        age_s = next(one for one in evidence.final["channels"] if one["topic"] == f"talker{number}")["age_s"]
+        assert 0 < age_s < (evidence.ended.at_ns - stamps[-1]) / 1e9
+
+
+def test_processor_memory_and_threads_are_those_that_psutil_sees(evidence: Evidence) -> None:
+    for module in evidence.loaded["modules"]:
+        before, after = evidence.psutil_before[module["pid"]], evidence.psutil_after[module["pid"]]
+        assert before["cpu_s"] - CLOCK_TICK_S <= module["cpu_s"] <= after["cpu_s"] + CLOCK_TICK_S
+        assert (
+            module["rates"]["cpu_percent"] <= 100 * (after["cpu_s"] - before["cpu_s"] + 2 * CLOCK_TICK_S) / 2
+        )
+        low, high = sorted((before["rss"], after["rss"]))
+        assert 0.9 * low <= module["rss_bytes"] <= 1.1 * high
+        assert module["threads"] in (before["threads"], after["threads"])
+        age_s = datetime.fromisoformat(evidence.loaded["time"]).timestamp() - before["start"]
+        early_s = 10.0 if module["name"] == "supervisor" else 3.0  # it imports much before it begins
+        assert age_s - early_s < module["uptime_s"] < age_s + 0.1
+    for early_s, found_s, late_s in zip(
+        evidence.processors[0], evidence.loaded["machine"]["cpu_busy_s"], evidence.processors[1], strict=True
+    ):
+        assert early_s <= found_s <= late_s
+    assert evidence.loaded["machine"]["memory_total_bytes"] == psutil.virtual_memory().total
+    assert evidence.loaded["machine"]["shared_memory_total_bytes"] == psutil.disk_usage("/dev/shm").total
+
+
+def test_segments_are_those_in_dev_shm(evidence: Evidence) -> None:
+    assert {one["name"]: one["bytes"] for one in evidence.final["segments"]} == evidence.stat_bytes
+    for module in evidence.final["modules"][1:-1]:
+        if module["pid"] and module["name"] != "core":
+            own = [
+                one["bytes"]
+                for one in evidence.final["segments"]
+                if (one["kind"], one["module"]) == ("data", module["name"])
+            ]
+            assert module["segment_bytes"] == sum(own)
+
+
+def test_hung_module_names_its_handler_and_since_when_before_the_watchdog_acts(evidence: Evidence) -> None:
+    hanger = evidence.module("hanger", "hung")
+    assert hanger["state"] == "RUNNING"
+    assert (hanger["activity"], hanger["handler"]) == ("handler", "Hanger.on_command")
+    assert hanger["busy_s"] > 1.0
+
+
+def test_every_look_shows_all_modules_while_the_core_dies_and_is_restarted(evidence: Evidence) -> None:
+    assert set(evidence.while_core_died) == {len(MODULES) + 2}
+
+
+def test_whoever_watches_can_write_nothing_and_wake_nobody(evidence: Evidence) -> None:
+    assert len(evidence.maps) >= len(MODULES)
+    for line in evidence.maps:
+        assert line.split()[1] == "r--s"
+        assert "sem." not in line
+
+
+def test_whoever_watches_costs_core_and_modules_no_system_call(evidence: Evidence) -> None:
+    if not evidence.calls or any(-1 in counts for counts in evidence.calls.values()):
+        pytest.skip("there is no strace here, or it may not look")
+    for name, (unwatched, watched) in evidence.calls.items():
+        assert unwatched > 40, f"{name} was not seen to work"
+        assert watched < 1.15 * unwatched + 10
