@@ -54,6 +54,20 @@ def _is_of_another_run(name: str) -> bool:
     return os.getpid() not in family
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let a test that tries many cases try all of them."""
+    parser.addoption("--exhaustive", action="store_true", help="kill the core before every single store")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def bytecode_is_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Let the many interpreters that tests start find compiled code, wherever nobody may write any."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+        patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
+        yield
+
+
 @pytest.fixture(autouse=True)
 def nothing_left_behind() -> Iterator[None]:
     """Fail a test that leaves a process, a thread, a descriptor or a name in shared memory."""

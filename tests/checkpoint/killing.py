@@ -26,7 +26,7 @@ from robbie_mp.transport import names
 from robbie_mp.transport.segment import unlink_segment
 
 TRACED = ("robbie_mp/checkpoint/", "robbie_mp/transport/segment.py")
-RUN = f"test{os.getpid():08d}"[-8:]
+RUN = f"test{os.getpid()}"  # no id that a run can have: a `robbie run` elsewhere would sweep it as dead
 LIMIT_BYTES = 64 << 20
 RANDOM_DEATHS = 40
 LONGEST_LIFE_S = 0.02

@@ -37,7 +37,7 @@ STEP = st.one_of(
 )
 
 
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(st.lists(STEP, max_size=40))
 def test_garbage_of_one_module_harms_nobody_else(steps: list[tuple[str, tuple[int, ...]]]) -> None:
     siege = Siege()
