@@ -1,0 +1,187 @@
+"""What one message costs, counted and not timed: posts, calls and copies, on the whole way and back.
+
+A change that makes these grow makes the robot slower on every machine; one that lowers them may lower the
+bounds here.
+"""
+
+import sys
+import tracemalloc
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robbie_mp.clock import SystemClock
+from robbie_mp.core.link import LinkMemory
+from robbie_mp.core.members import RouterLimits
+from robbie_mp.core.router import Router, SlotLimits
+from robbie_mp.core.tables import CoreTables, TableSizes
+from robbie_mp.messages import DriveCommand, Image, Message
+from robbie_mp.supervisor.memory import unlink_data_segments
+from robbie_mp.transport import layout
+from robbie_mp.transport.endpoint import Endpoint, EndpointMemory
+from robbie_mp.transport.inbox import Inbox
+from robbie_mp.transport.outbox import Outbox
+from robbie_mp.transport.records import MessageHandling, Outbound
+from robbie_mp.transport.run_memory import make_block_store, make_views
+from robbie_mp.transport.words import Words
+
+RUN_ID = "7e57c057"
+RING_RECORDS = 256
+CREDIT = 64
+SUPERVISOR, PUBLISHER, SUBSCRIBER = 0, 1, 2
+
+
+def zeros(count: int) -> Words:
+    return memoryview(bytearray(8 * count)).cast("Q")
+
+
+class Chain:
+    """Publisher, core and subscriber as in a robot, but in one process and one step after the other."""
+
+    def __init__(self) -> None:
+        self.posts = Counter[str]()
+        self.images: list[int] = []
+        sizes = TableSizes(3, channels=8, subscriptions=8, handles=600, references=600)
+        tables = CoreTables.create(zeros(sizes.words), sizes)
+        limits = RouterLimits(RING_RECORDS, CREDIT, message_bytes=1 << 24)
+        bounds = [SlotLimits(1000, 1 << 30)] * 3
+        self.out = [zeros(layout.out_words(RING_RECORDS)) for _ in bounds]
+        self.into = [zeros(layout.in_words(CREDIT)) for _ in bounds]
+        self.core = Router(tables, limits, bounds, self._connect, print)
+        ends = [self._endpoint(slot) for slot in range(3)]
+        blocks = make_block_store(RUN_ID, PUBLISHER, 1, segment_bytes=1 << 20, limit_bytes=1 << 26)
+        self.outbox = Outbox(ends[PUBLISHER], blocks, self.out[PUBLISHER], SystemClock())
+        self.views = make_views(RUN_ID)
+        self.inbox = Inbox(ends[SUBSCRIBER], self.views, self.out[SUBSCRIBER])
+        self.inbox.subscribe(DriveCommand, lambda _: None, MessageHandling.ALWAYS_DELIVER, "")
+        self.inbox.subscribe(Image, self._on_image, MessageHandling.ALWAYS_DELIVER, "")
+        for end in ends:
+            end.send(Outbound.READY)
+        self.work()
+
+    def _connect(self, slot: int, incarnation: int) -> LinkMemory:
+        wake = self._post(f"slot {slot}")
+        return LinkMemory(incarnation, self.out[slot], self.into[slot], wake, lambda: None)
+
+    def _endpoint(self, slot: int) -> Endpoint:
+        self.core.module_up(slot, 1)
+        memory = EndpointMemory(slot, 1, self.out[slot], self.into[slot], self._post("core"))
+        return Endpoint(memory, RING_RECORDS, CREDIT)
+
+    def _post(self, to: str) -> Callable[[], None]:
+        def post() -> None:
+            self.posts[to] += 1
+
+        return post
+
+    def _on_image(self, image: Image) -> None:
+        self.images.append(image.data.__array_interface__["data"][0])
+
+    def work(self) -> None:
+        """Do all that is to be done, as core and subscriber do it when they are woken."""
+        while self.core.drain() or self.core.before_sleep():
+            pass
+        while (delivery := self.inbox.take()) is not None:
+            self.inbox.handle(delivery)
+        while self.core.drain() or self.core.before_sleep():
+            pass
+
+    def send(self, message: Message) -> None:
+        assert self.outbox.publish(message, "")
+        self.work()
+
+    def close(self) -> None:
+        self.outbox.close()
+        self.views.close()
+        unlink_data_segments(RUN_ID, PUBLISHER, 1)
+
+
+@pytest.fixture
+def chain() -> Iterator[Chain]:
+    made = Chain()
+    for _ in range(5):  # declared, generated, mapped
+        made.send(DriveCommand())
+        made.send(Image(data=np.zeros(1000, np.uint8)))
+    made.posts.clear()
+    made.images.clear()
+    yield made
+    made.close()
+
+
+def calls_of(action: Callable[[], object]) -> tuple[int, set[str]]:
+    """Count calls of Python functions, and name the built-in ones with what they belong to."""
+    python = 0
+    builtin = set[str]()
+
+    def note(_frame: object, event: str, what: Any) -> None:
+        nonlocal python
+        python += event == "call"
+        if event == "c_call":
+            owner = what.__module__ or type(what.__self__).__module__
+            builtin.add(f"{owner}.{what.__qualname__}")
+
+    sys.setprofile(note)
+    try:
+        action()
+    finally:
+        sys.setprofile(None)
+    return python - 1, builtin - {"sys.setprofile"}  # the action itself is one call
+
+
+def test_message_costs_two_posts_and_its_release_none(chain: Chain) -> None:
+    for _ in range(100):
+        chain.send(DriveCommand())
+    assert chain.posts == {"core": 100, f"slot {SUBSCRIBER}": 100}
+
+
+def test_message_calls_nothing_that_enters_the_kernel(chain: Chain) -> None:
+    """Besides the posts, counted above: locks that nobody else holds and reading the clock do not."""
+    _, builtin = calls_of(lambda: chain.send(DriveCommand()))
+    harmless = ("builtins.", "_struct.", "collections.", "_thread.")
+    assert {name for name in builtin if not name.startswith(harmless)} == {"time.monotonic_ns"}
+
+
+def test_message_takes_few_calls(chain: Chain) -> None:
+    message = DriveCommand()
+    publishing, _ = calls_of(lambda: chain.outbox.publish(message, ""))
+    routing, _ = calls_of(chain.core.drain)
+    delivery = chain.inbox.take()
+    assert delivery is not None
+    handling, _ = calls_of(lambda: chain.inbox.handle(delivery))
+    releasing, _ = calls_of(chain.core.drain)
+    assert publishing <= 16
+    assert routing <= 25
+    assert handling <= 11
+    assert releasing <= 21
+
+
+def test_array_is_copied_once_on_its_way(chain: Chain) -> None:
+    """Into shared memory: neither publisher, core nor subscriber takes memory of its own for it."""
+    size = 1 << 20
+    image = Image(data=np.full(size, 7, np.uint8))
+    chain.send(image)
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    chain.send(image)
+    peak = tracemalloc.get_traced_memory()[1] - before
+    tracemalloc.stop()
+    assert peak < size / 20
+    mapped = [np.frombuffer(segment.buffer, np.uint8) for segment in chain.views._segments.values()]
+    starts = [(each.__array_interface__["data"][0], each.nbytes) for each in mapped]
+    assert all(any(at <= address < at + length for at, length in starts) for address in chain.images)
+
+
+def test_loaned_array_is_not_copied_at_all(chain: Chain) -> None:
+    size = 1 << 20
+    with chain.outbox.loan(Image, "", {"data": size}) as image:
+        image.data[:] = 9
+        lent = image.data.__array_interface__["data"][0]
+    chain.work()
+    own = [np.frombuffer(segment.buffer, np.uint8) for segment, _ in chain.outbox._blocks._segments]
+    at = [lent - each.__array_interface__["data"][0] for each in own]
+    mapped = [np.frombuffer(segment.buffer, np.uint8) for segment in chain.views._segments.values()]
+    seen = [chain.images[-1] - each.__array_interface__["data"][0] for each in mapped]
+    assert set(at) & set(seen), "what was lent lies where it was seen, in the same segment"
