@@ -1,5 +1,6 @@
 """What is in the wheel is enough: installed alone into an empty environment, far from any checkout."""
 
+import json
 import os
 import re
 import shutil
@@ -14,7 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.supervisor.run_directory import list_runs
+from robbie_mp.cli.runs import live_runs
+from robbie_mp.supervisor.control import SOCKET_NAME
 from tests.docs.pages import ROOT
 from tests.run.robot import wait_until
 
@@ -85,6 +87,12 @@ def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     yield python.parent
 
 
+def own_run() -> str:
+    """Id of the run whose memory is made, '' if there is none yet; others may run on this machine."""
+    mine = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
+    return mine[0].run_id if mine and (mine[0].folder / SOCKET_NAME).exists() else ""
+
+
 def test_new_robot_runs_with_the_wheel_alone(program: Path, tmp_path: Path) -> None:
     run("robbie", "new", "my-robot", cwd=tmp_path)
     robot = tmp_path / "my-robot"
@@ -95,7 +103,12 @@ def test_new_robot_runs_with_the_wheel_alone(program: Path, tmp_path: Path) -> N
         ["robbie", "run", "robot", "--quiet"], cwd=robot, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     )
     try:
-        wait_until(lambda: bool(list_runs()) and "RUNNING" in run("robbie", "list", cwd=tmp_path), LIMIT_S)
+        wait_until(lambda: own_run() != "", LIMIT_S)
+        wait_until(
+            lambda: "sensor" in run("robbie", "list", "topics", "--run", own_run(), cwd=tmp_path), LIMIT_S
+        )
+        message = run("robbie", "echo", "ProcessorLoad", "--once", "--json", "--run", own_run(), cwd=robot)
+        assert json.loads(message)["sender"] == "sensor"
     finally:
         process.send_signal(signal.SIGINT)
         output, _ = process.communicate(timeout=LIMIT_S)

@@ -1,5 +1,6 @@
 """What docs/tutorial.md says is done, word for word, and what it shows is seen; numbers may differ."""
 
+import json
 import os
 import re
 import shlex
@@ -7,12 +8,13 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
+from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import ModuleFigures, RunObserver
-from robbie_mp.supervisor.run_directory import list_runs
 from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
 from tests.docs.pages import ROOT, Block, blocks
 from tests.run.robot import wait_until
@@ -43,16 +45,22 @@ class Reader:
             "output": self.see,
             "output of the run": self.see_in_first_terminal,
             "fails with 2": lambda text: self.type(text, exit_code=2),
-            "run when the watch has counted to 10": self.type_when(lambda watch: watch.handled >= 10),
+            "run when the sensor has spoken": self.type_when("sensor", lambda sensor: sensor.published > 0),
+            "run when the watch has counted to 10": self.type_when(
+                "watch", lambda watch: watch.handled >= 10
+            ),
             "run when the watch was restarted": self.type_when(
-                lambda watch: watch.restarts == 1 and watch.status != ""
+                "watch", lambda watch: watch.restarts == 1 and watch.status != ""
             ),
             "stop the run": lambda _text: self.stop(),
         }
 
     def do(self, step: Block) -> None:
         action = step.mark.removeprefix("test: ")
-        if action.startswith("file "):
+        if action.startswith("append to "):
+            with (self.folder / action.removeprefix("append to ")).open("a") as file:
+                file.write(step.text)
+        elif action.startswith("file "):
             (self.folder / action.removeprefix("file ")).write_text(step.text)
         else:
             self.actions[action](step.text)
@@ -75,9 +83,9 @@ class Reader:
         if exit_code == 0:
             self.folder = Path(folder_file.read_text().strip())
 
-    def type_when(self, condition: Callable[[ModuleFigures], bool]) -> Callable[[str], None]:
+    def type_when(self, name: str, condition: Callable[[ModuleFigures], bool]) -> Callable[[str], None]:
         def action(text: str) -> None:
-            wait_until(lambda: (watch := self.watch()) is not None and condition(watch), LIMIT_S)
+            wait_until(lambda: (module := self.module(name)) is not None and condition(module), LIMIT_S)
             self.type(text)
 
         return action
@@ -89,15 +97,19 @@ class Reader:
                 shlex.split(text), cwd=self.folder, stdout=output, stderr=subprocess.STDOUT
             )
 
-    def watch(self) -> ModuleFigures | None:
-        """Figures of the module `watch`, as soon as there is a run."""
+    def module(self, name: str) -> ModuleFigures | None:
+        """Figures of a module, as soon as there is a run with it."""
         try:
-            observer = RunObserver(list_runs()[0].run_id)
+            observer = RunObserver(self.run_id())
         except (IndexError, SegmentMissing, SegmentMismatch):  # not made yet, or only half of it
             return None
-        watch = observer.modules()[1]
-        observer.close()
-        return watch
+        with closing(observer):
+            return next((module for module in observer.modules() if module.name == name), None)
+
+    def run_id(self) -> str:
+        """The one run of this reader; others may run on this machine."""
+        mine = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
+        return mine[0].run_id
 
     def see(self, text: str) -> None:
         for line in text.splitlines():
@@ -112,9 +124,11 @@ class Reader:
         assert self.process is not None
         self.process.send_signal(signal.SIGINT)
         assert self.process.wait(LIMIT_S) == 0
-        (output,) = (self.folder / "output" / "first").iterdir()
-        assert (output / "summary.json").exists()
-        assert (output / "log" / "watch.jsonl").exists()
+        output = max((self.folder / "output" / "robot").iterdir(), key=lambda folder: folder.stat().st_mtime)
+        summary = json.loads((output / "summary.json").read_text())
+        modules = {module["name"] for module in summary["modules"]} - {"supervisor"}
+        assert modules >= {"sensor", "core"}
+        assert all((output / "log" / f"{name}.jsonl").exists() for name in modules)
 
 
 @pytest.fixture
