@@ -18,6 +18,7 @@ from robbie_mp.profile.model import (
     Scheduling,
     SpareInterpreters,
     ToolLimits,
+    TraceSettings,
 )
 
 from .conftest import Robot
@@ -74,6 +75,7 @@ def test_every_key_of_a_module_is_documented_with_its_default() -> None:
         "class": "required",
         **dict.fromkeys(["settings", "restart", "memory", "queue", "checkpoint", "scheduling"], "{}"),
         "depends_on": "[]",
+        "record": "null",
         **plain,
     }
 
@@ -81,6 +83,12 @@ def test_every_key_of_a_module_is_documented_with_its_default() -> None:
 def test_every_key_of_spares_is_documented_with_its_default() -> None:
     default = SpareInterpreters()
     assert documented("spares") == {"count": str(default.count), "imports": str(default.imports)}
+
+
+def test_every_key_of_the_trace_is_documented_with_its_default() -> None:
+    default = vars(TraceSettings())
+    record = f"[{', '.join(default.pop('record'))}]"
+    assert documented("trace") == {"record": record} | {key: in_yaml(value) for key, value in default.items()}
 
 
 def test_every_key_of_a_profile_is_documented() -> None:
