@@ -1,6 +1,7 @@
 """Commands from outside: done, refused in words, and never in the way of the tree."""
 
 import json
+import logging
 import os
 import socket
 import threading
@@ -14,6 +15,8 @@ from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.control import MAX_CLIENTS, MAX_LINE_BYTES, ControlServer, socket_address
 from robbie_mp.supervisor.control_client import RunNotControlled, control
 from robbie_mp.supervisor.states import ChildState
+from robbie_mp.trace.kinds import Kind
+from robbie_mp.trace.levels import read_level
 from tests.supervisor import zoo
 from tests.supervisor.running import NEVER, Run, Scenario, animal, core
 
@@ -41,10 +44,10 @@ class Controlled(Run):
 class Command:
     """A command given by somebody else, in a thread, because the test's own thread runs the tree."""
 
-    def __init__(self, run: Controlled, command: str, module: str | None = None):
+    def __init__(self, run: Controlled, command: str, module: str | None = None, **more: object):
         self.said: str | None = None
         self.refused = ""
-        self._thread = threading.Thread(target=self._give, args=(run.folder, command, module))
+        self._thread = threading.Thread(target=self._give, args=(run.folder, command, module), kwargs=more)
         self._thread.start()
 
     def is_over(self) -> bool:
@@ -53,9 +56,9 @@ class Command:
             return True
         return False
 
-    def _give(self, folder: Path, command: str, module: str | None) -> None:
+    def _give(self, folder: Path, command: str, module: str | None, **more: object) -> None:
         try:
-            self.said = control(folder, command, module)
+            self.said = control(folder, command, module, **more)
         except RobbieError as error:
             self.refused = str(error)
 
@@ -142,6 +145,40 @@ def test_stopped_module_stays_so_until_it_is_restarted(tmp_path: Path) -> None:
         run.tree.stop("seen enough")
 
     assert run.play(scenario()) == 0
+
+
+def test_what_is_recorded_is_set_for_all_modules_or_for_one_and_they_are_told(tmp_path: Path) -> None:
+    run = Controlled(tmp_path, core(), animal(zoo.works, "laser"), animal(zoo.works, "other"))
+
+    def kinds(name: str) -> set[Kind]:
+        return set(run.tree.child(name).output.kinds)
+
+    def given(module: str | None, *recorded: str) -> Command:
+        return Command(run, "record", module, kinds=recorded)
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        assert read_level(run.folder, "laser") == logging.DEBUG
+        command = given(None, "error", "warning")
+        yield command.is_over
+        assert command.said == "every module: error, warning recorded from now on"
+        command = given("laser")
+        yield command.is_over
+        assert command.said == "laser: nothing recorded from now on"
+        assert (kinds("laser"), kinds("other"), kinds("core")) == (set(), {"error", "warning"}, set(Kind))
+        assert read_level(run.folder, "laser") > logging.CRITICAL
+        assert read_level(run.folder, "other") == logging.WARNING
+        command = given("supervisor", "error")
+        yield command.is_over
+        for command in (given("nobody", "error"), given("laser", "loud")):
+            yield command.is_over
+            assert command.refused
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+    remarks = [line.text for line in run.lines if line.stream == "supervisor"]
+    assert any("STARTING → RUNNING" in text for text in remarks)
+    assert not any("RUNNING → STOPPED" in text for text in remarks), "recorded in spite of it"
 
 
 def test_failed_module_gets_its_whole_budget_back(tmp_path: Path) -> None:
