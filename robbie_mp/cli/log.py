@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.style import Style
 
+from robbie_mp.cli import completers
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
 from robbie_mp.errors import RobbieError
@@ -64,7 +65,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser.add_argument(
         "--kind", metavar="KINDS", type=_kinds, help=f"only these of {','.join(Kind)}; joined by commas"
     )
-    parser.add_argument("--module", metavar="NAME", help="only of this module, or of core or supervisor")
+    module = parser.add_argument("--module", metavar="NAME", help="only of this module, or core, or supervisor")
+    module.completer = completers.modules  # type: ignore[attr-defined]
     parser.add_argument("--last", metavar="N", type=int, help="only the last N entries")
     parser.add_argument("--follow", action="store_true", help="go on as long as the run does")
     parser.add_argument("--crashes", action="store_true", help="show the reports of crashes instead")

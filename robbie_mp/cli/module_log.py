@@ -5,11 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.reader import last_entries
+from robbie_mp.trace.reader import crash_reports, last_entries
 
-READ_ENTRIES = 500
-CRASH_BEGINS = ("Traceback (most recent call last):", "Fatal Python error:")
-"""Of what is printed: by threads and children of a module, and by faulthandler."""
 CRASH_LINES = 60
 
 
@@ -20,7 +17,7 @@ class ModuleLog:
     lines: tuple[str, ...]
     """The last ones, each entry with its time."""
     crash: tuple[str, ...]
-    """Which start crashed and when, then the traceback or stack dump; empty if none was found."""
+    """Which start crashed, when and why, then what its report says; empty if there is none."""
 
 
 def read_module_log(output_directory: Path, module: str, line_count: int) -> ModuleLog:
@@ -31,24 +28,21 @@ def read_module_log(output_directory: Path, module: str, line_count: int) -> Mod
         module: its name; also "core".
         line_count: how many of the last lines.
     """
-    entries = last_entries(output_directory, module, READ_ENTRIES)
-    lines = [f"{_clock(entry)} {line}" for entry in entries[-line_count:] for line in entry.lines()]
-    return ModuleLog(tuple(lines[-line_count:]), _last_crash(entries))
+    entries = last_entries(output_directory, module, line_count)
+    lines = [f"{_clock(entry.time_s)} {line}" for entry in entries for line in _lines(entry)]
+    return ModuleLog(tuple(lines[-line_count:]), _last_crash(output_directory, module))
 
 
-def _last_crash(entries: list[Entry]) -> tuple[str, ...]:
-    for number in range(len(entries) - 1, -1, -1):
-        entry = entries[number]
-        if entry.level == "CRITICAL" and entry.traceback:
-            lines = entry.lines()
-        elif entry.stream == "stderr" and entry.text.startswith(CRASH_BEGINS):
-            same = (entry.stream, entry.incarnation)
-            lines = [one.text for one in entries[number:] if (one.stream, one.incarnation) == same]
-        else:
-            continue
-        return (f"start {entry.incarnation}, {_clock(entry)}", *lines[:CRASH_LINES])
+def _lines(entry: Entry) -> list[str]:
+    return [entry.text] if entry.crash_report else entry.lines()
+
+
+def _last_crash(output_directory: Path, module: str) -> tuple[str, ...]:
+    for report in crash_reports(output_directory, module, newest=1):
+        title = f"start {report.incarnation}, {_clock(report.time_s)}, {report.reason}"
+        return (title, *report.lines()[1:CRASH_LINES])
     return ()
 
 
-def _clock(entry: Entry) -> str:
-    return time.strftime("%H:%M:%S", time.localtime(entry.time_s))
+def _clock(time_s: float) -> str:
+    return time.strftime("%H:%M:%S", time.localtime(time_s))

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.cli.module_log import read_module_log
+from robbie_mp.trace.crash import CrashFolder, CrashReport, LastWords
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind
 
@@ -32,29 +33,22 @@ def test_last_lines_are_shown_with_their_times(written: Path) -> None:
     assert log.crash == ()
 
 
-def test_exception_that_ended_a_module_is_its_last_crash(written: Path) -> None:
-    write(
-        written,
-        entry(1, "caught", "log", level="ERROR", traceback=TRACEBACK.replace("Zero", "Other")),
-        entry(2, "ZeroDivisionError: …", "log", level="CRITICAL", traceback=TRACEBACK),
-        entry(3, "works again", incarnation=2),
-    )
-    crash = read_module_log(written, "laser", 2).crash
-    assert crash[0].startswith("start 1, ")
-    assert crash[-1] == "ZeroDivisionError: division by zero"
-    assert "OtherDivisionError" not in "\n".join(crash)
-
-
-def test_stack_dump_of_a_crash_in_c_is_its_last_crash(written: Path) -> None:
-    write(
-        written,
-        entry(1, "Fatal Python error: Segmentation fault", "stderr"),
-        entry(2, "from a thread"),
-        entry(3, "Current thread 0x1:", "stderr"),
-        entry(4, "restarted", "stderr", incarnation=2),
-    )
-    crash = read_module_log(written, "laser", 5).crash
-    assert crash[1:] == ("Fatal Python error: Segmentation fault", "Current thread 0x1:")
+def test_last_crash_is_the_newest_report(written: Path) -> None:
+    reports = CrashFolder(written / "log", keep=5)
+    for incarnation, reason in ((1, "exit code 1"), (2, "killed by SIGSEGV")):
+        words = LastWords(activity="tick")
+        said = ["the stack"]
+        crash = CrashReport(
+            "laser", incarnation, 7, 1e9 + incarnation, 1.0, reason, None, 11, 0.1, [], words, said, []
+        )
+        place = reports.write(crash)
+        text = f"crashed in tick: {reason}"
+        write(written, entry(incarnation, text, traceback="\n".join(crash.lines()), crash_report=place))
+    log = read_module_log(written, "laser", 2)
+    assert [line.split(" ", 1)[1] for line in log.lines] == ["crashed in tick: killed by SIGSEGV"]
+    assert log.crash[0].startswith("start 2, ")
+    assert log.crash[0].endswith("killed by SIGSEGV")
+    assert log.crash[-1].strip() == "the stack"
 
 
 def test_module_without_any_log_has_neither(tmp_path: Path) -> None:
