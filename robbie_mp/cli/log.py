@@ -65,7 +65,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser.add_argument(
         "--kind", metavar="KINDS", type=_kinds, help=f"only these of {','.join(Kind)}; joined by commas"
     )
-    module = parser.add_argument("--module", metavar="NAME", help="only of this module, or core, or supervisor")
+    module = parser.add_argument("--module", metavar="NAME", help="only of this module, core, or supervisor")
     module.completer = completers.modules  # type: ignore[attr-defined]
     parser.add_argument("--last", metavar="N", type=int, help="only the last N entries")
     parser.add_argument("--follow", action="store_true", help="go on as long as the run does")
