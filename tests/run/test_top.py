@@ -72,8 +72,8 @@ class Evidence:
     hung: dict[str, Any]
     while_core_died: list[int] = field(default_factory=list)
     """How many modules each look showed."""
-    calls: dict[str, list[int]] = field(default_factory=dict)
-    """System calls of the core and of a module: without, and with somebody who watches."""
+    calls: dict[str, list[float]] = field(default_factory=dict)
+    """System calls of the core and a module for each message: without, and with somebody who watches."""
     books: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def module(self, name: str, of: str = "final") -> dict[str, Any]:
@@ -167,30 +167,36 @@ def subscriptions(now: RunReading, name: str) -> tuple[Any, ...]:
     return module.subscriptions
 
 
-def counted_calls(observer: RunObserver, now: RunReading) -> dict[str, list[int]]:
-    """Count system calls of the core and a module, 20 messages a second: unwatched, then watched."""
+def counted_calls(observer: RunObserver, now: RunReading) -> dict[str, list[float]]:
+    """Count system calls of the core and a module for each message: unwatched, then watched."""
     if shutil.which("strace") is None:
         return {}
-    found: dict[str, list[int]] = {"core": [], "hanger": []}
+    found: dict[str, list[float]] = {"core": [], "hanger": []}
     for is_watched in (False, True):
         tracers = {name: strace(now, name) for name in found}
-        end_s = time.monotonic() + QUIET_S
+        routed, end_s = observer.routed, time.monotonic() + QUIET_S
         while time.monotonic() < end_s:
             if is_watched:
                 observer.read()
             time.sleep(0.05)
+        routed = observer.routed - routed
         for name, tracer in tracers.items():
             tracer.send_signal(signal.SIGINT)
             _, report = tracer.communicate(timeout=20)
             totals = [line.split() for line in report.splitlines() if line.endswith(" total")]
-            found[name].append(int(totals[0][3]) if totals else -1)
+            found[name].append(int(totals[0][3]) / routed if totals else math.nan)
     return found
 
 
 def strace(now: RunReading, name: str) -> "subprocess.Popen[str]":
     module = now.module(name)
     assert module is not None
-    return subprocess.Popen(["strace", "-c", "-f", "-p", str(module.pid)], stderr=subprocess.PIPE, text=True)
+    tracer = subprocess.Popen(
+        ["strace", "-c", "-f", "-p", str(module.pid)], stderr=subprocess.PIPE, text=True
+    )
+    assert tracer.stderr is not None
+    tracer.stderr.readline()  # that it has attached, or why it may not
+    return tracer
 
 
 def while_core_dies(run_id: str) -> list[int]:
@@ -370,8 +376,8 @@ def test_whoever_watches_can_write_nothing_and_wake_nobody(evidence: Evidence) -
 
 
 def test_whoever_watches_costs_core_and_modules_no_system_call(evidence: Evidence) -> None:
-    if not evidence.calls or any(-1 in counts for counts in evidence.calls.values()):
+    if not evidence.calls or any(math.isnan(count) for pair in evidence.calls.values() for count in pair):
         pytest.skip("there is no strace here, or it may not look")
     for name, (unwatched, watched) in evidence.calls.items():
-        assert unwatched > 40, f"{name} was not seen to work"
-        assert watched < 1.15 * unwatched + 10
+        assert unwatched > 0.9, f"{name} was not seen to work"
+        assert watched < 1.25 * unwatched, "a watcher that took part would at least double it"
