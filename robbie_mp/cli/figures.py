@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from robbie_mp.observe import ModuleFigures
-from robbie_mp.supervisor.memory import STATES
+from robbie_mp.supervisor import states
 
 STYLES = {"RUNNING": "green", "STARTING": "cyan", "BACKOFF": "yellow", "FAILED": "bold red", "STOPPED": "dim"}
 COUNTERS = ("published", "handled", "replaced", "dropped", "lost", "refused")
@@ -25,7 +25,7 @@ def console() -> Console:
 
 def state_name(figures: ModuleFigures) -> str:
     """The state in words; '-' for who has none (the supervisor itself, or never started)."""
-    return str(STATES[figures.state - 1]) if 0 < figures.state <= len(STATES) else "-"
+    return states.state_name(figures.state)
 
 
 def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str] = ()) -> Table:

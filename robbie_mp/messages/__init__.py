@@ -54,6 +54,7 @@ from robbie_mp.messages.stock.geometry_msgs import (
     Vector3,
 )
 from robbie_mp.messages.stock.nav_msgs import MapMetaData, OccupancyGrid, Odometry, Path
+from robbie_mp.messages.stock.profiler_msgs import ChannelProfile, ModuleProfile, SystemProfile
 from robbie_mp.messages.stock.rcl_interfaces import Log
 from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.messages.stock.robbie_msgs import DriveCommand, ModuleState, SettingChange, SettingChanged
@@ -79,6 +80,7 @@ __all__ = [
     "Array",
     "BatteryState",
     "BufferTooSmall",
+    "ChannelProfile",
     "CompressedImage",
     "DeclarationError",
     "DecodeError",
@@ -101,6 +103,7 @@ __all__ = [
     "MaxLength",
     "Message",
     "MessageError",
+    "ModuleProfile",
     "ModuleState",
     "NavSatFix",
     "NavSatStatus",
@@ -117,6 +120,7 @@ __all__ = [
     "SchemaError",
     "SettingChange",
     "SettingChanged",
+    "SystemProfile",
     "TFMessage",
     "Time",
     "Transform",

@@ -12,7 +12,7 @@ from robbie_mp.messages import ModuleState, Time
 from robbie_mp.supervisor.incarnations import Doing
 from robbie_mp.supervisor.last_words import LastWordsReader, describe_activity
 from robbie_mp.supervisor.plan import CORE, TOOL_MEMORY_BYTES, PlannedModule, RunPlan
-from robbie_mp.supervisor.states import ChildState, StateChange
+from robbie_mp.supervisor.states import STATES, ChildState, StateChange
 from robbie_mp.supervisor.sweep import unlink_names
 from robbie_mp.trace.crash import LastWords
 from robbie_mp.transport import layout, names
@@ -34,8 +34,6 @@ SUPERVISOR = "supervisor"
 SUPERVISOR_SLOT = 0
 SUPERVISOR_SEGMENT_BYTES = 64 << 10
 SUPERVISOR_LIMIT_BYTES = 1 << 20
-STATES = tuple(ChildState)
-"""The board holds a state as its place in this order, counted from 1."""
 
 
 class RunMemory:

@@ -30,6 +30,15 @@ class ChildState(StrEnum):
         return self in (ChildState.FAILED, ChildState.STOPPED)
 
 
+STATES = tuple(ChildState)
+"""The board holds a state as its place in this order, counted from 1."""
+
+
+def state_name(place: int) -> str:
+    """Return the name of a state on the board; '-' for who was never started."""
+    return str(STATES[place - 1]) if 0 < place <= len(STATES) else "-"
+
+
 @dataclass(frozen=True)
 class StateChange:
     """One step in the life of a child."""

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from robbie_mp.messages import DriveCommand, LaserScan
+from robbie_mp.messages import DriveCommand, LaserScan, SystemProfile
 from robbie_mp.module import Module, setting
 from robbie_mp.transport.histogram import WorkFigures
 
@@ -84,6 +84,38 @@ class Hearer(Bookkeeper):
 
     def books(self) -> dict[str, object]:
         return {"took_ns": self.took_ns, "stamps_ns": self.stamps_ns}
+
+
+class Reporter(Bookkeeper):
+    """Writes down what the profiler says."""
+
+    def setup(self) -> None:
+        self.said: list[dict[str, object]] = []
+        self.subscribe(SystemProfile, self.on_profile)
+
+    def on_profile(self, profile: SystemProfile) -> None:
+        self.said.append(
+            {
+                "interval_s": profile.interval_s,
+                "channels": {
+                    one.topic: {"messages": one.messages, "hz": one.hz}
+                    for one in profile.channels
+                    if one.message_type == LaserScan.type_name
+                },
+                "modules": {
+                    one.name: {
+                        "pid": one.pid,
+                        "state": one.state,
+                        "in_hz": one.in_hz,
+                        "p99": one.handler_p99_s,
+                    }
+                    for one in profile.modules
+                },
+            }
+        )
+
+    def books(self) -> dict[str, object]:
+        return {"said": self.said}
 
 
 class Ticker(Module):

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,8 @@ MODULES = [
     f"slow: {{class: 'zoo.load:Hearer', settings: {{topic: talker8, work_s: {SLOW_S}}}, "
     f"queue: {{messages: {QUEUE}}}}}",
     "ticker: {class: 'zoo.load:Ticker'}",
+    "profiler: {class: 'robbie_mp.services.profiler:Profiler', settings: {period_s: 0.5}}",
+    "reporter: {class: 'zoo.load:Reporter'}",
     "hanger: {class: 'zoo.load:Hanger', handler_deadline_s: 60, stop_grace_s: 0.2}",
 ]
 HEARERS = [*(f"hearer{number}" for number in range(PAIRS - 2)), "keeper", "slow"]
@@ -343,6 +346,22 @@ def test_processor_memory_and_threads_are_those_that_psutil_sees(evidence: Evide
         assert early_s <= found_s <= late_s
     assert evidence.loaded["machine"]["memory_total_bytes"] == psutil.virtual_memory().total
     assert evidence.loaded["machine"]["shared_memory_total_bytes"] == psutil.disk_usage("/dev/shm").total
+
+
+def test_profiler_tells_the_same_as_a_message(evidence: Evidence) -> None:
+    said = evidence.books["reporter"]["said"]
+    assert len(said) > 5
+    for before, now in pairwise(said):
+        for topic, channel in now["channels"].items():
+            more = channel["messages"] - before["channels"].get(topic, {"messages": 0})["messages"]
+            assert channel["hz"] * now["interval_s"] == pytest.approx(more, rel=1e-5, abs=1e-3)
+    assert {channel["messages"] for channel in said[-1]["channels"].values()} == {COUNT}
+    pids = {module["name"]: module["pid"] for module in evidence.final["modules"]}
+    assert {name: module["pid"] for name, module in said[2]["modules"].items()} == pids
+    busiest = max(said, key=lambda one: one["modules"]["slow"]["in_hz"])["modules"]
+    assert busiest["slow"]["in_hz"] == pytest.approx(1 / SLOW_S, rel=0.5)
+    assert busiest["slow"]["p99"] >= SLOW_S
+    assert busiest["slow"]["state"] == "RUNNING"
 
 
 def test_segments_are_those_in_dev_shm(evidence: Evidence) -> None:

@@ -4,6 +4,7 @@ from robbie_mp.messages.registry import TypeRegistry
 from robbie_mp.messages.stock import (
     geometry_msgs,
     nav_msgs,
+    profiler_msgs,
     rcl_interfaces,
     robbie_msgs,
     sensor_msgs,
@@ -20,6 +21,7 @@ def stock_registry() -> TypeRegistry:
             nav_msgs.OccupancyGrid,
             nav_msgs.Odometry,
             nav_msgs.Path,
+            profiler_msgs.SystemProfile,
             rcl_interfaces.Log,
             robbie_msgs.DriveCommand,
             robbie_msgs.ModuleState,
