@@ -104,12 +104,13 @@ class _Echo:
         return 0
 
     def _print(self, received: Received) -> None:
+        arguments = self._arguments
+        full = arguments.full or arguments.json or arguments.csv or bool(arguments.field)
         try:
-            value = self._field.value(self._type.decode(received.data))
+            value = self._field.value(self._type.decode(received.data), full=full)
         except DecodeError as error:
             _note(f"message {received.sequence} from {received.sender} cannot be read: {error}")
             return
-        arguments = self._arguments
         if arguments.json:
             print(to_json(_envelope(received) | {"message": value}), flush=True)
         elif arguments.csv:
@@ -120,7 +121,7 @@ class _Echo:
         else:
             about = f"topic {received.topic}, " if received.topic else ""
             print(f"--- # {about}from {received.sender}, sequence {received.sequence}")
-            print(to_yaml(value, full=arguments.full or bool(arguments.field)), flush=True)
+            print(to_yaml(value), flush=True)
         self._printed += 1
 
     def _say_missed(self, stream: MessageStream) -> None:

@@ -64,8 +64,13 @@ class FieldPath:
         self._steps.append(name)
         return kinds[name]
 
-    def value(self, message: Message) -> Any:
-        """Return the field's value as plain data; None for an element beyond the end of an array."""
+    def value(self, message: Message, *, full: bool = True) -> Any:
+        """Return the field's value as plain data; None for an element beyond the end of an array.
+
+        Args:
+            message: the message.
+            full: arrays as they are; else long ones as `Abbreviated`.
+        """
         value: Any = message
         for step in self._steps:
             if isinstance(step, int):
@@ -74,17 +79,34 @@ class FieldPath:
                 value = value[step]
             else:
                 value = getattr(value, step)
-        return _plain(value)
+        return _plain(value, full)
 
 
-def _plain(value: Any) -> Any:
+class Abbreviated(list[Any]):
+    """The first elements of a long array, and the last.
+
+    Args:
+        elements: these.
+        missing: how many were left out before the last.
+    """
+
+    def __init__(self, elements: list[Any], missing: int):
+        super().__init__(elements)
+        self.missing = missing
+
+
+def _plain(value: Any, full: bool) -> Any:
     """Only what JSON has; arrays as lists."""
     if isinstance(value, Message):
-        return {name: _plain(inner) for name, inner in as_dict(value).items()}
+        return {name: _plain(inner, full) for name, inner in as_dict(value).items()}
     if isinstance(value, dict):
-        return {name: _plain(inner) for name, inner in value.items()}
+        return {name: _plain(inner, full) for name, inner in value.items()}
+    if isinstance(value, list | np.ndarray) and len(value) > SHOWN and not full:
+        return Abbreviated(
+            [_plain(item, full) for item in (*value[: SHOWN - 1], value[-1])], len(value) - SHOWN
+        )
     if isinstance(value, list):
-        return [_plain(item) for item in value]
+        return [_plain(item, full) for item in value]
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
@@ -101,28 +123,28 @@ def message_of_yaml(message_type: type[Message], text: str) -> Message:
     return from_dict(message_type, plain)
 
 
-def to_yaml(value: Any, *, full: bool) -> str:
-    """Return plain data as YAML, each list on one line, long ones abbreviated unless `full`."""
-    return "\n".join(_yaml_lines(value, "", full))
+def to_yaml(value: Any) -> str:
+    """Return plain data as YAML, each list on one line."""
+    return "\n".join(_yaml_lines(value, ""))
 
 
-def _yaml_lines(value: Any, indent: str, full: bool) -> Iterator[str]:
+def _yaml_lines(value: Any, indent: str) -> Iterator[str]:
     if not isinstance(value, dict):
-        yield indent + _yaml_inline(value, full)
+        yield indent + _yaml_inline(value)
         return
     for name, inner in value.items():
         if isinstance(inner, dict) and inner:
             yield f"{indent}{name}:"
-            yield from _yaml_lines(inner, indent + "  ", full)
+            yield from _yaml_lines(inner, indent + "  ")
         else:
-            yield f"{indent}{name}: {_yaml_inline(inner, full)}"
+            yield f"{indent}{name}: {_yaml_inline(inner)}"
 
 
-def _yaml_inline(value: Any, full: bool) -> str:
-    if full or not isinstance(value, list) or len(value) <= SHOWN:
+def _yaml_inline(value: Any) -> str:
+    if not isinstance(value, Abbreviated):
         return inline(value)
-    first = inline(value[: SHOWN - 1]).removesuffix("]")
-    return f"{first}, … {len(value) - SHOWN} more …, {inline(value[-1])}]"
+    first = inline(list(value[:-1])).removesuffix("]")
+    return f"{first}, … {value.missing} more …, {inline(value[-1])}]"
 
 
 def to_json(value: Any) -> str:

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import pty
 import re
 import shutil
 import subprocess
@@ -90,3 +91,15 @@ def test_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_commands_are_loaded_one_by_one() -> None:
     assert list(_parser(["echo"])._subparsers._group_actions[0].choices) == ["echo"]  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("variable", ["NO_COLOR", "NOTHING"])
+def test_no_color_is_heeded_on_a_terminal(robbie: Path, variable: str) -> None:
+    terminal, end = pty.openpty()
+    environment = {**os.environ, variable: "1", "TERM": "xterm-256color"}
+    with os.fdopen(end, "wb") as output:
+        subprocess.run(["robbie", "doctor"], stdout=output, env=environment, timeout=60, check=False)
+    shown = os.read(terminal, 1 << 16).decode()
+    os.close(terminal)
+    assert shown
+    assert (re.search("\x1b\\[[0-9;]*3[0-9]", shown) is None) == (variable == "NO_COLOR")

@@ -9,7 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.attachment import Attachment, Detached
 from robbie_mp.cli.runs import live_runs
+from robbie_mp.messages import DriveCommand, Header, Time
+from robbie_mp.transport.records import Outbound
 from tests.run.robot import COMMAND, Ended, Robot, kill, wait_until
 
 PROFILE = """
@@ -127,3 +130,32 @@ def test_tools_come_go_die_and_stand_still_and_no_module_loses_a_message(
     assert printed == len(numbers)
     assert gaps > EACH
     assert abs(missed - gaps - (published - 1 - numbers[-1])) <= 2
+
+
+def test_tool_that_breaks_the_protocol_is_detached_and_leaves_nothing(robot: Robot) -> None:
+    robot.write_profile(PROFILE)
+    process = robot.start()
+    robot.until(lambda modules: modules["listener"]["handled"] > 0)
+    (run,) = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
+    before = {path.name for path in Path("/dev/shm").glob(f"*{run.run_id}*")}
+
+    publisher = Attachment(run, "a tool that publishes and leaves")
+    publisher.ready()
+    assert publisher.publish(DriveCommand(header=Header(stamp=Time(sec=1_000_000))), "wheels")
+    publisher.close()
+    wait_until(lambda: 1_000_000 in robot.journal("listener"))
+    robot.until(lambda modules: TOOL not in modules)
+
+    hostile = Attachment(run, "a hostile tool")
+    hostile._endpoint.send(Outbound.MODULE_GONE, 1)  # which is the supervisor's to say
+    with pytest.raises(Detached, match="a hostile tool: the core refused its records"):
+        hostile.wait_for(lambda: False, 20.0)
+    hostile.close()
+    handled = robot.until(lambda modules: TOOL not in modules)["listener"]["handled"]
+    robot.until(lambda modules: modules["listener"]["handled"] > handled + EACH)
+    wait_until(lambda: {path.name for path in Path("/dev/shm").glob(f"*{run.run_id}*")} <= before)
+
+    process.send_signal(signal.SIGINT)
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    assert all(ended.modules[name]["restarts"] == 0 for name in ("listener", "pulse", "core"))
