@@ -1,8 +1,8 @@
 """The core's process: take over what there is, route until told to stop, sleep when nothing is to route."""
 
 import gc
+import logging
 import signal
-import sys
 import time
 from collections.abc import Sequence
 from types import FrameType
@@ -51,7 +51,7 @@ class CoreProcess:
             RouterLimits(sizes.records, sizes.credit, message_bytes),
             slots,
             self._connect,
-            lambda text: print(text, file=sys.stderr, flush=True),
+            logging.getLogger("core").error,
         )
 
     def run(self) -> None:

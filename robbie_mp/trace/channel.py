@@ -20,6 +20,7 @@ CAPACITY_BYTES = 1 << 20
 LINE_BYTES = 1 << 15
 TEXT_CHARACTERS = 4096
 TRACEBACK_CHARACTERS = 12288
+_ENCODER = json.JSONEncoder(ensure_ascii=False)  # json.dumps would make one each time
 
 
 def open_channel() -> tuple[int, int]:
@@ -102,7 +103,7 @@ class ChannelHandler(logging.Handler):
             if trace:
                 data["traceback"] = _tail(trace, longest * TRACEBACK_CHARACTERS // TEXT_CHARACTERS)
             # Half a surrogate pair is legal in a Python text; escaped like this it is so in JSON as well.
-            line = json.dumps(data, ensure_ascii=False).encode(errors="backslashreplace")
+            line = _ENCODER.encode(data).encode(errors="backslashreplace")
             longest //= 2
         return line + b"\n"
 

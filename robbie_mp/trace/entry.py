@@ -61,7 +61,7 @@ class Entry:
             "text": self.text,
         }
         data |= {name: value for name in _OPTIONAL if (value := getattr(self, name))}
-        text = json.dumps(data, separators=(",", ":"))
+        text = _ENCODER.encode(data)
         return text.replace("<", "\\u003c").replace(">", "\\u003e").encode() + b"\n"
 
     @classmethod
@@ -74,6 +74,7 @@ class Entry:
             return None
 
 
+_ENCODER = json.JSONEncoder(separators=(",", ":"))  # json.dumps would make one each time
 _OPTIONAL = tuple(field.name for field in fields(Entry))[7:]
 
 

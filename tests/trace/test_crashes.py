@@ -1,6 +1,7 @@
 """One live robot whose modules end in every bad way: the last words and the reason are there each time."""
 
 import json
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from robbie_mp.supervisor.crash_watch import memory_kills
 from robbie_mp.trace.crash import CrashReport
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.reader import crash_reports, entries
-from tests.run.robot import Ended, Robot, wait_until
+from tests.run.robot import COMMAND, Ended, Robot
 from tests.trace.test_page import Comments
 
 WAYS = {
@@ -46,7 +47,14 @@ def test_last_words_and_the_reason_are_in_the_trace_however_a_module_ends(robot:
     assert "debug" not in robot.log("source").lower()
     answer = robot.command("log", "--record", "error,warning,info,system", "--module", "source")
     assert answer.stdout == "source: error, warning, info, system recorded from now on\n", answer.stderr
-    wait_until(lambda: "DEBUG point" in robot.log("source"))
+    follower = subprocess.Popen(
+        [*COMMAND, "log", "--follow", "--module", "source", "--kind", "system", "--last", "0"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert follower.stdout
+    heard = [follower.stdout.readline() for _ in range(3)]
+    assert all("source#1 system point " in line for line in heard), heard
     robot.command("log", "--record", "error")
     assert robot.command("log", "--record", "bad").returncode == 2
     unknown = robot.command("log", "--record", "error", "--module", "sourc")
@@ -54,6 +62,8 @@ def test_last_words_and_the_reason_are_in_the_trace_however_a_module_ends(robot:
     page_while_running = (robot.output / "log" / "trace.html").read_text()
     process.kill()  # the supervisor itself: what it has written must be whole
     Ended.wait_for(process)
+    follower.communicate(timeout=20)
+    assert follower.returncode == 0, "it does not end with the run"
     robot.command("clean")
 
     on_page = [entry for entry in Comments(page_while_running).found if entry]

@@ -1,6 +1,10 @@
 """The page of a trace in a real browser: fast, harmless, and whole whatever happened to its writer."""
 
+import json
+import shutil
+import subprocess
 from html.parser import HTMLParser
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -10,6 +14,8 @@ from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.page import TracePage
 from tests.trace.browser import needs_chromium, work_in
 
+NODE = shutil.which("node")
+needs_node = pytest.mark.skipif(NODE is None, reason="there is no Node.js here; Chromium tests the same")
 HOSTILE = visible(
     "--></script><script>window.hacked = 1</script><img src=x onerror='window.hacked = 1'><!-- &amp; \ud800"
 )
@@ -117,6 +123,44 @@ def test_page_shows_starts_crashes_and_details_and_nothing_in_it_is_ever_run(tmp
     assert found["count"] == "6 shown, 1 damaged"
     assert found["modules"] == ["", "laser", "mapping"]
     assert "kinds=error+warning+info+system" in found["hash"]
+
+
+@needs_node
+def test_filter_finds_what_it_should() -> None:
+    """The page's logic alone, in an engine that is quick to start."""
+    page = files("robbie_mp.trace").joinpath("page.html").read_text()
+    logic = page.split("<script>")[1].split("</script>")[0]
+    entries = [
+        entry(1, "Scan <1>"),
+        entry(2, "scan 2", "mapping", Kind.ERROR, traceback="Boom at 7"),
+        entry(3, "again", incarnation=2),
+        entry(4, "old", incarnation=1),
+    ]
+    lines = [made.to_line().decode() for made in entries]
+    asked = """
+      const read = readEntries([...%s, "half", "null", "7"]);
+      const every = { kinds: new Set(KINDS), module: "", text: "" };
+      const found = (wanted) => filterEntries(read.entries, { ...every, ...wanted }).map((one) => one.text);
+      console.log(JSON.stringify({
+        damaged: read.damaged, all: found({}), text: found({ text: "SCAN" }), trace: found({ text: "boom" }),
+        expression: found({ text: "/^mapping.*2/" }),
+        wrong: found({ text: "/(/" }), slash: found({ text: "/" }),
+        module: found({ module: "laser" }), kind: found({ kinds: new Set(["error"]) }) }));
+    """
+    ended = subprocess.run(
+        [str(NODE), "-"], input=logic + asked % json.dumps(lines), capture_output=True, text=True, check=True
+    )
+    assert json.loads(ended.stdout) == {
+        "damaged": 3,
+        "all": ["Scan <1>", "scan 2", "start 2", "again", "old"],
+        "text": ["Scan <1>", "scan 2"],
+        "trace": ["scan 2"],
+        "expression": ["scan 2"],
+        "wrong": [],
+        "slash": [],
+        "module": ["Scan <1>", "start 2", "again", "old"],
+        "kind": ["scan 2", "start 2"],
+    }
 
 
 class Comments(HTMLParser):
