@@ -8,11 +8,12 @@ from pathlib import Path
 
 import psutil
 import pytest
+import yaml
 
 from tools.bench.__main__ import main
 from tools.bench.contender import PeerContender, Trouble, wait_for_end
 from tools.bench.load import Bus, measure_bus
-from tools.bench.options import peer
+from tools.bench.options import Options, peer, read_variant
 from tools.bench.peers.peer import Peer
 from tools.bench.robbie import RobbieContender
 from tools.bench.rounds import Series, run_rounds, run_work
@@ -87,8 +88,23 @@ def test_idle_modules_take_processor_time(tmp_path):
     assert 0 < row["cpu_percent"][0] < 200
 
 
-def test_cost_of_a_message_beside_idle_modules():
-    figures = measure_bus(RobbieContender(), Bus("3 modules", pairs=1, idle=1, rate_hz=200.0), window_s=0.3)
+def test_variant_changes_the_profile_that_is_measured(tmp_path):
+    file = tmp_path / "few.yaml"
+    file.write_text("core: {credits: 2}\nmodule: {queue: {messages: 5}}")
+    usual, few = Options(variants=dict([read_variant(f"few={file}")])).robbies()
+    assert (usual.name, few.name) == ("robbie", "few")
+    work = Work("variant", tmp_path, subscribers=2)
+    few.write_workspace(tmp_path, few.pair(work))
+    profile = yaml.safe_load((tmp_path / "profiles" / "bench.yaml").read_text())
+    assert profile["core"] == {"credits": 2}
+    assert set(profile["modules"]) == {"subscriber-0", "subscriber-1", "publisher"}
+    assert all(module["queue"] == {"messages": 5} for module in profile["modules"].values())
+    assert "credits" in few.how and "credits" not in usual.how
+
+
+def test_cost_of_a_message_beside_idle_modules_and_watched_by_top():
+    watched = RobbieContender(with_top=True)
+    figures = measure_bus(watched, Bus("3 modules", pairs=1, idle=1, rate_hz=200.0), window_s=0.3)
     assert 0 < figures["core_us_per_message"] < figures["robot_us_per_message"]
     assert 0 < figures["p50_us"] <= figures["p99_us"]
     assert figures["messages_per_s"] < 250

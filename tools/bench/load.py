@@ -11,11 +11,12 @@ import numpy as np
 from tools.bench import record
 from tools.bench.contender import PeerContender, Trouble, wait_for_end, work_folder
 from tools.bench.cpu import family, measure_cpu_ns, process_ns
+from tools.bench.goals import ALONE
 from tools.bench.options import Options, peers
 from tools.bench.robbie import RobbieContender
 from tools.bench.rounds import Series, run_rounds
 from tools.bench.work import Work
-from tools.kill_campaign.robot import Robot, RobotTrouble
+from tools.kill_campaign.robot import Robot
 
 Result = dict[str, Any]
 
@@ -53,9 +54,9 @@ def buses(most: int) -> list[Bus]:
     """
     loaded = min(20, most)
     return [
-        Bus("4 modules", 2, 0, SCALE_HZ),
-        Bus(f"{most} modules, 4 of them with all traffic", 2, most - 4, SCALE_HZ),
-        Bus(f"{most} modules sharing the traffic", most // 2, 0, SCALE_HZ),
+        Bus(ALONE, 2, 0, SCALE_HZ),
+        Bus(f"{most} modules, all traffic among 4", 2, most - 4, SCALE_HZ),
+        Bus(f"{most} modules share the traffic", most // 2, 0, SCALE_HZ),
         Bus(f"{loaded} modules, {LOAD_HZ:,.0f} messages/s", loaded // 2, 0, LOAD_HZ),
     ]
 
@@ -81,18 +82,17 @@ def idle(options: Options) -> list[Result]:
 def scale(options: Options) -> list[Result]:
     """What a message costs when more modules are on the bus."""
     window_s = options.window_s(10.0, 2.0)
-    contender = options.robbies()[-1 if options.variants else 0]
     most = options.modules or (24 if options.quick else MOST_MODULES)
-    series = [Series(contender, {"bus": bus}) for bus in buses(most)]
+    series = options.chosen(
+        [Series(one, {"bus": bus}, bus.title) for one in options.robbies() for bus in buses(most)]
+    )
 
     def run(one: Series) -> Result:
-        return measure_bus(contender, one.changes["bus"], window_s)
+        assert isinstance(one.contender, RobbieContender)
+        return measure_bus(one.contender, one.changes["bus"], window_s)
 
     run_rounds(series, run, options.times(3, 1), options.budget_s)
-    rows = []
-    for one in series:
-        title = one.changes["bus"].title
-        rows.append(one.describe() | {"name": title, "title": title, "each": one.outcomes})
+    rows = [one.describe() | {"each": one.outcomes} for one in series]
     return [{"benchmark": "scale", "title": "cost of a message", "kind": "scale", "contenders": rows}]
 
 
@@ -100,7 +100,8 @@ def _idle_robot(contender: RobbieContender, count: int, window_s: float) -> floa
     with work_folder() as (topic, folder):
         work = Work(topic, folder, subscribers=count)
         with contender.robot(folder, subscribers_only(contender.pair(work))) as robot:
-            _wait(robot)
+            robot.wait_until_running()
+            time.sleep(SETTLE_S)
             return measure_cpu_ns(family(robot.supervisor.pid), window_s) / 1e7 / window_s
 
 
@@ -135,14 +136,6 @@ def _wait_for_pause(work: Work, processes: list[subprocess.Popen[bytes]]) -> Non
     time.sleep(SETTLE_S)
 
 
-def _wait(robot: Robot) -> None:
-    try:
-        robot.wait_until_running()
-    except RobotTrouble as trouble:
-        raise Trouble(str(trouble)) from trouble
-    time.sleep(SETTLE_S)
-
-
 def measure_bus(contender: RobbieContender, bus: Bus, window_s: float) -> Result:
     """Run a robot; return what core and robot take, for each message and in percent of a processor."""
     with work_folder() as (topic, folder):
@@ -157,7 +150,8 @@ def measure_bus(contender: RobbieContender, bus: Bus, window_s: float) -> Result
         bystanders = Work(f"{topic}-silence", folder, count=0, subscribers=bus.idle)
         modules |= subscribers_only(contender.pair(bystanders, "-idle")) if bus.idle else {}
         with contender.robot(folder, modules) as robot:
-            _wait(robot)
+            robot.wait_until_running()
+            time.sleep(SETTLE_S)
             result = _sample(robot, window_s)
         latencies_us = np.concatenate([_latencies_us(work) for work in works])
         p50_us, p99_us = np.quantile(latencies_us, (0.5, 0.99))

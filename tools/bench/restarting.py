@@ -9,28 +9,33 @@ from tools.bench.contender import environment
 from tools.bench.options import Options
 
 LIMIT_S = 600.0
+SUBJECTS = {
+    "small": ("--subject=small", "--spares=1"),
+    "mapping": ("--subject=mapping", "--spares=1"),
+    "small, no spares": ("--subject=small", "--spares=0"),
+}
+"""What is killed, and what `tools.bench.restart` is told for it."""
 
 
 def restart(options: Options) -> list[dict[str, Any]]:
-    """Run `tools.bench.restart` in a process of its own: it is the supervisor of what it kills."""
+    """Run `tools.bench.restart` in processes of their own: each is the supervisor of what it kills."""
     kills = options.messages(30, 10)
-    rows = [_measure(kills, spares) for spares in ((1,) if options.quick else (1, 0))]
+    subjects = list(SUBJECTS)[:1] if options.quick else list(SUBJECTS)
     title = f"SIGKILL until the restarted module handles a message, {kills} kills"
+    rows = [_measure(subject, kills) for subject in subjects]
     return [{"benchmark": "restart", "title": title, "kind": "restart", "contenders": rows}]
 
 
-def _measure(kills: int, spares: int) -> dict[str, Any]:
-    row: dict[str, Any] = {
-        "name": f"robbie {spares} spares",
-        "title": f"Robbie-MP, {spares} spare{'' if spares == 1 else 's'}",
-        "version": "",
-        "trouble": "",
-        "parts": {},
-    }
-    program = [sys.executable, "-m", f"{__package__}.restart", "--json"]
-    command = [*program, f"--kills={kills}", f"--spares={spares}"]
+def _measure(subject: str, kills: int) -> dict[str, Any]:
+    row = {"name": f"robbie {subject}", "title": f"**{subject}**", "version": "", "trouble": "", "parts": {}}
+    program = [sys.executable, "-m", f"{__package__}.restart", "--json", f"--kills={kills}"]
     ended = subprocess.run(
-        command, env=environment(), capture_output=True, text=True, timeout=LIMIT_S, check=False
+        [*program, *SUBJECTS[subject]],
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=False,
     )
     if ended.returncode:
         return row | {"trouble": ended.stderr.strip().splitlines()[-1]}

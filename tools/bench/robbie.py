@@ -15,7 +15,6 @@ from tools.bench.work import Work
 from tools.kill_campaign.robot import Robot, RobotTrouble
 
 MODULES = "tools.bench.robbie_modules"
-MEGABYTE = 1 << 20
 LIMIT_S = 90.0
 MODULE = {"restart": {"policy": "never"}, "essential": True}
 """A benchmark in which a module crashes is over."""
@@ -72,21 +71,10 @@ class RobbieContender:
         with work_folder() as (topic, folder):
             here = work.at(topic, folder)
             with self.robot(folder, self.pair(here)) as robot:
-                try:
-                    self._wait_for_end(robot)
-                except (RobotTrouble, subprocess.TimeoutExpired) as trouble:
-                    raise Trouble(str(trouble)) from trouble
+                robot.wait_for_end(LIMIT_S)
                 if robot.supervisor.returncode:
                     raise Trouble(last_words(folder / "stderr"))
                 return outcome(here)
-
-    def _wait_for_end(self, robot: Robot) -> None:
-        if not self._with_top:
-            robot.wait_for_end(LIMIT_S)
-            return
-        robot.wait_for(robot.attach, "no run appeared")
-        with watched(robot):
-            robot.wait_for_end(LIMIT_S)
 
     def pair(self, work: Work, suffix: str = "") -> dict[str, dict[str, Any]]:
         """Describe the modules of a work for a profile, subscribers first.
@@ -97,7 +85,6 @@ class RobbieContender:
         """
         file = work.folder / f"work{suffix}.json"
         work.save(file)
-        memory = {"segment_bytes": MEGABYTE + 4 * work.size_bytes}
         described = {
             f"subscriber-{index}{suffix}": {
                 "class": f"{MODULES}:Subscriber",
@@ -108,21 +95,31 @@ class RobbieContender:
         described[f"publisher{suffix}"] = {
             "class": f"{MODULES}:Publisher",
             "settings": {"work_file": str(file)},
-            "memory": memory,
             "ends_run": True,
         }
         return described
 
-    @contextlib.contextmanager
-    def robot(self, folder: Path, modules: Mapping[str, dict[str, Any]]) -> Iterator[Robot]:
-        """Start a profile of these modules; at the end it is stopped, and killed if it does not."""
+    def write_workspace(self, folder: Path, modules: Mapping[str, dict[str, Any]]) -> None:
+        """Write the profile `bench` with these modules into a folder."""
         (folder / "profiles").mkdir()
         complete = {name: {**MODULE, **own, **self._module} for name, own in modules.items()}
         text = yaml.safe_dump({"core": self._core, "modules": complete}, sort_keys=False)
         (folder / "profiles" / "bench.yaml").write_text(text)
+
+    @contextlib.contextmanager
+    def robot(self, folder: Path, modules: Mapping[str, dict[str, Any]]) -> Iterator[Robot]:
+        """Start a profile of these modules; at the end it is stopped, and killed if it does not.
+
+        Raises:
+            Trouble: from the block too, if the robot did not do what it must.
+        """
+        self.write_workspace(folder, modules)
         robot = Robot(folder, folder, "bench")
         try:
-            yield robot
+            with watched(robot) if self._with_top else contextlib.nullcontext():
+                yield robot
+        except (RobotTrouble, subprocess.TimeoutExpired) as trouble:
+            raise Trouble(str(trouble)) from trouble
         finally:
             with contextlib.suppress(RobotTrouble, subprocess.TimeoutExpired):
                 if robot.is_up:

@@ -19,6 +19,7 @@ def watched(robot: Robot) -> Iterator[None]:
 
     Where `robbie top` cannot stay, `robbie top --once` looks once a second.
     """
+    robot.wait_for(robot.attach, "no run appeared")
     ends = threading.Event()
     thread = threading.Thread(target=_watch, args=(robot, ends))
     thread.start()
