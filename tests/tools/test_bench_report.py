@@ -18,7 +18,7 @@ def row(name, p50_us, title="", **others):
         "version": "1.0",
         "how": "somehow",
         "trouble": "",
-        "rounds": len(p50_us),
+        "rounds": list(range(len(p50_us))),
         "p50_us": p50_us,
         "p99_us": [value and 2 * value for value in p50_us],
         "sent": [100] * len(p50_us),
@@ -28,7 +28,7 @@ def row(name, p50_us, title="", **others):
     }
 
 
-ABSENT = {"name": "lcm", "title": "LCM", "version": "", "how": "", "trouble": "not installed", "rounds": 0}
+ABSENT = {"name": "lcm", "title": "LCM", "version": "", "how": "", "trouble": "not installed", "rounds": []}
 LATENCY = {
     "benchmark": "latency",
     "title": "64 bytes",
@@ -57,6 +57,8 @@ def test_ratios_are_taken_within_each_round():
     floor, robbie, *_ = LATENCY["contenders"]
     assert ratio(robbie, floor, "p50_us") == pytest.approx((50 / 40 + 96 / 80) / 2)
     assert ratio(robbie, ABSENT, "p50_us") is None
+    later = row("zeromq", [24.0], rounds=[1])
+    assert ratio(robbie, later, "p50_us") == 96 / 24
 
 
 def test_rounds_in_which_nothing_arrived_do_not_count():

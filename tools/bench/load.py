@@ -101,7 +101,7 @@ def _idle_robot(contender: RobbieContender, count: int, window_s: float) -> floa
         work = Work(topic, folder, subscribers=count)
         with contender.robot(folder, subscribers_only(contender.pair(work))) as robot:
             robot.wait_until_running()
-            time.sleep(SETTLE_S)
+            time.sleep(SETTLE_S + contender.settle_s)
             return measure_cpu_ns(family(robot.supervisor.pid), window_s) / 1e7 / window_s
 
 
@@ -151,7 +151,7 @@ def measure_bus(contender: RobbieContender, bus: Bus, window_s: float) -> Result
         modules |= subscribers_only(contender.pair(bystanders, "-idle")) if bus.idle else {}
         with contender.robot(folder, modules) as robot:
             robot.wait_until_running()
-            time.sleep(SETTLE_S)
+            time.sleep(SETTLE_S + contender.settle_s)
             result = _sample(robot, window_s)
         latencies_us = np.concatenate([_latencies_us(work) for work in works])
         p50_us, p99_us = np.quantile(latencies_us, (0.5, 0.99))

@@ -49,6 +49,7 @@ class Publisher(Module):
         self.period_s = 1 / work.rate_hz if work.rate_hz else LOOK_EVERY_S
         self.record = map_publisher(work)
         self.source = np.ones(work.size_bytes, np.uint8)
+        self.begins_ns = time.monotonic_ns() + round(work.settle_s * 1e9)
         self.numbers = self.upcoming()
         self.ended = False
 
@@ -66,6 +67,8 @@ class Publisher(Module):
 
     def tick(self) -> None:
         """Publish the next, or as many as may be on their way."""
+        if time.monotonic_ns() < self.begins_ns:
+            return
         if self.ended:
             if not self.outstanding:
                 self.stop()

@@ -24,6 +24,7 @@ class Series:
         changes: in what its work differs from that of the others.
         suffix: of its name and title, saying so.
         outcomes: of the rounds in which it did its work.
+        rounds: the numbers of these rounds.
         trouble: why it did not, the last time; or why it is absent.
     """
 
@@ -31,6 +32,7 @@ class Series:
     changes: dict[str, Any] = field(default_factory=dict)
     suffix: str = ""
     outcomes: list[Any] = field(default_factory=list)
+    rounds: list[int] = field(default_factory=list)
     trouble: str = ""
 
     def describe(self) -> dict[str, Any]:
@@ -42,7 +44,7 @@ class Series:
             "version": contender.version,
             "how": contender.how,
             "trouble": self.trouble,
-            "rounds": len(self.outcomes),
+            "rounds": self.rounds,
         }
 
 
@@ -70,6 +72,7 @@ def run_rounds(
             _say(f"round {number + 1} of {rounds}: {one.describe()['title']}")
             try:
                 one.outcomes.append(run(one))
+                one.rounds.append(number)
             except Trouble as trouble:
                 one.trouble = str(trouble)
     for one in present:

@@ -16,8 +16,13 @@ def middle(values: Figures) -> float | None:
 
 def ratio(row: Row, other: Row, column: str) -> float | None:
     """Median of the ratios within each round."""
-    pairs = zip(row.get(column, ()), other.get(column, ()), strict=False)
+    values, others = _by_round(row, column), _by_round(other, column)
+    pairs = ((value, others.get(number)) for number, value in values.items())
     return middle([one / another for one, another in pairs if one is not None and another])
+
+
+def _by_round(row: Row, column: str) -> dict[int, float | None]:
+    return dict(zip(row["rounds"], row[column], strict=True)) if row.get(column) else {}
 
 
 def render(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

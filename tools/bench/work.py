@@ -25,6 +25,7 @@ class Work:
         warm_up: messages that each subscriber gets before those that are measured.
         in_place: arrays are filled in the memory that is published, not copied from an existing array.
         lossless: the publisher shall wait for slow subscribers if it can be told to.
+        settle_s: how long Robbie's publisher waits before it begins.
         pause_s: with a count of 0, how long all processes wait for messages that do not come.
     """
 
@@ -37,6 +38,7 @@ class Work:
     warm_up: int = 100
     in_place: bool = False
     lossless: bool = False
+    settle_s: float = 0.0
     pause_s: float = 0.0
 
     @property
