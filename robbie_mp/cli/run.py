@@ -86,7 +86,14 @@ def _summary(profile_name: str, result: RunResult, duration_s: float) -> dict[st
         "reason": result.reason,
         "duration_s": round(duration_s, 3),
         "output_directory": str(result.output_directory),
-        "modules": [as_data(figures) for figures in result.figures],
+        "modules": [
+            as_data(figures)
+            | {
+                "trace_entries": result.entries.get(figures.name, 0),
+                "trace_entries_dropped": result.entries_dropped.get(figures.name, 0),
+            }
+            for figures in result.figures
+        ],
     }
 
 

@@ -44,6 +44,10 @@ class RunResult:
     reason: str
     figures: list[ModuleFigures]
     """Of supervisor, modules and core, at the end."""
+    entries: dict[str, int]
+    """By name of a child: entries in the trace."""
+    entries_dropped: dict[str, int]
+    """Those that there was no room for."""
     output_directory: Path
 
 
@@ -121,7 +125,15 @@ def _run(
         exit_code = tree.run()
     finally:
         observer.close()
-    return RunResult(exit_code, tree.stop_reason, figures, output_directory)
+    outputs = {child.spec.name: child.output for child in tree.children}
+    return RunResult(
+        exit_code=exit_code,
+        reason=tree.stop_reason,
+        figures=figures,
+        entries={name: output.lines for name, output in outputs.items()},
+        entries_dropped={name: output.dropped for name, output in outputs.items()},
+        output_directory=output_directory,
+    )
 
 
 def _without_tools(figures: Sequence[ModuleFigures]) -> list[ModuleFigures]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import psutil
 
+from robbie_mp.trace.reader import last_entries
 from tests.run.robot import Ended, Robot, is_running, kill, wait_until
 
 COUNTING = """
@@ -134,6 +135,8 @@ modules:
     assert ended.exit_code == 1
     assert ended.modules["broken"]["state"] == "FAILED"
     assert "RuntimeError: the device is not there" in ended.stderr
+    assert ended.modules["broken"]["trace_entries"] == len(last_entries(robot.output, "broken", 1000)) > 3
+    assert ended.modules["broken"]["trace_entries_dropped"] == 0
 
 
 def test_module_that_crashes_at_import_is_failed_with_its_traceback(robot: Robot) -> None:
