@@ -52,6 +52,8 @@ class ModuleColumn:
     order: Callable[[ModuleRow], float | str]
     """What the rows are sorted by; numbers the largest first."""
     is_text: bool = False
+    is_line: bool = False
+    """Whether its text may be long."""
 
 
 def module_rows(reading: RunReading, rates: RunRates | None) -> list[ModuleRow]:
@@ -179,7 +181,7 @@ MODULE_COLUMNS: tuple[ModuleColumn, ...] = (
     _time("lat p99", "latency", "p99_s"),
     _time("hnd p99", "handler", "p99_s"),
     _of("rst", lambda module: module.restarts, alarm=True),
-    ModuleColumn("status", doing, lambda row: doing(row).plain, is_text=True),
+    ModuleColumn("status", doing, lambda row: doing(row).plain, is_text=True, is_line=True),
     _time("lat p50", "latency", "p50_s"),
     _time("hnd mean", "handler", "mean_s"),
     _time("hnd max", "handler", "max_s"),
@@ -203,7 +205,11 @@ MODULE_COLUMNS: tuple[ModuleColumn, ...] = (
         _uptime_s,
     ),
     ModuleColumn(
-        "last end", lambda row: Text(row.figures.last_end), lambda row: row.figures.last_end, is_text=True
+        "last end",
+        lambda row: Text(row.figures.last_end),
+        lambda row: row.figures.last_end,
+        is_text=True,
+        is_line=True,
     ),
 )
 PRINTED = (
@@ -298,6 +304,8 @@ class ChannelColumn:
     cell: Callable[[ChannelRow], Text]
     order: Callable[[ChannelRow], float | str]
     is_text: bool = False
+    is_line: bool = False
+    """Whether its text may be long."""
 
 
 def _names(names: Sequence[str]) -> Text:

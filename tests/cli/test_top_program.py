@@ -261,7 +261,7 @@ def test_it_waits_for_a_run_and_says_when_it_has_ended() -> None:
     feed.runs = ()
 
     async def script(pilot: Pilot[None]) -> None:
-        assert "There is no run" in shown(pilot)
+        assert "There is no such run" in shown(pilot)
         await pilot.press("1", "enter", "r", "s")  # nothing to do it with
         feed.watching, feed.runs = Watching.RUN, (run(),)
         await look(pilot)

@@ -33,7 +33,7 @@ class Snapshot:
 
     watching: Watching
     runs: tuple[KnownRun, ...]
-    """All live ones."""
+    """Live ones, of those that are wanted."""
     run: KnownRun | None = None
     reading: RunReading | None = None
     rates: RunRates | None = None
@@ -85,19 +85,18 @@ class RunFeed:
 
     def poll(self) -> Snapshot:
         """Read what there is now."""
-        runs = tuple(live_runs())
+        runs = self._wanted()
         if self._run is not None and self._observer is not None and is_live(self._run.folder):
             return self._read(runs)
-        fitting = [run for run in runs if self._run_id is None or run.run_id.startswith(self._run_id)]
-        if len(fitting) == 1 and self._attach(fitting[0]):
+        if len(runs) == 1 and self._attach(runs[0]):
             return self._read(runs)
         if self._readings:
             return self._shown(Watching.ENDED, runs)
-        return Snapshot(Watching.SEVERAL if len(fitting) > 1 else Watching.NOTHING, runs)
+        return Snapshot(Watching.SEVERAL if len(runs) > 1 else Watching.NOTHING, runs)
 
     def choose_next(self) -> None:
-        """Watch the next one of all live runs."""
-        runs = live_runs()
+        """Watch the next one of the live runs that are wanted."""
+        runs = self._wanted()
         known = [run.run_id for run in runs]
         if not runs:
             return
@@ -109,6 +108,9 @@ class RunFeed:
         if self._observer is not None:
             self._observer.close()
             self._observer = None
+
+    def _wanted(self) -> tuple[KnownRun, ...]:
+        return tuple(run for run in live_runs() if run.run_id.startswith(self._run_id or ""))
 
     def _attach(self, run: KnownRun) -> bool:
         try:

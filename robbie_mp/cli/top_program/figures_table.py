@@ -11,8 +11,8 @@ from robbie_mp.cli.quantities import sparkline
 
 TREND = "trend"
 TREND_WIDTH = 12
-TEXT_WIDTH = 34
-"""Of columns with lines of text; the others are as wide as they must be."""
+LINE_WIDTH = 34
+"""Of columns with whole lines of text; the others are as wide as they must be."""
 AS_STARTED = "start order"
 
 Row = TypeVar("Row")
@@ -29,6 +29,10 @@ class Column(Protocol[Row_contra]):
     @property
     def is_text(self) -> bool:
         """Whether it holds text, not numbers."""
+
+    @property
+    def is_line(self) -> bool:
+        """Whether its text may be long."""
 
     @property
     def cell(self) -> Callable[[Row_contra], Text]:
@@ -85,9 +89,9 @@ class FiguresTable(DataTable[Text], Generic[Row]):
 
     def on_mount(self) -> None:
         """Make the columns."""
-        for number, column in enumerate(self._columns):
-            is_wide = column.is_text and number > 1
-            self.add_column(Text(column.heading), key=column.heading, width=TEXT_WIDTH if is_wide else None)
+        for column in self._columns:
+            width = LINE_WIDTH if column.is_line else None
+            self.add_column(Text(column.heading), key=column.heading, width=width)
         self.add_column(Text(TREND), key=TREND, width=TREND_WIDTH)
 
     def sort_by_next(self) -> None:

@@ -137,7 +137,7 @@ class TopProgram(App[None]):
             return
         rows = module_rows(shown.reading, shown.rates)
         self._modules.show(rows)
-        self._main.query_one("#line", Static).update(self._line(rows))
+        self._show_line(rows)
         self._channels.show(channel_rows(shown.reading, shown.rates))
         self._main.query_one("#graph-text", Static).update(graph(shown.reading, shown.rates))
         if isinstance(self.screen, Details):
@@ -166,15 +166,17 @@ class TopProgram(App[None]):
             head.append("\n").append(totals_line(shown.reading, shown.rates))
         return head
 
-    def _line(self, rows: list[ModuleRow]) -> Text:
-        """Who hangs, and what the selected module says of itself."""
+    def _show_line(self, rows: list[ModuleRow]) -> None:
+        """Show who hangs, and what the selected module says of itself."""
         name = self.selected_module()
         parts = [
             Text.assemble((row.figures.name, "bold"), ": ", doing(row))
             for row in rows
             if row.is_hung or row.figures.name == name
         ]
-        return Text("\n").join(parts)
+        line = self._main.query_one("#line", Static)
+        line.update(Text("\n").join(parts))
+        line.display = bool(parts)
 
     @property
     def _main(self) -> Screen[object]:
@@ -262,8 +264,7 @@ class TopProgram(App[None]):
     def on_data_table_row_highlighted(self, _event: DataTable.RowHighlighted) -> None:
         """Show what the module says that the cursor has gone to."""
         if self._shown.reading is not None:
-            rows = module_rows(self._shown.reading, self._shown.rates)
-            self._main.query_one("#line", Static).update(self._line(rows))
+            self._show_line(module_rows(self._shown.reading, self._shown.rates))
 
     def on_data_table_row_selected(self, _event: DataTable.RowSelected) -> None:
         """Show the module that Enter was pressed on."""
@@ -307,5 +308,4 @@ def _nothing(shown: Snapshot) -> Text:
     if shown.watching is Watching.SEVERAL:
         lines = [f"  {run.run_id}  {run.record.profile if run.record else '?'}" for run in shown.runs]
         return Text("\n".join(["There are several runs; n shows the next one:", "", *lines]))
-    others = f" (but {len(shown.runs)} others)" if shown.runs else ""
-    return Text(f"There is no run{others}. `robbie run PROFILE` starts one, which is then shown here.")
+    return Text("There is no such run. `robbie run PROFILE` starts one, which is then shown here.")

@@ -1,0 +1,78 @@
+"""`robbie top` as a command: where it ends, and what it says then."""
+
+import contextlib
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.cli import main
+from tests.run.robot import COMMAND
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(autouse=True)
+def no_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robbie_mp.cli.runs.list_runs", lambda: [])
+    tmp_path.chmod(0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+
+
+@pytest.mark.parametrize("option", ["--once", "--json", "--csv=-"])
+def test_without_a_run_it_says_so(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["top", option]) == 1
+    assert capsys.readouterr().err == "no run on this machine; start one with `robbie run PROFILE`\n"
+
+
+def test_without_the_library_it_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in [name for name in sys.modules if name.startswith("robbie_mp.cli.top_program")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "textual", None)
+    monkeypatch.setitem(sys.modules, "textual.app", None)
+    assert main(["top"]) == 1
+    said = capsys.readouterr().err
+    assert "`pip install textual`" in said
+    assert "--json" in said
+
+
+def test_figures_need_no_library_of_the_terminal() -> None:
+    code = "import sys; import robbie_mp.cli.top; sys.exit('textual' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
+
+
+def test_without_a_terminal_it_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["top"]) == 1
+    assert "needs a terminal" in capsys.readouterr().err
+
+
+def test_senseless_interval_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as error:
+        main(["top", "--once", "--interval", "-1"])
+    assert error.value.code == 2
+    assert "-1 is no time in s" in capsys.readouterr().err
+
+
+def test_on_a_terminal_it_waits_for_a_run_until_q() -> None:
+    controller, terminal = pty.openpty()
+    with subprocess.Popen(
+        [*COMMAND, "top", "--run", "none"], stdin=terminal, stdout=terminal, stderr=terminal, cwd=ROOT
+    ) as process:
+        os.close(terminal)
+        try:
+            seen = b""
+            while b"no such run" not in seen:
+                seen += os.read(controller, 1 << 16)
+            os.write(controller, b"q")
+            with contextlib.suppress(OSError):  # nobody has the terminal open any more
+                while os.read(controller, 1 << 16):
+                    pass
+            assert process.wait(30) == 0
+        finally:
+            process.kill()
+            os.close(controller)
