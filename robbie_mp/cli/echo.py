@@ -13,8 +13,10 @@ from robbie_mp.cli.known_types import types_of_run
 from robbie_mp.cli.message_text import FieldPath, flat, to_csv, to_json, to_yaml
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
+from robbie_mp.declarations import read_declarations
 from robbie_mp.message_stream import MessageStream
 from robbie_mp.messages import DecodeError, Message
+from robbie_mp.supervisor.run_directory import KnownRun
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -72,8 +74,22 @@ def echo(arguments: argparse.Namespace) -> int:
     name, version = message_type.type_name, message_type.version
     on_topic = f" --topic {arguments.topic}" if arguments.topic else ""
     purpose = f"robbie echo {name}{on_topic}"
+    if not arguments.once:
+        _say_if_nobody_publishes(run, name, arguments.topic)
     with closing(MessageStream(run, name, version, arguments.topic, purpose)) as stream:
         return _Echo(message_type, field, arguments).print_all(stream)
+
+
+def _say_if_nobody_publishes(run: KnownRun, type_name: str, topic: str) -> None:
+    topics = {
+        entry.topic
+        for entry in read_declarations(run.run_id)
+        if entry.is_publisher and entry.type_name == type_name
+    }
+    if not topics:
+        _note(f"nobody publishes {type_name} yet")
+    elif topic and topic not in topics:
+        _note(f"nobody publishes on topic {topic!r} yet; there are {', '.join(sorted(map(repr, topics)))}")
 
 
 class _Echo:

@@ -19,6 +19,7 @@ from robbie_mp.suggest import did_you_mean
 SHOWN = 8
 """Elements of an array that are shown to people, if not all are asked for."""
 STEP = re.compile(r"(\w+)((?:\[\d+\])*)")
+PLAIN_NUMBER = re.compile(r"-?\d+(\.\d+)?")
 INDEX = re.compile(r"\[(\d+)\]")
 
 
@@ -141,6 +142,8 @@ def _yaml_lines(value: Any, indent: str) -> Iterator[str]:
 
 
 def _yaml_inline(value: Any) -> str:
+    if PLAIN_NUMBER.fullmatch(number := repr(value)):
+        return number  # for which a YAML library takes a hundred times as long
     if not isinstance(value, Abbreviated):
         return inline(value)
     first = inline(list(value[:-1])).removesuffix("]")
