@@ -1,5 +1,6 @@
 """Figures of `robbie top`, against other sources, under a load that is known: one run shows it all."""
 
+import csv
 import json
 import math
 import os
@@ -25,7 +26,7 @@ from robbie_mp.messages import LaserScan
 from robbie_mp.observe import RunObserver, RunReading, rates_between
 from robbie_mp.transport import layout
 from robbie_mp.transport.histogram import ABSOLUTE_ERROR_S, RELATIVE_ERROR
-from tests.run.robot import Robot, wait_until
+from tests.run.robot import COMMAND, Robot, wait_until
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -77,6 +78,9 @@ class Evidence:
     """How many modules each look showed."""
     calls: dict[str, list[float]] = field(default_factory=dict)
     """System calls of the core and a module for each message: without, and with somebody who watches."""
+    recorder_exit_code: int | None = None
+    recorded: list[dict[str, str]] = field(default_factory=list)
+    """Of `top --csv`, which ran from under load to the end of the run."""
     books: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def module(self, name: str, of: str = "final") -> dict[str, Any]:
@@ -109,6 +113,7 @@ def gathered(robot: Robot) -> Evidence:
         pids = [module.pid for module in begun.modules]
         processors = [busy_s()]
         before = {pid: by_psutil(pid) for pid in pids}
+        recorder = recording(robot, run_id)
         loaded = top(robot, run_id, interval_s=2.0)
         after = {pid: by_psutil(pid) for pid in pids}
         processors.append(busy_s())
@@ -124,9 +129,13 @@ def gathered(robot: Robot) -> Evidence:
     looks = while_core_dies(run_id)
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=60)
+    recorder.communicate(timeout=20)
     found = Evidence(
         begun, loaded, before, after, processors, ended, final, stat_bytes, maps, hung, looks, calls
     )
+    found.recorder_exit_code = recorder.returncode
+    with (robot.folder / "figures.csv").open(newline="") as file:
+        found.recorded = list(csv.DictReader(file))
     for path in robot.output.glob("*.json"):
         found.books[path.stem] = json.loads(path.read_text())
     return found
@@ -137,6 +146,11 @@ def top(robot: Robot, run_id: str, interval_s: float) -> dict[str, Any]:
     assert answer.returncode == 0, answer.stderr
     figures: dict[str, Any] = json.loads(answer.stdout)
     return figures
+
+
+def recording(robot: Robot, run_id: str) -> "subprocess.Popen[bytes]":
+    command = [*COMMAND, "top", "--csv", "figures.csv", "--interval", "0.5", "--run", run_id]
+    return subprocess.Popen(command, cwd=robot.folder)
 
 
 def by_psutil(pid: int) -> dict[str, Any]:
@@ -362,6 +376,21 @@ def test_profiler_tells_the_same_as_a_message(evidence: Evidence) -> None:
     assert busiest["slow"]["in_hz"] == pytest.approx(1 / SLOW_S, rel=0.5)
     assert busiest["slow"]["p99"] >= SLOW_S
     assert busiest["slow"]["state"] == "RUNNING"
+
+
+def test_recording_has_a_line_for_each_process_and_interval_until_the_run_ends(evidence: Evidence) -> None:
+    assert evidence.recorder_exit_code == 0
+    by_time: dict[str, list[dict[str, str]]] = {}
+    for row in evidence.recorded:
+        by_time.setdefault(row["time"], []).append(row)
+    assert len(by_time) > 10
+    names = [module["name"] for module in evidence.final["modules"]]
+    assert all([row["module"] for row in rows] == names for rows in by_time.values())
+    last = {row["module"]: row for row in next(reversed(by_time.values()))}
+    assert last["talker0"]["published"] == str(COUNT)
+    assert last["core"]["restarts"] == "1"
+    slow = [row["handler_p99_s"] for row in evidence.recorded if row["module"] == "slow"]
+    assert min(float(text) for text in slow if text) > SLOW_S * (1 - 2 * RELATIVE_ERROR)
 
 
 def test_segments_are_those_in_dev_shm(evidence: Evidence) -> None:
