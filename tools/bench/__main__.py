@@ -99,4 +99,7 @@ def _options(parsed: argparse.Namespace) -> Options:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # what it started must not outlive it
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

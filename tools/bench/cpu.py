@@ -29,11 +29,15 @@ def measure_cpu_ns(pids: Iterable[int], window_s: float) -> int:
     return sum(ns - before.get(thread, 0) for thread, ns in thread_times_ns(processes).items())
 
 
-def family(pid: int) -> list[int]:
-    """Return a process and all that descend from it."""
-    with contextlib.suppress(psutil.NoSuchProcess):
-        return [pid, *(child.pid for child in psutil.Process(pid).children(recursive=True))]
-    return []
+def family(*pids: int) -> list[int]:
+    """Return processes and all that descend from them, from one look at all processes."""
+    children: dict[int, list[int]] = {}
+    for process in psutil.process_iter(["ppid"]):
+        children.setdefault(process.info["ppid"], []).append(process.pid)
+    found = list(pids)
+    for pid in found:  # which grows meanwhile
+        found += children.get(pid, [])
+    return found
 
 
 def process_ns(pid: int) -> int:

@@ -1,5 +1,6 @@
 """The benchmarks of processor time: `idle` and `scale`."""
 
+import contextlib
 import subprocess
 import time
 from collections.abc import Mapping
@@ -7,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import psutil
 
 from tools.bench import record
 from tools.bench.contender import PeerContender, Trouble, wait_for_end, work_folder
@@ -23,6 +25,10 @@ Result = dict[str, Any]
 IDLE_MODULES = 20
 MOST_MODULES = 64
 SETTLE_S = 1.0
+MARGIN_S = 2.0
+"""How much longer than it is measured a peer is silent."""
+SPARE = "spare"
+"""What an interpreter that was started ahead calls itself once it is warm."""
 CONNECT_LIMIT_S = 30.0
 POLL_S = 0.05
 SCALE_HZ = 1000.0
@@ -100,9 +106,22 @@ def _idle_robot(contender: RobbieContender, count: int, window_s: float) -> floa
     with work_folder() as (topic, folder):
         work = Work(topic, folder, subscribers=count)
         with contender.robot(folder, subscribers_only(contender.pair(work))) as robot:
-            robot.wait_until_running()
-            time.sleep(SETTLE_S + contender.settle_s)
+            _settle(robot, contender)
             return measure_cpu_ns(family(robot.supervisor.pid), window_s) / 1e7 / window_s
+
+
+def _settle(robot: Robot, contender: RobbieContender) -> None:
+    """Wait until all modules run and the spare interpreter has done its imports."""
+    robot.wait_until_running()
+    supervisor = psutil.Process(robot.supervisor.pid)
+    robot.wait_for(lambda: any(_name(child) == SPARE for child in supervisor.children()), "no spare is warm")
+    time.sleep(SETTLE_S + contender.settle_s)
+
+
+def _name(process: psutil.Process) -> str:
+    with contextlib.suppress(psutil.Error):
+        return process.name()
+    return ""
 
 
 def subscribers_only(modules: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -112,12 +131,12 @@ def subscribers_only(modules: Mapping[str, dict[str, Any]]) -> dict[str, dict[st
 
 def _idle_peer(contender: PeerContender, count: int, window_s: float) -> float:
     with work_folder() as (topic, folder):
-        pause_s = SETTLE_S + window_s + 0.5
+        pause_s = SETTLE_S + window_s + MARGIN_S
         work = Work(topic, folder, count=0, subscribers=count, warm_up=1, pause_s=pause_s)
         try:
             with contender.started(work) as processes:
                 _wait_for_pause(work, processes)
-                pids = [pid for process in processes for pid in family(process.pid)]
+                pids = family(*(process.pid for process in processes))
                 percent = measure_cpu_ns(pids, window_s) / 1e7 / window_s
                 wait_for_end(processes, CONNECT_LIMIT_S)
                 return percent
@@ -150,8 +169,7 @@ def measure_bus(contender: RobbieContender, bus: Bus, window_s: float) -> Result
         bystanders = Work(f"{topic}-silence", folder, count=0, subscribers=bus.idle)
         modules |= subscribers_only(contender.pair(bystanders, "-idle")) if bus.idle else {}
         with contender.robot(folder, modules) as robot:
-            robot.wait_until_running()
-            time.sleep(SETTLE_S + contender.settle_s)
+            _settle(robot, contender)
             result = _sample(robot, window_s)
         latencies_us = np.concatenate([_latencies_us(work) for work in works])
         p50_us, p99_us = np.quantile(latencies_us, (0.5, 0.99))

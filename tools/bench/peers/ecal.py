@@ -32,6 +32,8 @@ class ECAL(Peer):
 
         core.initialize(_configuration(core, work), f"{work.topic} publisher")
         if work.has_array:
+            if work.count > NUMBERS - 2:
+                raise ValueError(f"eCAL's time field has room for {NUMBERS - 2} numbers, not {work.count}")
             raw = core.Publisher(work.topic, config=core.get_publisher_configuration())
             data = b"1" * work.size_bytes
 
