@@ -170,17 +170,19 @@ class Directory:
         """Find a channel by its row."""
         return next(channel for channel in self._channels.values() if channel.index == index)
 
-    def channel(self, type_name: str, version: int, topic: str) -> Channel:
-        """Find a channel, or open it.
+    def channel(self, type_name: str, version: int, topic: str, slot: int = 0) -> Channel:
+        """Find a channel, or open it for the module in a slot.
 
         Raises:
-            TableFull: there are as many channels as the profile allows.
+            TableFull: there are as many channels as the profile allows. A quarter of them is not for tools:
+                channels are never closed, and `robbie pub` may be given any topic.
         """
         key = (type_name, version, topic)
         if found := self._channels.get(key):
             return found
         index = len(self._channels)
-        if index == self._tables.sizes.channels:
+        channels = self._tables.sizes.channels
+        if index >= (channels * 3 // 4 if slot in self._tools else channels):
             raise TableFull(f"no room for channel {type_name} on topic '{topic}': {index} are in use")
         words, at = self._tables.words, self._tables.channel(index)
         write_text(words, at + layout.CHANNEL_TYPE, NAME_WORDS, type_name)

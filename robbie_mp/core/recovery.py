@@ -38,7 +38,7 @@ def restore_declarations(link: Link, directory: Directory) -> None:
             return
         wish = link.declaration(number)
         if kind == Outbound.ADVERTISE:
-            link.channels[number] = directory.channel(wish.type_name, wish.version, wish.topic)
+            link.channels[number] = directory.channel(wish.type_name, wish.version, wish.topic, link.slot)
         else:
             entry = directory.subscribe(link.slot, wish)
             entry.declaration = number

@@ -292,7 +292,8 @@ class Router:
 
     def _advertise(self, _slot: Slot, link: Link, record: Record) -> None:
         wish = link.declaration(record[1])
-        link.channels[record[1]] = self._directory.channel(wish.type_name, wish.version, wish.topic)
+        channel = self._directory.channel(wish.type_name, wish.version, wish.topic, link.slot)
+        link.channels[record[1]] = channel
 
     def _subscribe(self, _slot: Slot, link: Link, record: Record) -> None:
         wish = link.declaration(record[1])

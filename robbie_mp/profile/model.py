@@ -180,7 +180,7 @@ class ToolLimits:
 
     count: int = bounded(4, 0, 64)
     """How many may be attached at once."""
-    messages: int = bounded(1000, 1, MAX_ENTRIES)
+    messages: int = bounded(200, 1, MAX_ENTRIES)
     """How many messages may wait for each; beyond this the oldest goes and is counted."""
     bytes: int = bounded(16 << 20, 1, MAX_BYTES)
     """How much memory of the publishers these may hold."""

@@ -18,6 +18,7 @@ from robbie_mp.profile.model import (
     ToolLimits,
 )
 from robbie_mp.transport.board import TOOL_PREFIX
+from robbie_mp.transport.layout import OUTSTANDING_LIMIT
 from robbie_mp.transport.run_memory import RingSizes
 
 PLAN_FILE = "plan.json"
@@ -98,9 +99,18 @@ class RunPlan:
 
     @property
     def tool_queue(self) -> QueueLimits:
-        """Bounds of what waits for an attached tool: however many there are, most rows are the modules'."""
-        rows = min(self.core.handles, self.core.references) // (4 * max(self.tools.count, 1))
-        return QueueLimits(max(1, min(self.tools.messages, rows - self.tools.credits)), self.tools.bytes)
+        """Bounds of what waits for an attached tool.
+
+        However many there are, they hold at most a quarter of the rows of the core's tables, of the messages
+        that a module may have on their way, and (but for one message each) of any module's memory.
+        """
+        shares = 4 * max(self.tools.count, 1)
+        rows = min(self.core.handles, self.core.references, OUTSTANDING_LIMIT) // shares
+        memory = min((module.memory.limit_bytes for module in self.modules), default=self.tools.bytes)
+        return QueueLimits(
+            max(1, min(self.tools.messages, rows - self.tools.credits)),
+            max(1, min(self.tools.bytes, memory // shares)),
+        )
 
     @property
     def tool_names(self) -> list[str]:

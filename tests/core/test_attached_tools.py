@@ -137,3 +137,19 @@ def test_tool_is_faulted_when_the_table_is_full() -> None:
     assert "no room for a subscription" in watched.run.reports[0]
     watched.publish(1)
     assert watched.seen == [1]
+
+
+def test_tools_leave_a_quarter_of_the_channels_to_modules() -> None:
+    watched = Watched()
+    channels = watched.run.tables.sizes.channels
+    tool = watched.attach()
+    for number in range(channels):
+        tool.advertise(topic=f"topic {number}")
+    watched.run.run_core()
+    assert "no room for channel" in watched.run.reports[0]
+    watched.run.restart_core()
+    for number in range(channels // 4):
+        watched.publisher.advertise(topic=f"mine {number}")
+    watched.publish(1)
+    assert watched.seen == [1]
+    assert all("in slot 3" in report for report in watched.run.reports), watched.run.reports

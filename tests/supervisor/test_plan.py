@@ -1,0 +1,30 @@
+"""What the supervisor plans for attached tools."""
+
+import os
+from pathlib import Path
+
+from robbie_mp.profile.model import CoreLimits, MemoryLimits, ModuleSpec, Profile, ToolLimits
+from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.transport.layout import OUTSTANDING_LIMIT
+
+
+def plan(**parts: object) -> RunPlan:
+    modules = (ModuleSpec("a", "m:A"), ModuleSpec("b", "m:B", memory=MemoryLimits(4096, 1 << 20)))
+    profile = Profile("p", modules, **parts)  # type: ignore[arg-type]
+    return RunPlan.of_profile(profile, "d0c7d0c7", Path(), Path(), os.getpid())
+
+
+def test_tools_together_take_at_most_a_quarter_of_what_modules_need() -> None:
+    greedy = ToolLimits(count=8, messages=1 << 20, bytes=1 << 40, credits=4)
+    planned = plan(tools=greedy)
+    assert 8 * (planned.tool_queue.messages + 4) == OUTSTANDING_LIMIT // 4
+    assert 8 * planned.tool_queue.bytes == (1 << 20) // 4
+    small = plan(tools=greedy, core=CoreLimits(handles=64))
+    assert small.tool_queue.messages == 1
+
+
+def test_tools_have_names_that_no_module_can_have_and_survive_saving(tmp_path: Path) -> None:
+    planned = plan(tools=ToolLimits(count=2))
+    assert planned.names == ["supervisor", "a", "b", "~tool1", "~tool2", "core"]
+    planned.save(tmp_path)
+    assert RunPlan.load(tmp_path) == planned
