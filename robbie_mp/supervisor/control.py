@@ -184,7 +184,7 @@ class _Client:
 def _parse(line: bytes) -> object:
     try:
         return json.loads(line)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise BadRequest(f"expected a JSON object; got {line!r:.100} ({error})") from None
 
 

@@ -132,8 +132,8 @@ def test_tools_come_go_die_and_stand_still_and_no_module_loses_a_message(
     assert abs(missed - gaps - (published - 1 - numbers[-1])) <= 2
 
 
-def test_tool_that_breaks_the_protocol_is_detached_and_leaves_nothing(robot: Robot) -> None:
-    robot.write_profile(PROFILE)
+def test_tool_that_stands_still_or_breaks_the_protocol_is_detached_and_leaves_nothing(robot: Robot) -> None:
+    robot.write_profile(PROFILE.replace("count: 1", "count: 2"))
     process = robot.start()
     robot.until(lambda modules: modules["listener"]["handled"] > 0)
     (run,) = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
@@ -144,6 +144,22 @@ def test_tool_that_breaks_the_protocol_is_detached_and_leaves_nothing(robot: Rob
     assert publisher.publish(DriveCommand(header=Header(stamp=Time(sec=1_000_000))), "wheels")
     publisher.close()
     wait_until(lambda: 1_000_000 in robot.journal("listener"))
+    robot.until(lambda modules: TOOL not in modules)
+
+    idle = Attachment(run, "a tool that has nothing to do")
+    idle.ready()
+    still = Attachment(run, "a tool that stands still")
+    still.subscribe(DriveCommand.type_name, DriveCommand.version, "wheels")
+    still.ready()
+    robot.until(lambda modules: "~tool2" not in modules)
+    with pytest.raises(Detached):
+        still.take()  # though its ring is full of messages: their memory is used again
+    with pytest.raises(Detached, match="it has not taken its messages for 1 s"):
+        still.wait(0.1)
+    still.close()
+    idle.wait(0.01)
+    assert TOOL in robot.top()
+    idle.close()
     robot.until(lambda modules: TOOL not in modules)
 
     hostile = Attachment(run, "a hostile tool")

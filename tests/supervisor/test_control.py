@@ -292,6 +292,10 @@ def test_garbage_is_refused(tmp_path: Path) -> None:
     assert refusal(tmp_path, b"\xff\x00{\n").startswith("expected a JSON object")
 
 
+def test_nesting_without_end_is_refused(tmp_path: Path) -> None:
+    assert refusal(tmp_path, b"[" * 4000 + b"\n").startswith("expected a JSON object")
+
+
 def test_unknown_command_is_refused(tmp_path: Path) -> None:
     said = refusal(tmp_path, b'{"command": "halt", "module": 7}\n')
     assert "expected stop, attach, record, or stop, start or restart" in said
