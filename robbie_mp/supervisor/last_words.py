@@ -25,14 +25,14 @@ class LastWordsReader:
     """Reads what modules have left.
 
     Args:
-        core_words: the core's segment, for the topics of messages.
+        tables: of the core, for the topics of messages; not kept, for it holds the core's lists of free rows.
         board: for the names of their senders.
         inbound_records: capacity of each inbound ring.
     """
 
-    def __init__(self, core_words: Words, board: Board, inbound_records: int):
-        self._core_words = core_words
-        self._tables = CoreTables.attach(core_words)
+    def __init__(self, tables: CoreTables, board: Board, inbound_records: int):
+        self._core_words = tables.words
+        self._channel_rows = [tables.channel(index) for index in range(tables.sizes.channels)]
         self._board = board
         self._inbound_records = inbound_records
 
@@ -61,7 +61,7 @@ class LastWordsReader:
             at = layout.IN_RING + (number - 1) % self._inbound_records * RECORD_WORDS
             first, _, sequence, source, _, _, stamp_ns, its_number = (into[at + word] for word in range(8))
             channel, slot = first >> 32, layout.unpack_source(source)[0]
-            is_sound = channel < self._tables.sizes.channels and slot < self._board.slots
+            is_sound = channel < len(self._channel_rows) and slot < self._board.slots
             if its_number != number or not is_sound:
                 return None
             if first & 0xFF == Inbound.DELIVER:
@@ -69,7 +69,7 @@ class LastWordsReader:
         return None
 
     def _message(self, channel: int, sequence: int, slot: int, age_ns: int) -> LastMessage:
-        at = self._tables.channel(channel)
+        at = self._channel_rows[channel]
         return LastMessage(
             type_name=read_text(self._core_words, at + layout.CHANNEL_TYPE, NAME_WORDS),
             topic=read_text(self._core_words, at + layout.CHANNEL_TOPIC, NAME_WORDS),

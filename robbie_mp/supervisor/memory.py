@@ -91,9 +91,9 @@ class RunMemory:
         sizes = TableSizes(rows - 1, limits.channels, limits.subscriptions, limits.handles, limits.references)
         core = Segment.create(names.core(run_id), sizes.words, SegmentKind.CORE)
         self._core_words = made.enter_context(contextlib.closing(core)).words
-        CoreTables.create(core.words, sizes)
+        tables = CoreTables.create(core.words, sizes)
         inbound_records = layout.inbound_records(plan.sizes.credit)
-        self._last_words = LastWordsReader(self._core_words, self.board, inbound_records)
+        self._last_words = LastWordsReader(tables, self.board, inbound_records)
         self._core_wakeup = made.enter_context(contextlib.closing(Wakeup.create(names.core_wakeup(run_id))))
         own = IncarnationMemory.create(run_id, SUPERVISOR_SLOT, 1, plan.sizes)
         self._incarnations[SUPERVISOR_SLOT] = (1, own)

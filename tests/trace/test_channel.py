@@ -199,6 +199,26 @@ def test_flood_of_records_is_bounded_and_its_end_remembered(tmp_path: Path) -> N
     assert output.last_lines[-2:] == ("line 99", "why")
 
 
+def test_long_records_count_as_often_as_printed_lines_of_their_length(tmp_path: Path) -> None:
+    kept: list[Entry] = []
+    limits = TraceSettings(lines_per_s=0.0, burst_lines=10, line_characters=100)
+    store = OutputStore(tmp_path, kept.append, limits)
+    output = store.child("laser")
+    assert not output.add_records([json.dumps({"text": "x" * 350, "level": 20}).encode()] * 5)
+    output.close()
+    store.close()
+    assert [entry.stream for entry in kept].count("log") == 2
+    assert output.dropped == 3
+
+
+def test_line_without_end_takes_no_more_memory_than_a_line(pair: Pair) -> None:
+    for _ in range(20):
+        os.write(pair.theirs, b"x" * LINE_BYTES)
+        pair.read()
+    assert len(pair.stream._partial) <= 2 * LINE_BYTES
+    assert pair.output.lines >= 10
+
+
 def test_numbers_count_up_when_the_clock_is_set_back() -> None:
     times = iter([100.0, 50.0, 50.0, 200.0])
     numbers = EntryNumbers(lambda: next(times))

@@ -201,6 +201,15 @@ def test_full_page_becomes_an_older_one_that_is_whole_as_well(tmp_path: Path) ->
     assert sorted(path.name for path in tmp_path.iterdir()) == ["trace.1.html", "trace.html"]
 
 
+def test_entry_longer_than_a_page_begins_no_empty_ones(tmp_path: Path) -> None:
+    page = TracePage(tmp_path, page_bytes=10, pages=3)
+    for number in range(2):
+        page.write([entry(number, "x" * 100).to_line()])
+    page.close()
+    pages = [Comments(path.read_text()).found for path in sorted(tmp_path.iterdir())]
+    assert pages == [[entry(0, "x" * 100)], [entry(1, "x" * 100)]]
+
+
 def test_former_runs_page_is_kept_apart(tmp_path: Path) -> None:
     write_page(tmp_path, [entry(1, "former")])
     write_page(tmp_path, [entry(2, "present")])
