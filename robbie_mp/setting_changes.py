@@ -18,7 +18,7 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.messages import SettingChange, SettingChanged
 from robbie_mp.module import MessageHandling, Module
 from robbie_mp.profile.problem import ProfileError
-from robbie_mp.profile.reader import read_text
+
 from robbie_mp.settings import Setting, SettingError, settings_of
 
 FOLDER = "settings"
@@ -115,6 +115,8 @@ class SettingChanges:
         return checked
 
     def _on_change(self, asked: SettingChange) -> None:
+        from robbie_mp.profile.reader import read_text  # noqa: PLC0415 - most modules are never asked
+
         error = ""
         try:
             self.change(asked.setting, read_text(asked.value, asked.setting).plain())

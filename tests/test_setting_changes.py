@@ -1,5 +1,7 @@
 """Settings that are changed while their module runs."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -92,3 +94,8 @@ def test_damaged_file_is_as_none(tmp_path: Path) -> None:
     (tmp_path / "settings").mkdir()
     (tmp_path / "settings" / "filter.json").write_text("{")
     assert SettingsFile(tmp_path, "filter").read() == {}
+
+
+def test_module_process_reads_no_yaml_before_it_is_asked_for_a_change() -> None:
+    code = "import sys, robbie_mp.supervisor.module_child; sys.exit('yaml' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
