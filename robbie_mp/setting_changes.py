@@ -18,7 +18,6 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.messages import SettingChange, SettingChanged
 from robbie_mp.module import MessageHandling, Module
 from robbie_mp.profile.problem import ProfileError
-
 from robbie_mp.settings import Setting, SettingError, settings_of
 
 FOLDER = "settings"
