@@ -176,8 +176,8 @@ class ChildOutput:
                     kept.append(entry)
                 else:
                     self._drop(1)
+        self._write(kept)  # first, for their numbers are lower than that of the remark
         self._report_dropped_now_and_then(bool(kept))
-        self._write(kept)
         return is_within
 
     def say(self, kind: Kind, text: str) -> None:

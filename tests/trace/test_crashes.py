@@ -44,20 +44,22 @@ def test_last_words_and_the_reason_are_in_the_trace_however_a_module_ends(robot:
     process = robot.start()
     robot.until(lambda figures: all(figures[f"{way}_module"]["state"] == "FAILED" for way in WAYS))
 
+    [folder] = (robot.folder.parent / "runtime" / "robbie").iterdir()
+    this = ("--run", folder.name)  # others may run on this machine
     assert "debug" not in robot.log("source").lower()
-    answer = robot.command("log", "--record", "error,warning,info,system", "--module", "source")
+    answer = robot.command("log", *this, "--record", "error,warning,info,system", "--module", "source")
     assert answer.stdout == "source: error, warning, info, system recorded from now on\n", answer.stderr
     follower = subprocess.Popen(
-        [*COMMAND, "log", "--follow", "--module", "source", "--kind", "system", "--last", "0"],
+        [*COMMAND, "log", *this, "--follow", "--module", "source", "--kind", "system", "--last", "0"],
         stdout=subprocess.PIPE,
         text=True,
     )
     assert follower.stdout
     heard = [follower.stdout.readline() for _ in range(3)]
     assert all("source#1 system point " in line for line in heard), heard
-    robot.command("log", "--record", "error")
+    robot.command("log", *this, "--record", "error")
     assert robot.command("log", "--record", "bad").returncode == 2
-    unknown = robot.command("log", "--record", "error", "--module", "sourc")
+    unknown = robot.command("log", *this, "--record", "error", "--module", "sourc")
     assert "did you mean 'source'" in unknown.stderr
     page_while_running = (robot.output / "log" / "trace.html").read_text()
     process.kill()  # the supervisor itself: what it has written must be whole
