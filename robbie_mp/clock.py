@@ -25,9 +25,8 @@ class SystemClock:
         """Nanoseconds since the epoch; jumps when the system's clock is set."""
         return time.time_ns()
 
-    def monotonic_ns(self) -> int:
-        """Nanoseconds of the system's monotonic clock, the same in every process of the machine."""
-        return time.monotonic_ns()
+    monotonic_ns = staticmethod(time.monotonic_ns)
+    """Nanoseconds of the system's monotonic clock, the same in every process of the machine."""
 
 
 class ManualClock:

@@ -142,7 +142,7 @@ class ModuleRunner:
         if period_s is not None:
             timeout_s = min(timeout_s, max(0.0, (self._next_tick_ns - time.monotonic_ns()) / 1e9))
         woken = self._wakeup.wait(timeout_s)
-        if woken and self._outbox.room_was_made():
+        if woken and self._outbox.awaits_room and self._outbox.room_was_made():
             self._next_tick_ns = time.monotonic_ns()
 
     def _begin(self, activity: int) -> int:

@@ -88,13 +88,10 @@ class Ledger:
         )  # fmt: skip
         words[at + 1] = record
         words[at] = sequence  # commits: from here on the message is routed
-        self._note_handle(index, handle)
-        return index
-
-    def _note_handle(self, index: int, handle: Handle) -> None:
         self._handles[index] = handle
-        source = handle[1] & _SOURCE_OF_INCARNATION
+        source &= _SOURCE_OF_INCARNATION
         self._live_of_source[source] = self._live_of_source.get(source, 0) + 1
+        return index
 
     def handle(self, index: int) -> Handle:
         """A live message."""
@@ -207,7 +204,9 @@ class Ledger:
             at = self._handles_at + index * _HANDLE_WORDS
             if words[at]:
                 columns = (words[at + layout.HANDLE_SOURCE + column] for column in range(6))
-                self._note_handle(index, Handle(words[at], *columns))
+                handle = self._handles[index] = Handle(words[at], *columns)
+                source = handle.source & _SOURCE_OF_INCARNATION
+                self._live_of_source[source] = self._live_of_source.get(source, 0) + 1
                 found.append(index)
         alive = set(found)
         self._free_handles[:] = [row for row in self._free_handles if row not in alive]

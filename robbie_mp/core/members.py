@@ -95,7 +95,12 @@ class Members:
         if heads == seen:
             return []
         self._heads = heads
-        return [link for link, head, old in zip(self.links, heads, seen, strict=True) if head != old]
+        links = self.links
+        found = []
+        for at, head in enumerate(heads):
+            if head != seen[at]:
+                found.append(links[at])
+        return found
 
     def fault(self, link: Link, error: RobbieError) -> None:
         """Take no more records of a module that broke the protocol, send it none, and have it killed."""

@@ -188,17 +188,32 @@ class Router:
     # -- the loop's view -------------------------------------------------------------------------------
 
     def drain(self) -> int:
-        """Handle every record that waits in any ring once; return how many there were."""
+        """Handle every record that waits in any ring once; return how many there were.
+
+        A ring that begins with a release comes last: nobody waits for that, as a rule, while somebody waits
+        for every message.
+        """
         handled = 0
+        releasing = []
         for link in self._members.with_news():
-            if link.has_ended:
-                continue
-            try:
-                handled += self._receive(link, link.outbound.waiting())
-            except BROKEN as error:
-                self._members.fault(link, error)
+            if not link.has_ended and link.outbound.glance() == _RELEASE:
+                releasing.append(link)
+            else:
+                handled += self._serve(link)
+        for link in releasing:
+            handled += self._serve(link)
         self._queues.write_figures()
         return handled
+
+    def _serve(self, link: Link) -> int:
+        """Handle what waits in a module's ring, unless it is faulted; return how many records there were."""
+        if link.has_ended:
+            return 0
+        try:
+            return self._receive(link, link.outbound.waiting())
+        except BROKEN as error:
+            self._members.fault(link, error)
+            return 0
 
     def before_sleep(self) -> bool:
         """Set the flags by which modules know when to post; True if the rings must be looked at again.

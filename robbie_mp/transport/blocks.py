@@ -62,7 +62,8 @@ class BlockStore:
         self._next_bytes = segment_bytes
         self._limit_bytes = limit_bytes
         self._segments: list[tuple[Segment, BlockAllocator]] = []
-        self._taken: dict[int, Block] = {}
+        self.taken: dict[int, Block] = {}
+        """Blocks that are in use, by their numbers."""
         self._kept: dict[int, list[Block]] = {}
         """Free blocks by their capacity."""
         self._numbers = 0
@@ -73,11 +74,6 @@ class BlockStore:
         """Data segments made so far."""
         return len(self._segments)
 
-    @property
-    def taken(self) -> int:
-        """Blocks that are in use."""
-        return len(self._taken)
-
     def reuse(self, size: int) -> Block | None:
         """Return a block that was used for a message of about that size before, or None if none is free."""
         kept = self._kept.get((size + _OVERHEAD) & _ALIGNED)
@@ -85,7 +81,7 @@ class BlockStore:
             return None
         block = kept.pop()
         self._numbers = block.number = number = self._numbers + 1
-        self._taken[number] = block
+        self.taken[number] = block
         return block
 
     def allocate(self, size: int) -> Block | None:
@@ -153,7 +149,7 @@ class BlockStore:
     def free(self, numbers: Iterable[int]) -> None:
         """Take blocks back; a number that is not in use is passed over, since the core may say it twice."""
         for number in numbers:
-            block = self._taken.pop(number, None)
+            block = self.taken.pop(number, None)
             if block is not None:
                 self._kept[block.capacity].append(block)
 
@@ -162,5 +158,5 @@ class BlockStore:
         for segment, _ in self._segments:
             segment.close()
         self._segments.clear()
-        self._taken.clear()
+        self.taken.clear()
         self._kept.clear()

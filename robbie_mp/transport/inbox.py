@@ -84,7 +84,11 @@ class Inbox:
         message_type, handler = self._handlers[delivery.declaration]
         pin: weakref.ref[Any] | None = None
         try:
-            view = self._view(delivery)
+            view = self._views.view(delivery.source, delivery.offset, delivery.size)
+            if len(view) != delivery.size:
+                raise DamagedMessage(
+                    f"message {delivery.sequence} is said to lie beyond the end of its publisher's memory"
+                )
             if message_type.has_views:
                 whole = np.frombuffer(view, np.uint8)
                 let_go, reference = self._let_go, delivery.reference
@@ -115,14 +119,6 @@ class Inbox:
         except ValueError:
             return False
         return True
-
-    def _view(self, delivery: Delivery) -> memoryview:
-        view = self._views.view(delivery.source, delivery.offset, delivery.size)
-        if len(view) != delivery.size:
-            raise DamagedMessage(
-                f"message {delivery.sequence} is said to lie beyond the end of its publisher's memory"
-            )
-        return view
 
     def release_let_go(self) -> None:
         """Release the messages that were kept beyond their handler and have been let go since."""

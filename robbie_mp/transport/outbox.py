@@ -44,6 +44,8 @@ class Outbox:
         self._held: dict[int, weakref.ref[Any]] = {}
         self._published = 0
         self._refused = 0
+        self.awaits_room = False
+        """Whether the module is to be woken when messages have been let go."""
         self._awaited: int | None = None
         """So many blocks ever freed are waited for."""
         self._closed = False
@@ -55,22 +57,22 @@ class Outbox:
             self.collect_freed()
             if self._blocks.taken:
                 self._endpoint.wake_core()
-            return self._blocks.taken
+            return len(self._blocks.taken)
 
     def wake_after_freed(self, messages: int) -> None:
         """Have this module woken when so many of its messages have been let go."""
         with self._lock:
             self._awaited = self._endpoint.wake_after_freed(messages)
+            self.awaits_room = True
 
     def room_was_made(self) -> bool:
         """Whether as many messages as were waited for have been let go; says so once."""
-        if self._awaited is None:
-            return False
         with self._lock:
             self.collect_freed()
-            if self._endpoint.freed_count < self._awaited:
+            if self._awaited is None or self._endpoint.freed_count < self._awaited:
                 return False
             self._awaited = None
+            self.awaits_room = False
             return True
 
     def collect_freed(self) -> None:
@@ -91,9 +93,11 @@ class Outbox:
             if declaration is None:
                 declaration = self._declare(type(message), topic)
             size = message.encoded_size()
-            block = self._allocate(size)
-            if block is None:
-                return self._refuse(message.type_name, topic)
+            block = self._blocks.reuse(size)
+            if block is None or len(self._blocks.taken) > layout.OUTSTANDING_LIMIT:
+                block = self._allocate(size, block)
+                if block is None:
+                    return self._refuse(message.type_name, topic)
             try:
                 message.encode_into(block.buffer, block.offset)
             except BaseException:
@@ -115,7 +119,7 @@ class Outbox:
             if declaration is None:
                 declaration = self._declare(message_type, topic)
             plan = lay_out(message_type, fields)
-            block = self._allocate(plan.size)
+            block = self._allocate(plan.size, self._blocks.reuse(plan.size))
         start = block.buffer[block.offset : block.offset + plan.size] if block else bytearray(plan.size)
         whole = np.frombuffer(start, np.uint8)
         message = plan.write(whole.data)
@@ -157,33 +161,35 @@ class Outbox:
         self._declarations[message_type, topic] = declaration
         return declaration
 
-    def _allocate(self, size: int) -> Block | None:
-        block = self._blocks.reuse(size)
+    def _allocate(self, size: int, block: Block | None) -> Block | None:
+        """Find memory if none was at hand; whatever block it is, there may not be too many in use."""
         if block is None:
             self.collect_freed()
             block = self._blocks.allocate(size)
             self._words[layout.OUT_SEGMENTS] = self._blocks.segment_count
             self._words[layout.OUT_SEGMENT_BYTES] = self._blocks.total_bytes
-        if self._blocks.taken <= layout.OUTSTANDING_LIMIT or block is None:
-            return block
-        self.collect_freed()
-        if self._blocks.taken <= layout.OUTSTANDING_LIMIT:
-            return block
-        self._blocks.free([block.number])
-        return None
+        if block is not None and len(self._blocks.taken) > layout.OUTSTANDING_LIMIT:
+            self.collect_freed()
+            if len(self._blocks.taken) > layout.OUTSTANDING_LIMIT:
+                self._blocks.free([block.number])
+                return None
+        return block
 
     def _hand_over(self, declaration: int, block: Block, size: int, type_name: str, topic: str) -> bool:
-        if not self._endpoint.publish(declaration, block, size, self._monotonic_ns()):
-            self._blocks.free([block.number])
-            return self._refuse(type_name, topic)
-        # From here on the core is at work; what prepares the next message can be done beside it.
+        if self._endpoint.publish(declaration, block, size, self._monotonic_ns()):
+            self._note_published(size)
+            return True
+        self._blocks.free([block.number])
+        return self._refuse(type_name, topic)
+
+    def _note_published(self, size: int) -> None:
+        """Count a message, and prepare for the next while the core is at work on this one."""
         self._published += 1
         self._words[layout.OUT_PUBLISHED] = self._published
-        self._words[layout.OUT_BLOCKS] = self._blocks.taken
+        self._words[layout.OUT_BLOCKS] = len(self._blocks.taken)
         if size <= _SMALL_BYTES and not self._blocks.has_kept(size):
             self.collect_freed()
             self._blocks.keep_one(size)
-        return True
 
     def _hand_over_copy(self, declaration: int, block: Block, size: int, type_name: str, topic: str) -> None:
         self._log.warning(
@@ -191,7 +197,7 @@ class Outbox:
             "Let go of the array before the with block ends",
             type_name,
         )
-        copy = self._allocate(size)
+        copy = self._allocate(size, self._blocks.reuse(size))
         if copy is None:
             self._refuse(type_name, topic)
             return
