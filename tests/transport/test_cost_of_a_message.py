@@ -152,10 +152,10 @@ def test_message_takes_few_calls(chain: Chain) -> None:
     assert delivery is not None
     handling, _ = calls_of(lambda: chain.inbox.handle(delivery))
     releasing, _ = calls_of(chain.core.drain)
-    assert publishing <= 16
+    assert publishing <= 13
     assert routing <= 25
-    assert handling <= 11
-    assert releasing <= 21
+    assert handling <= 10
+    assert releasing <= 22
 
 
 def test_array_is_copied_once_on_its_way(chain: Chain) -> None:
