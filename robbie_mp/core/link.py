@@ -76,13 +76,17 @@ class Link:
         """Whether the record being handled may have been handled before, by a core that died over it."""
         return self.outbound.tail == self._first_record
 
-    def want_release(self, want: int) -> bool:
-        """Ask the module to post when it releases (or not to); True if that is news to it."""
+    def want_release(self, wanted: bool) -> bool:
+        """Ask the module to post when it releases, or not to; True if it is to do so earlier than it knew.
+
+        As long as it has more to handle, half of what it has is soon enough.
+        """
+        want = max(1, self.inbound.head - len(self.pushed) // 2) if wanted else 0
         if want == self._want_release:
             return False
         self.in_words[layout.IN_WANT_RELEASE] = want
         self._want_release = want
-        return want == 1
+        return wanted
 
     def declaration(self, number: int) -> Wish:
         """Read a declaration from the module's out segment.

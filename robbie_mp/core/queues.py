@@ -26,6 +26,9 @@ class Queues:
         self._ledger = ledger
         self._slots = slots
         self._write_figures = row_writer(words, 4)
+        self.holds_posts = False
+        """Whether more messages are about to follow, so that modules are better woken for all of them."""
+        self._to_post: set[Link] = set()
         self._outdated: set[Slot] = set()
         """Modules whose figures are to be written again."""
 
@@ -40,7 +43,10 @@ class Queues:
             and (not link.pushed if subscription.newest_only else len(link.pushed) < link.credit)
         ):
             self._push(subscription, reference, handle, link)
-            link.wake()
+            if self.holds_posts:
+                self._to_post.add(link)
+            else:
+                link.wake()
         else:
             self._queue(slot, subscription, reference, handle.size)
         self._outdated.add(slot)
@@ -82,7 +88,7 @@ class Queues:
             self._push(subscription, reference, self._ledger.handle(handle), link)
             sent = True
         if sent:
-            link.wake()
+            self._to_post.add(link)
 
     def _may_push(self, subscription: Subscription, link: Link) -> bool:
         """Whether a module may be given the next message: by its credit, or for the newest by having none.
@@ -115,6 +121,11 @@ class Queues:
         slot.waiting[reference] = size
         slot.waiting.move_to_end(reference, last=False)
         slot.waiting_bytes += size
+
+    def post(self) -> None:
+        """Wake the modules that have been sent something."""
+        while self._to_post:
+            self._to_post.pop().wake()
 
     def outdate(self, slot: Slot) -> None:
         """Note that what waits for a module, or what it has, has changed."""

@@ -30,6 +30,8 @@ _PUBLISH, _RELEASE = int(Outbound.PUBLISH), int(Outbound.RELEASE)
 _CORE_LAST_SEQUENCE, _PUBLISHER_ROUTED = layout.CORE_LAST_SEQUENCE, layout.PUBLISHER_ROUTED
 _SOURCE_OF_INCARNATION = layout.SOURCE_OF_INCARNATION
 _LARGEST_OFFSET = WORD_MAX >> 1
+_POST_EVERY = 16
+"""While more records of a module wait, its subscribers are woken for so many messages at once."""
 _new_tuple = tuple.__new__  # a named tuple's own constructor takes twice as long
 
 DROPPED_COUNT = layout.SUBSCRIPTION_DROPPED - layout.SUBSCRIPTION_ROUTED
@@ -202,6 +204,7 @@ class Router:
                 handled += self._serve(link)
         for link in releasing:
             handled += self._serve(link)
+        self._queues.post()
         self._queues.write_figures()
         return handled
 
@@ -216,20 +219,21 @@ class Router:
             return 0
 
     def before_sleep(self) -> bool:
-        """Set the flags by which modules know when to post; True if the rings must be looked at again.
+        """Tell modules when to post on a release; True if the rings must be looked at again.
 
-        A module looks at its flag after it has pushed a release, the core at the ring after it has set the
-        flag, with a fence between on both sides: so one of the two sees the other, and no release is missed.
+        A module looks at its word after it has pushed a release, the core at the ring after it has set the
+        word, with a fence between on both sides: so one of the two sees the other, and no release is missed.
         """
         waits = self._freed_waits or any([slot.waiting for slot in self._slots])
         if not (waits or self._wanting or self._members.have_notices):
             return False
         look_again = self._wanting = self._members.have_notices = False
         for link in self._members.links:
-            waited_for = self._slots[link.slot].waiting or (self._freed_waits and link.pushed)
-            want = 1 if waited_for or (link.pinned and self._freed_waits) else 0
-            look_again |= link.want_release(want)
-            self._wanting |= want == 1
+            waited_for = self._slots[link.slot].waiting or (
+                self._freed_waits and (link.pushed or link.pinned)
+            )
+            look_again |= link.want_release(bool(waited_for))
+            self._wanting |= bool(waited_for)
             if link.notices:
                 link.send_notices()
                 self._members.have_notices |= bool(link.notices)
@@ -240,7 +244,9 @@ class Router:
     def _receive(self, link: Link, records: int) -> int:
         """Handle so many records of a module; return their number."""
         outbound, slot = link.outbound, self._slots[link.slot]
-        for _ in range(records):
+        queues = self._queues
+        for left in range(records - 1, -1, -1):
+            queues.holds_posts = holds_posts = left % _POST_EVERY != 0
             record = outbound.peek()
             kind = record[0]
             if kind == _PUBLISH:
@@ -254,6 +260,8 @@ class Router:
             else:
                 raise ProtocolViolation(f"record of unknown kind {kind}")
             outbound.take()
+            if not holds_posts:
+                queues.post()
         return records
 
     # -- modules come and go -----------------------------------------------------------------------------

@@ -189,10 +189,12 @@ class Endpoint:
                 self._flush()
             else:
                 self._outbound.push(kind, delivery.reference, delivery.sequence, 0, 0, 0, 0)
-        # The core sets this word before it sleeps if somebody waits for what is released here; it looks at
-        # the ring once more after that, so one of the two sees the other. Else the core need not wake up.
+        # Before it sleeps the core sets this word to how many records are to be taken here before it is to be
+        # woken, if somebody waits for what is released; it looks at the ring once more after that, so one of
+        # the two sees the other. With 0 it need not wake up.
         self._fence()
-        if self._in[layout.IN_WANT_RELEASE]:
+        wanted = self._in[layout.IN_WANT_RELEASE]
+        if wanted and self._inbound.tail >= wanted:
             self.wake_core()
 
     def _flush(self) -> None:

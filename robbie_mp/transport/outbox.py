@@ -43,6 +43,8 @@ class Outbox:
         """Blocks of loans whose arrays were still held at the end; filled by finalizers."""
         self._held: dict[int, weakref.ref[Any]] = {}
         self._published = 0
+        self._published_when_asked = -1
+        """Messages published when `outstanding` was asked for last."""
         self._refused = 0
         self.awaits_room = False
         """Whether the module is to be woken when messages have been let go."""
@@ -55,8 +57,9 @@ class Outbox:
         """Messages that somebody still waits for or holds."""
         with self._lock:
             self.collect_freed()
-            if self._blocks.taken:
-                self._endpoint.wake_core()
+            if self._blocks.taken and self._published == self._published_when_asked:
+                self._endpoint.wake_core()  # or it would not look at releases before the next message
+            self._published_when_asked = self._published
             return len(self._blocks.taken)
 
     def wake_after_freed(self, messages: int) -> None:

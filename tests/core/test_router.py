@@ -319,6 +319,20 @@ def test_releases_that_would_else_wake_nobody_wake_the_core_while_a_publisher_wa
     assert subscriber.into[layout.IN_WANT_RELEASE] == 1
 
 
+def test_module_with_much_to_handle_wakes_the_core_when_half_of_it_is_taken() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(3 * CREDIT):
+        publisher.publish(channel, value)
+        run.run_core()
+    posts = []
+    while (delivery := subscriber.take()) is not None:
+        before = subscriber.core_wakeups
+        subscriber.endpoint.release(delivery)
+        posts.append(subscriber.core_wakeups - before)
+    assert posts == [0] * (CREDIT // 2 - 1) + [1] * (CREDIT // 2 + 1)
+
+
 def wakes_the_publisher(run: SimulatedRun, publisher: SimulatedModule, subscriber: SimulatedModule) -> bool:
     before = publisher.wakeups
     subscriber.handle_all()

@@ -259,7 +259,7 @@ def test_publisher_without_memory_has_the_core_look_for_releases(pair: Pair) -> 
     assert pair.outbox.publish(picture(1, 100_000), "")
 
 
-def test_asking_for_outstanding_messages_has_the_core_look_for_releases(pair: Pair) -> None:
+def test_asking_again_for_outstanding_messages_has_the_core_look_for_releases(pair: Pair) -> None:
     pair.outbox.publish(picture(1), "")
     pair.run.run_core()
     delivery = pair.inbox.take()
@@ -267,6 +267,8 @@ def test_asking_for_outstanding_messages_has_the_core_look_for_releases(pair: Pa
     pair.inbox.handle(delivery)
     sender = pair.run.modules[1, 1]
     before = sender.core_wakeups
+    assert pair.outbox.outstanding == 1
+    assert sender.core_wakeups == before, "who publishes has woken it already"
     assert pair.outbox.outstanding == 1
     assert sender.core_wakeups > before
     pair.run.run_core()
