@@ -7,13 +7,14 @@ gets what and when.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from robbie_mp.core.declarations import Declarations
 from robbie_mp.core.directory import Channel, Directory, Subscription, TableFull
+from robbie_mp.core.freed_blocks import FreedBlocks
 from robbie_mp.core.ledger import Handle, Ledger, Outcome
 from robbie_mp.core.link import Link, LinkMemory, ProtocolViolation, Slot
 from robbie_mp.core.members import SUPERVISOR_SLOT, Members, RouterLimits, name_of
 from robbie_mp.core.queues import Queues
 from robbie_mp.core.recovery import (
-    KNOWN_DEAD,
     restore_declarations,
     restore_references,
     restore_slot,
@@ -33,8 +34,6 @@ _LARGEST_OFFSET = WORD_MAX >> 1
 _POST_EVERY = 16
 """While more records of a module wait, its subscribers are woken for so many messages at once."""
 _new_tuple = tuple.__new__  # a named tuple's own constructor takes twice as long
-
-DROPPED_COUNT = layout.SUBSCRIPTION_DROPPED - layout.SUBSCRIPTION_ROUTED
 
 BROKEN = (ProtocolViolation, RingCorrupt, TableFull)
 """What a module is faulted for."""
@@ -90,20 +89,19 @@ class Router:
         ]
         self._queues = Queues(self._words, self._ledger, self._slots)
         self._members = Members(self._words, self._slots, limits, connect, report)
+        self._blocks = FreedBlocks(self._words, self._slots, self._members)
+        declarations = Declarations(self._words, self._slots, self._ledger, self._directory, self._queues)
+        self._declarations = declarations
         self._fence = new_fence()
         self._sequence = 0
-        self._dead_sources: set[tuple[int, int]] = set()
-        """Slot and incarnation of dead publishers whose messages are still alive."""
-        self._freed_waits = 0
-        """Links that wait for freed blocks."""
         self._wanting = True
         """Some module may have been asked to post when it releases."""
         self._receivers: dict[Outbound, Callable[[Slot, Link, Record], None]] = {
-            Outbound.ADVERTISE: self._advertise,
-            Outbound.SUBSCRIBE: self._subscribe,
-            Outbound.READY: self._ready,
+            Outbound.ADVERTISE: declarations.advertise,
+            Outbound.SUBSCRIBE: declarations.subscribe,
+            Outbound.READY: declarations.ready,
             Outbound.DONE: self._done,
-            Outbound.WAIT_FREED: self._wait_freed,
+            Outbound.WAIT_FREED: self._blocks.wait,
         }
 
     def module_up(self, slot: int, incarnation: int) -> None:
@@ -138,7 +136,7 @@ class Router:
         for index in handles:
             if self._ledger.row(index, layout.HANDLE_SEQUENCE) and not self._ledger.is_held(index):
                 self._give_back(index)
-        self._restore_dead_sources()
+        self._blocks.restore(self._ledger)
         for slot in self._slots:
             if slot.link is not None:
                 if slot.link.ready:
@@ -147,7 +145,7 @@ class Router:
             self._queues.outdate(slot)
         self._queues.write_figures()
         for link in self._members.links:
-            self._await_freed(link, link.out_words[layout.OUT_AWAITED_FREED])
+            self._blocks.await_total(link, link.out_words[layout.OUT_AWAITED_FREED])
 
     def _finish_publishing(self, link: Link, entered: Mapping[tuple[int, int, int], int]) -> None:
         """Bring the record at a ring's tail to its end if it is a message that was entered or refused."""
@@ -173,19 +171,6 @@ class Router:
             link.outbound.take()
         elif slot.routed >= nth:
             link.outbound.take()  # routed to its end, and even given back
-
-    def _restore_dead_sources(self) -> None:
-        """Find out whose messages outlive them, and say again whose do not."""
-        connected = {(link.slot, link.incarnation) for link in self._members.links}
-        self._dead_sources = self._ledger.sources() - connected
-        for slot in self._slots:
-            last = max(
-                self._words[slot.at + column] for column in (layout.PUBLISHER_LINKED, layout.PUBLISHER_READY)
-            )
-            for incarnation in range(max(1, last - KNOWN_DEAD), last + 1):
-                source = (slot.index, incarnation)
-                if source not in connected and source not in self._dead_sources:
-                    self._announce_gone(*source)
 
     # -- the loop's view -------------------------------------------------------------------------------
 
@@ -224,13 +209,13 @@ class Router:
         A module looks at its word after it has pushed a release, the core at the ring after it has set the
         word, with a fence between on both sides: so one of the two sees the other, and no release is missed.
         """
-        waits = self._freed_waits or any([slot.waiting for slot in self._slots])
+        waits = self._blocks.waits or any([slot.waiting for slot in self._slots])
         if not (waits or self._wanting or self._members.have_notices):
             return False
         look_again = self._wanting = self._members.have_notices = False
         for link in self._members.links:
             waited_for = self._slots[link.slot].waiting or (
-                self._freed_waits and (link.pushed or link.pinned)
+                self._blocks.waits and (link.pushed or link.pinned)
             )
             look_again |= link.want_release(bool(waited_for))
             self._wanting |= bool(waited_for)
@@ -274,12 +259,11 @@ class Router:
         elif kind == Outbound.MODULE_DOWN:
             if link is not None and link.incarnation == incarnation:
                 self._reclaim(link)
-            self._bury(slot, incarnation)
+            self._blocks.bury(self._ledger, slot, incarnation)
             self._members.notify(SUPERVISOR_SLOT, (Inbound.RECLAIMED, slot, incarnation, 0))
         elif kind == Outbound.MODULE_GONE:
             outcome = Outcome.DROPPED if record[2] else Outcome.LOST
-            for entry in [entry for entry in self._directory.subscriptions if entry.slot == slot]:
-                self._close_subscription(entry, outcome)
+            self._declarations.close_all(slot, outcome)
 
     def _reclaim(self, link: Link) -> None:
         """Take back what a dead module held; what it had not begun to handle waits for its successor."""
@@ -290,7 +274,7 @@ class Router:
         except BROKEN as error:
             self._report(f"{name_of(link.slot, link.incarnation)} died leaving a broken ring: {error}")
         self._members.disconnect(link)
-        self._freed_waits -= link.awaited_freed > 0
+        self._blocks.forget(link)
         begun = link.out_words[layout.OUT_INBOUND_TAIL]
         for reference, record in reversed(list(link.pushed.items())):
             if record < begun:
@@ -301,48 +285,6 @@ class Router:
             self._ledger.close_reference(reference)
         self._queues.outdate(slot)
         link.close()
-
-    def _bury(self, slot: int, incarnation: int) -> None:
-        """Note that an incarnation is dead and has been taken back; its messages may live on."""
-        if self._ledger.has_live(slot, incarnation):
-            self._dead_sources.add((slot, incarnation))
-        else:
-            self._announce_gone(slot, incarnation)
-        if self._slots[slot].link is None:
-            self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = 0
-
-    # -- declarations ------------------------------------------------------------------------------------
-
-    def _advertise(self, _slot: Slot, link: Link, record: Record) -> None:
-        wish = link.declaration(record[1])
-        channel = self._directory.channel(wish.type_name, wish.version, wish.topic, link.slot)
-        link.channels[record[1]] = channel
-
-    def _subscribe(self, _slot: Slot, link: Link, record: Record) -> None:
-        wish = link.declaration(record[1])
-        entry = self._directory.subscribe(link.slot, wish)
-        entry.declaration = wish.declaration
-        entry.declared_by = link.incarnation
-
-    def _ready(self, slot: Slot, link: Link, _record: Record) -> None:
-        link.ready = True
-        self._words[slot.at + layout.PUBLISHER_READY] = link.incarnation
-        for entry in list(self._directory.subscriptions):
-            if entry.slot == link.slot and entry.declared_by != link.incarnation and entry.type_name:
-                self._close_subscription(entry, Outcome.DROPPED)
-        self._queues.pump(slot, link)
-
-    def _close_subscription(self, entry: Subscription, outcome: Outcome) -> None:
-        slot = self._slots[entry.slot]
-        # Who watches can tell what waited at its end from what did not fit. Once: this may be done again.
-        if outcome is Outcome.DROPPED and not self._words[entry.at + layout.SUBSCRIPTION_DROPPED_BEFORE]:
-            self._words[entry.at + layout.SUBSCRIPTION_DROPPED_BEFORE] = entry.counts[DROPPED_COUNT] + 1
-        for reference in list(slot.waiting):
-            if self._ledger.reference(reference)[2] is entry:
-                self._queues.remove(slot, reference)
-                self._ledger.finish(reference, outcome)
-        self._directory.close(entry)
-        self._queues.outdate(slot)
 
     # -- messages ----------------------------------------------------------------------------------------
 
@@ -376,6 +318,9 @@ class Router:
         if not claims and not ledger.is_held(index):
             self._give_back(index)
 
+    def _give_back(self, index: int) -> None:
+        self._blocks.give_back(self._ledger, index)
+
     def _refuse(self, slot: Slot, link: Link, block: int) -> None:
         """Count a message for which the tables have no row, and give its block back."""
         tag = refused_tag(link)
@@ -384,7 +329,7 @@ class Router:
             slot.refused += 1
             slot.refused_tag = tag
             self._words[slot.at + layout.PUBLISHER_REFUSED] = slot.refused << layout.REFUSED_TAG_BITS | tag
-        self._free(link, block)
+        self._blocks.free(link, block)
 
     def _done(self, slot: Slot, link: Link, record: Record) -> None:
         """Handled, but held: the credit comes back, the block does not."""
@@ -413,42 +358,6 @@ class Router:
         if slot.waiting:
             self._queues.pump(slot, link)
         self._queues.outdate(slot)
-
-    # -- blocks go back to their owners ------------------------------------------------------------------
-
-    def _give_back(self, index: int) -> None:
-        """Give a block back to its owner, if that still lives, and then free the row."""
-        handle = self._ledger.handle(index)
-        source = handle[1] & _SOURCE_OF_INCARNATION
-        link = self._slots[source & 0xFFFF].link
-        if link is not None and source == link.source:
-            self._free(link, handle.block)
-        if not self._ledger.close_handle(index) and self._dead_sources:
-            slot, _, incarnation = layout.unpack_source(source)
-            if (slot, incarnation) in self._dead_sources:
-                self._dead_sources.remove((slot, incarnation))
-                self._announce_gone(slot, incarnation)
-
-    def _announce_gone(self, slot: int, incarnation: int) -> None:
-        """Say that a dead publisher's last message is gone."""
-        self._ledger.forget_source(slot, incarnation)
-        self._members.announce_gone((slot, incarnation))
-
-    def _free(self, link: Link, block: int) -> None:
-        link.freed.push(block)
-        if 0 < link.awaited_freed <= link.freed.head:
-            self._await_freed(link, 0)
-
-    def _await_freed(self, link: Link, total: int) -> None:
-        """Wake a module when so many of its blocks were ever freed: at once if they are."""
-        waits = total > link.freed.head
-        self._freed_waits += waits - (link.awaited_freed > 0)
-        link.awaited_freed = total if waits else 0
-        if not waits:
-            link.wake()
-
-    def _wait_freed(self, _slot: Slot, link: Link, record: Record) -> None:
-        self._await_freed(link, record[1])
 
 
 def refused_tag(link: Link) -> int:

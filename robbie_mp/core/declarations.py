@@ -1,0 +1,73 @@
+"""What modules declare: the channels they publish on, what they subscribe to, and that this is all."""
+
+from collections.abc import Sequence
+
+from robbie_mp.core.directory import Directory, Subscription
+from robbie_mp.core.ledger import Ledger, Outcome
+from robbie_mp.core.link import Link, Slot
+from robbie_mp.core.queues import Queues
+from robbie_mp.transport import layout
+from robbie_mp.transport.ring import Record
+from robbie_mp.transport.words import Words
+
+_DROPPED_COUNT = layout.SUBSCRIPTION_DROPPED - layout.SUBSCRIPTION_ROUTED
+
+
+class Declarations:
+    """Enters declarations into the directory, and ends subscriptions that nobody wants any more.
+
+    Args:
+        words: the core segment.
+        slots: the modules.
+        ledger: every reference there is.
+        directory: where declarations are entered.
+        queues: what waits for the modules.
+    """
+
+    def __init__(
+        self, words: Words, slots: Sequence[Slot], ledger: Ledger, directory: Directory, queues: Queues
+    ):
+        self._words = words
+        self._slots = slots
+        self._ledger = ledger
+        self._directory = directory
+        self._queues = queues
+
+    def advertise(self, _slot: Slot, link: Link, record: Record) -> None:
+        """Open a channel."""
+        wish = link.declaration(record[1])
+        channel = self._directory.channel(wish.type_name, wish.version, wish.topic, link.slot)
+        link.channels[record[1]] = channel
+
+    def subscribe(self, _slot: Slot, link: Link, record: Record) -> None:
+        """Open a subscription, or take over the one of an earlier incarnation."""
+        wish = link.declaration(record[1])
+        entry = self._directory.subscribe(link.slot, wish)
+        entry.declaration = wish.declaration
+        entry.declared_by = link.incarnation
+
+    def ready(self, slot: Slot, link: Link, _record: Record) -> None:
+        """Let messages go to a module; what its earlier incarnation wanted and it does not ends here."""
+        link.ready = True
+        self._words[slot.at + layout.PUBLISHER_READY] = link.incarnation
+        for entry in list(self._directory.subscriptions):
+            if entry.slot == link.slot and entry.declared_by != link.incarnation and entry.type_name:
+                self._close(entry, Outcome.DROPPED)
+        self._queues.pump(slot, link)
+
+    def close_all(self, slot: int, outcome: Outcome) -> None:
+        """End all subscriptions of a module that will not come back."""
+        for entry in [entry for entry in self._directory.subscriptions if entry.slot == slot]:
+            self._close(entry, outcome)
+
+    def _close(self, entry: Subscription, outcome: Outcome) -> None:
+        slot = self._slots[entry.slot]
+        # Who watches can tell what waited at its end from what did not fit. Once: this may be done again.
+        if outcome is Outcome.DROPPED and not self._words[entry.at + layout.SUBSCRIPTION_DROPPED_BEFORE]:
+            self._words[entry.at + layout.SUBSCRIPTION_DROPPED_BEFORE] = entry.counts[_DROPPED_COUNT] + 1
+        for reference in list(slot.waiting):
+            if self._ledger.reference(reference)[2] is entry:
+                self._queues.remove(slot, reference)
+                self._ledger.finish(reference, outcome)
+        self._directory.close(entry)
+        self._queues.outdate(slot)
