@@ -1,6 +1,7 @@
 """What a run holds after many restarts, and what becomes of it when the core refuses the supervisor."""
 
 import dataclasses
+import gc
 import os
 import signal
 import sys
@@ -62,6 +63,7 @@ class Holdings:
         self.least: dict[str, int] = {}
 
     def look(self, run_id: str, core: int) -> None:
+        gc.collect()  # what is only waiting for that is not held
         seen = {
             "blocks": sys.getallocatedblocks(),
             "supervisor's descriptors": open_descriptors(os.getpid()),
@@ -96,10 +98,12 @@ def test_supervisor_and_core_hold_no_more_after_many_restarts(
         elif restarts > MORE:
             os.kill(os.getpid(), signal.SIGINT)
 
+    gc.freeze()  # pytest's own objects need not be looked through each time
     assert quick_run(on_change, run_ids.append).reason == "SIGINT"
+    gc.unfreeze()
     grown = {what: late.least[what] - count for what, count in early.least.items()}
     assert grown.pop("blocks") < MORE - WARM, "more than one a restart"
-    assert max(grown.values()) <= 3, grown
+    assert max(grown.values()) <= 4 * MODULES, grown  # as many may be starting or ending at a look
 
 
 def test_core_that_refuses_the_supervisor_is_restarted_and_then_ends_the_run(
