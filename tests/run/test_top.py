@@ -31,9 +31,10 @@ from tests.run.robot import COMMAND, Robot, wait_until
 pytestmark = pytest.mark.timeout(300)
 
 PAIRS = 9
-COUNT = 1000
+COUNT = 1400
 BURST = 10
 PERIOD_S = 0.05
+INTERVAL_S = 3.0
 QUEUE = 50
 SLOW_S = 0.02
 KEPT = 3
@@ -109,12 +110,12 @@ def gathered(robot: Robot) -> Evidence:
     robot.until(lambda modules: all(modules[name]["handled"] > 20 for name in HEARERS))
     run_id = next(Path(os.environ["XDG_RUNTIME_DIR"], "robbie").iterdir()).name
     with closing(RunObserver(run_id)) as observer:
-        begun = observer.read()
+        begun = read_between_messages(observer)
         pids = [module.pid for module in begun.modules]
         processors = [busy_s()]
         before = {pid: by_psutil(pid) for pid in pids}
         recorder = recording(robot, run_id)
-        loaded = top(robot, run_id, interval_s=2.0)
+        loaded = top(robot, run_id, interval_s=INTERVAL_S)
         after = {pid: by_psutil(pid) for pid in pids}
         processors.append(busy_s())
         wait_until(lambda: is_over(observer.read()))
@@ -169,6 +170,13 @@ def busy_s() -> list[float]:
         times.user + times.nice + times.system + times.irq + times.softirq + times.steal
         for times in psutil.cpu_times(percpu=True)
     ]
+
+
+def read_between_messages(observer: RunObserver) -> RunReading:
+    """Read figures of channels that all are of the same moment."""
+    while (now := observer.read()).channels != tuple(observer.channels()):
+        pass
+    return now
 
 
 def is_over(now: RunReading) -> bool:
@@ -314,7 +322,7 @@ def test_rates_under_load_are_those_at_which_the_modules_published(evidence: Evi
     interval_s = loaded["interval_s"]
     end_s = datetime.fromisoformat(loaded["time"]).timestamp()
     total = 0.0
-    tolerance_hz = 3 * BURST / interval_s  # what was published between a look and the next note
+    tolerance_hz = 6 * BURST / interval_s  # a look takes its time, and notes are made after each burst
     for number in range(PAIRS):
         notes = evidence.books[f"talker{number}"]["sent"]
         times_s = [note[0] for note in notes]
@@ -346,7 +354,8 @@ def test_processor_memory_and_threads_are_those_that_psutil_sees(evidence: Evide
         before, after = evidence.psutil_before[module["pid"]], evidence.psutil_after[module["pid"]]
         assert before["cpu_s"] - CLOCK_TICK_S <= module["cpu_s"] <= after["cpu_s"] + CLOCK_TICK_S
         assert (
-            module["rates"]["cpu_percent"] <= 100 * (after["cpu_s"] - before["cpu_s"] + 2 * CLOCK_TICK_S) / 2
+            module["rates"]["cpu_percent"]
+            <= 100 * (after["cpu_s"] - before["cpu_s"] + 2 * CLOCK_TICK_S) / INTERVAL_S
         )
         low, high = sorted((before["rss"], after["rss"]))
         assert 0.9 * low <= module["rss_bytes"] <= 1.1 * high
