@@ -29,6 +29,8 @@ class Queues:
         self.holds_posts = False
         """Whether more messages are about to follow, so that modules are better woken for all of them."""
         self._to_post: set[Link] = set()
+        self.not_empty: set[Slot] = set()
+        """Modules for which messages wait."""
         self._outdated: set[Slot] = set()
         """Modules whose figures are to be written again."""
 
@@ -59,6 +61,7 @@ class Queues:
             subscription.queued = reference
         slot.waiting[reference] = size
         slot.waiting_bytes += size
+        self.not_empty.add(slot)
         if slot.link is not None and slot.link.ready:
             self.pump(slot, slot.link)
         while len(slot.waiting) > 1 and (
@@ -71,6 +74,8 @@ class Queues:
     def remove(self, slot: Slot, reference: int) -> None:
         """Take a message out of the queue."""
         slot.waiting_bytes -= slot.waiting.pop(reference)
+        if not slot.waiting:
+            self.not_empty.discard(slot)
         subscription = self._ledger.reference(reference)[2]
         if subscription.queued == reference:
             subscription.queued = None
@@ -121,11 +126,16 @@ class Queues:
         slot.waiting[reference] = size
         slot.waiting.move_to_end(reference, last=False)
         slot.waiting_bytes += size
+        self.not_empty.add(slot)
 
     def post(self) -> None:
         """Wake the modules that have been sent something."""
         while self._to_post:
             self._to_post.pop().wake()
+
+    def restore(self) -> None:
+        """Find out, as a new core, for whom messages wait."""
+        self.not_empty = {slot for slot in self._slots if slot.waiting}
 
     def outdate(self, slot: Slot) -> None:
         """Note that what waits for a module, or what it has, has changed."""

@@ -127,6 +127,7 @@ class Router:
             except BROKEN as error:
                 self._members.fault(link, error)
         restore_references(self._slots, self._ledger, self._directory)
+        self._queues.restore()
         entered = self._ledger.entered()
         for link in self._members.links:
             try:
@@ -209,8 +210,8 @@ class Router:
         A module looks at its word after it has pushed a release, the core at the ring after it has set the
         word, with a fence between on both sides: so one of the two sees the other, and no release is missed.
         """
-        waits = self._blocks.waits or any([slot.waiting for slot in self._slots])
-        if not (waits or self._wanting or self._members.have_notices):
+        somebody_waits = self._queues.not_empty or self._blocks.waits
+        if not (somebody_waits or self._wanting or self._members.have_notices):
             return False
         look_again = self._wanting = self._members.have_notices = False
         for link in self._members.links:
