@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import sys
 import time
 from contextlib import closing
@@ -80,6 +81,7 @@ def top(arguments: argparse.Namespace) -> int:
         ) from error
     if not sys.stdout.isatty():
         raise NoTerminalProgram("robbie top needs a terminal; use --once, --json or --csv FILE")
+    os.nice(10)  # drawing takes processor time, and the robot comes first
     with closing(RunFeed(arguments.run)) as feed:
         TopProgram(feed, max(arguments.interval, SHORTEST_INTERVAL_S)).run()
     return 0

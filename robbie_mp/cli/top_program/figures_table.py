@@ -107,14 +107,29 @@ class FiguresTable(DataTable[Text], Generic[Row]):
     def show(self, rows: Sequence[Row]) -> None:
         """Show these rows; the cursor stays on the row that it is on."""
         before, scroll = self.selected, self.scroll_offset
+        chosen = self._chosen(rows)
+        if [self._key(row) for row in chosen] == [key.value for key in self.rows]:
+            self._change(chosen)
+            return
         self.clear()
-        for row in self._chosen(rows):
-            cells = [column.cell(row) for column in self._columns]
-            trend = Text(sparkline(self._trend(row), TREND_WIDTH), "cyan")
-            self.add_row(*cells, trend, key=self._key(row))
+        for row in chosen:
+            self.add_row(*self._cells(row), key=self._key(row))
         if before is not None and before in self.rows:
             self.move_cursor(row=self.get_row_index(before), animate=False, scroll=False)
         self.scroll_to(scroll.x, scroll.y, animate=False)
+
+    def _change(self, rows: Sequence[Row]) -> None:
+        """Change what has changed in the rows that are shown: drawing is what costs most here."""
+        headings = [*(column.heading for column in self._columns), TREND]
+        for row in rows:
+            key = self._key(row)
+            for heading, before, now in zip(headings, self.get_row(key), self._cells(row), strict=True):
+                if (before, before.style) != (now, now.style):
+                    self.update_cell(key, heading, now, update_width=True)
+
+    def _cells(self, row: Row) -> list[Text]:
+        trend = Text(sparkline(self._trend(row), TREND_WIDTH), "cyan")
+        return [*(column.cell(row) for column in self._columns), trend]
 
     def _chosen(self, rows: Sequence[Row]) -> list[Row]:
         chosen = [row for row in rows if self._matches(row)]

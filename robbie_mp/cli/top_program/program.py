@@ -135,13 +135,18 @@ class TopProgram(App[None]):
         if shown.reading is None:
             self._main.query_one(f"#{MESSAGE}", Static).update(_nothing(shown))
             return
-        rows = module_rows(shown.reading, shown.rates)
-        self._modules.show(rows)
-        self._show_line(rows)
-        self._channels.show(channel_rows(shown.reading, shown.rates))
-        self._main.query_one("#graph-text", Static).update(graph(shown.reading, shown.rates))
         if isinstance(self.screen, Details):
             self.screen.show(shown)
+            return  # what nobody sees is not drawn
+        rows = module_rows(shown.reading, shown.rates)
+        match self._view:
+            case "modules":
+                self._modules.show(rows)
+            case "channels":
+                self._channels.show(channel_rows(shown.reading, shown.rates))
+            case _:
+                self._main.query_one("#graph-text", Static).update(graph(shown.reading, shown.rates))
+        self._show_line(rows)
 
     def _head(self) -> Text:
         shown = self._shown
