@@ -31,8 +31,8 @@ from tests.run.robot import COMMAND, Robot, wait_until
 pytestmark = pytest.mark.timeout(300)
 
 PAIRS = 9
-COUNT = 1400
-BURST = 10
+COUNT = 1680
+BURST = 12
 PERIOD_S = 0.05
 INTERVAL_S = 3.0
 QUEUE = 50
@@ -41,7 +41,7 @@ KEPT = 3
 CLOCK_TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 MODULES = [
     *(
-        f"talker{number}: {{class: 'zoo.load:Talker', settings: {{count: {COUNT}}}}}"
+        f"talker{number}: {{class: 'zoo.load:Talker', settings: {{count: {COUNT}, burst: {BURST}}}}}"
         for number in range(PAIRS)
     ),
     *(
