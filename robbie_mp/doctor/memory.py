@@ -1,6 +1,7 @@
 """Shared memory, working memory, swap, and the disk that results are written to."""
 
 import os
+import secrets
 import shutil
 from collections.abc import Iterator
 from math import ceil
@@ -12,6 +13,8 @@ import psutil
 from robbie_mp.doctor.finding import Finding, fail, ok, size, warn
 from robbie_mp.doctor.needs import Needs
 from robbie_mp.doctor.read import read_number
+from robbie_mp.transport.segment import unlink_segment
+from robbie_mp.transport.wakeup import unlink_wakeup
 
 SHARED_MEMORY = Path("/dev/shm")
 ENOUGH_SHARED_BYTES = 256 << 20
@@ -37,18 +40,22 @@ def look_at_memory(needs: Needs | None) -> Iterator[Finding]:
     yield check_disk(shutil.disk_usage(Path.cwd()).free, os.access(Path.cwd(), os.W_OK))
 
 
+def probe_name() -> str:
+    """Return a name like those of a run, so that a probe that was killed is swept as a dead run is."""
+    return f"robbie-{secrets.token_hex(4)}-doctor"
+
+
 def probe_shared_memory() -> str:
     """Make a segment and a semaphore and remove them; return what went wrong, '' if nothing did."""
-    name = f"/robbie-doctor-{os.getpid()}"
+    name = probe_name()
     try:
-        segment = posix_ipc.SharedMemory(name, posix_ipc.O_CREX, mode=0o600, size=4096)
-        segment.close_fd()
-        segment.unlink()
-        semaphore = posix_ipc.Semaphore(name, posix_ipc.O_CREX, mode=0o600)
-        semaphore.unlink()
-        semaphore.close()
+        posix_ipc.SharedMemory(f"/{name}", posix_ipc.O_CREX, mode=0o600, size=4096).close_fd()
+        posix_ipc.Semaphore(f"/{name}", posix_ipc.O_CREX, mode=0o600).close()
     except (OSError, posix_ipc.Error) as error:
         return str(error) or type(error).__name__
+    finally:
+        unlink_segment(name)
+        unlink_wakeup(name)
     return ""
 
 

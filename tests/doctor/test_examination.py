@@ -2,6 +2,7 @@
 
 import json
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,12 +12,14 @@ from robbie_mp.cli import main
 from robbie_mp.doctor.clock import clock_state
 from robbie_mp.doctor.examination import examine, guarded, worst
 from robbie_mp.doctor.finding import Finding, Level, fail, ok, warn
+from robbie_mp.doctor.memory import probe_name, probe_shared_memory
 from robbie_mp.doctor.needs import Needs, segments
 from robbie_mp.doctor.permissions import check_run_folder, login_setting
 from robbie_mp.doctor.python import own_requirements
 from robbie_mp.profile.model import MemoryLimits, ModuleSpec, Profile
 from robbie_mp.supervisor.memory import RunMemory
 from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.supervisor.sweep import UNCLAIMED_AGE_S, sweep
 
 PROFILE = """
 modules:
@@ -138,3 +141,20 @@ def test_clock_is_asked_and_not_set() -> None:
 def test_requirements_are_those_of_the_project() -> None:
     found = {(requirement.package, requirement.extra) for requirement in own_requirements()}
     assert {("numpy", ""), ("posix_ipc", ""), ("scipy", "robot"), ("pytest", "dev")} <= found
+
+
+def test_probe_of_shared_memory_leaves_nothing() -> None:
+    before = set(os.listdir("/dev/shm"))
+    assert probe_shared_memory() == ""
+    assert not [name for name in set(os.listdir("/dev/shm")) - before if "doctor" in name]
+
+
+def test_what_a_killed_probe_leaves_is_swept(tmp_path: Path) -> None:
+    name = probe_name()
+    for left in (tmp_path / name, tmp_path / f"sem.{name}"):
+        left.touch()
+    assert sweep([], tmp_path).names == (), "it may be just at work"
+    with pytest.MonkeyPatch.context() as patch:
+        later = time.time() + 2 * UNCLAIMED_AGE_S
+        patch.setattr(time, "time", lambda: later)
+        assert set(sweep([], tmp_path).names) == {name, f"sem.{name}"}
