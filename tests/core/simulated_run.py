@@ -254,3 +254,20 @@ class SimulatedRun:
 
     def live_references(self) -> int:
         return sum(self.words[self.tables.reference(i)] != 0 for i in range(self.tables.sizes.references))
+
+
+def connected(
+    run: SimulatedRun, *handlings: MessageHandling
+) -> tuple[SimulatedModule, int, list[SimulatedModule]]:
+    """A publisher in slot 1 and a subscriber for each handling from slot 2 on."""
+    publisher = run.start(1)
+    channel = publisher.advertise()
+    publisher.ready()
+    subscribers = []
+    for slot, handling in enumerate(handlings, start=2):
+        subscriber = run.start(slot)
+        subscriber.subscribe(handling)
+        subscriber.ready()
+        subscribers.append(subscriber)
+    run.run_core()
+    return publisher, channel, subscribers

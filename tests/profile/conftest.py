@@ -60,3 +60,10 @@ class Robot:
 def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Robot:
     monkeypatch.chdir(tmp_path)
     return Robot(tmp_path)
+
+
+PLAIN = "{class: 'base_of_modules:Plain'}"
+
+
+def write_class(robot: Robot, class_path: str) -> None:
+    robot.write("demo", f"modules:\n  a:\n    class: {class_path}\n")
