@@ -28,9 +28,8 @@ def look_at_limits(needs: Needs | None) -> Iterator[Finding]:
     yield check_processes(limit, threads, os.cpu_count() or 1, needs)
     yield check_file_size(resource.getrlimit(resource.RLIMIT_FSIZE)[0], needs)
     yield check_pids(read_number(KERNEL / "pid_max"), read_number(Path("/sys/fs/cgroup/pids.max")))
-    yield check_optional(
-        resource.getrlimit(resource.RLIMIT_MEMLOCK)[0], resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
-    )
+    rtprio = UNLIMITED if is_exempt else resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+    yield check_optional(resource.getrlimit(resource.RLIMIT_MEMLOCK)[0], rtprio, needs)
     yield check_system_v(read_number(KERNEL / "shmmax"), read_number(KERNEL / "shmmni"))
 
 
@@ -101,13 +100,16 @@ def check_pids(pid_max: int | None, container_max: int | None) -> Finding:
     return ok("process numbers", found)
 
 
-def check_optional(memlock: int, rtprio: int) -> Finding:
-    """Tell limits that a module may need, though Robbie-MP does not: locked bytes, real-time priority."""
+def check_optional(memlock: int, rtprio: int, needs: Needs | None) -> Finding:
+    """Judge limits that only some robots need: locked bytes, real-time priority."""
     locked = "unlimited memory" if memlock == UNLIMITED else size(memlock)
     found = (
         f"a module may lock {locked} (RLIMIT_MEMLOCK) and have real-time priority up to {_number(rtprio)} "
-        "(RLIMIT_RTPRIO); Robbie-MP itself uses neither"
+        "(RLIMIT_RTPRIO)"
     )
+    if needs is not None and rtprio != UNLIMITED and needs.realtime_priority > rtprio:
+        found += f"; {needs.profile} asks for {needs.realtime_priority} and would run at ordinary priority"
+        return warn("real time", found, "raise it: rtprio in /etc/security/limits.conf, or CAP_SYS_NICE")
     return ok("real time", found)
 
 

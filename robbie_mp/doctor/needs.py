@@ -29,6 +29,7 @@ class Needs:
         processes: supervisor, core, modules and spares.
         descriptors_to_start: of the process that needs most of them, as long as little is mapped.
         descriptors: the same when every module maps every segment of every other.
+        realtime_priority: the highest that any process asks for; 0: none does.
     """
 
     profile: str
@@ -38,6 +39,7 @@ class Needs:
     processes: int
     descriptors_to_start: int
     descriptors: int
+    realtime_priority: int = 0
 
     @classmethod
     def of(cls, profile: Profile) -> Self:
@@ -53,6 +55,7 @@ class Needs:
         whole_bytes += sum(memory.limit_bytes + 2 * memory.checkpoint_bytes for memory in memories)
         maps = sum(segments(memory) for memory in memories) * DESCRIPTORS_OF_A_MAP
         to_start = OWN_DESCRIPTORS + DESCRIPTORS_OF_A_CHILD * (slots + profile.spares.count)
+        schedulings = [core.scheduling, *(module.scheduling for module in profile.modules)]
         return cls(
             profile=profile.name,
             start_bytes=fixed_bytes + sum(memory.segment_bytes for memory in memories),
@@ -63,6 +66,7 @@ class Needs:
             processes=2 + len(memories) + profile.spares.count,
             descriptors_to_start=to_start,
             descriptors=max(to_start, OWN_DESCRIPTORS + maps),
+            realtime_priority=max(one.realtime_priority for one in schedulings),
         )
 
 

@@ -42,7 +42,8 @@ CASES: dict[Level, list[Finding]] = {
         limits.check_file_size(256 * MIB, NEEDS),
         limits.check_pids(None, None),
         limits.check_pids(32768, None),
-        limits.check_optional(0, 0),
+        limits.check_optional(0, 0, NEEDS),
+        limits.check_optional(0, 10, replace(NEEDS, realtime_priority=10)),
         limits.check_system_v(None, None),
         clock.check_monotonic(1e-9, 5e-8),
         clock.check_source(None),
@@ -71,6 +72,7 @@ CASES: dict[Level, list[Finding]] = {
         modules.check_modules(3, {}),
     ],
     WARN: [
+        limits.check_optional(0, 9, replace(NEEDS, realtime_priority=10)),
         memory.check_shared_memory(64 * MIB, 64 * MIB, None),
         memory.check_shared_memory(GIB, GIB - 1, NEEDS),
         memory.check_working_memory(GIB, NEEDS),
