@@ -67,7 +67,6 @@ def pub(arguments: argparse.Namespace) -> int:
             while count is None or published + refused < count:
                 while (wait_s := next_s - time.monotonic()) > 0:
                     attachment.wait(wait_s)
-                    attachment.take()  # no messages, but notices: who does not read them is detached
                 sent = attachment.publish(message, arguments.topic)
                 published, refused = published + sent, refused + (not sent)
                 next_s = max(next_s + 1 / (arguments.rate or 1), time.monotonic() - 1)

@@ -122,9 +122,13 @@ class Members:
             self.have_notices |= bool(link.notices)
 
     def announce_gone(self, source: tuple[int, int]) -> None:
-        """Have a dead publisher's data segments unmapped by everyone, and unlinked by the supervisor."""
+        """Have a dead publisher's data segments unmapped by everyone, and unlinked by the supervisor.
+
+        Who has never been sent anything has mapped nothing, and may not look at its ring for a long time.
+        """
         for link in self.links:
-            self.notify(link.slot, (Inbound.SEGMENTS_GONE, *source, 0))
+            if link.slot == SUPERVISOR_SLOT or link.inbound.head:
+                self.notify(link.slot, (Inbound.SEGMENTS_GONE, *source, 0))
 
 
 def name_of(slot: int, incarnation: int) -> str:

@@ -299,6 +299,9 @@ def test_garbage_in_a_ring_faults_its_module_and_the_others_go_on() -> None:
 def test_notices_never_take_the_room_of_messages() -> None:
     run = SimulatedRun()
     publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 7)
+    run.run_core()
+    assert subscriber.handle_all() == [7]
     for incarnation in range(1, 20):
         run.kill(run.start(3, incarnation))
     for value in range(CREDIT):
@@ -317,9 +320,20 @@ def test_notices_never_take_the_room_of_messages() -> None:
     assert notices == 19
 
 
+def test_module_that_was_never_sent_a_message_is_sent_no_notices() -> None:
+    run = SimulatedRun()
+    _, _, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    run.kill(run.start(3, 1))
+    run.run_core()
+    assert subscriber.endpoint.take() is None
+
+
 def test_notices_for_a_module_that_takes_none_are_bounded() -> None:
     run = SimulatedRun()
-    stopped = run.start(1)
+    publisher, channel, (stopped,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 1)
+    run.run_core()
+    assert stopped.handle_all() == [1]
     for incarnation in range(1, 2 * NOTICE_LIMIT):
         run.kill(run.start(3, incarnation))
         run.supervisor_notices()
