@@ -57,9 +57,19 @@ from robbie_mp.messages.stock.nav_msgs import MapMetaData, OccupancyGrid, Odomet
 from robbie_mp.messages.stock.profiler_msgs import ChannelProfile, ModuleProfile, SystemProfile
 from robbie_mp.messages.stock.rcl_interfaces import Log
 from robbie_mp.messages.stock.registry import stock_registry
-from robbie_mp.messages.stock.robbie_msgs import DriveCommand, ModuleState, SettingChange, SettingChanged
+from robbie_mp.messages.stock.robbie_msgs import (
+    Bumper,
+    DriveCommand,
+    EmergencyStop,
+    ModuleState,
+    PanTiltCommand,
+    SettingChange,
+    SettingChanged,
+    SimulatedWorld,
+)
 from robbie_mp.messages.stock.sensor_msgs import (
     BatteryState,
+    CameraInfo,
     CompressedImage,
     Image,
     Imu,
@@ -70,6 +80,7 @@ from robbie_mp.messages.stock.sensor_msgs import (
     NavSatStatus,
     PointCloud2,
     PointField,
+    RegionOfInterest,
 )
 from robbie_mp.messages.stock.std_msgs import Header
 from robbie_mp.messages.stock.tf2_msgs import TFMessage
@@ -80,6 +91,8 @@ __all__ = [
     "Array",
     "BatteryState",
     "BufferTooSmall",
+    "Bumper",
+    "CameraInfo",
     "ChannelProfile",
     "CompressedImage",
     "DeclarationError",
@@ -87,6 +100,7 @@ __all__ = [
     "DriveCommand",
     "DuplicateType",
     "Duration",
+    "EmergencyStop",
     "FieldError",
     "FieldTypeError",
     "FieldValueError",
@@ -109,6 +123,7 @@ __all__ = [
     "NavSatStatus",
     "OccupancyGrid",
     "Odometry",
+    "PanTiltCommand",
     "Path",
     "Point",
     "PointCloud2",
@@ -117,9 +132,11 @@ __all__ = [
     "PoseStamped",
     "PoseWithCovariance",
     "Quaternion",
+    "RegionOfInterest",
     "SchemaError",
     "SettingChange",
     "SettingChanged",
+    "SimulatedWorld",
     "SystemProfile",
     "TFMessage",
     "Time",

@@ -2,7 +2,7 @@
 
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
-from robbie_mp.messages.primitives import float64, uint32, uint64
+from robbie_mp.messages.primitives import Array, float64, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
 from robbie_mp.messages.stock.std_msgs import Header
 
@@ -44,3 +44,36 @@ class DriveCommand(Message, name="robbie_msgs/msg/DriveCommand", version=1):
     linear_m_per_s: float64 = DEFAULT  # forward
     angular_rad_per_s: float64 = DEFAULT  # counter-clockwise seen from above
     valid_for: Duration = DEFAULT
+
+
+class EmergencyStop(Message, name="robbie_msgs/msg/EmergencyStop", version=1):
+    """Stop the drive at once and keep it stopped, or let it drive again.
+
+    On topic `emergency_stop` it is a request; on `emergency_stop_state` the base tells what is the case.
+    """
+
+    header: Header = DEFAULT
+    engaged: bool = DEFAULT  # False: commands that come from now on are followed again
+    reason: str = DEFAULT  # for people
+
+
+class Bumper(Message, name="robbie_msgs/msg/Bumper", version=1):
+    """Which parts of the robot's bumper touch something."""
+
+    header: Header = DEFAULT
+    pressed: list[str] = DEFAULT  # names of the parts, as "front_left"; empty: nothing is touched
+
+
+class PanTiltCommand(Message, name="robbie_msgs/msg/PanTiltCommand", version=1):
+    """Look in a direction; the joints go there as fast as they can, and no farther than they can."""
+
+    header: Header = DEFAULT
+    pan_rad: float64 = DEFAULT  # to the left of straight ahead
+    tilt_rad: float64 = DEFAULT  # below the horizon (right-handed about the axis to the left)
+
+
+class SimulatedWorld(Message, name="robbie_msgs/msg/SimulatedWorld", version=1):
+    """What has changed in a simulated world, for all simulated devices."""
+
+    header: Header = DEFAULT
+    obstacles: Array[uint32] = DEFAULT  # which of the arena's appearing obstacles are there now

@@ -47,6 +47,32 @@ class CompressedImage(Message, name="sensor_msgs/msg/CompressedImage", version=1
     data: Array[uint8] = DEFAULT  # (N,) the compressed file
 
 
+class RegionOfInterest(Message, name="sensor_msgs/msg/RegionOfInterest", version=1):
+    """A part of an image; all zero: the whole image."""
+
+    x_offset: uint32 = DEFAULT  # leftmost column
+    y_offset: uint32 = DEFAULT  # topmost row
+    height: uint32 = DEFAULT
+    width: uint32 = DEFAULT
+    do_rectify: bool = DEFAULT  # a rectified region is to be made of the raw one
+
+
+class CameraInfo(Message, name="sensor_msgs/msg/CameraInfo", version=1):
+    """How a camera projects points of its optical frame (x right, y down, z forward) onto pixels."""
+
+    header: Header = DEFAULT  # stamp and frame_id: those of the image
+    height: uint32 = DEFAULT  # rows
+    width: uint32 = DEFAULT  # columns
+    distortion_model: str = DEFAULT  # as in "plumb_bob"
+    d: Array[float64] = DEFAULT  # (N,) of the distortion model; empty or zero: no distortion
+    k: Array[float64, Literal[9]] = DEFAULT  # row-major 3 x 3: fx 0 cx, 0 fy cy, 0 0 1, in pixels
+    r: Array[float64, Literal[9]] = DEFAULT  # row-major 3 x 3: rectification
+    p: Array[float64, Literal[12]] = DEFAULT  # row-major 3 x 4: projection of rectified images
+    binning_x: uint32 = DEFAULT
+    binning_y: uint32 = DEFAULT
+    roi: RegionOfInterest = DEFAULT
+
+
 class PointField(Message, name="sensor_msgs/msg/PointField", version=1):
     """One value of each point of a point cloud."""
 
