@@ -4,6 +4,7 @@ from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import Array, float64, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
+from robbie_mp.messages.stock.geometry_msgs import Pose
 from robbie_mp.messages.stock.std_msgs import Header
 
 
@@ -77,3 +78,24 @@ class SimulatedWorld(Message, name="robbie_msgs/msg/SimulatedWorld", version=1):
 
     header: Header = DEFAULT
     obstacles: Array[uint32] = DEFAULT  # which of the arena's appearing obstacles are there now
+
+
+class LocalizationState(Message, name="robbie_msgs/msg/LocalizationState", version=1):
+    """How well the robot knows where it is on a given map."""
+
+    header: Header = DEFAULT
+    converged: bool = DEFAULT  # False: the pose is a guess among several
+    spread_m: float64 = DEFAULT  # standard deviation of the position
+    spread_rad: float64 = DEFAULT  # standard deviation of the heading
+    agreement: float64 = DEFAULT  # share of the last scan's returns that lie on the map's obstacles, 0 … 1
+    particles: uint32 = DEFAULT  # hypotheses kept at present
+
+
+class NavigationState(Message, name="robbie_msgs/msg/NavigationState", version=1):
+    """How far the robot is on its way to a goal."""
+
+    header: Header = DEFAULT
+    state: str = DEFAULT  # as IDLE, DRIVE, ARRIVED, UNREACHABLE, STOPPED_NO_LASER
+    reason: str = DEFAULT  # why it is in that state, for people
+    goal: Pose = DEFAULT  # the one that came last, header's frame
+    distance_left_m: float64 = DEFAULT  # along the planned path; -1: there is none
