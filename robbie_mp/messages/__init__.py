@@ -54,6 +54,7 @@ from robbie_mp.messages.stock.geometry_msgs import (
     Vector3,
 )
 from robbie_mp.messages.stock.nav_msgs import MapMetaData, OccupancyGrid, Odometry, Path
+from robbie_mp.messages.stock.playback_msgs import PlaybackControl, PlaybackState, TimeJump
 from robbie_mp.messages.stock.profiler_msgs import ChannelProfile, ModuleProfile, SystemProfile
 from robbie_mp.messages.stock.rcl_interfaces import Log
 from robbie_mp.messages.stock.registry import stock_registry
@@ -86,7 +87,7 @@ from robbie_mp.messages.stock.sensor_msgs import (
 )
 from robbie_mp.messages.stock.std_msgs import Header
 from robbie_mp.messages.stock.tf2_msgs import TFMessage
-from robbie_mp.messages.versions import Upgrade, decode_version
+from robbie_mp.messages.versions import Upgrade, VersionDecoder, decode_version
 
 __all__ = [
     "DEFAULT",
@@ -129,6 +130,8 @@ __all__ = [
     "Odometry",
     "PanTiltCommand",
     "Path",
+    "PlaybackControl",
+    "PlaybackState",
     "Point",
     "PointCloud2",
     "PointField",
@@ -144,6 +147,7 @@ __all__ = [
     "SystemProfile",
     "TFMessage",
     "Time",
+    "TimeJump",
     "Transform",
     "TransformStamped",
     "Twist",
@@ -153,6 +157,7 @@ __all__ = [
     "UnknownType",
     "Upgrade",
     "Vector3",
+    "VersionDecoder",
     "VersionError",
     "as_dict",
     "bool_",

@@ -16,7 +16,7 @@ Old bytes are decoded by the old schema, which the log carries; `schema` is for 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from robbie_mp.messages.errors import VersionError
 from robbie_mp.messages.plain import as_dict, from_dict
@@ -58,32 +58,61 @@ def decode_version(message_type: type[_Message], data: Buffer, version: int, sch
         DecodeError: the bytes are no encoding of that version.
         SchemaError: the schema text is not understood.
     """
-    ours = message_type.version
-    if version > ours:
-        raise VersionError(
-            f"{message_type.type_name}: version {version} was written, {ours} is the newest here; "
-            "update this program"
-        )
-    if version == ours:
-        _check_same_layout(message_type, schema)
-        return message_type.decode(data)
-    steps = [_step(message_type, number, version) for number in range(version, ours)]
-    schema = schema or steps[0].schema
-    if not schema:
-        raise VersionError(
-            f"{message_type.type_name}: version {version} came without a schema, the class declares none; "
-            f"declare upgrades={{{version}: Upgrade(…, schema=…)}}"
-        )
-    written = message_type_from_schema(message_type.type_name, schema, version)
-    fields = as_dict(written.decode(data))
-    for number, upgrade in enumerate(steps, start=version):
-        try:
-            fields = upgrade.step(fields)
-        except Exception as error:
+    return VersionDecoder(message_type, version, schema).decode(data)
+
+
+class VersionDecoder(Generic[_Message]):
+    """Decodes many messages of one version, as `decode_version` does one.
+
+    Args:
+        message_type: the class we have.
+        version: which version was written.
+        schema: the ros2msg text that came with the bytes; "" if none did.
+
+    Raises:
+        VersionError, SchemaError: as `decode_version`, for all but what only a message can show.
+    """
+
+    def __init__(self, message_type: type[_Message], version: int, schema: str = ""):
+        self._type = message_type
+        self._first = version
+        ours = message_type.version
+        if version > ours:
             raise VersionError(
-                f"{message_type.type_name}: the step from version {number} to {number + 1} failed: {error!r}"
-            ) from error
-    return from_dict(message_type, fields)
+                f"{message_type.type_name}: version {version} was written, {ours} is the newest here; "
+                "update this program"
+            )
+        self._steps = [_step(message_type, number, version) for number in range(version, ours)]
+        if not self._steps:
+            _check_same_layout(message_type, schema)
+            return
+        schema = schema or self._steps[0].schema
+        if not schema:
+            raise VersionError(
+                f"{message_type.type_name}: version {version} came without a schema, the class declares "
+                f"none; declare upgrades={{{version}: Upgrade(…, schema=…)}}"
+            )
+        self._written = message_type_from_schema(message_type.type_name, schema, version)
+
+    def decode(self, data: Buffer) -> _Message:
+        """Decode a message and bring it up to date.
+
+        Raises:
+            VersionError: a step fails.
+            DecodeError: the bytes are no encoding of the version.
+        """
+        if not self._steps:
+            return self._type.decode(data)
+        fields = as_dict(self._written.decode(data))
+        for number, upgrade in enumerate(self._steps, start=self._first):
+            try:
+                fields = upgrade.step(fields)
+            except Exception as error:
+                raise VersionError(
+                    f"{self._type.type_name}: the step from version {number} to {number + 1} failed: "
+                    f"{error!r}"
+                ) from error
+        return from_dict(self._type, fields)
 
 
 def _step(message_type: type[Message], number: int, written: int) -> Upgrade:

@@ -4,6 +4,7 @@ from robbie_mp.messages.registry import TypeRegistry
 from robbie_mp.messages.stock import (
     geometry_msgs,
     nav_msgs,
+    playback_msgs,
     profiler_msgs,
     rcl_interfaces,
     robbie_msgs,
@@ -21,6 +22,9 @@ def stock_registry() -> TypeRegistry:
             nav_msgs.OccupancyGrid,
             nav_msgs.Odometry,
             nav_msgs.Path,
+            playback_msgs.PlaybackControl,
+            playback_msgs.PlaybackState,
+            playback_msgs.TimeJump,
             profiler_msgs.SystemProfile,
             rcl_interfaces.Log,
             robbie_msgs.Bumper,

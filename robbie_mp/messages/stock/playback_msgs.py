@@ -1,0 +1,43 @@
+"""How a playback is steered, and what it says."""
+
+from robbie_mp.messages.field_types import DEFAULT
+from robbie_mp.messages.message import Message
+from robbie_mp.messages.primitives import float64, uint64
+from robbie_mp.messages.stock.builtin_interfaces import Time
+
+
+class PlaybackControl(Message, name="robbie_msgs/msg/PlaybackControl", version=1):
+    """Steer the playback of a log."""
+
+    request: uint64 = DEFAULT  # a number that PlaybackState repeats; 0: none
+    command: str = DEFAULT  # pause, resume, step (pause, and play one message), seek or rate
+    value: float64 = DEFAULT  # seek: s from the log's begin; rate: times real time, infinity: no waiting
+
+
+class PlaybackState(Message, name="robbie_msgs/msg/PlaybackState", version=1):
+    """Where a playback stands; published at each change, and regularly in between."""
+
+    file: str = DEFAULT
+    begin: Time = DEFAULT  # of what is played of the log
+    end: Time = DEFAULT
+    position: Time = DEFAULT  # the log's time now
+    rate: float64 = DEFAULT  # times real time; infinity: as fast as nothing is lost
+    paused: bool = DEFAULT
+    loop: bool = DEFAULT
+    lockstep: bool = DEFAULT
+    ended: bool = DEFAULT  # everything has been played
+    messages: uint64 = DEFAULT  # played so far
+    jumps: uint64 = DEFAULT  # of the time, so far
+    request: uint64 = DEFAULT  # the last control that was handled
+    error: str = DEFAULT  # why that was refused; '' if it was not
+
+
+class TimeJump(Message, name="robbie_msgs/msg/TimeJump", version=1):
+    """The run's clock has jumped: what was known about the robot's whereabouts holds no longer.
+
+    It comes after all messages from before the jump, and before the first one from after it.
+    """
+
+    before: Time = DEFAULT  # what the clock showed
+    after: Time = DEFAULT  # what it shows now
+    reason: str = DEFAULT  # start (of a playback), seek or loop
