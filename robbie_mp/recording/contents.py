@@ -1,0 +1,67 @@
+"""What a log file holds, and where: what its summary says, or what reading all of it has found."""
+
+from dataclasses import dataclass, field
+from typing import BinaryIO, NamedTuple
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Header, Metadata, Schema
+
+from robbie_mp.recording.mcap_records import Frame, chunk_data, content, parse
+
+
+class Block(NamedTuple):
+    """Messages that lie together: those of a chunk, or of a row of records outside of any chunk."""
+
+    frame: Frame
+    """The chunk's; for a row of records its opcode is MESSAGE, and its content are whole records."""
+    start_ns: int
+    """Log time of the earliest message."""
+    end_ns: int
+    """Log time of the latest message."""
+    channel_ids: frozenset[int] | None
+    """Whose messages are in it; None if that is not known."""
+
+    def read(self, file: BinaryIO) -> bytes:
+        """Return its records.
+
+        Raises:
+            LogDamaged: they are not what was written.
+        """
+        data = content(file, self.frame)
+        return chunk_data(parse(Chunk, data)) if self.frame.opcode == Opcode.CHUNK else data
+
+
+@dataclass
+class Contents:
+    """What a log file holds, and where.
+
+    Attributes:
+        header: which profile and library wrote it.
+        schemas: by their ids.
+        channels: by their ids.
+        blocks: where messages are, in file order.
+        counts: messages of each channel, by its id.
+        metadata: in file order.
+        attachments: where they are.
+        start_ns: log time of the earliest message; 0 without any.
+        end_ns: log time of the latest message; 0 without any.
+        compressions: how many chunks are compressed in which way ("" for not at all).
+        damage: what is wrong with it; empty for a file that was written to its end.
+    """
+
+    header: Header = field(default_factory=lambda: Header(profile="", library=""))
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    blocks: list[Block] = field(default_factory=list)
+    counts: dict[int, int] = field(default_factory=dict)
+    metadata: list[Metadata] = field(default_factory=list)
+    attachments: list[Frame] = field(default_factory=list)
+    start_ns: int = 0
+    end_ns: int = 0
+    compressions: dict[str, int] = field(default_factory=dict)
+    damage: list[str] = field(default_factory=list)
+
+    @property
+    def message_count(self) -> int:
+        """Messages in the whole file."""
+        return sum(self.counts.values())

@@ -1,0 +1,19 @@
+"""What the recording package refuses, and why."""
+
+from robbie_mp.errors import RobbieError
+
+
+class LogError(RobbieError):
+    """The root of the errors of this package."""
+
+
+class LogUnreadable(LogError, OSError):
+    """A log cannot be opened: it is missing, or may not be read."""
+
+
+class NotALog(LogError, ValueError):
+    """What was named is no log; the text says what it seems to be."""
+
+
+class LogDamaged(LogError, ValueError):
+    """Bytes of a log are not what they must be; the text says which, and why."""

@@ -1,0 +1,155 @@
+"""The records of MCAP files, each checked to be whole before it is read.
+
+Source: https://mcap.dev/spec. The library `mcap` takes records apart, but trusts their lengths: of a file
+that was cut it reads the last message short, and a length gone wrong makes it ask for that much memory. So
+what says how long something is, is read here and compared with what there is.
+"""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from typing import BinaryIO, NamedTuple, Protocol, TypeVar
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile, McapError
+from mcap.records import Chunk
+
+from robbie_mp.recording.errors import LogDamaged
+
+MAGIC = b"\x89MCAP0\r\n"
+RECORD_HEAD = struct.Struct("<BQ")
+MESSAGE_HEAD = struct.Struct("<HIQQ")
+CHUNK_LIMIT_BYTES = 1 << 32
+
+_Record_co = TypeVar("_Record_co", covariant=True)
+
+
+class Frame(NamedTuple):
+    """Where a record lies."""
+
+    opcode: int
+    start: int
+    """Of its content, behind opcode and length."""
+    length: int
+    """Of its content."""
+
+    @property
+    def end(self) -> int:
+        """Where the next record begins."""
+        return self.start + self.length
+
+
+class _Readable(Protocol[_Record_co]):
+    @staticmethod
+    def read(stream: ReadDataStream) -> _Record_co:
+        """Take a record apart."""
+
+
+class _ExactStream(ReadDataStream):
+    """Raises where mcap's own would return less than was asked for."""
+
+    def read(self, length: int) -> bytes:
+        data = super().read(length)
+        if len(data) < length:
+            raise EndOfFile
+        return data
+
+
+def frame_at(file: BinaryIO, offset: int, size: int) -> Frame:
+    """Return the frame of the record at an offset of a file of that size.
+
+    Raises:
+        LogDamaged: there is no whole record.
+    """
+    file.seek(offset)
+    head = file.read(RECORD_HEAD.size)
+    if len(head) < RECORD_HEAD.size:
+        raise LogDamaged(f"the file ends in a record, at byte {size}")
+    opcode, length = RECORD_HEAD.unpack(head)
+    frame = Frame(opcode, offset + RECORD_HEAD.size, length)
+    if opcode == 0:
+        raise LogDamaged(f"there is no record at byte {offset}")
+    if frame.end > size:
+        raise LogDamaged(f"the record at byte {offset} should end at byte {frame.end}, the file at {size}")
+    return frame
+
+
+def content(file: BinaryIO, frame: Frame) -> bytes:
+    """Read the content of a record."""
+    file.seek(frame.start)
+    data = file.read(frame.length)
+    if len(data) < frame.length:
+        raise LogDamaged(f"the file has become shorter than byte {frame.end}")
+    return data
+
+
+def parse(kind: _Readable[_Record_co], data: bytes) -> _Record_co:
+    """Take the content of a record apart.
+
+    Args:
+        kind: its class in `mcap.records`; not Message, whose length is that of the record.
+        data: the content.
+
+    Raises:
+        LogDamaged: it is no such record.
+    """
+    try:
+        return kind.read(_ExactStream(BytesIO(data)))
+    except (McapError, ValueError, struct.error) as error:
+        name = getattr(kind, "__name__", "record")
+        why = str(error) or "too short"
+        raise LogDamaged(f"a {name} record of {len(data)} bytes cannot be read: {why}") from error
+
+
+def chunk_data(chunk: Chunk) -> bytes:
+    """Return the records in a chunk, decompressed; their checksum is compared if there is one.
+
+    Raises:
+        LogDamaged: they are not what was written, or compressed in a way that is not known here.
+    """
+    size = chunk.uncompressed_size
+    if size > CHUNK_LIMIT_BYTES:
+        raise LogDamaged(f"a chunk says it holds {size} bytes")
+    try:
+        data = _decompress(chunk.compression, chunk.data, size)
+    except (zstandard.ZstdError, RuntimeError, ValueError, EOFError, MemoryError) as error:
+        raise LogDamaged(f"a chunk cannot be decompressed: {error}") from error
+    if len(data) != size:
+        raise LogDamaged(f"a chunk holds {len(data)} bytes, not {size} as it says")
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise LogDamaged("a chunk has another checksum than it says")
+    return data
+
+
+def _decompress(compression: str, data: bytes, size: int) -> bytes:
+    if compression == "":
+        return data
+    if compression == "zstd":
+        if zstandard.frame_content_size(data) not in (-1, size):  # that much would be allocated
+            raise ValueError("its frame is of another size")
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+    if compression == "lz4":
+        decompressed: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+        return decompressed
+    raise ValueError(f"this program does not know the compression {compression!r}")
+
+
+def frames_in(data: bytes) -> Iterator[Frame]:
+    """Yield the frames of the records that lie in `data` one behind the other.
+
+    Raises:
+        LogDamaged: the last one is not whole.
+    """
+    offset, size = 0, len(data)
+    while offset < size:
+        if offset + RECORD_HEAD.size > size:
+            raise LogDamaged(f"{size - offset} bytes are left behind the last record")
+        opcode, length = RECORD_HEAD.unpack_from(data, offset)
+        frame = Frame(opcode, offset + RECORD_HEAD.size, length)
+        offset = frame.end
+        if offset > size:
+            raise LogDamaged(f"a record of {length} bytes goes {offset - size} bytes beyond its chunk")
+        yield frame

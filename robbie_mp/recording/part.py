@@ -1,0 +1,151 @@
+"""One file of a log."""
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import BinaryIO, NamedTuple, Self
+
+from mcap.opcode import Opcode
+
+from robbie_mp.recording.contents import Block, Contents
+from robbie_mp.recording.errors import LogDamaged, LogUnreadable, NotALog
+from robbie_mp.recording.mcap_records import MAGIC, MESSAGE_HEAD, RECORD_HEAD
+from robbie_mp.recording.scan import scan
+from robbie_mp.recording.summary import read_summary
+
+OTHERS = {
+    b"SQLite format 3\0": "a SQLite database, perhaps a ROS 2 bag: see `robbie import-rosbag`",
+    b"#ROSBAG V": "a ROS 1 bag: see `robbie import-rosbag`",
+}
+
+
+class PartMessage(NamedTuple):
+    """A message as it stands in a file."""
+
+    channel_id: int
+    sequence: int
+    time_ns: int
+    publish_time_ns: int
+    data: bytes
+
+
+class LogPart:
+    """One MCAP file, open; a context manager.
+
+    Attributes:
+        path: the file.
+        size: its bytes.
+        contents: what is where in it.
+        is_complete: whether it was written to its end, and no damage was found so far.
+    """
+
+    def __init__(self, path: Path):
+        """Open it, and read its summary, or all of it for want of one.
+
+        Raises:
+            LogUnreadable: it cannot be opened.
+            NotALog: it is no MCAP file.
+        """
+        self.path = path
+        self._file = _open(path)
+        try:
+            self.size = self._file.seek(0, 2)
+            _check_magic(path, self._file)
+            self.contents = self._look()
+        except BaseException:
+            self._file.close()
+            raise
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it was written to its end, and no damage was found so far."""
+        return not self.contents.damage
+
+    def _look(self) -> Contents:
+        try:
+            return read_summary(self._file, self.size) or scan(self._file, self.size)
+        except LogDamaged as damage:
+            found = scan(self._file, self.size)
+            found.damage = found.damage or [str(damage)]
+            return found
+
+    def scan(self) -> Contents:
+        """Read all of the file, whatever its summary says of it."""
+        known: Contents | None = None
+        damage: list[str] = []
+        try:
+            known = read_summary(self._file, self.size)
+        except LogDamaged as error:
+            damage.append(str(error))
+        found = scan(self._file, self.size, known)
+        found.damage = found.damage or damage
+        return found
+
+    def messages(
+        self, start_ns: int | None, end_ns: int | None, channel_ids: Collection[int] | None
+    ) -> Iterator[PartMessage]:
+        """Yield messages in file order; see `Log.messages`. What is damaged is left out, and noted."""
+        wanted = None if channel_ids is None else frozenset(channel_ids)
+        for block in self.contents.blocks:
+            if _may_have(block, start_ns, end_ns, wanted):
+                for message in self._messages_of(block):
+                    if (
+                        (start_ns is None or message.time_ns >= start_ns)
+                        and (end_ns is None or message.time_ns < end_ns)
+                        and (wanted is None or message.channel_id in wanted)
+                    ):
+                        yield message
+
+    def _messages_of(self, block: Block) -> Iterator[PartMessage]:
+        try:
+            yield from _messages_in(block.read(self._file))
+        except LogDamaged as damage:
+            self.contents.damage.append(f"byte {block.frame.start - RECORD_HEAD.size}: {damage}")
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+
+def _open(path: Path) -> BinaryIO:
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise LogUnreadable(f"{path} cannot be read: {error.strerror}") from error
+
+
+def _check_magic(path: Path, file: BinaryIO) -> None:
+    file.seek(0)
+    head = file.read(16)
+    if not head:
+        raise NotALog(f"{path} is empty")
+    if not MAGIC.startswith(head[: len(MAGIC)]):
+        seems = next((name for start, name in OTHERS.items() if head.startswith(start)), "")
+        raise NotALog(f"{path} is no MCAP file" + (f", but {seems}" if seems else ""))
+
+
+def _may_have(
+    block: Block, start_ns: int | None, end_ns: int | None, channel_ids: frozenset[int] | None
+) -> bool:
+    if channel_ids is not None and channel_ids.isdisjoint(block.channel_ids or channel_ids):
+        return False
+    return (start_ns is None or block.end_ns >= start_ns) and (end_ns is None or block.start_ns < end_ns)
+
+
+def _messages_in(data: bytes) -> Iterator[PartMessage]:
+    offset, size = 0, len(data)
+    while offset + RECORD_HEAD.size <= size:
+        opcode, length = RECORD_HEAD.unpack_from(data, offset)
+        start = offset + RECORD_HEAD.size
+        offset = start + length
+        if offset > size or (opcode == Opcode.MESSAGE and length < MESSAGE_HEAD.size):
+            raise LogDamaged(f"a record of {length} bytes cannot be in a chunk of {size} bytes")
+        if opcode == Opcode.MESSAGE:
+            channel_id, sequence, time_ns, publish_time_ns = MESSAGE_HEAD.unpack_from(data, start)
+            body = data[start + MESSAGE_HEAD.size : offset]
+            yield PartMessage(channel_id, sequence, time_ns, publish_time_ns, body)

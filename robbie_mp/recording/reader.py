@@ -1,0 +1,197 @@
+"""Reads logs: messages in the order in which they were recorded, from one file or a folder of parts."""
+
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, Self
+
+from mcap.records import Channel
+
+from robbie_mp.messages.registry import full_name
+from robbie_mp.recording.contents import Contents
+from robbie_mp.recording.errors import NotALog
+from robbie_mp.recording.foreign import version_of_foreign
+from robbie_mp.recording.part import LogPart
+
+PART_NAME = re.compile(r"(?P<name>.*)_(?P<number>\d{4,})\.mcap")
+
+
+@dataclass(frozen=True)
+class LogChannel:
+    """Messages of one type and version, on one topic, by one sender.
+
+    Attributes:
+        id: its place in `Log.channels`.
+        type_name: as in `sensor_msgs/msg/LaserScan`; "" if the log does not say.
+        version: of the type.
+        topic: Robbie's; of a log that others wrote their topic without the leading slash.
+        sender: the module that published it; "" in a log that others wrote.
+        schema: the ros2msg text of the type; "" if the log has none.
+        encoding: of the messages: "cdr", unless others wrote the log.
+    """
+
+    id: int
+    type_name: str
+    version: int
+    topic: str
+    sender: str
+    schema: str
+    encoding: str = "cdr"
+
+
+class LoggedMessage(NamedTuple):
+    """A message of a log.
+
+    Attributes:
+        channel: type, topic and sender.
+        sequence: its place in the order of the run, modulo 2^32.
+        time_ns: when it was published, in ns since the epoch on the run's clock.
+        data: its encoding.
+    """
+
+    channel: LogChannel
+    sequence: int
+    time_ns: int
+    data: bytes
+
+
+class Log:
+    """A log that is open; a context manager. `open_log` makes one.
+
+    Attributes:
+        path: the file or folder.
+        parts: its files, in order.
+        channels: what was recorded.
+        start_ns: time of the earliest message; 0 without any.
+        end_ns: time of the latest message; 0 without any.
+    """
+
+    def __init__(self, path: Path, parts: list[LogPart]):
+        self.path = path
+        self.parts = parts
+        self.channels: list[LogChannel] = []
+        self._channels_of: list[dict[int, LogChannel]] = []
+        """For each part its channels by their ids in that file."""
+        known: dict[LogChannel, LogChannel] = {}
+        for part in parts:
+            self._channels_of.append({id_: self._channel(part, id_, known) for id_ in part.contents.channels})
+        filled = [part.contents for part in parts if part.contents.message_count]
+        self.start_ns = min((contents.start_ns for contents in filled), default=0)
+        self.end_ns = max((contents.end_ns for contents in filled), default=0)
+
+    def _channel(self, part: LogPart, channel_id: int, known: dict[LogChannel, LogChannel]) -> LogChannel:
+        anonymous = _log_channel(part.contents, part.contents.channels[channel_id])
+        if anonymous not in known:
+            known[anonymous] = LogChannel(**{**vars(anonymous), "id": len(self.channels)})
+            self.channels.append(known[anonymous])
+        return known[anonymous]
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all files were written to their ends, and no damage was found so far."""
+        return all(part.is_complete for part in self.parts)
+
+    @property
+    def damage(self) -> list[str]:
+        """What is wrong with it, as far as that was found: a line for each place."""
+        return [f"{part.path}: {damage}" for part in self.parts for damage in part.contents.damage]
+
+    @property
+    def counts(self) -> dict[LogChannel, int]:
+        """How many messages each channel has."""
+        counts = dict.fromkeys(self.channels, 0)
+        for part, channels in zip(self.parts, self._channels_of, strict=True):
+            for channel_id, count in part.contents.counts.items():
+                counts[channels[channel_id]] += count
+        return counts
+
+    def metadata(self, name: str) -> list[dict[str, str]]:
+        """Return the metadata records of that name, in file order."""
+        records = (record for part in self.parts for record in part.contents.metadata)
+        return [record.metadata for record in records if record.name == name]
+
+    def messages(
+        self,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        channels: Iterable[LogChannel] | None = None,
+    ) -> Iterator[LoggedMessage]:
+        """Yield messages in file order, which is the order in which the core routed them.
+
+        What is damaged is left out; `is_complete` and `damage` tell of it afterwards.
+
+        Args:
+            start_ns: none that was published before.
+            end_ns: none that was published then or later.
+            channels: only of these.
+        """
+        wanted = None if channels is None else {channel.id for channel in channels}
+        for part, known in zip(self.parts, self._channels_of, strict=True):
+            ids = None if wanted is None else {id_ for id_, channel in known.items() if channel.id in wanted}
+            for message in part.messages(start_ns, end_ns, ids):
+                if channel := known.get(message.channel_id):
+                    yield LoggedMessage(channel, message.sequence, message.time_ns, message.data)
+
+    def close(self) -> None:
+        """Close its files."""
+        for part in self.parts:
+            part.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+
+def open_log(path: Path) -> Log:
+    """Open a log: an MCAP file, or a folder of parts `NAME_0000.mcap`, `NAME_0001.mcap`, ….
+
+    One that was cut, or is still being written, is read to its last whole chunk; to open it takes reading it.
+
+    Raises:
+        LogUnreadable: it is missing, or may not be read.
+        NotALog: it is no log, or a folder without one, or with several.
+    """
+    with ExitStack() as opened:
+        parts = [opened.enter_context(LogPart(file)) for file in part_files(path)]
+        log = Log(path, parts)
+        opened.pop_all()
+    return log
+
+
+def part_files(path: Path) -> list[Path]:
+    """Return the files of a log, in order.
+
+    Raises:
+        NotALog: it is a folder without a log, or with several.
+    """
+    if not path.is_dir():
+        return [path]
+    files = {file: PART_NAME.fullmatch(file.name) for file in path.glob("*.mcap")}
+    names = {match["name"] if match else file.stem for file, match in files.items()}
+    if not names:
+        raise NotALog(f"the folder {path} has no parts of a log (files NAME_0000.mcap, NAME_0001.mcap, …)")
+    if len(names) > 1:
+        raise NotALog(f"the folder {path} has several logs ({', '.join(sorted(names))}); name a file")
+    return sorted(files, key=lambda file: int(match["number"]) if (match := files[file]) else -1)
+
+
+def _log_channel(contents: Contents, channel: Channel) -> LogChannel:
+    """Describe a channel, for the time being without an id."""
+    schema = contents.schemas.get(channel.schema_id)
+    type_name = full_name(schema.name) if schema else ""
+    text = schema.data.decode(errors="replace") if schema and schema.encoding == "ros2msg" else ""
+    about = channel.metadata
+    version = about.get("robbie_version", "")
+    return LogChannel(
+        id=-1,
+        type_name=type_name,
+        version=int(version) if version.isdecimal() else version_of_foreign(type_name, text),
+        topic=about.get("robbie_topic", channel.topic.removeprefix("/")),
+        sender=about.get("robbie_sender", ""),
+        schema=text,
+        encoding=channel.message_encoding,
+    )

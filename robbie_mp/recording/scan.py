@@ -1,0 +1,191 @@
+"""Reads a log file from its beginning, for want of a summary: what is whole is found, whatever is not."""
+
+import re
+import struct
+from typing import BinaryIO
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Header, Metadata, Schema
+
+from robbie_mp.recording.contents import Block, Contents
+from robbie_mp.recording.errors import LogDamaged
+from robbie_mp.recording.mcap_records import (
+    MAGIC,
+    MESSAGE_HEAD,
+    RECORD_HEAD,
+    Frame,
+    chunk_data,
+    content,
+    frame_at,
+    frames_in,
+    parse,
+)
+
+ROW_BYTES = 1 << 22
+"""Messages outside of chunks are taken together up to so many bytes."""
+WINDOW_BYTES = 1 << 20
+CHUNK_HEAD = struct.Struct("<BQQQQII")
+"""Opcode, length, start time, end time, size, checksum, and the length of the name of the compression."""
+LONGEST_NAME_BYTES = 16
+CHUNK_OPCODE = re.compile(rb"\x06")
+
+
+def scan(file: BinaryIO, size: int, known: Contents | None = None) -> Contents:
+    """Return what is whole in a file.
+
+    Where something is not, the next whole chunk is looked for; `damage` tells of it.
+
+    Args:
+        file: the file.
+        size: its size.
+        known: schemas and channels that are known already, for messages behind what is not whole.
+    """
+    return _Scan(file, size, known or Contents()).run()
+
+
+class _Scan:
+    def __init__(self, file: BinaryIO, size: int, known: Contents):
+        self._file = file
+        self._size = size
+        self._found = Contents(schemas=dict(known.schemas), channels=dict(known.channels))
+        self._row: list[Frame] = []
+        """Messages outside of chunks since the last other record."""
+        self._row_ids: list[int] = []
+        self._row_times: list[int] = []
+        self._strangers = 0
+        """Messages of channels that are not known."""
+
+    def run(self) -> Contents:
+        """Read the file."""
+        offset = len(MAGIC)
+        has_end = False
+        while not has_end:
+            try:
+                frame = frame_at(self._file, offset, self._size)
+                has_end = self._take(frame)
+                offset = frame.end
+            except LogDamaged as damage:
+                self._end_row()
+                self._found.damage.append(str(damage))
+                following = self._next_chunk(offset + 1)
+                if following is None:
+                    break
+                offset = following
+        self._end_row()
+        if self._strangers:
+            self._found.damage.append(f"{self._strangers} messages are of channels whose description is lost")
+        return self._found
+
+    def _take(self, frame: Frame) -> bool:
+        """Take a record in; return whether the data end with it."""
+        found = self._found
+        if frame.opcode == Opcode.MESSAGE:
+            self._take_single(frame)
+            return False
+        self._end_row()
+        match frame.opcode:
+            case Opcode.CHUNK:
+                self._take_chunk(frame)
+            case Opcode.SCHEMA | Opcode.CHANNEL:
+                self._describe(frame.opcode, content(self._file, frame))
+            case Opcode.HEADER:
+                found.header = parse(Header, content(self._file, frame))
+            case Opcode.METADATA:
+                found.metadata.append(parse(Metadata, content(self._file, frame)))
+            case Opcode.ATTACHMENT:
+                found.attachments.append(frame)
+            case Opcode.DATA_END | Opcode.FOOTER:
+                return True
+        return False
+
+    def _describe(self, opcode: int, data: bytes) -> None:
+        if opcode == Opcode.SCHEMA:
+            schema = parse(Schema, data)
+            self._found.schemas[schema.id] = schema
+        else:
+            channel = parse(Channel, data)
+            self._found.channels[channel.id] = channel
+
+    def _take_chunk(self, frame: Frame) -> None:
+        chunk = parse(Chunk, content(self._file, frame))
+        data = chunk_data(chunk)
+        ids: list[int] = []
+        times: list[int] = []
+        for inner in list(frames_in(data)):  # none of it counts unless all of it is whole
+            if inner.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._describe(inner.opcode, data[inner.start : inner.end])
+            elif inner.opcode == Opcode.MESSAGE:
+                if inner.length < MESSAGE_HEAD.size:
+                    raise LogDamaged(f"a message record has only {inner.length} bytes")
+                channel_id, _, time_ns, _ = MESSAGE_HEAD.unpack_from(data, inner.start)
+                ids.append(channel_id)
+                times.append(time_ns)
+        self._found.compressions[chunk.compression] = self._found.compressions.get(chunk.compression, 0) + 1
+        self._add_block(frame, ids, times)
+
+    def _take_single(self, frame: Frame) -> None:
+        if frame.length < MESSAGE_HEAD.size:
+            raise LogDamaged(f"the message at byte {frame.start} has only {frame.length} bytes")
+        self._file.seek(frame.start)
+        channel_id, _, time_ns, _ = MESSAGE_HEAD.unpack(self._file.read(MESSAGE_HEAD.size))
+        self._row.append(frame)
+        self._row_ids.append(channel_id)
+        self._row_times.append(time_ns)
+        if frame.end - self._row[0].start > ROW_BYTES:
+            self._end_row()
+
+    def _end_row(self) -> None:
+        if self._row:
+            start, end = self._row[0].start - RECORD_HEAD.size, self._row[-1].end
+            row = Frame(Opcode.MESSAGE, start, end - start)
+            self._add_block(row, self._row_ids, self._row_times)
+            self._row, self._row_ids, self._row_times = [], [], []
+
+    def _add_block(self, frame: Frame, ids: list[int], times: list[int]) -> None:
+        found = self._found
+        known = [(id_, time_ns) for id_, time_ns in zip(ids, times, strict=True) if id_ in found.channels]
+        self._strangers += len(ids) - len(known)
+        if not known:
+            return
+        start_ns, end_ns = min(known, key=_time)[1], max(known, key=_time)[1]
+        found.start_ns = min(found.start_ns, start_ns) if found.blocks else start_ns
+        found.end_ns = max(found.end_ns, end_ns)
+        found.blocks.append(Block(frame, start_ns, end_ns, frozenset(id_ for id_, _ in known)))
+        for id_, _ in known:
+            found.counts[id_] = found.counts.get(id_, 0) + 1
+
+    def _next_chunk(self, offset: int) -> int | None:
+        """Return where the next whole chunk begins, or None."""
+        while offset < self._size:
+            self._file.seek(offset)
+            window = self._file.read(WINDOW_BYTES + CHUNK_HEAD.size + LONGEST_NAME_BYTES + 8)
+            for opcode in CHUNK_OPCODE.finditer(window, 0, WINDOW_BYTES):
+                if _may_be_chunk(window, opcode.start()) and self._is_chunk(offset + opcode.start()):
+                    return offset + opcode.start()
+            offset += WINDOW_BYTES
+        return None
+
+    def _is_chunk(self, offset: int) -> bool:
+        try:
+            chunk = parse(Chunk, content(self._file, frame_at(self._file, offset, self._size)))
+            frames = list(frames_in(chunk_data(chunk)))
+        except LogDamaged:
+            return False
+        return bool(frames) and chunk.uncompressed_crc != 0
+
+
+def _may_be_chunk(window: bytes, at: int) -> bool:
+    """Whether the two lengths in what begins there agree; by chance they hardly ever do."""
+    if at + CHUNK_HEAD.size > len(window):
+        return False
+    _, length, _, _, _, _, name_bytes = CHUNK_HEAD.unpack_from(window, at)
+    behind = at + CHUNK_HEAD.size + name_bytes
+    if name_bytes > LONGEST_NAME_BYTES or behind + 8 > len(window):
+        return False
+    head_bytes = CHUNK_HEAD.size - RECORD_HEAD.size + name_bytes + 8
+    data_bytes = int.from_bytes(window[behind : behind + 8], "little")
+    return bool(length == head_bytes + data_bytes)
+
+
+def _time(one: tuple[int, int]) -> int:
+    return one[1]

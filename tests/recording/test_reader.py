@@ -1,0 +1,231 @@
+"""A log is read in file order, from where it is asked for, and as far as it is whole."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType
+from mcap_ros2.decoder import DecoderFactory
+
+from robbie_mp.messages import LaserScan, stock_registry
+from robbie_mp.recording.errors import LogUnreadable, NotALog
+from robbie_mp.recording.reader import Log, open_log
+from tests.recording.logs import START_NS, STEP_NS, LogFile, scan, traffic, write_log
+
+FORMS = {
+    "plain": {},
+    "zstd": {"compression": CompressionType.ZSTD},
+    "lz4": {"compression": CompressionType.LZ4},
+    "without a summary": {
+        "index_types": IndexType.NONE,
+        "repeat_channels": False,
+        "repeat_schemas": False,
+        "use_statistics": False,
+        "use_summary_offsets": False,
+    },
+    "without message indexes": {"index_types": IndexType.CHUNK | IndexType.METADATA},
+    "without chunks": {"use_chunking": False},
+    "without checksums": {"enable_crcs": False},
+}
+
+
+def told(log: Log) -> list[tuple[str, str, str, int, int, bytes]]:
+    return [
+        (m.channel.type_name, m.channel.topic, m.channel.sender, m.sequence, m.time_ns, m.data)
+        for m in log.messages()
+    ]
+
+
+def expected(count: int) -> list[tuple[str, str, str, int, int, bytes]]:
+    return [
+        (message.type_name, topic, sender, number, time_ns, message.encode())
+        for number, (message, topic, sender, time_ns) in enumerate(traffic(count), start=1)
+    ]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_message_comes_in_file_order_whatever_the_form_of_the_file(tmp_path: Path, form: str) -> None:
+    with open_log(write_log(tmp_path / "a.mcap", 30, **FORMS[form])) as log:
+        assert told(log) == expected(30)
+        assert log.is_complete and not log.damage
+        assert (log.start_ns, log.end_ns) == (START_NS, START_NS + 29 * STEP_NS)
+        assert list(log.counts.values()) == [10, 10, 10]
+        assert [channel.id for channel in log.channels] == [0, 1, 2]
+        assert log.metadata("robbie_run")[0]["run_id"] == "0123abcd"
+
+
+def test_file_order_is_kept_where_times_go_back(tmp_path: Path) -> None:
+    times = [START_NS + offset for offset in (5, 3, 4, 1, 2)]
+    with LogFile(tmp_path / "a.mcap", chunk_size=1) as file:
+        for time_ns in times:
+            file.add(scan(1), time_ns=time_ns)
+    with open_log(tmp_path / "a.mcap") as log:
+        assert [message.time_ns for message in log.messages()] == times
+        some = [message.time_ns for message in log.messages(START_NS + 2, START_NS + 5)]
+    assert some == times[1:3] + times[4:]
+
+
+@pytest.mark.parametrize("form", ["plain", "without message indexes", "without chunks"])
+def test_messages_of_some_channels_and_times_are_the_ones_that_mcap_finds(tmp_path: Path, form: str) -> None:
+    path = write_log(tmp_path / "a.mcap", 60, **FORMS[form])
+    start_ns, end_ns = START_NS + 7 * STEP_NS, START_NS + 33 * STEP_NS
+    with path.open("rb") as file:
+        theirs = make_reader(file).iter_messages(
+            topics=["/odom"], starting_at=start_ns, ending_before=end_ns, log_time_order=False
+        )
+        sequences = [message.sequence for _, _, message in theirs]
+    with open_log(path) as log:
+        wanted = [channel for channel in log.channels if channel.topic == "odom"]
+        assert [m.sequence for m in log.messages(start_ns, end_ns, wanted)] == sequences != []
+        assert list(log.messages(channels=[])) == []
+
+
+def test_a_folder_of_parts_is_one_log(tmp_path: Path) -> None:
+    for number, times in ((10000, [3]), (9999, [1, 2])):
+        with LogFile(tmp_path / f"run_{number:04}.mcap") as file:
+            for time in times:
+                file.add(scan(time), "laser", time_ns=START_NS + time)
+            file.add(scan(0), f"only in {number}", time_ns=START_NS)
+    with open_log(tmp_path) as log:
+        assert [channel.topic for channel in log.channels] == ["laser", "only in 9999", "only in 10000"]
+        (laser, *_) = log.channels
+        assert [m.time_ns - START_NS for m in log.messages(channels=[laser])] == [1, 2, 3]
+        assert log.counts[laser] == 3
+        assert (log.start_ns, log.end_ns) == (START_NS, START_NS + 3)
+
+
+def test_schemas_are_those_of_the_log(tmp_path: Path) -> None:
+    with open_log(write_log(tmp_path / "a.mcap")) as log:
+        channel = log.channels[0]
+        assert (channel.type_name, channel.version) == ("sensor_msgs/msg/LaserScan", LaserScan.version)
+        assert channel.schema.startswith("std_msgs/Header header\nfloat32 angle_min\n")
+
+
+def test_mcap_ros2_support_reads_the_same_fields(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "a.mcap")
+    types = stock_registry()
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        theirs = [found.decoded_message for found in reader.iter_decoded_messages(log_time_order=False)]
+    with open_log(path) as log:
+        for ours, their in zip(log.messages(), theirs, strict=True):
+            message = types.get(ours.channel.type_name).decode(ours.data)
+            if isinstance(message, LaserScan):
+                assert message.ranges.tolist() == their.ranges
+            else:
+                assert message.child_frame_id == their.child_frame_id
+
+
+def test_of_a_log_that_others_wrote_the_topic_and_the_layout_tell(tmp_path: Path) -> None:
+    with LogFile(tmp_path / "a.mcap") as file:
+        for topic, name in (("/t", "tf2_msgs/msg/TFMessage"), ("/u", "team_msgs/Unknown")):
+            schema_id = file.writer.register_schema(name, "ros2msg", b"float64 wholly_other")
+            channel = file.writer.register_channel(topic, "cdr", schema_id)
+            file.add_bytes(channel, b"\0\1\0\0" + bytes(8), START_NS)
+        bare = file.writer.register_channel("/json", "json", 0)
+        file.add_bytes(bare, b"{}", START_NS)
+    with open_log(tmp_path / "a.mcap") as log:
+        seen = [(c.type_name, c.version, c.topic, c.sender, c.encoding) for c in log.channels]
+    assert seen == [
+        ("tf2_msgs/msg/TFMessage", 1, "t", "", "cdr"),
+        ("team_msgs/msg/Unknown", 1, "u", "", "cdr"),
+        ("", 1, "json", "", "json"),
+    ]
+
+
+@pytest.mark.parametrize("form", ["plain", "zstd", "without chunks"])
+def test_of_a_file_cut_anywhere_what_was_written_whole_is_read(tmp_path: Path, form: str) -> None:
+    whole = write_log(tmp_path / "a.mcap", 9, **FORMS[form]).read_bytes()
+    cut, messages, last = tmp_path / "cut.mcap", expected(9), 0
+    for size in range(1, len(whole), 11):
+        cut.write_bytes(whole[:size])
+        with open_log(cut) as log:
+            found = told(log)
+            assert not log.is_complete
+        assert found == messages[: len(found)]
+        assert len(found) >= last
+        last = len(found)
+    assert last == len(messages)
+
+
+def test_a_damaged_chunk_is_left_out_and_the_ones_behind_it_are_found(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "a.mcap", 30)
+    whole = path.read_bytes()
+    with open_log(path) as log:
+        frames = [block.frame for block in log.parts[0].contents.blocks]
+    length, middle = frames[3].start - 8, frames[3].start + 300
+    for at, has_summary in ((length, False), (middle, False), (middle, True)):
+        damaged = whole[:at] + bytes([whole[at] ^ 0xFF]) + whole[at + 1 :]
+        path.write_bytes(damaged if has_summary else damaged[:-1])
+        with open_log(path) as log:
+            found = told(log)
+            assert not log.is_complete and str(path) in log.damage[0]
+        assert set(found) < set(expected(30)) and found[-1] == expected(30)[-1]
+        assert 30 > len(found) > 20
+
+
+@settings(max_examples=100, deadline=None)
+@given(data=st.data())
+def test_whatever_bytes_are_changed_reading_ends_without_another_error(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    folder = tmp_path_factory.mktemp("logs")
+    form = data.draw(st.sampled_from(["plain", "zstd", "lz4", "without chunks", "without checksums"]))
+    content = bytearray(write_log(folder / "a.mcap", 9, **FORMS[form]).read_bytes())
+    for at, value in data.draw(
+        st.lists(st.tuples(st.integers(8, len(content) - 1), st.integers(0, 255)), max_size=4)
+    ):
+        content[at] = value
+    (folder / "a.mcap").write_bytes(content)
+    with open_log(folder / "a.mcap") as log:
+        messages = list(log.messages())
+        list(log.messages(START_NS, START_NS + STEP_NS, log.channels[:1]))
+    assert len(messages) <= 9
+
+
+def test_an_hour_is_sought_through_without_reading_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.mcap"
+    with LogFile(path, chunk_size=1) as file:
+        for second in range(3600):
+            file.add(scan(second), time_ns=START_NS + second * 10**9)
+    with open_log(path) as log:
+        reads = []
+        block_type = type(log.parts[0].contents.blocks[0])
+        read = block_type.read
+        monkeypatch.setattr(block_type, "read", lambda *all_: reads.append(1) or read(*all_))
+        first = next(log.messages(start_ns=START_NS + 1800 * 10**9))
+    assert first.time_ns == START_NS + 1800 * 10**9
+    assert len(reads) == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        (b"", "is empty"),
+        (b"no log at all", "is no MCAP file"),
+        (b"SQLite format 3\0...", "is no MCAP file, but a SQLite database, perhaps a ROS 2 bag"),
+        (b"#ROSBAG V2.0\n", "is no MCAP file, but a ROS 1 bag: see `robbie import-rosbag`"),
+    ],
+)
+def test_what_is_no_log_is_named(tmp_path: Path, content: bytes, what: str) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(content)
+    with pytest.raises(NotALog, match=what):
+        open_log(path)
+
+
+def test_a_folder_without_a_log_or_with_several_is_named(tmp_path: Path) -> None:
+    with pytest.raises(NotALog, match="has no parts of a log"):
+        open_log(tmp_path)
+    write_log(tmp_path / "a.mcap")
+    with open_log(tmp_path) as log:
+        assert len(log.parts) == 1
+    write_log(tmp_path / "b_0001.mcap")
+    with pytest.raises(NotALog, match=r"has several logs \(a, b\); name a file"):
+        open_log(tmp_path)
+    with pytest.raises(LogUnreadable, match="No such file"):
+        open_log(tmp_path / "none.mcap")
