@@ -1,12 +1,12 @@
 """What a module author subclasses."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robbie_mp.bus import Bus, Envelope, MessageType
 from robbie_mp.checkpoint.keeper import Checkpoints
@@ -15,6 +15,9 @@ from robbie_mp.config import Config
 from robbie_mp.messages import Message
 from robbie_mp.settings import apply_settings, setting
 from robbie_mp.transport.records import MessageHandling
+
+if TYPE_CHECKING:
+    from robbie_mp.messages.descriptions import TypeDescription
 
 __all__ = ["MessageHandling", "Module", "ModuleContext", "setting"]
 
@@ -85,6 +88,14 @@ class Module:
         Raises:
             SettingError: something is wrong with them.
         """
+
+    @classmethod
+    def further_types(cls, settings: dict[str, object]) -> "Iterable[TypeDescription]":
+        """Describe message types that it publishes and that no class declares, for who attaches to the run.
+
+        Called after `check`, with the same settings. Types that have a class are known without this.
+        """
+        return ()
 
     def setup(self) -> None:
         """Open devices, make workers, subscribe. Runs once in each process, before any message comes.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
+from robbie_mp.messages import schema_parser
 from robbie_mp.messages.errors import UnknownType
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.registry import full_name
@@ -21,18 +22,30 @@ class TypeDescription(NamedTuple):
     version: int
     schema: str
     """Its ros2msg text, with those of the types in it."""
+    python_module: str = ""
+    """Where its class is declared; '' if it is known as text only."""
 
     @classmethod
     def of(cls, message_type: type[Message]) -> TypeDescription:
         """Describe a class."""
-        return cls(message_type.type_name, message_type.version, schema_text(message_type))
+        name, version = message_type.type_name, message_type.version
+        return cls(name, version, schema_text(message_type), message_type.__module__)
 
 
 def own_types() -> list[TypeDescription]:
     """Describe all message types that this process has declared by now, except the stock types."""
+    return [TypeDescription.of(one) for one in own_classes()]
+
+
+def own_classes() -> list[type[Message]]:
+    """Return all message classes that this process has declared by now, except the stock types."""
     stock = set(stock_registry())
-    own = {one.type_name: one for one in _subclasses(Message) if one not in stock}
-    return [TypeDescription.of(one) for _, one in sorted(own.items())]
+    own = {
+        one.type_name: one
+        for one in _subclasses(Message)
+        if one not in stock and one.__module__ != schema_parser.__name__
+    }
+    return [one for _, one in sorted(own.items())]
 
 
 def _subclasses(message_type: type[Message]) -> Iterator[type[Message]]:

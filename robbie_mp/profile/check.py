@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, TextIO, TypeVar
 
 from robbie_mp.die_with_parent import die_with_parent
-from robbie_mp.messages.descriptions import own_types
+from robbie_mp.messages.descriptions import TypeDescription, own_types
 from robbie_mp.settings import SettingError, examine_settings
 from robbie_mp.suggest import did_you_mean
 
@@ -47,7 +47,7 @@ def main() -> None:
         result = _examine(module, base, Path(request["workspace"]))
         if os.getpid() != this_process:  # the import has forked
             os._exit(0)
-        _emit(events, {"result": {**result, "types": own_types()}})
+        _emit(events, {"result": result})
     _emit(events, {"end": True})
     os._exit(0)
 
@@ -71,22 +71,31 @@ def _examine(module: dict[str, Any], base: type, workspace: Path) -> dict[str, o
     """Return what is wrong with a module and its complete settings, or the failure of its own code."""
     errors: list[tuple[tuple[str, ...], str]] = []
     settings: dict[str, object] = {}
+    further: list[TypeDescription] = []
     failure = ""
     try:
         cls: type = load_class(module["class_path"], base)
         folder_of = {name: Path(folder) for name, folder in module["folder_of"].items()}
         settings, found = examine_settings(cls, module["settings"], folder=workspace, folder_of=folder_of)
         errors += [(("settings", error.setting), str(error)) for error in found]
-        check: Callable[[dict[str, object]], None] | None = getattr(cls, "check", None)
-        if check and not errors:
-            check(dict(settings))
+        if not errors:
+            _hook(cls, "check")(dict(settings))
+            further += _hook(cls, "further_types")(dict(settings)) or ()
     except SettingError as error:
         errors.append((("settings", error.setting), str(error)))
     except NotAModule as error:
         errors.append((("class",), str(error)))
     except BaseException:  # even sys.exit: it is the code's failure, and not the profile's
         failure = traceback.format_exc()
-    return {"errors": errors, "settings": settings, "failure": failure}
+    known = own_types()
+    known += [one for one in further if one.name not in {declared.name for declared in known}]
+    return {"errors": errors, "settings": settings, "failure": failure, "types": known}
+
+
+def _hook(cls: type, name: str) -> Callable[[dict[str, object]], Any]:
+    """Return a method of a module's class; one that does nothing if the class has none."""
+    found: Callable[[dict[str, object]], Any] = getattr(cls, name, lambda _settings: None)
+    return found
 
 
 def load_class(class_path: str, base: type[Class]) -> type[Class]:

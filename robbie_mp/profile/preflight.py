@@ -15,6 +15,7 @@ from robbie_mp.profile.model import ModuleSpec, Profile
 from robbie_mp.profile.problem import Problem, ProfileError
 
 BASE_CLASS = "robbie_mp.module:Module"
+OWN_CODE = "robbie_mp."
 
 
 @dataclass
@@ -51,7 +52,8 @@ def preflight(profile: Profile, *, timeout_s: float = 10.0, base_class: str = BA
     """
     findings = Preflight()
     problems: list[Problem] = []
-    waiting = list(profile.modules)
+    # Services come last: they may ask for the message types that the robot's own code declares.
+    waiting = sorted(profile.modules, key=lambda module: module.class_path.startswith(OWN_CODE))
     while waiting:
         current = ""  # the module being imported, or else the last one that was
         with closing(check_events(profile, waiting, timeout_s, base_class)) as events:

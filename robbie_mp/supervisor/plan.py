@@ -58,7 +58,7 @@ class RunPlan:
     spare_imports: list[str]
     """What a spare interpreter imports ahead."""
     tools: ToolLimits
-    types: list[tuple[str, int, str]]
+    types: list[tuple[str, int, str, str]]
     """The robot's own message types, as far as its modules' files declare them when they are imported: what a
     `TypeDescription` holds, but plain, for the core and spares read this and need no messages."""
 
@@ -70,7 +70,7 @@ class RunPlan:
         workspace: Path,
         output_directory: Path,
         supervisor_pid: int,
-        types: Iterable[tuple[str, int, str]] = (),
+        types: Iterable[tuple[str, int, str, str]] = (),
     ) -> Self:
         """Plan a run of a profile."""
         return cls(
@@ -84,7 +84,7 @@ class RunPlan:
             modules=tuple(_planned(module) for module in profile.modules),
             spare_imports=profile.spares.imports,
             tools=profile.tools,
-            types=[(name, version, schema) for name, version, schema in types],
+            types=list(types),
         )
 
     @property

@@ -19,7 +19,9 @@ KNOWN = KnownTypes([TypeDescription.of(Whisker)])
 
 def test_own_types_are_described_and_stock_types_are_not() -> None:
     described = {one.name: one for one in own_types()}
-    assert described["mouse/msg/Whisker"] == TypeDescription("mouse/msg/Whisker", 3, schema_text(Whisker))
+    assert described["mouse/msg/Whisker"] == TypeDescription(
+        "mouse/msg/Whisker", 3, schema_text(Whisker), __name__
+    )
     assert "sensor_msgs/msg/LaserScan" not in described
 
 
