@@ -1,0 +1,45 @@
+"""The scene graph: where everything is, in the frame of everything else, at every moment of the last seconds.
+
+How to describe one, and how to ask it: docs/scene-graph.md.
+"""
+
+from robbie_mp.scene_graph.errors import (
+    BadJoint,
+    Disconnected,
+    DuplicateNode,
+    MissingParent,
+    NeverPlaced,
+    NodeCycle,
+    NotAPose,
+    NotMovable,
+    SceneFileError,
+    SceneGraphError,
+    TooNew,
+    TooOld,
+    UnknownNode,
+)
+from robbie_mp.scene_graph.graph import SceneGraph
+from robbie_mp.scene_graph.node import Joint, JointType, Mimic, Node
+from robbie_mp.scene_graph.rigid_transform import RigidTransform
+
+__all__ = [
+    "BadJoint",
+    "Disconnected",
+    "DuplicateNode",
+    "Joint",
+    "JointType",
+    "Mimic",
+    "MissingParent",
+    "NeverPlaced",
+    "Node",
+    "NodeCycle",
+    "NotAPose",
+    "NotMovable",
+    "RigidTransform",
+    "SceneFileError",
+    "SceneGraph",
+    "SceneGraphError",
+    "TooNew",
+    "TooOld",
+    "UnknownNode",
+]

@@ -1,0 +1,113 @@
+"""Bodies: what moves as one. All nodes that are fixed to one another are of the same body."""
+
+import math
+from collections.abc import Callable
+
+from robbie_mp.scene_graph.history import History
+from robbie_mp.scene_graph.node import Joint, JointType, Node
+from robbie_mp.scene_graph.rigid_transform import IDENTITY, Pose7, compose
+
+PoseAt = Callable[[int], Pose7]
+
+
+class Body:
+    """A rigid part of the world, and where it is in the one it moves against.
+
+    Args:
+        parent: the body it moves against; None for that of a root.
+        history: what says when it was where; None for that of a root.
+        pose_at: its pose in the parent at a time, ns.
+    """
+
+    __slots__ = ("depth", "history", "parent", "pose_at", "root")
+
+    def __init__(
+        self,
+        root: str,
+        parent: "Body | None",
+        history: History[Pose7] | History[float] | None,
+        pose_at: PoseAt,
+    ):
+        self.root = root
+        self.parent = parent
+        self.depth: int = parent.depth + 1 if parent else 0
+        self.history = history
+        self.pose_at = pose_at
+
+
+class PlacedNode:
+    """A node, the body it is part of, and its constant place in that."""
+
+    __slots__ = ("body", "node", "place")
+
+    def __init__(self, node: Node, body: Body, place: Pose7):
+        self.node = node
+        self.body = body
+        self.place = place
+
+
+def root_node(node: Node) -> PlacedNode:
+    """Return a node without a parent, with a body of its own."""
+    return PlacedNode(node, Body(node.name, None, None, lambda _time_ns: IDENTITY), IDENTITY)
+
+
+def fixed_node(node: Node, parent: PlacedNode) -> PlacedNode:
+    """Return a node that is fixed to its parent."""
+    return PlacedNode(node, parent.body, compose(parent.place, node.origin))
+
+
+def jointed_node(node: Node, joint: Joint, parent: PlacedNode, history: History[float]) -> PlacedNode:
+    """Return a node that moves by the position of a joint, or of the one it follows."""
+    base = compose(parent.place, node.origin)
+    mimic = joint.mimic
+    multiplier, offset = (mimic.multiplier, mimic.offset) if mimic else (1.0, 0.0)
+    motion = _slide(base, joint.axis) if joint.type is JointType.PRISMATIC else _turn(base, joint.axis)
+
+    def pose_at(time_ns: int) -> Pose7:
+        return motion(multiplier * history.at(time_ns) + offset)
+
+    return PlacedNode(node, Body(parent.body.root, parent.body, history, pose_at), IDENTITY)
+
+
+def floating_node(node: Node, parent: PlacedNode, history: History[Pose7]) -> PlacedNode:
+    """Return a node that moves by whole poses."""
+    base = parent.place
+
+    def pose_at(time_ns: int) -> Pose7:
+        return compose(base, history.at(time_ns))
+
+    is_plain = base == IDENTITY
+    return PlacedNode(
+        node, Body(parent.body.root, parent.body, history, history.at if is_plain else pose_at), IDENTITY
+    )
+
+
+def _turn(base: Pose7, axis: tuple[float, float, float]) -> Callable[[float], Pose7]:
+    px, py, pz, ax, ay, az, aw = base
+    x, y, z = axis
+
+    def pose(angle_rad: float) -> Pose7:
+        sine, bw = math.sin(angle_rad / 2), math.cos(angle_rad / 2)
+        bx, by, bz = x * sine, y * sine, z * sine
+        return (
+            px,
+            py,
+            pz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz,
+        )
+
+    return pose
+
+
+def _slide(base: Pose7, axis: tuple[float, float, float]) -> Callable[[float], Pose7]:
+    px, py, pz, qx, qy, qz, qw = base
+    end = compose(base, (*axis, 0.0, 0.0, 0.0, 1.0))
+    x, y, z = end[0] - px, end[1] - py, end[2] - pz
+
+    def pose(distance_m: float) -> Pose7:
+        return (px + x * distance_m, py + y * distance_m, pz + z * distance_m, qx, qy, qz, qw)
+
+    return pose

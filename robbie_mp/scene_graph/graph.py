@@ -1,0 +1,266 @@
+"""The scene graph: a tree of frames, each with what is known of its place over the last seconds."""
+
+import math
+from collections.abc import Iterable, Iterator
+
+from robbie_mp.scene_graph.body import Body, PlacedNode, fixed_node, floating_node, jointed_node, root_node
+from robbie_mp.scene_graph.errors import (
+    Disconnected,
+    DuplicateNode,
+    MissingParent,
+    NotAPose,
+    NotMovable,
+    UnknownNode,
+)
+from robbie_mp.scene_graph.history import History, circular, linear
+from robbie_mp.scene_graph.node import Joint, JointType, Node
+from robbie_mp.scene_graph.rigid_transform import Pose7, RigidTransform, compose, interpolate, invert
+from robbie_mp.scene_graph.tree_check import is_joint, parents_first, tree_problems
+from robbie_mp.suggest import did_you_mean
+
+HISTORY_S = 10.0
+HISTORY_LIMIT = 5000
+
+
+class SceneGraph:
+    """A tree of nodes; ask it for the pose of one in the frame of another, at a time.
+
+        graph = SceneGraph([
+            Node("map"),
+            Node("base_link", "map", joint=Joint(JointType.FLOATING)),
+            Node("laser", "base_link", RigidTransform.of((0.2, 0.0, 0.1))),
+        ])
+        graph.move("base_link", time_ns, RigidTransform.of((1.0, 2.0, 0.0)))
+        X_ML = graph.pose("map", "laser", time_ns)
+
+    All frames that no joint separates are one rigid body. An answer composes one pose for each joint on the
+    way, so its cost grows with their number, and not with that of nodes.
+
+    Args:
+        nodes: in any order. There may be several trees, but no pose leads from one to the other.
+        history_s: how much of the past is remembered of each joint, s.
+        history_limit: how many values of each joint, at most.
+
+    Raises:
+        DuplicateNode, MissingParent, NodeCycle, BadJoint: the nodes make no tree; the first problem of them.
+    """
+
+    def __init__(
+        self, nodes: Iterable[Node] = (), *, history_s: float = HISTORY_S, history_limit: int = HISTORY_LIMIT
+    ):
+        self._keep = (history_s, history_limit)
+        self._nodes: dict[str, PlacedNode] = {}
+        self._joints: dict[str, tuple[Joint, History[float]]] = {}
+        self._floating: dict[str, History[Pose7]] = {}
+        nodes = list(nodes)
+        for _, error in tree_problems(nodes):
+            raise error
+        for node in filter(is_joint, nodes):
+            self._add_joint(node)
+        for node in parents_first(nodes):
+            self._place(node)
+
+    # -- what there is ---------------------------------------------------------------------------------
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._nodes
+
+    def __iter__(self) -> Iterator[Node]:
+        """Iterate over the nodes, each after its parent."""
+        return (placed.node for placed in self._nodes.values())
+
+    def __len__(self) -> int:
+        return len(self._nodes)
+
+    def node(self, name: str) -> Node:
+        """Return the node of a name.
+
+        Raises:
+            UnknownNode: there is none.
+        """
+        return self._find(name).node
+
+    def joint(self, name: str) -> Joint:
+        """Return the joint of a name.
+
+        Raises:
+            UnknownNode: there is none that has positions of its own.
+        """
+        return self._find_joint(name)[0]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that have positions of their own."""
+        return tuple(self._joints)
+
+    def newest_ns(self, name: str) -> int | None:
+        """Return when a node has been placed in its parent last; None if never, or if it is fixed.
+
+        Raises:
+            UnknownNode: there is none.
+        """
+        placed = self._find(name)
+        history = placed.body.history
+        return history.newest_ns if history is not None and placed.node.joint is not None else None
+
+    # -- changes ---------------------------------------------------------------------------------------
+
+    def add(self, node: Node) -> None:
+        """Add a node whose parent is there.
+
+        Raises:
+            DuplicateNode: there is a node or joint of this name.
+            MissingParent: its parent, or the joint that it follows, is not there.
+        """
+        if node.name in self._nodes:
+            raise DuplicateNode(f"node {node.name!r} is there already")
+        if node.parent is not None and node.parent not in self._nodes:
+            hint = did_you_mean(node.parent, self._nodes)
+            raise MissingParent(f"node {node.name!r} hangs on {node.parent!r}, which is missing{hint}")
+        if is_joint(node):
+            self._add_joint(node)
+        self._place(node)
+
+    def move(self, name: str, time_ns: int, pose: RigidTransform) -> None:
+        """Say where a floating node was in its parent (X_PN) at a time.
+
+        Raises:
+            UnknownNode: there is none of this name.
+            NotMovable: it is not floating.
+            TooOld: that is longer ago than what is remembered.
+        """
+        history = self._floating.get(name)
+        if history is None:
+            kind = self._find(name).node.joint_type
+            raise NotMovable(f"node {name!r} is {kind}, not floating; only floating nodes are given poses")
+        history.add(time_ns, pose)
+
+    def set_joint(self, name: str, time_ns: int, position: float) -> None:
+        """Say what the position (rad or m) of a joint was at a time. Its limits are not enforced.
+
+        Raises:
+            UnknownNode: there is no joint of this name that has positions of its own.
+            NotAPose: the position is not finite.
+            TooOld: that is longer ago than what is remembered.
+        """
+        _, history = self._find_joint(name)
+        if not math.isfinite(position):
+            raise NotAPose(f"joint {name!r}: a position must be a finite number, not {position}")
+        history.add(time_ns, position)
+
+    def forget(self) -> None:
+        """Forget all that moves was where, as after a jump of time; the nodes stay."""
+        for _, joint in self._joints.values():
+            joint.forget()
+        for floating in self._floating.values():
+            floating.forget()
+
+    # -- questions -------------------------------------------------------------------------------------
+
+    def pose(self, a: str, b: str, time_ns: int | None = None) -> RigidTransform:
+        """Return X_AB, the pose of node `b` in the frame of node `a`.
+
+        Args:
+            a: the frame in which it is to be.
+            b: what is looked for.
+            time_ns: when; None for the newest time at which everything between them is known.
+
+        Raises:
+            UnknownNode: one of them is not there.
+            Disconnected: they are in different trees.
+            NeverPlaced: something between them has never been placed.
+            TooOld, TooNew: at that time something between them was not known any more, or not yet.
+        """
+        placed_a, placed_b = self._find(a), self._find(b)
+        if time_ns is None:
+            time_ns = self.newest_common_ns(a, b)
+        of_a, of_b = placed_a.body, placed_b.body
+        if of_a.root != of_b.root:
+            self._refuse_disconnected(placed_a, placed_b)
+        pose_a, pose_b = placed_a.place, placed_b.place
+        # Up from both, always from the deeper one, until they meet.
+        while of_a is not of_b:
+            if of_b.depth >= of_a.depth:
+                pose_b = compose(of_b.pose_at(time_ns), pose_b)
+                of_b = of_b.parent  # type: ignore[assignment]  # only a root has none, and there they meet
+            else:
+                pose_a = compose(of_a.pose_at(time_ns), pose_a)
+                of_a = of_a.parent  # type: ignore[assignment]
+        return RigidTransform(*compose(invert(pose_a), pose_b))
+
+    def newest_common_ns(self, a: str, b: str) -> int:
+        """Return the newest time for which X_AB is known; 0 if it never changes.
+
+        What holds its last place counts only if nothing else moves.
+
+        Raises:
+            UnknownNode, Disconnected, NeverPlaced: as for `pose`.
+        """
+        histories = list(self._between(self._find(a), self._find(b)))
+        for history in histories:
+            if history.newest_ns is None:
+                history.at(0)  # raises NeverPlaced
+        moving = [history.newest_ns for history in histories if not history.holds]
+        held = [history.newest_ns for history in histories if history.holds]
+        return min((time for time in moving if time is not None), default=None) or max(
+            (time for time in held if time is not None), default=0
+        )
+
+    def _between(self, a: PlacedNode, b: PlacedNode) -> Iterator[History[Pose7] | History[float]]:
+        if a.body.root != b.body.root:
+            self._refuse_disconnected(a, b)
+        one: Body | None = a.body
+        other: Body | None = b.body
+        while one is not other:
+            if one is None or (other is not None and other.depth > one.depth):
+                one, other = other, one
+            assert one is not None and one.history is not None
+            yield one.history
+            one = one.parent
+
+    def _refuse_disconnected(self, a: PlacedNode, b: PlacedNode) -> None:
+        raise Disconnected(
+            f"nodes {a.node.name!r} and {b.node.name!r} are not connected: "
+            f"one is below {a.body.root!r}, the other below {b.body.root!r}"
+        )
+
+    # -- making ----------------------------------------------------------------------------------------
+
+    def _find(self, name: str) -> PlacedNode:
+        placed = self._nodes.get(name)
+        if placed is None:
+            raise UnknownNode(f"there is no node {name!r}{did_you_mean(name, self._nodes)}")
+        return placed
+
+    def _find_joint(self, name: str) -> tuple[Joint, History[float]]:
+        found = self._joints.get(name)
+        if found is None:
+            raise UnknownNode(f"there is no joint {name!r}{did_you_mean(name, self._joints)}")
+        return found
+
+    def _add_joint(self, node: Node) -> None:
+        joint = node.joint
+        assert joint is not None
+        if joint.name in self._joints:
+            raise DuplicateNode(f"joint {joint.name!r} is there already")
+        between = circular if joint.type is JointType.CONTINUOUS else linear
+        history = History(f"joint {joint.name!r}", between, *self._keep, joint.holds)
+        self._joints[joint.name] = (joint, history)
+
+    def _place(self, node: Node) -> None:
+        joint = node.joint
+        if node.parent is None:
+            placed = root_node(node)
+        elif joint is None:
+            placed = fixed_node(node, self._nodes[node.parent])
+        elif joint.type is JointType.FLOATING:
+            history = History(f"the place of node {node.name!r}", interpolate, *self._keep, joint.holds)
+            self._floating[node.name] = history
+            placed = floating_node(node, self._nodes[node.parent], history)
+        else:
+            leader = joint.mimic.joint if joint.mimic else joint.name
+            if leader not in self._joints:
+                hint = did_you_mean(leader, self._joints)
+                raise MissingParent(f"joint {joint.name!r} follows {leader!r}, which is missing{hint}")
+            placed = jointed_node(node, joint, self._nodes[node.parent], self._joints[leader][1])
+        self._nodes[node.name] = placed

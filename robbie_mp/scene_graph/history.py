@@ -1,0 +1,136 @@
+"""What was known of a moving thing at which time."""
+
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from robbie_mp.scene_graph.errors import NeverPlaced, TooNew, TooOld
+
+Value = TypeVar("Value")
+
+
+class History(Generic[Value]):
+    """The values of the last seconds, by time; what lies between two of them is interpolated.
+
+    It is bounded by time and by number, whichever comes first.
+
+    Args:
+        owner: whose it is, for the texts of errors.
+        between: gives the value at a share (0 to 1) of the way from one to the next.
+        keep_s: how much is remembered, back from the newest value.
+        limit: how many values at most.
+        holds: the newest value counts for every later time.
+    """
+
+    def __init__(
+        self,
+        owner: str,
+        between: Callable[[Value, Value, float], Value],
+        keep_s: float,
+        limit: int,
+        holds: bool = False,
+    ):
+        self.owner = owner
+        self.holds = holds
+        self._between = between
+        self._keep_s = keep_s
+        self._keep_ns = round(keep_s * 1e9)
+        self._limit = limit
+        self._times: list[int] = []
+        self._values: list[Value] = []
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Time of the newest value; None if there is none."""
+        return self._times[-1] if self._times else None
+
+    def add(self, time_ns: int, value: Value) -> None:
+        """Note a value. They may come late; a second one of the same time takes the first one's place.
+
+        Raises:
+            TooOld: it is older than what is remembered.
+        """
+        times, values = self._times, self._values
+        if not times or time_ns > times[-1]:
+            times.append(time_ns)
+            values.append(value)
+            self._forget_old()
+            return
+        too_old_ns = times[-1] - self._keep_ns - time_ns
+        if too_old_ns > 0:
+            raise TooOld(
+                f"{self.owner} is given for {seconds(time_ns)}, {too_old_ns / 1e9:.3f} s more than the "
+                f"{self._keep_s:g} s that are remembered before its newest, {seconds(times[-1])}; "
+                f"if time has jumped back, forget everything first",
+                too_old_ns / 1e9,
+            )
+        place = bisect_left(times, time_ns)
+        if times[place] == time_ns:
+            values[place] = value
+        else:
+            times.insert(place, time_ns)
+            values.insert(place, value)
+            self._forget_old()
+
+    def at(self, time_ns: int) -> Value:
+        """Return the value at a time.
+
+        Raises:
+            NeverPlaced, TooOld, TooNew: it is not known.
+        """
+        times = self._times
+        if not times:
+            raise NeverPlaced(f"{self.owner} has never been given; it comes with messages")
+        place = bisect_left(times, time_ns)
+        if place == len(times):
+            if self.holds:
+                return self._values[-1]
+            by_s = (time_ns - times[-1]) / 1e9
+            raise TooNew(
+                f"{self.owner} is known until {seconds(times[-1])}; asked for {by_s:.6f} s after that, "
+                f"{seconds(time_ns)}",
+                by_s,
+            )
+        later = times[place]
+        if later == time_ns:
+            return self._values[place]
+        if place == 0:
+            by_s = (later - time_ns) / 1e9
+            raise TooOld(
+                f"{self.owner} is known from {seconds(later)} on; asked for {by_s:.6f} s before that, "
+                f"{seconds(time_ns)}",
+                by_s,
+            )
+        earlier = times[place - 1]
+        share = (time_ns - earlier) / (later - earlier)
+        return self._between(self._values[place - 1], self._values[place], share)
+
+    def forget(self) -> None:
+        """Forget everything, as after a jump of time."""
+        self._times.clear()
+        self._values.clear()
+
+    def _forget_old(self) -> None:
+        times = self._times
+        old = max(bisect_right(times, times[-1] - self._keep_ns) - 1, len(times) - self._limit)
+        if old > 0:  # one that is older than what is remembered stays, to interpolate from
+            del times[:old], self._values[:old]
+
+
+def linear(first: float, second: float, share: float) -> float:
+    """Return what lies between two positions."""
+    return first + share * (second - first)
+
+
+def circular(first: float, second: float, share: float) -> float:
+    """Return what lies between two angles (rad), the shorter way round."""
+    return first + share * math.remainder(second - first, 2.0 * math.pi)
+
+
+def seconds(time_ns: int) -> str:
+    """Return a time for people."""
+    return f"{time_ns / 1e9:.6f} s"

@@ -1,0 +1,112 @@
+"""What a scene graph is made of: nodes, and the joints on which they move."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from robbie_mp.scene_graph.errors import BadJoint
+from robbie_mp.scene_graph.rigid_transform import IDENTITY, RigidTransform
+
+
+class JointType(StrEnum):
+    """How a node may move in its parent; the words are those of URDF."""
+
+    FIXED = "fixed"
+    REVOLUTE = "revolute"
+    """Turns about an axis, between limits; rad."""
+    CONTINUOUS = "continuous"
+    """Turns about an axis without end; rad."""
+    PRISMATIC = "prismatic"
+    """Slides along an axis; m."""
+    FLOATING = "floating"
+    """Is anywhere: whole poses are given for it, such as odometry."""
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another: its position is `multiplier` * the other's + `offset`."""
+
+    joint: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Joint:
+    """How a node moves.
+
+    Attributes:
+        type: any but FIXED.
+        name: as joint states name it; '' for a floating one, which is named by its node.
+        axis: (3,) in the node's frame; is made a unit vector.
+        limits: least and greatest position, rad or m; None if there are none.
+        mimic: the joint it follows, if it has no position of its own.
+        holds: the last position counts until a newer one comes, as that of a correction does; otherwise times
+            after it are too new.
+    """
+
+    type: JointType
+    name: str = ""
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    limits: tuple[float, float] | None = None
+    mimic: Mimic | None = None
+    holds: bool = False
+
+    def __post_init__(self) -> None:
+        """Check what does not depend on other nodes.
+
+        Raises:
+            BadJoint: something makes no sense.
+        """
+        if self.type is JointType.FIXED:
+            raise BadJoint("a node that is fixed has no joint; leave it out")
+        if (self.type is JointType.FLOATING) != (not self.name):
+            raise BadJoint("a joint needs a name, unless it is floating: then it has none")
+        length = math.hypot(*self.axis)
+        if not (math.isfinite(length) and length > 1e-9):
+            raise BadJoint(f"the axis of joint {self.name!r} must have a direction; got {self.axis}")
+        x, y, z = self.axis
+        object.__setattr__(self, "axis", (x / length, y / length, z / length))
+        if self.limits is not None and not self.limits[0] <= self.limits[1]:
+            raise BadJoint(f"limits of joint {self.name!r} must be [lower, upper]; got {list(self.limits)}")
+        if self.mimic is not None and self.type is JointType.FLOATING:
+            raise BadJoint("a floating joint cannot follow another one")
+
+    def allows(self, position: float) -> bool:
+        """Return whether a position is within the limits."""
+        return self.limits is None or self.limits[0] <= position <= self.limits[1]
+
+
+@dataclass(frozen=True)
+class Node:
+    """A frame of the world: where it hangs, and how it may move there.
+
+    Attributes:
+        name: unique in its graph.
+        parent: the node it hangs on; None for a root.
+        origin: X_PN, its pose in the parent, with the joint (if any) at position 0.
+        joint: None if it is fixed.
+    """
+
+    name: str
+    parent: str | None = None
+    origin: RigidTransform = IDENTITY
+    joint: Joint | None = None
+
+    def __post_init__(self) -> None:
+        """Check what does not depend on other nodes.
+
+        Raises:
+            BadJoint: something makes no sense.
+        """
+        if not self.name:
+            raise BadJoint("a node needs a name")
+        if self.parent is None and (self.joint is not None or self.origin != IDENTITY):
+            raise BadJoint(f"node {self.name!r} has no parent, so it has neither place nor joint")
+        if self.joint and self.joint.type is JointType.FLOATING and self.origin != IDENTITY:
+            raise BadJoint(f"node {self.name!r} is floating, so messages place it; leave its own place out")
+
+    @property
+    def joint_type(self) -> JointType:
+        """FIXED, or that of its joint."""
+        return self.joint.type if self.joint else JointType.FIXED

@@ -1,0 +1,253 @@
+"""Questions to a scene graph, and what it says when it cannot answer them."""
+
+import math
+
+import pytest
+from numpy.testing import assert_allclose
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.scene_graph import (
+    BadJoint,
+    Disconnected,
+    DuplicateNode,
+    Joint,
+    JointType,
+    Mimic,
+    MissingParent,
+    NeverPlaced,
+    Node,
+    NodeCycle,
+    NotAPose,
+    NotMovable,
+    RigidTransform,
+    SceneGraph,
+    TooNew,
+    TooOld,
+    UnknownNode,
+)
+
+FLOATING = Joint(JointType.FLOATING)
+SECOND = 10**9
+
+
+def at_x(x: float) -> RigidTransform:
+    return RigidTransform.of((x, 0.0, 0.0))
+
+
+def robot(prefix: str = "", parent: str = "world") -> list[Node]:
+    return [
+        Node(f"{prefix}odom", parent, joint=Joint(JointType.FLOATING, holds=True)),
+        Node(f"{prefix}base", f"{prefix}odom", joint=FLOATING),
+        Node(f"{prefix}pan", f"{prefix}base", at_x(0.2), Joint(JointType.CONTINUOUS, f"{prefix}pan_joint")),
+        Node(f"{prefix}camera", f"{prefix}pan", at_x(0.1)),
+    ]
+
+
+@pytest.fixture
+def graph() -> SceneGraph:
+    made = SceneGraph([Node("world"), *robot(), Node("island")])
+    made.move("odom", 0, at_x(10.0))
+    for second in range(3):
+        made.move("base", second * SECOND, at_x(second))
+        made.set_joint("pan_joint", second * SECOND, second * math.pi / 2)
+    return made
+
+
+def test_what_lies_between_two_messages_is_interpolated(graph: SceneGraph) -> None:
+    camera = graph.pose("odom", "camera", SECOND // 2)
+    assert camera.translation == pytest.approx(
+        [0.7 + 0.1 * math.cos(math.pi / 4), 0.1 * math.sin(math.pi / 4), 0]
+    )
+    assert camera.yaw == pytest.approx(math.pi / 4)
+
+
+def test_a_pose_and_its_inverse_cancel(graph: SceneGraph) -> None:
+    there, back = graph.pose("world", "camera", 1), graph.pose("camera", "world", 1)
+    assert_allclose((there @ back).matrix, RigidTransform().matrix, atol=1e-12)
+
+
+def test_without_a_time_it_is_the_newest_that_is_known_of_all(graph: SceneGraph) -> None:
+    graph.move("base", 7 * SECOND, at_x(7.0))  # the pan joint is known until 2 s
+    assert graph.newest_common_ns("world", "camera") == 2 * SECOND
+    assert graph.pose("world", "base").x == 17.0
+    assert graph.pose("odom", "camera").x == pytest.approx(2.1)
+    assert graph.pose("pan", "camera") == at_x(0.1)
+    assert graph.pose("world", "odom") == at_x(10.0)
+
+
+def test_what_holds_is_never_too_new(graph: SceneGraph) -> None:
+    assert graph.pose("world", "odom", 1000 * SECOND) == at_x(10.0)
+    with pytest.raises(TooOld, match=r"the place of node 'odom' is known from 0\.000000 s on"):
+        graph.pose("world", "odom", -1)
+
+
+def test_too_new_and_too_old_say_by_how_much(graph: SceneGraph) -> None:
+    with pytest.raises(TooNew, match=r"node 'base' is known until 2\.000000 s; asked for 0\.500000 s") as new:
+        graph.pose("odom", "base", 2 * SECOND + SECOND // 2)
+    assert new.value.by_s == 0.5
+    with pytest.raises(TooOld, match=r"'base' is known from 0\.000000 s on; asked for 1\.000000 s") as old:
+        graph.pose("odom", "base", -SECOND)
+    assert old.value.by_s == 1.0
+    assert isinstance(new.value, RobbieError) and isinstance(old.value, ValueError)
+
+
+def test_unknown_names_are_answered_with_near_ones(graph: SceneGraph) -> None:
+    with pytest.raises(UnknownNode, match="no node 'camra'; did you mean 'camera'"):
+        graph.pose("world", "camra")
+    with pytest.raises(UnknownNode, match="no joint 'pan_join'; did you mean 'pan_joint'"):
+        graph.set_joint("pan_join", 0, 1.0)
+    with pytest.raises(LookupError):
+        graph.move("bse", 0, at_x(0.0))
+
+
+def test_two_trees_are_not_connected(graph: SceneGraph) -> None:
+    with pytest.raises(
+        Disconnected, match=r"'camera' and 'island' .* below 'world', the other below 'island'"
+    ):
+        graph.pose("camera", "island")
+
+
+def test_a_node_that_was_never_placed_says_so() -> None:
+    graph = SceneGraph([Node("world"), *robot()])
+    for time_ns in (None, 5):
+        with pytest.raises(NeverPlaced, match="node 'odom' has never been given"):
+            graph.pose("world", "odom", time_ns)
+
+
+def test_only_what_moves_can_be_moved(graph: SceneGraph) -> None:
+    with pytest.raises(NotMovable, match="'camera' is fixed, not floating"):
+        graph.move("camera", 0, at_x(0.0))
+    with pytest.raises(NotMovable, match="'pan' is continuous"):
+        graph.move("pan", 0, at_x(0.0))
+    with pytest.raises(NotAPose, match="'pan_joint': a position must be a finite number, not nan"):
+        graph.set_joint("pan_joint", 0, math.nan)
+
+
+def test_a_continuous_joint_turns_the_shorter_way(graph: SceneGraph) -> None:
+    graph.set_joint("pan_joint", 3 * SECOND, math.radians(170))
+    graph.set_joint("pan_joint", 4 * SECOND, math.radians(-170))
+    yaw = graph.pose("base", "pan", 3 * SECOND + SECOND // 2).yaw
+    assert abs(yaw) == pytest.approx(math.pi)
+
+
+def test_late_messages_find_their_place_and_repeated_times_replace(graph: SceneGraph) -> None:
+    graph.move("base", SECOND // 2, at_x(5.0))
+    assert graph.pose("odom", "base", SECOND // 4).x == 2.5
+    graph.move("base", SECOND // 2, at_x(6.0))
+    assert graph.pose("odom", "base", SECOND // 2).x == 6.0
+    assert graph.newest_ns("base") == 2 * SECOND
+
+
+def test_the_past_is_bounded_by_time_and_number() -> None:
+    graph = SceneGraph(
+        [Node("world"), Node("base", "world", joint=FLOATING)], history_s=1.0, history_limit=50
+    )
+    for milliseconds in range(0, 5000, 100):
+        graph.move("base", milliseconds * 10**6, at_x(milliseconds))
+    assert graph.pose("world", "base", 4 * SECOND).x == 4000
+    with pytest.raises(TooOld):
+        graph.pose("world", "base", 3 * SECOND)
+    with pytest.raises(TooOld, match=r"2\.900 s more than the 1 s that are remembered"):
+        graph.move("base", SECOND, at_x(0.0))
+    for nanoseconds in range(1000):
+        graph.move("base", 5 * SECOND + nanoseconds, at_x(0.0))
+    with pytest.raises(TooOld):
+        graph.pose("world", "base", 5 * SECOND + 900)
+    graph.forget()
+    graph.move("base", SECOND, at_x(1.0))
+    assert graph.pose("world", "base").x == 1.0
+
+
+def test_a_joint_follows_another() -> None:
+    finger = Joint(JointType.PRISMATIC, "left", axis=(0.0, 2.0, 0.0))
+    mirrored = Joint(JointType.PRISMATIC, "right", axis=(0.0, 1.0, 0.0), mimic=Mimic("left", -1.0, 0.01))
+    graph = SceneGraph(
+        [
+            Node("hand"),
+            Node("right_finger", "hand", joint=mirrored),
+            Node("left_finger", "hand", joint=finger),
+        ]
+    )
+    graph.set_joint("left", 0, 0.03)
+    assert graph.pose("hand", "left_finger", 0).y == 0.03
+    assert graph.pose("hand", "right_finger", 0).y == pytest.approx(-0.02)
+    assert graph.joints == ("left",)
+
+
+def test_several_robots_in_one_world() -> None:
+    graph = SceneGraph([Node("world"), *robot("red/"), *robot("blue/")])
+    for prefix, x in (("red/", 1.0), ("blue/", 5.0)):
+        graph.move(f"{prefix}odom", 0, at_x(x))
+        graph.move(f"{prefix}base", 0, at_x(0.0))
+    assert graph.pose("red/base", "blue/base", 0).x == 4.0
+
+
+def test_nodes_are_added_while_it_is_used(graph: SceneGraph) -> None:
+    graph.add(Node("lens", "camera", at_x(0.01)))
+    assert graph.pose("pan", "lens").x == pytest.approx(0.11)
+    with pytest.raises(DuplicateNode, match="node 'lens' is there already"):
+        graph.add(Node("lens", "world"))
+    with pytest.raises(MissingParent, match="hangs on 'camara', which is missing; did you mean 'camera'"):
+        graph.add(Node("glass", "camara"))
+    with pytest.raises(DuplicateNode, match="joint 'pan_joint' is there already"):
+        graph.add(Node("glass", "camera", joint=Joint(JointType.REVOLUTE, "pan_joint")))
+
+
+@pytest.mark.parametrize(
+    ("nodes", "error", "text"),
+    [
+        ([Node("a"), Node("a")], DuplicateNode, "node 'a' is there twice"),
+        (
+            [Node("a"), Node("b", "aa")],
+            MissingParent,
+            "'b' hangs on 'aa', which is missing; did you mean 'a'",
+        ),
+        ([Node("a", "c"), Node("b", "a"), Node("c", "b")], NodeCycle, "'?a on c on b on a'?"),
+        ([Node("a", "a")], NodeCycle, "a on a"),
+        (
+            [Node("a"), *(Node(name, "a", joint=Joint(JointType.REVOLUTE, "j")) for name in "bc")],
+            DuplicateNode,
+            "joint 'j' is there twice, also at node 'b'",
+        ),
+        (
+            [Node("a"), Node("b", "a", joint=Joint(JointType.REVOLUTE, "j", mimic=Mimic("i")))],
+            MissingParent,
+            "joint 'j' follows 'i', which is missing",
+        ),
+        (
+            [Node("a"), Node("b", "a", joint=Joint(JointType.REVOLUTE, "j", mimic=Mimic("j")))],
+            BadJoint,
+            "'j' follows 'j', which follows another",
+        ),
+    ],
+)
+def test_nodes_that_make_no_tree_are_refused(nodes: list[Node], error: type[Exception], text: str) -> None:
+    with pytest.raises(error, match=text):
+        SceneGraph(nodes)
+
+
+def test_poses_that_are_none_are_refused() -> None:
+    with pytest.raises(
+        NotAPose, match=r"unit quaternion .* got \(0\.0, 0\.0, 0\.0, 2\.0\), whose length is 2"
+    ):
+        RigidTransform.of((0, 0, 0), (0, 0, 0, 2))
+    with pytest.raises(NotAPose, match="nobody has filled it in"):
+        RigidTransform.of((0, 0, 0), (0, 0, 0, 0))
+    with pytest.raises(NotAPose, match="finite numbers as translation"):
+        RigidTransform.of((0, math.inf, 0))
+    with pytest.raises(NotAPose, match="length is nan"):
+        RigidTransform.of((0, 0, 0), (0, 0, 0, math.nan))
+    assert math.hypot(*RigidTransform.of((0, 0, 0), (0, 0, 0.7071, 0.7071)).quaternion) == 1.0
+
+
+def test_joints_that_make_no_sense_are_refused() -> None:
+    with pytest.raises(BadJoint, match="must have a direction"):
+        Joint(JointType.REVOLUTE, "j", axis=(0.0, 0.0, 0.0))
+    with pytest.raises(BadJoint, match=r"must be \[lower, upper\]"):
+        Joint(JointType.REVOLUTE, "j", limits=(1.0, -1.0))
+    with pytest.raises(BadJoint, match="needs a name"):
+        Joint(JointType.REVOLUTE)
+    with pytest.raises(BadJoint, match="messages place it"):
+        Node("a", "b", at_x(1.0), FLOATING)
+    with pytest.raises(BadJoint, match="no parent"):
+        Node("a", None, at_x(1.0))

@@ -1,0 +1,102 @@
+"""Poses are those of pytransform3d, to 1e-9."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from pytransform3d import rotations, transformations
+from pytransform3d.transform_manager import TransformManager
+
+from robbie_mp.scene_graph import JointType, Node, RigidTransform, SceneGraph
+from robbie_mp.scene_graph.rigid_transform import interpolate
+
+from .strategies import ANGLES, LENGTHS, poses, trees
+
+FEW = settings(max_examples=30, deadline=None)
+EXACT = {"rtol": 0.0, "atol": 1e-9}
+
+
+def theirs(pose: RigidTransform) -> Any:
+    """As translation and quaternion of pytransform3d, which begins with w."""
+    return np.array([*pose[:3], pose.qw, pose.qx, pose.qy, pose.qz])
+
+
+def their_matrix(pose: RigidTransform) -> Any:
+    return transformations.transform_from_pq(theirs(pose))
+
+
+def their_motion(node: Node, position: float) -> Any:
+    """What a joint does, as a matrix."""
+    assert node.joint is not None
+    if node.joint.type is JointType.PRISMATIC:
+        return transformations.transform_from(np.eye(3), np.array(node.joint.axis) * position)
+    turn = rotations.matrix_from_axis_angle([*node.joint.axis, position])
+    return transformations.transform_from(turn, np.zeros(3))
+
+
+@given(tree=trees(), data=st.data())
+@FEW
+def test_every_pose_in_a_random_tree(tree: list[Node], data: st.DataObject) -> None:
+    graph, oracle = SceneGraph(tree), TransformManager()
+    for node in tree[1:]:
+        place = their_matrix(node.origin)
+        if node.joint_type is JointType.FLOATING:
+            pose = data.draw(poses())
+            graph.move(node.name, 5, pose)
+            place = their_matrix(pose)
+        elif node.joint is not None:
+            position = data.draw(ANGLES)
+            graph.set_joint(node.joint.name, 5, position)
+            place = place @ their_motion(node, position)
+        oracle.add_transform(node.name, node.parent, place)
+    for a in graph:
+        for b in graph:
+            pose = graph.pose(a.name, b.name, 5)
+            assert_allclose(pose.matrix, oracle.get_transform(b.name, a.name), **EXACT)
+            assert math.hypot(*pose[3:]) == pytest.approx(1.0, abs=1e-12)
+
+
+@given(poses(), poses(), st.floats(0.0, 1.0))
+@FEW
+def test_what_lies_between_two_poses(first: RigidTransform, second: RigidTransform, share: float) -> None:
+    assume(abs(np.dot(first.quaternion, second.quaternion)) > 1e-9)  # half a turn apart: both ways are short
+    ours = RigidTransform(*interpolate(first, second, share))
+    assert_allclose(ours.matrix, slerp(first, second, share), **EXACT)
+
+
+@given(poses(), st.floats(1e-9, 1e-3), st.floats(0.0, 1.0))
+@FEW
+def test_what_lies_between_two_poses_that_hardly_differ(
+    first: RigidTransform, angle: float, share: float
+) -> None:
+    second = first @ RigidTransform.from_rpy((0.0, 0.0, 0.0), (angle, 0.0, 0.0))
+    ours = RigidTransform(*interpolate(first, second, share))
+    expected = first @ RigidTransform.from_rpy((0.0, 0.0, 0.0), (share * angle, 0.0, 0.0))
+    assert_allclose(ours.matrix, expected.matrix, **EXACT)
+
+
+def slerp(first: RigidTransform, second: RigidTransform, share: float) -> Any:
+    one, other = theirs(first), theirs(second)
+    turn = rotations.quaternion_slerp(one[3:], other[3:], share, shortest_path=True)
+    place = (1 - share) * one[:3] + share * other[:3]
+    return transformations.transform_from_pq([*place, *turn])
+
+
+@given(poses(), poses(), st.lists(st.tuples(LENGTHS, LENGTHS, LENGTHS), min_size=1, max_size=4))
+@FEW
+def test_products_inverses_and_points(a: RigidTransform, b: RigidTransform, points: list[Any]) -> None:
+    assert_allclose((a @ b).matrix, their_matrix(a) @ their_matrix(b), **EXACT)
+    assert_allclose(a.inverse().matrix, transformations.invert_transform(their_matrix(a)), **EXACT)
+    moved = transformations.transform(their_matrix(a), transformations.vectors_to_points(points))
+    assert_allclose(a.apply(points), moved[:, :3], **EXACT)
+
+
+@given(st.tuples(ANGLES, ANGLES, ANGLES))
+@FEW
+def test_roll_pitch_and_yaw_turn_about_the_axes_of_the_parent(rpy: tuple[float, float, float]) -> None:
+    expected = rotations.matrix_from_euler(np.array(rpy), 0, 1, 2, extrinsic=True)
+    assert_allclose(RigidTransform.from_rpy((0, 0, 0), rpy).matrix[:3, :3], expected, **EXACT)
