@@ -17,3 +17,7 @@ class NotALog(LogError, ValueError):
 
 class LogDamaged(LogError, ValueError):
     """Bytes of a log are not what they must be; the text says which, and why."""
+
+
+class NotDecodable(LogError, ValueError):
+    """Messages of a log are encoded in a way that is not known here, or their schema is missing."""

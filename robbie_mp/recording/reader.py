@@ -9,7 +9,8 @@ from typing import NamedTuple, Self
 
 from mcap.records import Channel
 
-from robbie_mp.messages.registry import full_name
+from robbie_mp.messages.registry import TypeRegistry, full_name
+from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.recording.contents import Contents
 from robbie_mp.recording.errors import NotALog
 from robbie_mp.recording.foreign import version_of_foreign
@@ -72,6 +73,7 @@ class Log:
         self.path = path
         self.parts = parts
         self.channels: list[LogChannel] = []
+        self._stock = stock_registry()
         self._channels_of: list[dict[int, LogChannel]] = []
         """For each part its channels by their ids in that file."""
         known: dict[LogChannel, LogChannel] = {}
@@ -82,7 +84,7 @@ class Log:
         self.end_ns = max((contents.end_ns for contents in filled), default=0)
 
     def _channel(self, part: LogPart, channel_id: int, known: dict[LogChannel, LogChannel]) -> LogChannel:
-        anonymous = _log_channel(part.contents, part.contents.channels[channel_id])
+        anonymous = _log_channel(part.contents, part.contents.channels[channel_id], self._stock)
         if anonymous not in known:
             known[anonymous] = LogChannel(**{**vars(anonymous), "id": len(self.channels)})
             self.channels.append(known[anonymous])
@@ -179,7 +181,7 @@ def part_files(path: Path) -> list[Path]:
     return sorted(files, key=lambda file: int(match["number"]) if (match := files[file]) else -1)
 
 
-def _log_channel(contents: Contents, channel: Channel) -> LogChannel:
+def _log_channel(contents: Contents, channel: Channel, stock: TypeRegistry) -> LogChannel:
     """Describe a channel, for the time being without an id."""
     schema = contents.schemas.get(channel.schema_id)
     type_name = full_name(schema.name) if schema else ""
@@ -189,9 +191,13 @@ def _log_channel(contents: Contents, channel: Channel) -> LogChannel:
     return LogChannel(
         id=-1,
         type_name=type_name,
-        version=int(version) if version.isdecimal() else version_of_foreign(type_name, text),
+        version=int(version) if version.isdecimal() else _foreign_version(type_name, text, stock),
         topic=about.get("robbie_topic", channel.topic.removeprefix("/")),
         sender=about.get("robbie_sender", ""),
         schema=text,
         encoding=channel.message_encoding,
     )
+
+
+def _foreign_version(type_name: str, schema: str, stock: TypeRegistry) -> int:
+    return version_of_foreign(stock.get(type_name), schema) if schema and type_name in stock else 1

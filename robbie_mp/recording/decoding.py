@@ -1,0 +1,62 @@
+"""Messages out of what a log has of them: as they were written, or as this program has them today."""
+
+from robbie_mp.messages import Message, TypeRegistry, message_type_from_schema, stock_registry
+from robbie_mp.messages.versions import VersionDecoder
+from robbie_mp.recording.errors import NotDecodable
+from robbie_mp.recording.foreign import version_of_foreign
+from robbie_mp.recording.reader import LogChannel, LoggedMessage
+
+
+def logged_type(channel: LogChannel) -> type[Message]:
+    """Return the message type of a channel as it was when the log was written.
+
+    Raises:
+        NotDecodable: its messages are not CDR, or the log has no schema of them.
+        SchemaError: the schema is not understood.
+    """
+    if channel.encoding != "cdr":
+        raise NotDecodable(
+            f"messages of topic {channel.topic!r} are encoded as {channel.encoding!r}; only 'cdr' can be read"
+        )
+    if not channel.schema:
+        raise NotDecodable(
+            f"the log has no schema (ros2msg) of {channel.type_name or 'the type'} of topic {channel.topic!r}"
+        )
+    return message_type_from_schema(channel.type_name, channel.schema, channel.version)
+
+
+class LogDecoder:
+    """Decodes messages of a log to the classes that this program has, older versions through their upgrades.
+
+    Of a type that it does not know it makes a class of the schema in the log.
+
+    Args:
+        types: what the program knows; without it the stock types.
+    """
+
+    def __init__(self, types: TypeRegistry | None = None):
+        self._types = stock_registry() if types is None else types
+        self._decoders: dict[LogChannel, VersionDecoder[Message]] = {}
+
+    def decode(self, logged: LoggedMessage) -> Message:
+        """Return the message.
+
+        Raises:
+            VersionError: it is newer than the class, or a step from its version to ours is missing or fails.
+            DecodeError: its bytes are no encoding of its type.
+            NotDecodable, SchemaError: as `logged_type`.
+        """
+        decoder = self._decoders.get(logged.channel)
+        if decoder is None:
+            decoder = self._decoders[logged.channel] = self._decoder(logged.channel)
+        return decoder.decode(logged.data)
+
+    def _decoder(self, channel: LogChannel) -> VersionDecoder[Message]:
+        written = logged_type(channel)
+        if channel.type_name not in self._types:
+            return VersionDecoder(written, channel.version, channel.schema)
+        ours = self._types.get(channel.type_name)
+        version = channel.version
+        if not channel.sender:  # no Robbie wrote this
+            version = version_of_foreign(ours, channel.schema)
+        return VersionDecoder(ours, version, channel.schema)
