@@ -1,6 +1,7 @@
 """An arena drawn with characters, and the walls and obstacles in it."""
 
 import itertools
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,12 @@ class Drawing:
         """Return x and y of the middle of the start cell, m."""
         row, column = self._start
         return (column + 0.5) * cell_m, (row + 0.5) * cell_m
+
+    def is_wall(self, x_m: float, y_m: float, cell_m: float) -> bool:
+        """Say whether a point lies within a wall, or beyond the drawing."""
+        row, column = math.floor(y_m / cell_m), math.floor(x_m / cell_m)
+        inside = 0 <= row < self.rows and 0 <= column < self.columns
+        return not inside or bool(self._cells[row, column] == WALL)
 
     def round_obstacles(self, cell_m: float) -> NDArray[np.float64]:
         """Return x, y, radius of every round obstacle: (M, 3), m."""

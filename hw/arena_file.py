@@ -1,21 +1,38 @@
 """Reads arenas from YAML files; every error names the file and the line."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
-import yaml
 
 from hw.arena import Arena
+from hw.arena_contents import AppearingObstacle, HazardSign, SignKind, Victim, VictimKind, WallSpot
 from hw.arena_drawing import Drawing, DrawingError
+from hw.aruco import TAG_COUNT
+from hw.box_segments import box_segments
 from hw.pose import Pose
+from hw.yaml_map import ArenaError, YamlMap, read_yaml_map
 
-KEYS = ("cell_m", "drawing", "start_heading_rad", "segments", "boxes", "circles")
+__all__ = ["ArenaError", "read_arena"]
 
-
-class ArenaError(ValueError):
-    """An arena file that cannot be used; the text says the file, the line, and what was expected."""
+KEYS = (
+    "cell_m",
+    "drawing",
+    "start_heading_rad",
+    "wall_height_m",
+    "segments",
+    "boxes",
+    "circles",
+    "victims",
+    "signs",
+    "appearing",
+)
+SPOT_KEYS = ("x_m", "y_m", "height_m", "facing_rad")
+# What hangs on a wall is no farther from it.
+ON_WALL_M = 0.05
+# Free space around a point so far in front of what hangs on a wall.
+IN_FRONT_M = 0.2
 
 
 def read_arena(path: Path | str) -> Arena:
@@ -27,114 +44,135 @@ def read_arena(path: Path | str) -> Arena:
     - `drawing`: a block (`drawing: |`) of lines of equal length: `#` wall, `.` or space free, `o` round
       obstacle as wide as a cell, `R` where the robot starts. The last line is at y = 0.
     - `start_heading_rad`: the robot's first heading, 0 (along x) if absent.
+    - `wall_height_m`: of walls and obstacles, 1.2 if absent.
     - `segments`: a list of thin walls `[x1, y1, x2, y2]`, m.
     - `boxes`: a list of boxes by two opposite corners `[x1, y1, x2, y2]`, m.
     - `circles`: a list of round obstacles `[x, y, radius]`, m.
+    - `victims`: a list of maps: `tag` (0 to 49), `x_m`, `y_m`, `facing_rad` (out of the wall), `height_m` (of
+      the middle of the tag, 0.35 if absent), `kind` (still, moving or cold; still if absent).
+    - `signs`: a list of maps: `kind`, and `x_m`, `y_m`, `facing_rad`, `height_m` as for victims.
+    - `appearing`: obstacles that come and go, a list of maps: `circle: [x, y, radius]` or
+      `box: [x1, y1, x2, y2]`, `from_s`, and `until_s` if it goes again; in s since the world began.
 
     Raises:
         ArenaError: the file is not such a file; the text names the line.
         OSError: the file cannot be read.
     """
-    return _ArenaReader(Path(path)).arena()
+    return _ArenaReader(read_yaml_map(Path(path), "an arena", KEYS)).arena()
 
 
 class _ArenaReader:
-    """Turns the YAML nodes of one file, which know their lines, into an arena."""
+    """Makes an arena of a file: first what is solid, then what hangs on it."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._nodes = self._compose()
+    def __init__(self, file: YamlMap) -> None:
+        self._file = file
+        self._cell_m = file.positive("cell_m")
+        self._drawing = _drawing(file)
+        self._boxes, _ = file.rows("boxes", 4)
+        self._circles = _circles(file)
+        self._check_start()
+        self._walls = self._solid()
 
     def arena(self) -> Arena:
-        cell_m = self._number(self._required("cell_m"))
-        if cell_m <= 0:
-            self._fail(self._nodes["cell_m"], f"cell_m must be greater than 0, not {cell_m:g}")
-        drawing = self._drawing()
-        boxes = self._rows("boxes", 4)
-        circles = self._rows("circles", 3)
-        start = drawing.start_m(cell_m)
-        self._check_start(start, boxes, circles)
-        heading = self._nodes.get("start_heading_rad")
-        walls = [drawing.wall_segments(cell_m), self._rows("segments", 4), box_segments(boxes)]
-        return Arena(
-            segments=np.concatenate(walls),
-            circles=np.concatenate([drawing.round_obstacles(cell_m), circles]),
-            start=Pose(*start, self._number(heading) if heading else 0.0),
-            width_m=drawing.columns * cell_m,
-            height_m=drawing.rows * cell_m,
+        return replace(
+            self._walls, victims=self._victims(), signs=self._signs(), appearing=_appearing(self._file)
         )
 
-    def _compose(self) -> dict[str, yaml.Node]:
-        try:
-            root = yaml.compose(self._path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-        except yaml.MarkedYAMLError as error:
-            line = error.problem_mark.line + 1 if error.problem_mark else 1
-            raise ArenaError(f"{self._path}:{line}: not YAML: {error.problem}") from error
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise ArenaError(f"{self._path}:1: not YAML in UTF-8: {error}") from error
-        if not isinstance(root, yaml.MappingNode):
-            raise ArenaError(f"{self._path}:1: an arena is a map with the keys {', '.join(KEYS)}")
-        nodes: dict[str, yaml.Node] = {}
-        for key, value in root.value:
-            if key.value not in KEYS:
-                self._fail(key, f"unknown key {key.value!r}; an arena has {', '.join(KEYS)}")
-            if key.value in nodes:
-                self._fail(key, f"the key {key.value!r} is there twice")
-            nodes[key.value] = value
-        return nodes
+    def _solid(self) -> Arena:
+        drawing, cell_m = self._drawing, self._cell_m
+        thin, _ = self._file.rows("segments", 4)
+        return Arena(
+            segments=np.concatenate([drawing.wall_segments(cell_m), thin, box_segments(self._boxes)]),
+            circles=np.concatenate([drawing.round_obstacles(cell_m), self._circles]),
+            start=Pose(*drawing.start_m(cell_m), self._file.number("start_heading_rad", 0.0)),
+            width_m=drawing.columns * cell_m,
+            height_m=drawing.rows * cell_m,
+            wall_height_m=self._file.positive("wall_height_m", 1.2),
+        )
 
-    def _required(self, key: str) -> yaml.Node:
-        if key not in self._nodes:
-            raise ArenaError(f"{self._path}:1: the key {key!r} is missing")
-        return self._nodes[key]
+    def _check_start(self) -> None:
+        x, y = self._drawing.start_m(self._cell_m)
+        if self._in_box(x, y):
+            self._file.fail(self._file.node("boxes"), f"the robot's start ({x:g}, {y:g}) lies within a box")
+        if self._in_circle(x, y):
+            node = self._file.node("circles")
+            self._file.fail(node, f"the robot's start ({x:g}, {y:g}) lies within a circle")
 
-    def _drawing(self) -> Drawing:
-        node = self._required("drawing")
-        if not isinstance(node, yaml.ScalarNode) or node.style != "|":
-            self._fail(node, "drawing must be a block of lines: `drawing: |` and the lines indented below it")
-        try:
-            return Drawing(node.value.splitlines())
-        except DrawingError as error:
-            # The block's first line is the one below its key.
-            raise ArenaError(f"{self._path}:{node.start_mark.line + 2 + error.row}: {error}") from error
+    def _in_box(self, x: float, y: float) -> bool:
+        x1, y1, x2, y2 = self._boxes.T
+        within_x = (np.minimum(x1, x2) <= x) & (x <= np.maximum(x1, x2))
+        return bool(np.any(within_x & (np.minimum(y1, y2) <= y) & (y <= np.maximum(y1, y2))))
 
-    def _rows(self, key: str, width: int) -> np.ndarray:
-        node = self._nodes.get(key)
-        if node is None:
-            return np.empty((0, width))
-        if not isinstance(node, yaml.SequenceNode):
-            self._fail(node, f"{key} must be a list of lists of {width} numbers")
-        rows = []
-        for row in node.value:
-            if not isinstance(row, yaml.SequenceNode) or len(row.value) != width:
-                self._fail(row, f"each of {key} must be a list of {width} numbers")
-            rows.append([self._number(item) for item in row.value])
-            if key == "circles" and rows[-1][2] <= 0:
-                self._fail(row, f"the radius of a circle must be greater than 0, not {rows[-1][2]:g}")
-        return np.array(rows, dtype=np.float64).reshape(-1, width)
+    def _in_circle(self, x: float, y: float) -> bool:
+        return bool(np.any(np.hypot(self._circles[:, 0] - x, self._circles[:, 1] - y) <= self._circles[:, 2]))
 
-    def _number(self, node: yaml.Node) -> float:
-        if node.tag not in ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float"):
-            self._fail(node, "expected a number")
-        number = float(yaml.safe_load(node.value))
-        if not math.isfinite(number):
-            self._fail(node, f"expected a finite number, not {node.value}")
-        return number
+    def _victims(self) -> tuple[Victim, ...]:
+        victims: dict[int, Victim] = {}
+        for entry in self._file.maps("victims", "a victim", ("tag", "kind", *SPOT_KEYS)):
+            tag = entry.number("tag")
+            if tag not in range(TAG_COUNT):
+                entry.fail(entry.node("tag"), f"tag must be a whole number from 0 to {TAG_COUNT - 1}")
+            if tag in victims:
+                entry.fail(entry.node("tag"), f"another victim has the tag {tag:g} already")
+            kind = entry.name("kind", VictimKind, VictimKind.STILL)
+            victims[int(tag)] = Victim(int(tag), kind, self._spot(entry))
+        return tuple(victims.values())
 
-    def _check_start(self, start: tuple[float, float], boxes: np.ndarray, circles: np.ndarray) -> None:
-        x, y = start
-        lower, upper = np.minimum(boxes[:, :2], boxes[:, 2:]), np.maximum(boxes[:, :2], boxes[:, 2:])
-        if np.any(np.all((lower <= start) & (start <= upper), axis=1)):
-            self._fail(self._nodes["boxes"], f"the robot's start ({x:g}, {y:g}) lies within a box")
-        if np.any(np.hypot(circles[:, 0] - x, circles[:, 1] - y) <= circles[:, 2]):
-            self._fail(self._nodes["circles"], f"the robot's start ({x:g}, {y:g}) lies within a circle")
+    def _signs(self) -> tuple[HazardSign, ...]:
+        entries = self._file.maps("signs", "a sign", ("kind", *SPOT_KEYS))
+        return tuple(
+            HazardSign(entry.name("kind", SignKind, SignKind.EXPLOSIVE), self._spot(entry))
+            for entry in entries
+        )
 
-    def _fail(self, node: yaml.Node, what: str) -> NoReturn:
-        raise ArenaError(f"{self._path}:{node.start_mark.line + 1}: {what}")
+    def _spot(self, entry: YamlMap) -> WallSpot:
+        """Read a place on a wall, and check that there is one, with free space in front of it."""
+        x, y, facing = entry.number("x_m"), entry.number("y_m"), entry.number("facing_rad")
+        distance_m = float(self._walls.clearance_m(np.array([x, y])))
+        if distance_m > ON_WALL_M:
+            place = f"({x:g}, {y:g})"
+            entry.fail(None, f"{place} is not on a wall: the nearest is {distance_m:.2f} m away")
+        front = x + IN_FRONT_M * math.cos(facing), y + IN_FRONT_M * math.sin(facing)
+        # Straight away from the wall, and neither into nor through anything.
+        if (
+            self._walls.clearance_m(np.array(front)) < 0.9 * IN_FRONT_M
+            or self._drawing.is_wall(*front, self._cell_m)
+            or self._in_box(*front)
+            or self._in_circle(*front)
+        ):
+            what = f"out of the wall at ({x:g}, {y:g}), with {IN_FRONT_M:g} m of free space around"
+            entry.fail(entry.node("facing_rad"), f"facing_rad must point {what}")
+        return WallSpot(x, y, entry.positive("height_m", 0.35), facing)
 
 
-def box_segments(boxes: np.ndarray) -> np.ndarray:
-    """Return the four sides of each box: (N, 4) corners in, (4 N, 4) segments out, m."""
-    x1, y1, x2, y2 = boxes.T
-    sides = [(x1, y1, x2, y1), (x2, y1, x2, y2), (x2, y2, x1, y2), (x1, y2, x1, y1)]
-    return np.concatenate([np.stack(side, axis=1) for side in sides])
+def _drawing(file: YamlMap) -> Drawing:
+    lines, first = file.block("drawing")
+    try:
+        return Drawing(lines)
+    except DrawingError as error:
+        file.fail_at(first + error.row, str(error))
+
+
+def _circles(file: YamlMap) -> np.ndarray:
+    circles, nodes = file.rows("circles", 3)
+    for (_, _, radius), node in zip(circles, nodes, strict=True):
+        if radius <= 0:
+            file.fail(node, f"the radius of a circle must be greater than 0, not {radius:g}")
+    return circles
+
+
+def _appearing(file: YamlMap) -> tuple[AppearingObstacle, ...]:
+    obstacles = []
+    for entry in file.maps("appearing", "an appearing obstacle", ("circle", "box", "from_s", "until_s")):
+        if ("circle" in entry) == ("box" in entry):
+            entry.fail(None, "an appearing obstacle has either a circle or a box")
+        shape = entry.row("circle", 3) if "circle" in entry else entry.row("box", 4)
+        if len(shape) == 3 and shape[2] <= 0:
+            entry.fail(
+                entry.node("circle"), f"the radius of a circle must be greater than 0, not {shape[2]:g}"
+            )
+        obstacle = AppearingObstacle(shape, entry.number("from_s"), entry.number("until_s", math.inf))
+        if obstacle.until_s <= obstacle.from_s:
+            entry.fail(entry.node("until_s"), "until_s must be later than from_s")
+        obstacles.append(obstacle)
+    return tuple(obstacles)

@@ -15,6 +15,7 @@ class DifferentialDrive:
         wheel_radius_m: as the odometry assumes it.
         axle_m: distance between the wheels, as the odometry assumes it.
         ticks_per_turn: of a wheel's encoder.
+        emergency_braking: in an emergency the drive brakes so many times harder than it accelerates.
     """
 
     body_radius_m: float = 0.20
@@ -26,6 +27,7 @@ class DifferentialDrive:
     max_wheel_m_per_s: float = 1.0
     max_linear_m_per_s2: float = 1.0
     max_angular_rad_per_s2: float = 5.0
+    emergency_braking: float = 3.0
 
     @property
     def tick_m(self) -> float:
@@ -42,6 +44,10 @@ class DifferentialDrive:
         fastest_wheel = abs(linear) + abs(angular) * self.axle_m / 2
         scale = min(1.0, self.max_wheel_m_per_s / fastest_wheel) if fastest_wheel > 0 else 1.0
         return linear * scale, angular * scale
+
+    def braked(self, speeds: tuple[float, float], step_s: float) -> tuple[float, float]:
+        """Return the (linear, angular) speeds one time step later in an emergency."""
+        return self.approached(speeds, (0.0, 0.0), step_s * self.emergency_braking)
 
     def approached(
         self, speeds: tuple[float, float], wanted: tuple[float, float], step_s: float

@@ -31,14 +31,15 @@ class DriveState:
 class Drive(ABC):
     """A drive that follows velocity commands and counts its wheels' turns.
 
-    A command expires: a robot whose control program has died must not drive on.
+    A command expires: a robot whose control program has died must not drive on. An emergency stop latches:
+    whatever commands still come, the robot stands until it is released.
     """
 
     @abstractmethod
     def command(self, linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:
         """Drive at these speeds until the next command, but no longer than `valid_for_s`.
 
-        Speeds beyond the drive's limits are cut down to the limits.
+        Speeds beyond the drive's limits are cut down to the limits. In an emergency stop nothing is driven.
 
         Raises:
             DriveCommandError: a value is NaN or infinite, or `valid_for_s` is not positive.
@@ -51,6 +52,19 @@ class Drive(ABC):
     @abstractmethod
     def stop(self) -> None:
         """Brake to a halt."""
+
+    @abstractmethod
+    def stop_for_emergency(self) -> None:
+        """Brake as hard as possible, and do not move again before `release`."""
+
+    @abstractmethod
+    def release(self) -> None:
+        """End the emergency stop; the drive stands until the next command."""
+
+    @property
+    @abstractmethod
+    def is_emergency_stopped(self) -> bool:
+        """Say whether the drive is in an emergency stop."""
 
 
 def check_command(linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hw.arena import Arena
+from hw.changing_arena import ChangingArena
 from hw.differential_drive import DifferentialDrive
 from hw.drive import Drive, DriveState, check_command
 from hw.pose import ORIGIN, Pose
@@ -25,12 +26,18 @@ class WorldState:
         odometry: where its wheels say it is, odometry frame.
         collisions: how often it has touched something.
         expired_commands: how often it stopped because no new command came.
+        emergency_stopped: whether it stands until it is released.
+        elapsed_s: how long the world has been simulated.
+        obstacles: which of the arena's appearing obstacles are there.
     """
 
     true_pose: Pose
     odometry: Pose = ORIGIN
     collisions: int = 0
     expired_commands: int = 0
+    emergency_stopped: bool = False
+    elapsed_s: float = 0.0
+    obstacles: tuple[int, ...] = ()
 
 
 class SimulatedDrive(Drive):
@@ -57,7 +64,6 @@ class SimulatedDrive(Drive):
         errors: WheelErrors | None = None,
         resumed: WorldState | None = None,
     ) -> None:
-        self._arena = arena
         self._clock = clock
         self._body = body or DifferentialDrive()
         errors = errors or WheelErrors()
@@ -66,10 +72,13 @@ class SimulatedDrive(Drive):
         self._odometry = world.odometry
         self.collisions = world.collisions
         self.expired_commands = world.expired_commands
+        self._emergency_stopped = world.emergency_stopped
+        self._surroundings = ChangingArena(arena, self._body.body_radius_m, world.obstacles)
         tick_m, slip = self._body.tick_m, errors.slip_m_per_sqrt_m
         self._left = SimulatedWheel(tick_m, errors.left_scale, slip, (seed, 0))
         self._right = SimulatedWheel(tick_m, errors.right_scale, slip, (seed, 1))
         self._time_s = clock()
+        self._began_s = self._time_s - world.elapsed_s
         self._speeds = (0.0, 0.0)
         self._wanted = (0.0, 0.0)
         self._expires_s = self._time_s
@@ -79,8 +88,9 @@ class SimulatedDrive(Drive):
         """Follow the command, within the limits, until it expires."""
         check_command(linear_m_per_s, angular_rad_per_s, valid_for_s)
         self._advance()
-        self._wanted = self._body.limited(linear_m_per_s, angular_rad_per_s)
-        self._expires_s = self._time_s + valid_for_s
+        if not self._emergency_stopped:
+            self._wanted = self._body.limited(linear_m_per_s, angular_rad_per_s)
+            self._expires_s = self._time_s + valid_for_s
 
     def read(self) -> DriveState:
         """Return where the wheels say the robot is (odometry frame) and how it moves."""
@@ -92,6 +102,26 @@ class SimulatedDrive(Drive):
         self._advance()
         self._wanted = (0.0, 0.0)
 
+    def stop_for_emergency(self) -> None:
+        """Brake as hard as possible, and do not move again before `release`."""
+        self.stop()
+        self._emergency_stopped = True
+
+    def release(self) -> None:
+        """End the emergency stop; the drive stands until the next command."""
+        self._advance()
+        self._emergency_stopped = False
+
+    @property
+    def is_emergency_stopped(self) -> bool:
+        """Say whether the drive is in an emergency stop."""
+        return self._emergency_stopped
+
+    @property
+    def obstacles(self) -> tuple[int, ...]:
+        """Return which of the arena's appearing obstacles are there."""
+        return self._surroundings.obstacles
+
     def ground_truth(self) -> DriveState:
         """Return where the robot really is (arena frame) and how it moves."""
         self._advance()
@@ -100,7 +130,15 @@ class SimulatedDrive(Drive):
     def world_state(self) -> WorldState:
         """Return what a drive in a new process needs to go on where this one is."""
         self._advance()
-        return WorldState(self._true_pose, self._odometry, self.collisions, self.expired_commands)
+        return WorldState(
+            self._true_pose,
+            self._odometry,
+            self.collisions,
+            self.expired_commands,
+            self._emergency_stopped,
+            self._time_s - self._began_s,
+            self.obstacles,
+        )
 
     def _advance(self) -> None:
         now_s = self._clock()
@@ -108,9 +146,10 @@ class SimulatedDrive(Drive):
             self._expire()
             if self._wanted == (0.0, 0.0) == self._speeds:
                 self._time_s = now_s  # nothing moves until the next command
-                return
-            self._step()
-            self._time_s += STEP_S
+            else:
+                self._step()
+                self._time_s += STEP_S
+            self._surroundings.change(self._time_s - self._began_s, self._true_pose)
 
     def _expire(self) -> None:
         if self._time_s >= self._expires_s and self._wanted != (0.0, 0.0):
@@ -118,7 +157,10 @@ class SimulatedDrive(Drive):
             self.expired_commands += 1
 
     def _step(self) -> None:
-        self._speeds = self._body.approached(self._speeds, self._wanted, STEP_S)
+        if self._emergency_stopped:
+            self._speeds = self._body.braked(self._speeds, STEP_S)
+        else:
+            self._speeds = self._body.approached(self._speeds, self._wanted, STEP_S)
         way_m, turn_rad = self._speeds[0] * STEP_S, self._speeds[1] * STEP_S
         if way_m and not self._passes(self._true_pose.after_arc(way_m, turn_rad)):
             way_m = 0.0
@@ -132,7 +174,7 @@ class SimulatedDrive(Drive):
     def _passes(self, there: Pose) -> bool:
         """Say whether the robot can go there, and count where it begins to touch something."""
         positions = np.array([self._true_pose[:2], there[:2]])
-        before_m, after_m = self._arena.clearance_m(positions)
+        before_m, after_m = self._surroundings.arena.clearance_m(positions)
         if after_m >= self._body.body_radius_m or after_m > before_m:
             self._touching = self._touching and after_m < self._body.body_radius_m + RELEASE_M
             return True

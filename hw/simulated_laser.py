@@ -18,7 +18,7 @@ class SimulatedLaser(LaserRangeFinder):
     over. A sweep bears the stamp of that pose, so it is right for its stamp however late the pose came.
 
     Args:
-        arena: the world to measure.
+        arena: the world to measure; it may be replaced by what has become of it.
         geometry: where the laser sits and where its beams go.
         noise_m: standard deviation of a range.
         missing: fraction of beams that return nothing.
@@ -33,7 +33,7 @@ class SimulatedLaser(LaserRangeFinder):
         missing: float = 0.003,
         seed: int = 0,
     ) -> None:
-        self._arena = arena
+        self.arena = arena
         self._geometry = geometry or LaserGeometry()
         self._angles_rad = self._geometry.angles_rad()
         self._noise_m = noise_m
@@ -45,11 +45,6 @@ class SimulatedLaser(LaserRangeFinder):
     def geometry(self) -> LaserGeometry:
         """Return where the laser sits and where its beams go."""
         return self._geometry
-
-    @property
-    def is_placed(self) -> bool:
-        """Say whether the laser knows where it is."""
-        return self._placed is not None
 
     def place(self, robot: Pose, stamp_s: float) -> None:
         """Put the laser's robot at a true pose.
@@ -70,7 +65,7 @@ class SimulatedLaser(LaserRangeFinder):
             raise LaserNotPlaced("the simulated laser does not know where it is: call place() before scan()")
         robot, stamp_s = self._placed
         eye = robot.plus(self._geometry.mount)
-        ranges = self._arena.ranges_m(eye.x_m, eye.y_m, self._angles_rad + eye.heading_rad)
+        ranges = self.arena.ranges_m(eye.x_m, eye.y_m, self._angles_rad + eye.heading_rad)
         ranges += self._random.normal(0.0, self._noise_m, len(ranges))
         too_near = ranges < self._geometry.range_min_m
         lost = self._random.random(len(ranges)) < self._missing

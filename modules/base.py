@@ -1,7 +1,7 @@
 """The robot's base: passes drive commands to the drive and says where the wheels think it is."""
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,14 @@ from hw.pose import Pose as Pose2D
 from hw.simulated_drive import SimulatedDrive, WorldState
 from robbie_mp.messages import (
     DriveCommand,
+    EmergencyStop,
     Header,
     Odometry,
     Point,
     Pose,
     PoseWithCovariance,
     Quaternion,
+    SimulatedWorld,
     Time,
     Twist,
     TwistWithCovariance,
@@ -33,7 +35,12 @@ class SimulatedBase(Module):
     The map frame is where the robot started, as for a real robot's odometry.
 
     A drive command expires: when no newer one comes in time, the drive stops by itself, whatever became of
-    the module that sent it. A restarted base finds the robot where it was at the last tick, at rest.
+    the module that sent it. An emergency stop latches, over a restart too: the robot stands until an
+    `EmergencyStop` that is not engaged comes. A restarted base finds the robot where it was at the last tick,
+    at rest.
+
+    Publishes `Odometry` on `odom` and `ground_truth`, `EmergencyStop` on `emergency_stop_state`, and, if the
+    arena has obstacles that come and go, `SimulatedWorld` on `ground_truth`.
     """
 
     arena: Path = setting(REQUIRED, "the world the robot drives in (YAML)", must_exist=True)
@@ -44,9 +51,12 @@ class SimulatedBase(Module):
         """Put the robot at the arena's start, or where it was."""
         arena = read_arena(self.arena)
         self.start = arena.start
+        self.changes = bool(arena.appearing)
         resumed = None if self.restored is None else world_of(self.restored)
         self.drive = SimulatedDrive(arena, self._time_s, seed=self.seed, resumed=resumed)
+        self.stop_reason = "it was engaged before a restart" if self.drive.is_emergency_stopped else ""
         self.subscribe(DriveCommand, self.on_command)
+        self.subscribe(EmergencyStop, self.on_emergency_stop, topic="emergency_stop")
 
     def on_command(self, command: DriveCommand) -> None:
         """Drive as told, for as long as the command is valid."""
@@ -59,15 +69,34 @@ class SimulatedBase(Module):
                 "stopped, because a command from %s cannot be followed: %s", self.envelope.sender, error
             )
 
+    def on_emergency_stop(self, request: EmergencyStop) -> None:
+        """Stop at once and stay, or be ready to drive again."""
+        self.stop_reason = request.reason if request.engaged else ""
+        if request.engaged:
+            self.drive.stop_for_emergency()
+            self.log.warning("emergency stop by %s: %s", self.envelope.sender, request.reason)
+        else:
+            self.drive.release()
+            self.log.info("emergency stop released by %s: %s", self.envelope.sender, request.reason)
+
     def tick(self) -> None:
-        """Publish odometry, and the truth; remember both."""
+        """Publish odometry, the truth, and whether it is stopped; remember them."""
         state, truth = self.drive.read(), self.drive.ground_truth()
         stamp = Time.from_nanoseconds(self.clock.now_ns())
         self.publish(odometry(state, stamp, "odom"), topic="odom")
         truth = replace(truth, pose=Pose2D(*relative(self.start, truth.pose)))
         self.publish(odometry(truth, stamp, "map"), topic="ground_truth")
+        header = Header(stamp=stamp, frame_id="base_link")
+        if self.changes:
+            self.publish(SimulatedWorld(header=header, obstacles=self.drive.obstacles), topic="ground_truth")
+        engaged = self.drive.is_emergency_stopped
+        self.publish(
+            EmergencyStop(header=header, engaged=engaged, reason=self.stop_reason),
+            topic="emergency_stop_state",
+        )
         self.checkpoint(state_of(self.drive.world_state()))
         self.status = (
+            f"{'EMERGENCY STOP, ' if engaged else ''}"
             f"{state.linear_m_per_s:.2f} m/s, {state.angular_rad_per_s:.2f} rad/s, "
             f"{self.drive.collisions} collisions, {self.drive.expired_commands} expired commands"
         )
@@ -84,8 +113,10 @@ class SimulatedBase(Module):
 
 def state_of(world: WorldState) -> dict[str, object]:
     """Return a simulated world as plain data."""
-    poses = {"true_pose": tuple(world.true_pose), "odometry": tuple(world.odometry)}
-    return {**poses, "collisions": world.collisions, "expired_commands": world.expired_commands}
+    return {field.name: getattr(world, field.name) for field in fields(world)} | {
+        "true_pose": tuple(world.true_pose),
+        "odometry": tuple(world.odometry),
+    }
 
 
 def world_of(state: dict[str, Any]) -> WorldState:

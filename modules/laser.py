@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
-from hw.arena_file import read_arena
 from hw.laser import LaserGeometry
-from hw.pose import Pose
 from hw.simulated_laser import SimulatedLaser
-from robbie_mp.messages import Header, LaserScan, Odometry, Time
-from robbie_mp.module import MessageHandling, Module, setting
+from modules.simulated_world import SharedWorld
+from robbie_mp.messages import Header, LaserScan
+from robbie_mp.module import Module, setting
 from robbie_mp.settings import REQUIRED
 
 
@@ -23,30 +22,23 @@ class SimulatedLaserRangeFinder(Module):
     def setup(self) -> None:
         """Make the laser; it measures nothing until it knows where it is."""
         geometry = LaserGeometry(range_max_m=self.range_max_m)
-        arena = read_arena(self.arena)
-        self.start = arena.start
-        self.laser = SimulatedLaser(arena, geometry, noise_m=self.noise_m, seed=self.seed)
-        self.stamp = Time()
+        self.world = SharedWorld(self, self.arena)
+        self.laser = SimulatedLaser(self.world.arena, geometry, noise_m=self.noise_m, seed=self.seed)
         self.scans = 0
-        self.subscribe(Odometry, self.on_truth, MessageHandling.KEEP_ONLY_NEWEST, topic="ground_truth")
-
-    def on_truth(self, truth: Odometry) -> None:
-        """Go where the robot is."""
-        position = truth.pose.pose.position
-        self.stamp = truth.header.stamp
-        robot = Pose(position.x, position.y, truth.pose.pose.orientation.yaw)
-        self.laser.place(self.start.plus(robot), self.stamp.nanoseconds / 1e9)
 
     def tick(self) -> None:
         """Publish a scan."""
-        if not self.laser.is_placed:
+        truth = self.world.truth
+        if truth is None:
             self.status = "waits for the simulated base"
             return
+        self.laser.arena = self.world.arena
+        self.laser.place(truth.pose, truth.stamp_s)
         sweep = self.laser.scan()
         geometry = self.laser.geometry
         self.publish(
             LaserScan(
-                header=Header(stamp=self.stamp, frame_id="laser"),
+                header=Header(stamp=self.world.stamp, frame_id="laser"),
                 angle_min=geometry.angle_min_rad,
                 angle_max=geometry.angle_max_rad,
                 angle_increment=geometry.angle_increment_rad,

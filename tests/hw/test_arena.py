@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hw.arena import Arena
-from hw.arena_file import box_segments
+from hw.box_segments import box_segments
 from hw.pose import ORIGIN, Pose, wrapped
 
 

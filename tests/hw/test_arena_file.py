@@ -1,11 +1,13 @@
 """Arenas are read from YAML, and what is wrong with a file is told with its line."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
+from hw.arena_contents import HazardSign, SignKind, Victim, VictimKind, WallSpot
 from hw.arena_file import ArenaError, read_arena
 from hw.pose import Pose
 
@@ -60,6 +62,36 @@ def test_every_room_of_the_demo_arena_has_a_doorway_of_90_cm():
     assert set(at.values()) == {passable[round(demo.start.y_m / 0.05), round(demo.start.x_m / 0.05)]} != {0}
 
 
+def test_victims_signs_and_obstacles_that_come_are_read(tmp_path):
+    room = arena(
+        tmp_path,
+        ROOM
+        + """\
+wall_height_m: 0.8
+victims:
+  - {tag: 7, x_m: 0.5, y_m: 0.75, facing_rad: 0.0, kind: moving}
+  - {tag: 8, x_m: 2.0, y_m: 0.5, height_m: 0.4, facing_rad: 1.5708}
+signs:
+  - {kind: toxic, x_m: 2.5, y_m: 1.0, height_m: 0.5, facing_rad: 3.1416}
+appearing:
+  - {circle: [1.5, 0.75, 0.2], from_s: 5}
+  - {box: [1.5, 1.0, 1.7, 1.5], from_s: 5, until_s: 9}
+""",
+    )
+    assert room.wall_height_m == 0.8
+    assert room.victims == (
+        Victim(7, VictimKind.MOVING, WallSpot(0.5, 0.75, 0.35, 0.0)),
+        Victim(8, VictimKind.STILL, WallSpot(2.0, 0.5, 0.4, 1.5708)),
+    )
+    assert room.signs == (HazardSign(SignKind.TOXIC, WallSpot(2.5, 1.0, 0.5, 3.1416)),)
+    assert [obstacle.until_s for obstacle in room.appearing] == [math.inf, 9.0]
+    assert len(room.with_obstacles([1]).segments) == len(room.segments) + 4
+    assert len(room.with_obstacles([0]).circles) == len(room.circles) + 1
+
+
+VICTIM = "victims:\n  - {tag: 7, x_m: 0.5, y_m: 0.75, facing_rad: 0.0}\n"
+
+
 @pytest.mark.parametrize(
     ("text", "line", "what"),
     [
@@ -81,6 +113,21 @@ def test_every_room_of_the_demo_arena_has_a_doorway_of_90_cm():
         (ROOM.replace("cell_m: 0.5\n", ""), 1, "'cell_m' is missing"),
         ("cell_m: 0.5\ndrawing: RR\n", 2, "must be a block"),
         ("cell_m: 0.5\ndrawing: |\n", 3, "empty"),
+        (ROOM + "wall_height_m: 0\n", 7, "wall_height_m must be greater than 0"),
+        (ROOM + VICTIM.replace("7", "50"), 8, "tag must be a whole number from 0 to 49"),
+        (ROOM + VICTIM.replace("7", "1.5"), 8, "tag must be a whole number"),
+        (ROOM + VICTIM + VICTIM[9:], 9, "another victim has the tag 7"),
+        (ROOM + VICTIM.replace("tag: 7, ", ""), 8, "'tag' is missing"),
+        (ROOM + VICTIM.replace("}", ", kind: dead}"), 8, "kind must be one of still, moving, cold"),
+        (ROOM + VICTIM.replace("0.5,", "1.0,"), 8, "not on a wall: the nearest is 0.25 m"),
+        (ROOM + VICTIM.replace("0.0}", "3.14}"), 8, "facing_rad must point out of the wall"),
+        (ROOM + VICTIM.replace("0.0}", "1.57}"), 8, "facing_rad must point out of the wall"),
+        (ROOM + "victims: [3]\n", 7, "a victim is a map"),
+        (ROOM + "signs:\n- {kind: big}\n", 8, "kind must be one of explosive, flammable_gas"),
+        (ROOM + "appearing: [{from_s: 3}]\n", 7, "either a circle or a box"),
+        (ROOM + "appearing: [{circle: [1, 1, 0], from_s: 3}]\n", 7, "radius"),
+        (ROOM + "appearing: [{circle: [1, 1, 0.1]}]\n", 7, "'from_s' is missing"),
+        (ROOM + "appearing: [{box: [1, 1, 2, 2], from_s: 3, until_s: 3}]\n", 7, "later than from_s"),
         ("cell_m: [0.5\n", 2, "not YAML"),
         ("- 1\n", 1, "an arena is a map"),
         ("", 1, "an arena is a map"),

@@ -1,12 +1,14 @@
 """The simulated drive obeys, within its limits, as long as commands come, and stops at walls."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hw.arena import Arena
-from hw.arena_file import box_segments
+from hw.arena_contents import AppearingObstacle
+from hw.box_segments import box_segments
 from hw.differential_drive import DifferentialDrive
 from hw.drive import DriveCommandError
 from hw.pose import Pose
@@ -184,3 +186,50 @@ def test_replaced_drive_goes_on_where_the_last_one_was(clock):
     assert second.ground_truth().pose == first.ground_truth().pose
     assert second.read().pose == first.read().pose
     assert second.read().linear_m_per_s == 0.0
+
+
+def test_emergency_stop_brakes_harder_and_latches_until_released(clock):
+    drive = SimulatedDrive(HALL, clock)
+    drive_for(drive, clock, 2.0, 0.6, 0.0)
+    begin = drive.ground_truth().pose
+    drive.stop_for_emergency()
+    drive_for(drive, clock, 3.0, 0.6, 0.0)
+    # v^2 / 2a with three times the ordinary 1 m/s2.
+    assert math.dist(begin[:2], drive.ground_truth().pose[:2]) == pytest.approx(0.36 / 6.0, abs=0.01)
+    assert drive.is_emergency_stopped
+    drive.release()
+    clock.now_s += 1.0
+    assert drive.read().linear_m_per_s == 0.0
+    drive_for(drive, clock, 1.0, 0.6, 0.0)
+    assert drive.read().linear_m_per_s == pytest.approx(0.6)
+
+
+def test_emergency_stop_outlives_the_process_that_simulates(clock):
+    drive = SimulatedDrive(HALL, clock)
+    drive.stop_for_emergency()
+    drive = SimulatedDrive(HALL, clock, resumed=drive.world_state())
+    drive_for(drive, clock, 1.0, 0.6, 0.0)
+    assert drive.ground_truth().pose == HALL.start
+
+
+def test_obstacle_comes_stops_the_robot_and_goes(clock):
+    wall = AppearingObstacle((12.0, 9.0, 12.2, 11.0), from_s=1.0, until_s=9.0)
+    drive = SimulatedDrive(replace(HALL, appearing=(wall,)), clock)
+    drive_for(drive, clock, 6.0, 0.6, 0.0)
+    assert drive.ground_truth().pose.x_m == pytest.approx(11.8, abs=0.01)
+    assert (drive.obstacles, drive.collisions) == ((0,), 1)
+    drive = SimulatedDrive(replace(HALL, appearing=(wall,)), clock, resumed=drive.world_state())
+    assert drive.obstacles == (0,)
+    drive_for(drive, clock, 4.0, 0.6, 0.0)
+    assert drive.obstacles == ()
+    assert drive.ground_truth().pose.x_m > 12.0
+
+
+def test_obstacle_does_not_come_where_the_robot_stands(clock):
+    person = AppearingObstacle((10.1, 10.0, 0.25), from_s=0.5)
+    drive = SimulatedDrive(replace(HALL, appearing=(person,)), clock)
+    clock.now_s += 2.0
+    drive.read()
+    assert drive.obstacles == ()
+    drive_for(drive, clock, 5.0, -0.6, 0.0)
+    assert (drive.obstacles, drive.collisions) == ((0,), 0)

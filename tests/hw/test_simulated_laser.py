@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hw.arena import Arena
-from hw.arena_file import box_segments
+from hw.box_segments import box_segments
 from hw.laser import LaserGeometry
 from hw.pose import ORIGIN, Pose
 from hw.simulated_laser import LaserNotPlaced, SimulatedLaser

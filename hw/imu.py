@@ -1,0 +1,30 @@
+"""What every inertial measurement unit offers, whatever hardware is behind it."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class ImuSample:
+    """What the unit measured since the sample before, in its own frame (REP 103: x ahead, y left, z up).
+
+    Attributes:
+        stamp_s: the end of that time, in the time of the device's clock.
+        turn_rad_per_s: (3,), mean rates of turn.
+        acceleration_m_per_s2: (3,), mean specific force: a unit at rest measures +9.81 along z.
+    """
+
+    stamp_s: float
+    turn_rad_per_s: NDArray[np.float64]
+    acceleration_m_per_s2: NDArray[np.float64]
+
+
+class Imu(ABC):
+    """Gyroscopes and accelerometers of three axes."""
+
+    @abstractmethod
+    def read(self) -> ImuSample:
+        """Return the newest sample."""

@@ -1,0 +1,143 @@
+"""Maps read from YAML whose errors name the file and the line."""
+
+import math
+from collections.abc import Collection, Iterable
+from pathlib import Path
+from typing import NoReturn, TypeVar
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+Name = TypeVar("Name", bound=str)
+
+
+class ArenaError(ValueError):
+    """An arena file that cannot be used; the text says the file, the line, and what was expected."""
+
+
+class YamlMap:
+    """A map of a YAML file, whose values are asked for by type.
+
+    Args:
+        path: the file, for the errors.
+        node: the map.
+        what: what the map describes, for the errors: "an arena".
+        keys: the ones it may have.
+
+    Raises:
+        ArenaError: it is no map, or has other keys or one key twice. So do all methods when a value is not
+            what they are asked for.
+    """
+
+    def __init__(self, path: Path, node: yaml.Node | None, what: str, keys: Collection[str]) -> None:
+        self._path = path
+        self._line = node.start_mark.line + 1 if node else 1
+        self._nodes: dict[str, yaml.Node] = {}
+        if not isinstance(node, yaml.MappingNode):
+            raise ArenaError(f"{path}:{self._line}: {what} is a map with the keys {', '.join(keys)}")
+        for key, value in node.value:
+            if key.value not in keys:
+                self.fail(key, f"unknown key {key.value!r}; {what} has {', '.join(keys)}")
+            if key.value in self._nodes:
+                self.fail(key, f"the key {key.value!r} is there twice")
+            self._nodes[key.value] = value
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._nodes
+
+    def node(self, key: str) -> yaml.Node:
+        """Return the value of a key that must be there."""
+        if key not in self._nodes:
+            raise ArenaError(f"{self._path}:{self._line}: the key {key!r} is missing")
+        return self._nodes[key]
+
+    def number(self, key: str, default: float | None = None) -> float:
+        """Return a finite number; without a default the key must be there."""
+        if default is not None and key not in self:
+            return default
+        return self._number(self.node(key))
+
+    def positive(self, key: str, default: float | None = None) -> float:
+        """Return a number greater than 0."""
+        number = self.number(key, default)
+        if number <= 0:
+            self.fail(self.node(key), f"{key} must be greater than 0, not {number:g}")
+        return number
+
+    def name(self, key: str, names: Iterable[Name], default: Name) -> Name:
+        """Return one of some names."""
+        if key not in self:
+            return default
+        node = self.node(key)
+        for name in names:
+            if isinstance(node, yaml.ScalarNode) and node.value == name:
+                return name
+        self.fail(node, f"{key} must be one of {', '.join(names)}")
+
+    def block(self, key: str) -> tuple[list[str], int]:
+        """Return the lines of a literal block, and the number of the first one in the file."""
+        node = self.node(key)
+        if not isinstance(node, yaml.ScalarNode) or node.style != "|":
+            self.fail(node, f"{key} must be a block of lines: `{key}: |` and the lines indented below it")
+        return node.value.splitlines(), node.start_mark.line + 2
+
+    def row(self, key: str, width: int) -> tuple[float, ...]:
+        """Return a list of so many numbers."""
+        return self._row(self.node(key), f"{key} must be", width)
+
+    def rows(self, key: str, width: int) -> tuple[NDArray[np.float64], list[yaml.Node]]:
+        """Return a list of lists of so many numbers, (N, width), and the node of each row."""
+        nodes = self._items(key, f"a list of lists of {width} numbers")
+        rows = [self._row(node, f"each of {key} must be", width) for node in nodes]
+        return np.array(rows, dtype=np.float64).reshape(-1, width), nodes
+
+    def maps(self, key: str, what: str, keys: Collection[str]) -> list["YamlMap"]:
+        """Return a list of maps."""
+        return [YamlMap(self._path, node, what, keys) for node in self._items(key, "a list of maps")]
+
+    def fail(self, node: yaml.Node | None, what: str) -> NoReturn:
+        """Raise an error about a value, or about the whole map."""
+        self.fail_at(node.start_mark.line + 1 if node else self._line, what)
+
+    def fail_at(self, line: int, what: str) -> NoReturn:
+        """Raise an error about a line of the file."""
+        raise ArenaError(f"{self._path}:{line}: {what}")
+
+    def _items(self, key: str, what: str) -> list[yaml.Node]:
+        node = self._nodes.get(key)
+        if node is None:
+            return []
+        if not isinstance(node, yaml.SequenceNode):
+            self.fail(node, f"{key} must be {what}")
+        return list(node.value)
+
+    def _row(self, node: yaml.Node, must_be: str, width: int) -> tuple[float, ...]:
+        if not isinstance(node, yaml.SequenceNode) or len(node.value) != width:
+            self.fail(node, f"{must_be} a list of {width} numbers")
+        return tuple(self._number(item) for item in node.value)
+
+    def _number(self, node: yaml.Node) -> float:
+        if node.tag not in ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float"):
+            self.fail(node, "expected a number")
+        number = float(yaml.safe_load(node.value))
+        if not math.isfinite(number):
+            self.fail(node, f"expected a finite number, not {node.value}")
+        return number
+
+
+def read_yaml_map(path: Path, what: str, keys: Collection[str]) -> YamlMap:
+    """Read a YAML file that is one map.
+
+    Raises:
+        ArenaError: the file is no YAML, or another map.
+        OSError: the file cannot be read.
+    """
+    try:
+        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise ArenaError(f"{path}:{line}: not YAML: {error.problem}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ArenaError(f"{path}:1: not YAML in UTF-8: {error}") from error
+    return YamlMap(path, root, what, keys)
