@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from robbie_mp.channel_counters import ChannelCounters
+from robbie_mp.channel_names import ChannelNames
 from robbie_mp.clock import SystemClock
 from robbie_mp.core.directory import ROW_OPEN
 from robbie_mp.core.tables import CoreTables
@@ -22,13 +23,13 @@ from robbie_mp.supervisor.run_directory import KnownRun
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.endpoint import Delivery, Endpoint
-from robbie_mp.transport.layout import LINE_WORDS, NAME_WORDS, Activity, SegmentKind
+from robbie_mp.transport.layout import LINE_WORDS, Activity, SegmentKind
 from robbie_mp.transport.outbox import Outbox
-from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
+from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling, Outbound
 from robbie_mp.transport.run_memory import IncarnationMemory, make_block_store, make_endpoint, make_views
 from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
 from robbie_mp.transport.wakeup import Wakeup
-from robbie_mp.transport.words import new_fence, read_text, write_text
+from robbie_mp.transport.words import new_fence, write_text
 
 SEGMENT_BYTES = 1 << 20
 LONGEST_WAIT_S = 0.2
@@ -48,6 +49,8 @@ class Received:
     """A copy of a message, and what came with it."""
 
     data: bytes
+    type_name: str
+    version: int
     topic: str
     sequence: int
     sender: str
@@ -69,6 +72,7 @@ class Attachment:
 
     def __init__(self, run: KnownRun, purpose: str):
         self._purpose = purpose
+        self._subscriptions = 0
         self._connection, answer = converse(run.folder, {"command": "attach", "purpose": purpose})
         try:
             if not answer:
@@ -103,6 +107,7 @@ class Attachment:
         self._core = self._core_segment.words
         self._tables = CoreTables.attach(self._core)
         self._counters = ChannelCounters(self._core)
+        self._channel_name = ChannelNames(self._core)
         self._fence = new_fence()
         write_text(self._words, layout.OUT_STATUS, LINE_WORDS, self._purpose)
 
@@ -119,6 +124,11 @@ class Attachment:
     def subscribe(self, type_name: str, version: int, topic: str = "") -> None:
         """Want messages of a type, of one topic or of all (''); they come after `ready`."""
         self._endpoint.subscribe(type_name, version, topic, MessageHandling.ALWAYS_DELIVER)
+        self._subscriptions += 1
+
+    def subscribe_encoded(self, type_pattern: str, topic_pattern: str = "*") -> None:
+        """Want messages whose type and topic match shell patterns, as `Module.subscribe_encoded`."""
+        self.subscribe(type_pattern, ANY_VERSION, topic_pattern)
 
     def ready(self) -> None:
         """Let messages come."""
@@ -152,13 +162,12 @@ class Attachment:
             data = bytes(self._views.view(delivery.source, delivery.offset, delivery.size))
         except (SegmentMissing, SegmentMismatch):
             data = b""  # taken back with everything else, or destroyed by its publisher
-        topic_at = self._tables.channel(delivery.channel) + layout.CHANNEL_TOPIC
-        topic = read_text(self._core, topic_at, NAME_WORDS)
+        name = self._channel_name(delivery.channel)
         sender = self._board.name(layout.unpack_source(delivery.source)[0])
         self._fence()
         self._check_lease()
         self._endpoint.release(delivery)
-        return Received(data, topic, delivery.sequence, sender, delivery.stamp_ns)
+        return Received(data, *name, delivery.sequence, sender, delivery.stamp_ns)
 
     def _check_lease(self) -> None:
         """See that what was read before this call was still ours.
@@ -201,26 +210,28 @@ class Attachment:
     # -- what the core's books say -----------------------------------------------------------------------
 
     def is_subscribed(self) -> bool:
-        """Whether the core has opened a subscription of ours."""
-        return self._row() is not None
+        """Whether the core has opened all subscriptions of ours."""
+        return len(self._rows()) >= self._subscriptions
 
     def books(self) -> tuple[int, int]:
         """Messages that were routed to us, and those that still wait or are being copied."""
-        at = self._row()
-        if at is None:
-            return 0, 0
-        routed, *ended = (self._core[at + layout.SUBSCRIPTION_ROUTED + column] for column in range(5))
-        return routed, routed - sum(ended)
+        counts = [
+            [self._core[at + layout.SUBSCRIPTION_ROUTED + column] for column in range(5)]
+            for at in self._rows()
+        ]
+        routed = sum(count[0] for count in counts)
+        return routed, routed - sum(sum(count[1:]) for count in counts)
 
-    def _row(self) -> int | None:
+    def _rows(self) -> list[int]:
+        found = []
         for index in range(self._tables.sizes.subscriptions):
             at = self._tables.subscription(index)
             state = self._core[at + layout.SUBSCRIPTION_STATE]
             if not state:
-                return None
+                break
             if state == ROW_OPEN and self._core[at + layout.SUBSCRIPTION_SLOT] == self._slot:
-                return at
-        return None
+                found.append(at)
+        return found
 
     def passed(self, type_name: str, version: int, topic: str) -> int:
         """Messages of a type, on a topic or on all, that the core has ever routed."""

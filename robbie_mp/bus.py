@@ -27,6 +27,10 @@ class SubscribedTwice(RobbieError, ValueError):
     """
 
 
+class EmptyPattern(RobbieError, ValueError):
+    """A module subscribed by an empty pattern for the type; no type has an empty name."""
+
+
 class Envelope(NamedTuple):
     """What came with a message."""
 
@@ -37,6 +41,19 @@ class Envelope(NamedTuple):
     """Name of the module that published it."""
     published_ns: int
     """When, on the machine's monotonic clock."""
+
+
+class EncodedMessage(NamedTuple):
+    """A message as its bytes, of a type that this program need have no class for."""
+
+    type_name: str
+    version: int
+    data: memoryview
+    """Its encoding with the 4 bytes of encapsulation, read-only, in the memory of who published it.
+
+    Who keeps it, or an array over it, beyond the handler keeps the message in that memory, as with arrays of
+    any other message: take `bytes(data)` to keep it for long.
+    """
 
 
 class Bus(Protocol):
@@ -54,6 +71,16 @@ class Bus(Protocol):
         topic: str,
     ) -> None:
         """Have messages of a type handled, of all topics ('') or of one."""
+
+    def subscribe_encoded(
+        self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
+    ) -> None:
+        """Have messages whose type and topic match shell patterns handled as their bytes."""
+
+    def publish_encoded(
+        self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
+    ) -> bool:
+        """Send a message given as its bytes; False if it was refused, as `publish`."""
 
     def publish(self, message: Message, topic: str) -> bool:
         """Send a message; False if it was refused (and counted) because memory or ring are full."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from fnmatch import fnmatchcase
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -9,16 +10,18 @@ from types import TracebackType
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 from weakref import finalize
 
-from robbie_mp.bus import Envelope, MessageType, PublishAfterStop, SubscribedTwice
+from robbie_mp.bus import EncodedMessage, Envelope, MessageType, PublishAfterStop, SubscribedTwice
 from robbie_mp.checkpoint.decoder import decode
 from robbie_mp.checkpoint.encoder import encode
 from robbie_mp.clock import ManualClock
 from robbie_mp.config import Config
 from robbie_mp.messages import Message, lay_out
+from robbie_mp.messages.encoded import check_encapsulation, check_type
 from robbie_mp.module import Module, ModuleContext
 from robbie_mp.setting_changes import SettingChanges
 from robbie_mp.settings import check_settings
-from robbie_mp.transport.records import MessageHandling
+from robbie_mp.transport.endpoint import ChannelName
+from robbie_mp.transport.records import ANY_VERSION, MessageHandling
 
 ModuleClass = TypeVar("ModuleClass", bound=Module)
 
@@ -27,6 +30,15 @@ class Published(NamedTuple):
     """A message that the module under test has sent."""
 
     message: Message
+    topic: str
+
+
+class PublishedEncoded(NamedTuple):
+    """A message that the module under test has sent as its bytes."""
+
+    type_name: str
+    version: int
+    data: bytes
     topic: str
 
 
@@ -99,7 +111,13 @@ class ModuleHarness(Generic[ModuleClass]):
 
     def send(self, message: Message, *, topic: str = "", sender: str = "test") -> None:
         """Have the module handle a message now, if it subscribes to it."""
-        self.bus.deliver(message, topic, sender)
+        self.bus.deliver(ChannelName(message.type_name, message.version, topic), message.encode(), sender)
+
+    def send_encoded(
+        self, type_name: str, version: int, data: bytes, *, topic: str = "", sender: str = "test"
+    ) -> None:
+        """Have the module handle a message of a type without a class, if one of its patterns matches."""
+        self.bus.deliver(ChannelName(type_name, version, topic), data, sender)
 
     def change_setting(self, name: str, value: object) -> None:
         """Change a setting as `robbie param set` does.
@@ -129,6 +147,11 @@ class ModuleHarness(Generic[ModuleClass]):
     def published(self) -> list[Published]:
         """Everything the module has sent and the test has not taken."""
         return self.bus.published
+
+    @property
+    def published_encoded(self) -> list[PublishedEncoded]:
+        """Everything the module has sent as its bytes."""
+        return self.bus.published_encoded
 
     def take(self, message_type: type[MessageType], topic: str | None = None) -> list[MessageType]:
         """Take the messages of a type (and topic) that the module has sent."""
@@ -165,10 +188,11 @@ class HarnessBus:
 
     def __init__(self, clock: ManualClock):
         self._clock = clock
-        self._subscriptions: list[tuple[type[Message], str, Callable[[Any], None]]] = []
+        self._subscriptions: list[tuple[ChannelName, type[Message] | None, Callable[[Any], None]]] = []
         self._current: Envelope | None = None
         self._sequence = 0
         self.published: list[Published] = []
+        self.published_encoded: list[PublishedEncoded] = []
         self.stopped = False
 
     @property
@@ -184,18 +208,34 @@ class HarnessBus:
         topic: str,
     ) -> None:
         """Remember who handles what."""
-        if any((message_type, topic) == (wanted, of) for wanted, of, _ in self._subscriptions):
-            raise SubscribedTwice(f"this module subscribes to {message_type.type_name} on '{topic}' already")
-        self._subscriptions.append((message_type, topic, handler))
+        wish = ChannelName(message_type.type_name, message_type.version, topic)
+        self._subscribe(wish, message_type, handler)
 
-    def deliver(self, message: Message, topic: str, sender: str) -> None:
-        """Run every handler that wants a message."""
+    def subscribe_encoded(
+        self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
+    ) -> None:
+        """Remember who handles what bytes."""
+        self._subscribe(ChannelName(type_pattern, ANY_VERSION, topic_pattern), None, handler)
+
+    def _subscribe(
+        self, wish: ChannelName, message_type: type[Message] | None, handler: Callable[[Any], None]
+    ) -> None:
+        if any(wish == known for known, _, _ in self._subscriptions):
+            raise SubscribedTwice(f"this module subscribes to {wish.type_name} on '{wish.topic}' already")
+        self._subscriptions.append((wish, message_type, handler))
+
+    def deliver(self, name: ChannelName, data: bytes, sender: str) -> None:
+        """Run every handler that wants a message, but of those of patterns only the first."""
         self._sequence += 1
-        data = message.encode()
-        for message_type, wanted_topic, handler in self._subscriptions:
-            if message_type is type(message) and wanted_topic in ("", topic):
-                self._current = Envelope(topic, self._sequence, sender, self._clock.monotonic_ns())
-                handler(message_type.decode(data))
+        self._current = Envelope(name.topic, self._sequence, sender, self._clock.monotonic_ns())
+        by_pattern = False
+        for wish, message_type, handler in self._subscriptions:
+            if message_type is not None:
+                if wish[:2] == name[:2] and wish.topic in ("", name.topic):
+                    handler(message_type.decode(data))
+            elif not by_pattern and fnmatchcase(name.type_name, wish[0]) and fnmatchcase(name.topic, wish[2]):
+                by_pattern = True
+                handler(EncodedMessage(name.type_name, name.version, memoryview(data)))
         self._current = None
 
     def publish(self, message: Message, topic: str) -> bool:
@@ -203,6 +243,17 @@ class HarnessBus:
         if self.stopped:
             raise PublishAfterStop(f"a {message.type_name} was published after this module was stopped")
         self.published.append(Published(type(message).decode(message.encode()), topic))
+        return True
+
+    def publish_encoded(
+        self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
+    ) -> bool:
+        """Collect a message that is given as its bytes."""
+        if self.stopped:
+            raise PublishAfterStop(f"a {type_name} was published after this module was stopped")
+        check_type(type_name, version)
+        check_encapsulation(type_name, memoryview(data).cast("B"))
+        self.published_encoded.append(PublishedEncoded(type_name, version, bytes(data), topic))
         return True
 
     @contextmanager

@@ -8,7 +8,7 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robbie_mp.bus import Bus, Envelope, MessageType
+from robbie_mp.bus import Bus, EncodedMessage, Envelope, MessageType
 from robbie_mp.checkpoint.keeper import Checkpoints
 from robbie_mp.clock import Clock
 from robbie_mp.config import Config
@@ -142,6 +142,55 @@ class Module:
             topic: only those of this topic; '' for all.
         """
         self._bus.subscribe(message_type, handler, handling, topic)
+
+    def subscribe_encoded(
+        self, type_pattern: str, handler: Callable[[EncodedMessage], None], *, topic: str = "*"
+    ) -> None:
+        """Have messages handled as their bytes, whatever their types: to record them, or to send them on.
+
+            self.subscribe_encoded("sensor_msgs/msg/*", self.on_message)
+
+        Patterns are shell patterns (`*`, `?`, `[…]`; case matters) for the whole name. They are looked at
+        once for each new pair of type and topic, so many cost no more than one, and the first message of a
+        new pair is not missed. A message that several patterns of this module match comes once,
+        to the handler of the pattern that was subscribed to first. Messages of any version come, and all of
+        them, up to the limits of this module's queue.
+
+        Args:
+            type_pattern: for the full name of the type, such as "sensor_msgs/msg/LaserScan".
+            handler: called with each message, in the order they were published.
+            topic: pattern for the topic; "" means messages without a topic only.
+
+        Raises:
+            SubscribedTwice: to the same patterns.
+            EmptyPattern: the one for the type is empty.
+            TooManyDeclarations: a module may have 32 patterns.
+            NameTooLong: a pattern has more than 96 bytes.
+        """
+        self._bus.subscribe_encoded(type_pattern, handler, topic)
+
+    def publish_encoded(
+        self, type_name: str, version: int, data: bytes | bytearray | memoryview, *, topic: str = ""
+    ) -> bool:
+        """Send a message given as its bytes, such as one from a log; its type need not have a class here.
+
+        Nothing but the encapsulation is checked: fields that are damaged come to light in who decodes them.
+
+        Args:
+            type_name: full name of its type.
+            version: of its type.
+            data: its encoding (XCDR1, little endian), the 4 bytes of encapsulation included; it is copied.
+            topic: the topic to publish on.
+
+        Returns:
+            False if it was refused, as for `publish`.
+
+        Raises:
+            DecodeError: the bytes are no encoding of a message.
+            DeclarationError, VersionError: a type cannot have this name or version.
+            MessageTooLarge, PublishAfterStop: as for `publish`.
+        """
+        return self._bus.publish_encoded(type_name, version, data, topic)
 
     def publish(self, message: Message, *, topic: str = "") -> bool:
         """Send a message to everyone who wants it.

@@ -1,12 +1,14 @@
 """Who offers and who wants what: channels and subscriptions, in memory and in the core's tables."""
 
+import re
 from collections.abc import Callable
+from fnmatch import translate
 
 from robbie_mp.core.tables import CoreTables
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
-from robbie_mp.transport.layout import NAME_WORDS
-from robbie_mp.transport.records import MessageHandling
+from robbie_mp.transport.layout import NAME_WORDS, PATTERN_COUNT
+from robbie_mp.transport.records import ANY_VERSION, MessageHandling
 from robbie_mp.transport.words import WORD_BYTES, WORD_MAX, read_text, write_text
 
 LONGEST_INTERVAL_US = 10**9
@@ -23,12 +25,34 @@ class TableFull(RobbieError, OverflowError):
     """One of the core's tables has no free row; the profile's `core` section sets their sizes."""
 
 
+class Pattern:
+    """Shell patterns for the type and the topic of channels.
+
+    A match takes a few microseconds at most, whatever a module has written into the pattern: names are
+    short, and the expressions of `fnmatch` never try one star twice.
+    """
+
+    __slots__ = ("_topic", "_type")
+
+    def __init__(self, type_name: str, topic: str):
+        self._type = re.compile(translate(type_name))
+        self._topic = re.compile(translate(topic))
+
+    def matches(self, channel: "Channel") -> bool:
+        """Whether type and topic of a channel are such; the version may be any."""
+        return bool(self._type.match(channel.type_name) and self._topic.match(channel.topic))
+
+
 class Subscription:
-    """One module's wish for a message type, on all topics or on one; it outlives the module's restarts."""
+    """One module's wish for a message type, on all topics or on one; it outlives the module's restarts.
+
+    Or for every message whose type and topic match patterns. A module that has several patterns gets a
+    message once: a channel goes to the first of them that matches.
+    """
 
     __slots__ = (
-        "at", "counts", "declaration", "declared_by", "index", "newest_only", "queued", "slot", "topic",
-        "type_name", "version",
+        "at", "counts", "declaration", "declared_by", "index", "newest_only", "pattern", "queued", "slot",
+        "topic", "type_name", "version",
     )  # fmt: skip
 
     def __init__(self, index: int, at: int, slot: int, wish: "Wish"):
@@ -41,6 +65,7 @@ class Subscription:
         self.type_name = wish.type_name
         self.version = wish.version
         self.topic = wish.topic
+        self.pattern = Pattern(wish.type_name, wish.topic) if wish.version == ANY_VERSION else None
         self.newest_only = wish.handling is MessageHandling.KEEP_ONLY_NEWEST
         self.queued: int | None = None
         """The reference that waits, of a subscription that keeps only the newest."""
@@ -48,7 +73,9 @@ class Subscription:
         """Routed, delivered, replaced, dropped, lost; the words from SUBSCRIPTION_ROUTED on."""
 
     def matches(self, channel: "Channel") -> bool:
-        """Whether messages of a channel go to this subscription."""
+        """Whether messages of a channel are wanted here."""
+        if self.pattern is not None:
+            return bool(self.type_name) and self.pattern.matches(channel)
         return (
             channel.type_name == self.type_name
             and channel.version == self.version
@@ -190,7 +217,8 @@ class Directory:
         words[at + layout.CHANNEL_VERSION] = version
         words[at + layout.CHANNEL_STATE] = ROW_OPEN
         channel = self._channels[key] = Channel(index, at, type_name, version, topic)
-        channel.subscriptions = [entry for entry in self.subscriptions if entry.matches(channel)]
+        for entry in self.subscriptions:
+            _connect(channel, entry)
         return channel
 
     def subscribe(self, slot: int, wish: Wish) -> Subscription:
@@ -206,6 +234,8 @@ class Directory:
             )  # fmt: skip
             if entry.slot == slot and same_wish:
                 return entry
+        if wish.version == ANY_VERSION and len(self._patterns(slot)) == PATTERN_COUNT:
+            raise TableFull(f"a module subscribes by at most {PATTERN_COUNT} patterns")
         index = self._free_row(wish)
         words, at = self._tables.words, self._tables.subscription(index)
         write_text(words, at + layout.SUBSCRIPTION_TYPE, NAME_WORDS, wish.type_name)
@@ -220,9 +250,24 @@ class Directory:
         entry = Subscription(index, at, slot, wish)
         self.subscriptions[index : index + 1] = [entry]
         for channel in self._channels.values():
-            if entry.matches(channel):
-                channel.subscriptions.append(entry)
+            _connect(channel, entry)
         return entry
+
+    def _patterns(self, slot: int) -> list[Subscription]:
+        """Return the subscriptions of a module by patterns."""
+        return [
+            entry for entry in self.subscriptions if entry.slot == slot and entry.pattern and entry.type_name
+        ]
+
+    def alternatives(self, entry: Subscription, channel: Channel) -> list[Subscription]:
+        """Return the subscriptions of which one gets the messages of a channel, if `entry` is among them.
+
+        They are those of a module by patterns. Which is the first of them may change when a core takes
+        over, because rows that a tool has left are used again.
+        """
+        if entry.pattern is None:
+            return [entry]
+        return [one for one in self._patterns(entry.slot) if one.matches(channel)]
 
     def _free_row(self, wish: Wish) -> int:
         """Return the next row, or one that a tool has left: no reference leads there any more.
@@ -244,3 +289,13 @@ class Directory:
         for channel in self._channels.values():
             if entry in channel.subscriptions:
                 channel.subscriptions.remove(entry)
+                for other in self._patterns(entry.slot) if entry.pattern else ():
+                    _connect(channel, other)
+
+
+def _connect(channel: Channel, entry: Subscription) -> None:
+    """Send a channel's messages to a subscription if it wants them and no pattern before it has them."""
+    if entry.matches(channel) and not (
+        entry.pattern and any(other.pattern and other.slot == entry.slot for other in channel.subscriptions)
+    ):
+        channel.subscriptions.append(entry)

@@ -8,7 +8,7 @@ The dead core's memory is complete up to one store, and each step of the router 
 - every other record is simply handled again: the steps it stands for do nothing when done before.
 """
 
-from robbie_mp.core.directory import Directory, Subscription
+from robbie_mp.core.directory import Channel, Directory, Subscription
 from robbie_mp.core.ledger import Ledger, Outcome
 from robbie_mp.core.link import Link, Slot
 from robbie_mp.transport import layout
@@ -83,12 +83,15 @@ def _restore_waiting(slots: list[Slot], ledger: Ledger, index: int) -> None:
     slot.waiting_bytes += size
 
 
-def unclaimed(ledger: Ledger, handle: int, subscriptions: list[Subscription]) -> list[Subscription]:
+def unclaimed(ledger: Ledger, directory: Directory, handle: int, channel: Channel) -> list[Subscription]:
     """Subscriptions that a message cut short in routing has not reached yet."""
     sequence = ledger.handle(handle).sequence
     reached = ledger.claimants(handle)
     return [
         entry
-        for entry in subscriptions
-        if entry.index not in reached and not ledger.was_claimed(entry, sequence)
+        for entry in channel.subscriptions
+        if not any(
+            one.index in reached or ledger.was_claimed(one, sequence)
+            for one in directory.alternatives(entry, channel)
+        )
     ]

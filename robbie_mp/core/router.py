@@ -168,7 +168,7 @@ class Router:
             channel.bytes = (
                 self._ledger.row(index, layout.HANDLE_CHANNEL_BYTES) - self._ledger.handle(index).size
             )
-            self._route(slot, channel, index, unclaimed(self._ledger, index, channel.subscriptions))
+            self._route(slot, channel, index, unclaimed(self._ledger, self._directory, index, channel))
             link.outbound.take()
         elif slot.routed >= nth:
             link.outbound.take()  # routed to its end, and even given back

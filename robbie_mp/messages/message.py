@@ -50,6 +50,8 @@ class MessageType(type):
             raise DeclarationError(
                 f"{class_name}: messages do not inherit from messages; nest one as a field"
             )
+        if version < 1:
+            raise DeclarationError(f"{class_name}: version={version}; versions are counted from 1")
         declaration = read_declaration(class_name, name, namespace)
         slots = tuple(field.name for field in declaration.fields)
         blank = type(f"{class_name}InTheMaking", (), {"__slots__": slots})

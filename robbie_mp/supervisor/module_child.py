@@ -8,12 +8,12 @@ import sys
 from pathlib import Path
 
 from robbie_mp.bus import Envelope
+from robbie_mp.channel_names import ChannelNames
 from robbie_mp.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.checkpoint.file import checkpoint_file
 from robbie_mp.checkpoint.keeper import CheckpointKeeper, DiskPolicy
 from robbie_mp.clock import SystemClock
 from robbie_mp.config import Config
-from robbie_mp.core.tables import CoreTables
 from robbie_mp.module import Module, ModuleContext
 from robbie_mp.profile.check import load_class
 from robbie_mp.runner import ModuleRunner
@@ -26,12 +26,12 @@ from robbie_mp.transport.board import Board
 from robbie_mp.transport.bus import SharedMemoryBus
 from robbie_mp.transport.endpoint import Delivery
 from robbie_mp.transport.inbox import Inbox
-from robbie_mp.transport.layout import LINE_WORDS, NAME_WORDS, SegmentKind
+from robbie_mp.transport.layout import LINE_WORDS, SegmentKind
 from robbie_mp.transport.outbox import Outbox
 from robbie_mp.transport.run_memory import IncarnationMemory, make_block_store, make_endpoint, make_views
 from robbie_mp.transport.segment import Segment
 from robbie_mp.transport.wakeup import Wakeup
-from robbie_mp.transport.words import read_text, write_text
+from robbie_mp.transport.words import write_text
 
 
 def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> None:
@@ -45,9 +45,10 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     limits = planned.memory
     blocks = make_block_store(plan.run_id, slot, incarnation, limits.segment_bytes, limits.limit_bytes)
     outbox = Outbox(endpoint, blocks, words, SystemClock())
-    inbox = Inbox(endpoint, make_views(plan.run_id), words)
+    channel_name = ChannelNames(Segment.attach(names.core(plan.run_id), SegmentKind.CORE).words)
+    inbox = Inbox(endpoint, make_views(plan.run_id), words, channel_name)
     board = Board(Segment.attach(names.board(plan.run_id), SegmentKind.BOARD).words)
-    bus = SharedMemoryBus(outbox, inbox, _Describer(plan.run_id, board))
+    bus = SharedMemoryBus(outbox, inbox, _Describer(channel_name, board))
     if (process_bytes := planned.memory.process_bytes) is not None:
         resource.setrlimit(resource.RLIMIT_AS, (process_bytes, process_bytes))
     sys.path.insert(0, plan.workspace)
@@ -108,14 +109,11 @@ def open_checkpoints(plan: RunPlan, slot: int, incarnation: int) -> CheckpointKe
 class _Describer:
     """Makes envelopes from the tables of core and supervisor."""
 
-    def __init__(self, run_id: str, board: Board):
-        segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
-        self._words = segment.words
-        self._tables = CoreTables.attach(self._words)
+    def __init__(self, channel_name: ChannelNames, board: Board):
+        self._channel_name = channel_name
         self._board = board
 
     def __call__(self, delivery: Delivery) -> Envelope:
-        at = self._tables.channel(delivery.channel) + layout.CHANNEL_TOPIC
-        topic = read_text(self._words, at, NAME_WORDS)
+        topic = self._channel_name(delivery.channel).topic
         sender = self._board.name(layout.unpack_source(delivery.source)[0])
         return Envelope(topic, delivery.sequence, sender, delivery.stamp_ns)

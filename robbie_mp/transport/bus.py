@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 
-from robbie_mp.bus import Envelope, MessageType
+from robbie_mp.bus import EncodedMessage, Envelope, MessageType
 from robbie_mp.messages import Message
 from robbie_mp.transport.endpoint import Delivery
 from robbie_mp.transport.inbox import Inbox
@@ -41,6 +41,18 @@ class SharedMemoryBus:
     ) -> None:
         """Have messages of a type handled, of all topics ('') or of one."""
         self._inbox.subscribe(message_type, handler, handling, topic)
+
+    def subscribe_encoded(
+        self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
+    ) -> None:
+        """Have messages whose type and topic match shell patterns handled as their bytes."""
+        self._inbox.subscribe_encoded(type_pattern, handler, topic_pattern)
+
+    def publish_encoded(
+        self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
+    ) -> bool:
+        """Send a message given as its bytes; False if it was refused."""
+        return self._outbox.publish_encoded(type_name, version, data, topic)
 
     def loan(
         self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]

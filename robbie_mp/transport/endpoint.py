@@ -9,7 +9,7 @@ from typing import NamedTuple
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block
-from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
+from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling, Outbound
 from robbie_mp.transport.ring import NumberRingReader, RingPlace, RingReader, RingWriter
 from robbie_mp.transport.words import Words, new_fence, write_text
 
@@ -52,6 +52,14 @@ class Delivery(NamedTuple):
     stamp_ns: int
 
 
+class ChannelName(NamedTuple):
+    """What the messages of a channel are."""
+
+    type_name: str
+    version: int
+    topic: str
+
+
 class Notice(NamedTuple):
     """Something else that the core tells."""
 
@@ -83,6 +91,7 @@ class Endpoint:
         """Held while anything is pushed; whoever publishes may hold it longer."""
         self._declaration_fence = new_fence()
         self._declarations = 0
+        self._patterns = 0
         self._backlog: deque[tuple[Outbound, int, int, int]] = deque()
         # Publishing leaves room for what must be said in any case: what it is done with.
         self._reserve = min(2 * credit, ring_records // 2)
@@ -113,11 +122,18 @@ class Endpoint:
 
         Args:
             type_name: of the messages.
-            version: of the messages.
+            version: of the messages; ANY_VERSION: type and topic are shell patterns.
             topic: of the messages; all topics: ''.
             handling: what is wanted when they come too fast.
             handler: name of the function that handles them, for who watches.
         """
+        if version == ANY_VERSION:
+            if self._patterns == layout.PATTERN_COUNT:
+                raise TooManyDeclarations(
+                    f"cannot subscribe to '{type_name}' on topic '{topic}': a module has at most "
+                    f"{self._patterns} patterns; let one pattern match what several did"
+                )
+            self._patterns += 1
         number = self._declare(Outbound.SUBSCRIBE, type_name, version, topic, handling, handler)
         self.send(Outbound.SUBSCRIBE, number)
         return number

@@ -4,22 +4,32 @@ import logging
 import weakref
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from robbie_mp.bus import MessageType, SubscribedTwice
+from robbie_mp.bus import EmptyPattern, EncodedMessage, MessageType, SubscribedTwice
 from robbie_mp.errors import RobbieError
-from robbie_mp.messages import Message
 from robbie_mp.transport import layout
-from robbie_mp.transport.endpoint import Delivery, Endpoint
-from robbie_mp.transport.records import Inbound, MessageHandling
+from robbie_mp.transport.endpoint import ChannelName, Delivery, Endpoint
+from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling
 from robbie_mp.transport.views import SegmentViews
 from robbie_mp.transport.words import Words
 
 
 class DamagedMessage(RobbieError, ValueError):
     """A handle does not lead to a message of its type; the publisher's memory is damaged."""
+
+
+class Decoder(Protocol):
+    """Makes what is handled of a message's bytes: a message class, or what leaves the bytes as they are."""
+
+    @property
+    def has_views(self) -> bool:
+        """Whether what it makes may look at the bytes for as long as it lives."""
+
+    def decode(self, buffer: memoryview, /) -> Any:
+        """Return what the handler gets."""
 
 
 class Inbox:
@@ -29,15 +39,23 @@ class Inbox:
         endpoint: the module's connection to the core.
         views: maps of the publishers' memory.
         words: the module's out segment, for the counters.
+        channel_name: says what the messages of a channel are.
     """
 
-    def __init__(self, endpoint: Endpoint, views: SegmentViews, words: Words):
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        views: SegmentViews,
+        words: Words,
+        channel_name: Callable[[int], ChannelName],
+    ):
         self._endpoint = endpoint
         self._views = views
         self._words = words
         self._log = logging.getLogger("robbie.receive")
-        self._handlers: dict[int, tuple[type[Message], Callable[[Any], None]]] = {}
-        self._subscribed: set[tuple[type[Message], str]] = set()
+        self._channel_name = channel_name
+        self._handlers: dict[int, tuple[Decoder, Callable[[Any], None]]] = {}
+        self._subscribed: set[tuple[str, int, str]] = set()
         self._pinned: dict[int, tuple[weakref.ref[Any], Delivery]] = {}
         self._let_go: deque[int] = deque()
         """References whose memory nobody looks at any more; filled by finalizers, in any thread."""
@@ -57,15 +75,39 @@ class Inbox:
         Raises:
             SubscribedTwice: the module has subscribed to them already.
         """
-        if (message_type, topic) in self._subscribed:
+        wish = ChannelName(message_type.type_name, message_type.version, topic)
+        self._subscribe(wish, handling, message_type, handler)
+
+    def subscribe_encoded(
+        self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
+    ) -> None:
+        """Have messages whose type and topic match shell patterns handled as their bytes.
+
+        Raises:
+            SubscribedTwice: the module has subscribed by the same patterns already.
+            EmptyPattern: no type has such a name.
+        """
+        if not type_pattern:
+            raise EmptyPattern("an empty pattern matches no type; '*' matches all")
+        wish = ChannelName(type_pattern, ANY_VERSION, topic_pattern)
+        self._subscribe(wish, MessageHandling.ALWAYS_DELIVER, _AsBytes(self), handler)
+
+    def _subscribe(
+        self,
+        wish: ChannelName,
+        handling: MessageHandling,
+        decoder: Decoder,
+        handler: Callable[[Any], None],
+    ) -> None:
+        if wish in self._subscribed:
             raise SubscribedTwice(
-                f"this module subscribes to {message_type.type_name} on topic '{topic}' already; "
+                f"this module subscribes to {wish.type_name} on topic '{wish.topic}' already; "
                 "let one handler call the other"
             )
-        self._subscribed.add((message_type, topic))
+        self._subscribed.add(wish)
         name = getattr(handler, "__qualname__", type(handler).__qualname__)
-        number = self._endpoint.subscribe(message_type.type_name, message_type.version, topic, handling, name)
-        self._handlers[number] = (message_type, handler)
+        number = self._endpoint.subscribe(*wish, handling, name)
+        self._handlers[number] = (decoder, handler)
 
     def take(self) -> Delivery | None:
         """Take the next message, which is from then on being handled; None if there is none."""
@@ -81,7 +123,7 @@ class Inbox:
     def handle(self, delivery: Delivery) -> None:
         """Run the handler of a message, then release the message or remember that it is still looked at."""
         self.current = delivery
-        message_type, handler = self._handlers[delivery.declaration]
+        decoder, handler = self._handlers[delivery.declaration]
         pin: weakref.ref[Any] | None = None
         try:
             view = self._views.view(delivery.source, delivery.offset, delivery.size)
@@ -89,14 +131,14 @@ class Inbox:
                 raise DamagedMessage(
                     f"message {delivery.sequence} is said to lie beyond the end of its publisher's memory"
                 )
-            if message_type.has_views:
+            if decoder.has_views:
                 whole = np.frombuffer(view, np.uint8)
                 let_go, reference = self._let_go, delivery.reference
                 pin = weakref.ref(whole, lambda _: let_go.append(reference))
-                message = message_type.decode(whole.data)
+                message = decoder.decode(whole.data)
                 del whole
             else:
-                message = message_type.decode(view)
+                message = decoder.decode(view)
         except RobbieError as error:
             self._log.error("a message was lost: %s", str(error))  # the error would hold frames and views
         else:
@@ -111,6 +153,16 @@ class Inbox:
             self._pinned[delivery.reference] = (pin, delivery)
             self._count_pinned(delivery.size)
             self._endpoint.done(delivery)
+
+    def name_current(self) -> ChannelName:
+        """Say what the message being handled is.
+
+        Raises:
+            LookupError: no message is being handled.
+        """
+        if self.current is None:
+            raise LookupError("a message has a name only while it is being handled")
+        return self._channel_name(self.current.channel)
 
     def _is_let_go(self, reference: int) -> bool:
         """Ask the finalizer's list and not the weak reference, which is dead before the finalizer has run."""
@@ -132,3 +184,17 @@ class Inbox:
         self._pinned_bytes += more_bytes
         self._words[layout.OUT_PINNED] = len(self._pinned)
         self._words[layout.OUT_PINNED_BYTES] = self._pinned_bytes
+
+
+class _AsBytes:
+    """Leaves a message as its bytes."""
+
+    has_views = True
+
+    def __init__(self, inbox: Inbox):
+        self._inbox = inbox
+
+    def decode(self, buffer: memoryview) -> EncodedMessage:
+        """Put type and version beside the bytes."""
+        type_name, version, _ = self._inbox.name_current()
+        return EncodedMessage(type_name, version, buffer)

@@ -165,6 +165,7 @@ OUT_STATUS = HEADER_WORDS + 24
 OUT_STATES = OUT_STATUS + LINE_WORDS  # of its state machines, a text like the status line
 OUT_DECLARATIONS = OUT_STATES + LINE_WORDS + 6
 DECLARATION_COUNT = 256
+PATTERN_COUNT = 32  # subscriptions by patterns of a module: the core looks at each for every new channel
 DECLARATION_KIND = 0
 DECLARATION_VERSION = 1
 DECLARATION_HANDLING = 2

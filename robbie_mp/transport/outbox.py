@@ -12,9 +12,10 @@ import numpy as np
 from robbie_mp.bus import MessageType, PublishAfterStop
 from robbie_mp.clock import Clock
 from robbie_mp.messages import Message, lay_out
+from robbie_mp.messages.encoded import check_encapsulation, check_type
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block, BlockStore
-from robbie_mp.transport.endpoint import Endpoint
+from robbie_mp.transport.endpoint import ChannelName, Endpoint
 from robbie_mp.transport.words import Words
 
 _SMALL_BYTES = 4096
@@ -39,6 +40,8 @@ class Outbox:
         self._log = logging.getLogger("robbie.publish")
         self._lock = endpoint.lock
         self._declarations: dict[tuple[type[Message], str], int] = {}
+        self._channels: dict[ChannelName, int] = {}
+        """The same by name, and what has no class here."""
         self._let_go: deque[int] = deque()
         """Blocks of loans whose arrays were still held at the end; filled by finalizers."""
         self._held: dict[int, weakref.ref[Any]] = {}
@@ -108,6 +111,24 @@ class Outbox:
                 raise
             return self._hand_over(declaration, block, size, message.type_name, topic)
 
+    def publish_encoded(
+        self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
+    ) -> bool:
+        """Copy a message into a block of its own and hand it over."""
+        source = memoryview(data).cast("B")
+        check_encapsulation(type_name, source)
+        size = len(source)
+        with self._lock:
+            name = ChannelName(type_name, version, topic)
+            if name not in self._channels:
+                check_type(type_name, version)
+            declaration = self._advertise(name)
+            block = self._allocate(size, self._blocks.reuse(size))
+            if block is None:
+                return self._refuse(type_name, topic)
+            block.buffer[block.offset : block.offset + size] = source
+            return self._hand_over(declaration, block, size, type_name, topic)
+
     @contextmanager
     def loan(
         self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
@@ -150,18 +171,25 @@ class Outbox:
         with self._lock:
             self._closed = True
             self._declarations.clear()
+            self._channels.clear()
             self._blocks.close()
 
     # -- inside ----------------------------------------------------------------------------------------
 
     def _declare(self, message_type: type[Message], topic: str) -> int:
+        declaration = self._advertise(ChannelName(message_type.type_name, message_type.version, topic))
+        self._declarations[message_type, topic] = declaration
+        return declaration
+
+    def _advertise(self, name: ChannelName) -> int:
         if self._closed:
             raise PublishAfterStop(
-                f"a {message_type.type_name} was published after this module was stopped; "
+                f"a {name.type_name} was published after this module was stopped; "
                 "publish what is last in teardown(), and end threads there"
             )
-        declaration = self._endpoint.advertise(message_type.type_name, message_type.version, topic)
-        self._declarations[message_type, topic] = declaration
+        declaration = self._channels.get(name)
+        if declaration is None:
+            declaration = self._channels[name] = self._endpoint.advertise(*name)
         return declaration
 
     def _allocate(self, size: int, block: Block | None) -> Block | None:

@@ -54,6 +54,10 @@ class Inbound(IntEnum):
     FAULTED = 4
 
 
+ANY_VERSION = 0
+"""Version of a subscription whose type and topic are shell patterns: it takes messages of any version."""
+
+
 class MessageHandling(IntEnum):
     """What a subscription wants when messages come faster than it handles them."""
 

@@ -24,11 +24,14 @@ class History:
         queue_messages: int = 6,
         handles: int = 24,
         fuses: dict[int, Fuse] | None = None,
+        by_patterns: bool = False,
     ) -> None:
         self.run = SimulatedRun(queue_messages=queue_messages, handles=handles)
         self.run.fuse.stores = 0
         self.run.fuse.deaths = list(deaths)
         self.fuses = fuses or {}
+        self.by_patterns = by_patterns
+        """Whether slot 2 takes everything by two patterns instead of by type."""
         self.alive: dict[int, SimulatedModule] = {}
         self.channels: dict[int, int] = {}
         self.incarnations = dict.fromkeys(SLOTS, 0)
@@ -47,7 +50,10 @@ class History:
         fuse = self.fuses.get(slot) if self.incarnations[slot] == 1 else None
         module = self.alive[slot] = self.run.start(slot, self.incarnations[slot], fuse)
         try:
-            if slot in HANDLINGS:
+            if slot == 2 and self.by_patterns:
+                module.subscribe_by_patterns("test_msgs/*")
+                module.subscribe_by_patterns("*")
+            elif slot in HANDLINGS:
                 module.subscribe(HANDLINGS[slot])
             if slot in PUBLISHERS:
                 self.channels[slot] = module.advertise()

@@ -11,7 +11,7 @@ from robbie_mp.core.tables import CoreTables, TableSizes
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block
 from robbie_mp.transport.endpoint import Delivery, Endpoint, EndpointMemory
-from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
+from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling, Outbound
 from robbie_mp.transport.segment import SegmentMismatch
 from robbie_mp.transport.words import Words
 
@@ -105,6 +105,11 @@ class SimulatedModule:
     ) -> int:
         return self.endpoint.subscribe(type_name, 1, topic, handling)
 
+    def subscribe_by_patterns(self, type_pattern: str, topic_pattern: str = "*") -> int:
+        return self.endpoint.subscribe(
+            type_pattern, ANY_VERSION, topic_pattern, MessageHandling.ALWAYS_DELIVER
+        )
+
     def advertise(self, topic: str = "", type_name: str = TYPE) -> int:
         return self.endpoint.advertise(type_name, 1, topic)
 
@@ -146,9 +151,14 @@ class SimulatedRun:
     """A core with a supervisor and a number of slots."""
 
     def __init__(
-        self, slots: int = 4, queue_messages: int = 100, queue_bytes: int = 1 << 30, handles: int = 64
+        self,
+        slots: int = 4,
+        queue_messages: int = 100,
+        queue_bytes: int = 1 << 30,
+        handles: int = 64,
+        subscriptions: int = 16,
     ):
-        sizes = TableSizes(slots, channels=8, subscriptions=16, handles=handles, references=4 * handles)
+        sizes = TableSizes(slots, 8, subscriptions, handles, references=4 * handles)
         self.words = zeros(sizes.words)
         self.tables = CoreTables.create(self.words, sizes)
         self.fuse = Fuse()

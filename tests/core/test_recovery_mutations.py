@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from robbie_mp.core import router as router_module
-from robbie_mp.core.directory import Subscription
+from robbie_mp.core.directory import Channel, Directory, Subscription
 from robbie_mp.core.ledger import Ledger
 from robbie_mp.core.link import Link
 from robbie_mp.core.router import Router
@@ -17,9 +17,9 @@ def nothing(*_arguments: object, **_named: object) -> None:
 
 
 def forget_what_was_claimed(
-    _ledger: Ledger, _handle: int, subscriptions: list[Subscription]
+    _ledger: Ledger, _directory: Directory, _handle: int, channel: Channel
 ) -> list[Subscription]:
-    return subscriptions
+    return channel.subscriptions
 
 
 MUTATIONS: dict[str, tuple[object, str, Callable[..., object]]] = {

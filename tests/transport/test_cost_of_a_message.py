@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robbie_mp.channel_names import ChannelNames
 from robbie_mp.clock import SystemClock
 from robbie_mp.core.link import LinkMemory
 from robbie_mp.core.members import RouterLimits
@@ -55,7 +56,7 @@ class Chain:
         blocks = make_block_store(RUN_ID, PUBLISHER, 1, segment_bytes=1 << 20, limit_bytes=1 << 26)
         self.outbox = Outbox(ends[PUBLISHER], blocks, self.out[PUBLISHER], SystemClock())
         self.views = make_views(RUN_ID)
-        self.inbox = Inbox(ends[SUBSCRIBER], self.views, self.out[SUBSCRIBER])
+        self.inbox = Inbox(ends[SUBSCRIBER], self.views, self.out[SUBSCRIBER], ChannelNames(tables.words))
         self.inbox.subscribe(DriveCommand, lambda _: None, MessageHandling.ALWAYS_DELIVER, "")
         self.inbox.subscribe(Image, self._on_image, MessageHandling.ALWAYS_DELIVER, "")
         for end in ends:

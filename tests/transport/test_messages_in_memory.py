@@ -4,74 +4,19 @@ import gc
 import threading
 import weakref
 from array import array
-from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 
 from robbie_mp.bus import PublishAfterStop, SubscribedTwice
-from robbie_mp.clock import SystemClock
-from robbie_mp.messages import FieldError, Header, Image, Time
+from robbie_mp.messages import FieldError, Image
 from robbie_mp.supervisor.memory import unlink_data_segments
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import MessageTooLarge
 from robbie_mp.transport.inbox import Inbox
-from robbie_mp.transport.outbox import Outbox
 from robbie_mp.transport.records import MessageHandling
-from robbie_mp.transport.run_memory import make_block_store, make_views
 from robbie_mp.transport.segment import SegmentMissing
-from tests.core.simulated_run import SimulatedRun
-
-RUN_ID = "7e57ab1e"
-
-
-class Pair:
-    """A publisher and a subscriber of images."""
-
-    def __init__(self) -> None:
-        self.run = SimulatedRun(queue_messages=5000, handles=5000)
-        sender, receiver = self.run.start(1), self.run.start(2)
-        self.sender_words, self.receiver_words = sender.out, receiver.out
-        blocks = make_block_store(RUN_ID, 1, 1, segment_bytes=1 << 16, limit_bytes=1 << 21)
-        self.outbox = Outbox(sender.endpoint, blocks, sender.out, SystemClock())
-        self.views = make_views(RUN_ID)
-        self.inbox = Inbox(receiver.endpoint, self.views, receiver.out)
-        self.on_image: Callable[[Image], None] = lambda _image: None
-        self.inbox.subscribe(Image, self._handle, MessageHandling.ALWAYS_DELIVER, "")
-        sender.ready()
-        receiver.ready()
-        self.run.run_core()
-
-    def pass_on(self) -> None:
-        """Let the core route and the subscriber handle everything."""
-        self.run.run_core()
-        while (delivery := self.inbox.take()) is not None:
-            self.inbox.handle(delivery)
-            self.inbox.release_let_go()
-            self.run.run_core()
-
-    def _handle(self, image: Image) -> None:
-        self.on_image(image)
-
-    def close(self) -> None:
-        self.on_image = lambda _image: None
-        self.outbox.close()
-        self.views.close()
-        gc.collect()  # this pair is a cycle, and unmaps what it still maps only when that is collected
-        unlink_data_segments(RUN_ID, 1, 1)
-
-
-@pytest.fixture
-def pair() -> Iterator[Pair]:
-    made = Pair()
-    yield made
-    made.close()
-
-
-def picture(value: int, size: int = 1000) -> Image:
-    return Image(
-        header=Header(stamp=Time(sec=value)), height=1, width=size, data=np.full(size, value, np.uint8)
-    )
+from tests.transport.pair import RUN_ID, Pair, picture
 
 
 def test_message_comes_as_it_went(pair: Pair) -> None:
@@ -158,7 +103,8 @@ def test_message_let_go_by_a_thread_in_the_moment_its_handler_ends_is_released(p
 
     kept: list[object] = []
     watching: list[object] = []
-    inbox = Inbox(pair.run.modules[2, 1].endpoint, pair.views, Words("Q", bytes(8 * layout.OUT_RING)))
+    words = Words("Q", bytes(8 * layout.OUT_RING))
+    inbox = Inbox(pair.run.modules[2, 1].endpoint, pair.views, words, pair.channel_name)
     inbox.subscribe(Image, keep, MessageHandling.ALWAYS_DELIVER, "")
     pair.run.run_core()
     pair.outbox.publish(picture(7), "")
