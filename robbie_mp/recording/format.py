@@ -1,0 +1,142 @@
+"""What a log of Robbie's holds beyond what MCAP says: names, metadata, and how its channels are described.
+
+A recording is a folder of parts, `NAME/NAME_0000.mcap`, `NAME/NAME_0001.mcap` …, each of them a whole log.
+Messages stand in it as they are, CDR with its encapsulation header, schemas are ros2msg texts, and the
+profile is "ros2": tools that know ROS 2 read it. Source: https://mcap.dev/spec.
+"""
+
+import json
+import re
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+PROFILE = "ros2"
+MESSAGE_ENCODING = "cdr"
+SCHEMA_ENCODING = "ros2msg"
+RUN_METADATA = "robbie_run"
+COUNTS_METADATA = "robbie_counts"
+CHANNELS_KEY = "channels"
+TOPIC_KEY = "robbie_topic"
+VERSION_KEY = "robbie_version"
+SENDER_KEY = "robbie_sender"
+QOS_KEY = "offered_qos_profiles"
+PART_NAME = re.compile(r"(?P<name>.+)_(?P<number>\d{4,})\.mcap")
+
+
+def part_path(folder: Path, number: int) -> Path:
+    """Return the path of a part of the recording in a folder."""
+    return folder / f"{folder.name}_{number:04}.mcap"
+
+
+class ChannelKey(NamedTuple):
+    """What makes messages belong together: one channel of a log each."""
+
+    type_name: str
+    version: int
+    topic: str
+    sender: str
+    """The module that published them; '' if that is not known."""
+
+    def metadata(self) -> dict[str, str]:
+        """Return the metadata of the log's channel."""
+        return {
+            TOPIC_KEY: self.topic,
+            VERSION_KEY: str(self.version),
+            SENDER_KEY: self.sender,
+            QOS_KEY: "",
+        }
+
+
+class TopicNames:
+    """The topics that channels have in one log: two types never share one, as in ROS."""
+
+    def __init__(self) -> None:
+        self._type_of: dict[str, str] = {}
+
+    def of(self, key: ChannelKey) -> str:
+        """Return the MCAP topic of a channel: its topic, or the last part of its type; longer if taken."""
+        short = key.type_name.rpartition("/")[2]
+        base = f"/{key.topic or short}"
+        for topic in (base, f"{base}/{short}", f"{base}/{key.type_name}"):
+            if self._type_of.setdefault(topic, key.type_name) == key.type_name:
+                return topic
+        raise AssertionError("only one type has the last name")
+
+
+@dataclass(frozen=True)
+class RunMetadata:
+    """The record `robbie_run` at the beginning of a part."""
+
+    run_id: str
+    profile: str
+    host: str
+    version: str
+    """Of Robbie-MP."""
+    python: str
+    part: int
+    first_sequence: int
+    """Of the part's first message, in the order of the run."""
+    started_ns: int
+    """When the part was begun, on the clock of its messages."""
+    clock: str
+    """Which clock that is."""
+    profile_yaml: str
+    """The profile as merged."""
+
+    def as_metadata(self) -> dict[str, str]:
+        """Return what the metadata record holds."""
+        return {name: str(value) for name, value in asdict(self).items()}
+
+    @classmethod
+    def from_metadata(cls, metadata: dict[str, str]) -> Self:
+        """Read a metadata record; what is missing or no number is '' or 0."""
+        values: dict[str, str | int] = {name: metadata.get(name, "") for name in cls.__annotations__}
+        for name in ("part", "first_sequence", "started_ns"):
+            text = str(values[name])
+            values[name] = int(text) if text.isdecimal() else 0
+        return cls(**values)  # type: ignore[arg-type]
+
+
+@dataclass
+class ChannelCount:
+    """What became of a channel's messages, in one part of a recording."""
+
+    recorded: int = 0
+    """Messages in the log."""
+    dropped: int = 0
+    """Messages that are missing in it: since the end of the part before, up to the end of this one."""
+
+
+def counts_metadata(counts: Iterable[tuple[ChannelKey, ChannelCount]]) -> dict[str, str]:
+    """Return what a record `robbie_counts` holds; the last one of a part counts for all of that part."""
+    rows = [
+        {
+            "type": key.type_name,
+            "version": key.version,
+            "topic": key.topic,
+            "sender": key.sender,
+            "recorded": count.recorded,
+            "dropped": count.dropped,
+        }
+        for key, count in counts
+    ]
+    return {CHANNELS_KEY: json.dumps(rows, separators=(",", ":"))}
+
+
+def counts_from_metadata(metadata: dict[str, str]) -> dict[ChannelKey, ChannelCount]:
+    """Read a record `robbie_counts`.
+
+    Raises:
+        ValueError: it is no such record.
+    """
+    try:
+        return dict(map(_count, json.loads(metadata[CHANNELS_KEY])))
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"this is no record {COUNTS_METADATA}: {error}") from error
+
+
+def _count(row: dict[str, Any]) -> tuple[ChannelKey, ChannelCount]:
+    key = ChannelKey(str(row["type"]), int(row["version"]), str(row["topic"]), str(row["sender"]))
+    return key, ChannelCount(int(row["recorded"]), int(row["dropped"]))
