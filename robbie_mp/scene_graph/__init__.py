@@ -21,6 +21,7 @@ from robbie_mp.scene_graph.errors import (
 from robbie_mp.scene_graph.graph import SceneGraph
 from robbie_mp.scene_graph.node import Joint, JointType, Mimic, Node
 from robbie_mp.scene_graph.rigid_transform import RigidTransform
+from robbie_mp.scene_graph.scene_file import read_scene
 
 __all__ = [
     "BadJoint",
@@ -42,4 +43,5 @@ __all__ = [
     "TooNew",
     "TooOld",
     "UnknownNode",
+    "read_scene",
 ]

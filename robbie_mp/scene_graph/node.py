@@ -22,6 +22,9 @@ class JointType(StrEnum):
     """Is anywhere: whole poses are given for it, such as odometry."""
 
 
+JOINT_TYPES = tuple(kind.value for kind in JointType)
+
+
 @dataclass(frozen=True)
 class Mimic:
     """A joint that follows another: its position is `multiplier` * the other's + `offset`."""

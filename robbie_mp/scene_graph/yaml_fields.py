@@ -1,0 +1,96 @@
+"""The fields of a map in a scene file: read as what they must be, with every mistake noted."""
+
+import math
+
+from robbie_mp.profile.problem import Place
+from robbie_mp.profile.reader import Node as Yaml
+from robbie_mp.scene_graph.described import Description
+from robbie_mp.suggest import did_you_mean
+
+
+class Fields:
+    """A map of a scene file.
+
+    Args:
+        description: where mistakes are noted.
+        path: the way to the map, for the texts, as "nodes.laser".
+        node: what stands there; nothing at all counts as an empty map.
+        known: the keys it may have.
+    """
+
+    def __init__(self, description: Description, path: str, node: Yaml, known: tuple[str, ...]):
+        self._description = description
+        self._path = path
+        self.place = node.place
+        self._is_map = node.value is None or isinstance(node.value, dict)
+        if not self._is_map:
+            description.wrong(f"{path}: expected a map with keys such as {known[0]!r}", node.place)
+        self.values = node.value if isinstance(node.value, dict) else {}
+        for key, value in self.values.items():
+            if key not in known:
+                hint = did_you_mean(key, known) or f"; it may have {', '.join(known)}"
+                description.wrong(f"{self.path_of(key)}: unknown key{hint}", value.place)
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.values
+
+    def path_of(self, key: str) -> str:
+        """Return the way to a value."""
+        return f"{self._path}.{key}" if self._path else key
+
+    def place_of(self, key: str) -> Place:
+        """Return where a value stands, or the map if it is missing."""
+        return self.values[key].place if key in self.values else self.place
+
+    def text(self, key: str) -> str | None:
+        """Return a text; None if there is none."""
+        value = self.values[key].value if key in self.values else None
+        if value is None or (isinstance(value, str) and value):
+            return value
+        self._wrong(key, "a text", value)
+        return None
+
+    def required_text(self, key: str) -> str:
+        """Return a text that must be there; '' if it is missing, which is noted."""
+        if key not in self.values and self._is_map:
+            self._description.wrong(f"{self.path_of(key)}: missing; expected a text", self.place)
+        return self.text(key) or ""
+
+    def boolean(self, key: str) -> bool:
+        """Return true or false; False if there is none."""
+        value = self.values[key].value if key in self.values else False
+        if not isinstance(value, bool):
+            self._wrong(key, "true or false", value)
+        return value is True
+
+    def number(self, key: str, default: float) -> float:
+        """Return a finite number."""
+        if key not in self.values:
+            return default
+        value = _number(self.values[key])
+        if value is None:
+            self._wrong(key, "a finite number", self.values[key].plain())
+        return default if value is None else value
+
+    def numbers(self, key: str, count: int) -> tuple[float, ...] | None:
+        """Return a list of so many finite numbers; None if there is none."""
+        if key not in self.values:
+            return None
+        value = self.values[key].value
+        items = [_number(item) for item in value] if isinstance(value, list) else []
+        numbers = tuple(item for item in items if item is not None)
+        if len(numbers) != count or len(items) != count:
+            self._wrong(key, f"a list of {count} finite numbers", self.values[key].plain())
+            return None
+        return numbers
+
+    def _wrong(self, key: str, expected: str, got: object) -> None:
+        text = f"{self.path_of(key)}: expected {expected}; got {got!r:.60}"
+        self._description.wrong(text, self.values[key].place)
+
+
+def _number(node: Yaml) -> float | None:
+    value = node.value
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    return float(value)
