@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
+from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.layout import NAME_WORDS, SegmentKind
-from robbie_mp.transport.records import Outbound
+from robbie_mp.transport.records import ANY_VERSION, Outbound
 from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
 from robbie_mp.transport.words import read_text
 
@@ -20,6 +21,16 @@ class Declaration:
     version: int
     topic: str
     """Of a subscription: '' for all topics."""
+
+    @property
+    def name(self) -> ChannelName:
+        """What is published or wanted."""
+        return ChannelName(self.type_name, self.version, self.topic)
+
+    @property
+    def is_by_patterns(self) -> bool:
+        """Whether type and topic are patterns of a subscription."""
+        return not self.is_publisher and self.version == ANY_VERSION
 
 
 def read_declarations(run_id: str) -> list[Declaration]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from fnmatch import fnmatchcase
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -230,10 +229,11 @@ class HarnessBus:
         self._current = Envelope(name.topic, self._sequence, sender, self._clock.monotonic_ns())
         by_pattern = False
         for wish, message_type, handler in self._subscriptions:
+            if not wish.takes(name):
+                continue
             if message_type is not None:
-                if wish[:2] == name[:2] and wish.topic in ("", name.topic):
-                    handler(message_type.decode(data))
-            elif not by_pattern and fnmatchcase(name.type_name, wish[0]) and fnmatchcase(name.topic, wish[2]):
+                handler(message_type.decode(data))
+            elif not by_pattern:
                 by_pattern = True
                 handler(EncodedMessage(name.type_name, name.version, memoryview(data)))
         self._current = None

@@ -41,7 +41,8 @@ def _types(run: KnownRun) -> Iterable[str]:
 def _topics(run: KnownRun) -> Iterable[str]:
     from robbie_mp.declarations import read_declarations  # noqa: PLC0415
 
-    return {entry.topic for entry in read_declarations(run.run_id)} - {""}
+    declared = read_declarations(run.run_id)
+    return {entry.topic for entry in declared if not entry.is_by_patterns} - {""}
 
 
 def _settings(run: KnownRun) -> Iterable[str]:

@@ -16,6 +16,7 @@ from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
 from robbie_mp.declarations import Declaration, read_declarations
 from robbie_mp.observe import RunObserver
 from robbie_mp.supervisor.run_directory import KnownRun
+from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.segment import SegmentMissing
 
 if TYPE_CHECKING:
@@ -91,12 +92,12 @@ def _topics(run: KnownRun) -> list[Row]:
     keys = {
         (entry.type_name, entry.version, entry.topic)
         for entry in declared
-        if entry.is_publisher or not _is_published(entry, declared)
+        if entry.is_publisher or not (entry.is_by_patterns or _is_published(entry, declared))
     }
     rows = []
     for type_name, version, topic in sorted({*keys, *counts}):
         count = counts.get((type_name, version, topic))
-        same = [entry for entry in declared if (entry.type_name, entry.version) == (type_name, version)]
+        name = ChannelName(type_name, version, topic)
         rows.append(
             {
                 "type": type_name,
@@ -104,20 +105,21 @@ def _topics(run: KnownRun) -> list[Row]:
                 "topic": topic,
                 "messages": count.messages if count else 0,
                 "bytes": count.bytes if count else 0,
-                "publishers": [e.module for e in same if e.is_publisher and e.topic == topic],
-                "subscribers": [e.module for e in same if not e.is_publisher and e.topic in ("", topic)],
+                "publishers": [e.module for e in declared if e.is_publisher and e.name == name],
+                "subscribers": _subscribers(name, declared),
             }
         )
     return rows
 
 
 def _is_published(wanted: Declaration, declared: Sequence[Declaration]) -> bool:
-    return any(
-        entry.is_publisher
-        and (entry.type_name, entry.version) == (wanted.type_name, wanted.version)
-        and wanted.topic in ("", entry.topic)
-        for entry in declared
-    )
+    return any(entry.is_publisher and wanted.name.takes(entry.name) for entry in declared)
+
+
+def _subscribers(name: ChannelName, declared: Sequence[Declaration]) -> list[str]:
+    """Return the modules that take messages of a channel, each once though several patterns may match."""
+    modules = [entry.module for entry in declared if not entry.is_publisher and entry.name.takes(name)]
+    return list(dict.fromkeys(modules))
 
 
 TABLES = {"modules": _modules, "types": _types, "topics": _topics}

@@ -21,6 +21,7 @@ class SubscriptionFigures:
     left: int = 0
     """Of the dropped ones: those that waited when the module was stopped."""
     version: int = 0
+    """0: type and topic are shell patterns."""
     is_open: bool = True
     """Whether messages go to it; not after its module has stopped for good."""
 

@@ -1,9 +1,12 @@
 """Who talks to whom."""
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from robbie_mp.observe.figures import ChannelFigures, RunReading, SubscriptionFigures
+from robbie_mp.transport.endpoint import ChannelName
+from robbie_mp.transport.records import ANY_VERSION
 
 
 @dataclass(frozen=True)
@@ -14,7 +17,7 @@ class Talk:
     publishers: tuple[str, ...]
     """Modules whose present incarnation has declared it."""
     subscribers: tuple[tuple[str, SubscriptionFigures], ...]
-    """Modules and their subscriptions; one that asks for all topics is in several channels."""
+    """Modules and their subscriptions; one for all topics, or by patterns, is in several channels."""
 
 
 def talk_of(reading: RunReading) -> list[Talk]:
@@ -30,14 +33,22 @@ def talk_of(reading: RunReading) -> list[Talk]:
             tuple(
                 (module.name, entry)
                 for module in reading.modules
-                for entry in module.subscriptions
-                if entry.is_open and _takes(entry, channel)
+                for entry in _taking(channel, module.subscriptions)
             ),
         )
         for channel in sorted(reading.channels, key=lambda one: (one.type_name, one.topic, one.version))
     ]
 
 
-def _takes(entry: SubscriptionFigures, channel: ChannelFigures) -> bool:
-    same_type = (entry.type_name, entry.version) == (channel.type_name, channel.version)
-    return same_type and entry.topic in ("", channel.topic)
+def _taking(
+    channel: ChannelFigures, subscriptions: Sequence[SubscriptionFigures]
+) -> list[SubscriptionFigures]:
+    """Return a module's subscriptions that get the messages of a channel: of those by patterns only one."""
+    name = ChannelName(channel.type_name, channel.version, channel.topic)
+    taking = [
+        entry
+        for entry in subscriptions
+        if entry.is_open and ChannelName(entry.type_name, entry.version, entry.topic).takes(name)
+    ]
+    by_pattern = [entry for entry in taking if entry.version == ANY_VERSION]
+    return [entry for entry in taking if entry not in by_pattern[1:]]

@@ -4,6 +4,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from robbie_mp.errors import RobbieError
@@ -53,11 +54,17 @@ class Delivery(NamedTuple):
 
 
 class ChannelName(NamedTuple):
-    """What the messages of a channel are."""
+    """What the messages of a channel are, or what a subscription wants."""
 
     type_name: str
     version: int
     topic: str
+
+    def takes(self, channel: "ChannelName") -> bool:
+        """Whether a subscription with this type, version and topic gets the messages of a channel."""
+        if self.version == ANY_VERSION:
+            return fnmatchcase(channel.type_name, self.type_name) and fnmatchcase(channel.topic, self.topic)
+        return self[:2] == channel[:2] and self.topic in ("", channel.topic)
 
 
 class Notice(NamedTuple):

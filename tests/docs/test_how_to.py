@@ -70,6 +70,15 @@ def test_camera_fills_images_in_place(monkeypatch: pytest.MonkeyPatch) -> None:
         assert np.unique(image.data).tolist() == [7]
 
 
+def test_encoded() -> None:
+    scan = LaserScan(ranges=[1.0, 2.0])
+    with ModuleHarness(run("encoded")["Relay"]) as harness:
+        harness.send(scan, topic="laser/front")
+        harness.send(scan, topic="radar")
+        (relayed,) = harness.published_encoded
+    assert (relayed.topic, relayed.data) == ("relayed/front", scan.encode())
+
+
 def test_topics() -> None:
     with ModuleHarness(run("topics")["TwoLasers"]) as harness:
         harness.send(LaserScan(), topic="laser/front")

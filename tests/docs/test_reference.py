@@ -16,7 +16,8 @@ def test_limits_of_the_layout() -> None:
     assert ROWS["pairs of type and topic that a module publishes or subscribes"] == str(
         layout.DECLARATION_COUNT
     )
-    assert ROWS["name of a type or topic"] == f"{layout.NAME_BYTES} bytes"
+    assert ROWS["patterns that a module subscribes by"] == str(layout.PATTERN_COUNT)
+    assert ROWS["name or pattern of a type or topic"] == f"{layout.NAME_BYTES} bytes"
     assert ROWS["status line"] == f"{(layout.LINE_WORDS - 1) * 8} bytes"
 
 

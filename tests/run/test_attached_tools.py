@@ -5,13 +5,15 @@ import os
 import signal
 import subprocess
 from collections.abc import Iterator
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
 
-from robbie_mp.attachment import Attachment, Detached
+from robbie_mp.attachment import Attachment, Detached, Received
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import DriveCommand, Header, Time
+from robbie_mp.supervisor.run_directory import KnownRun
 from robbie_mp.transport.records import Outbound
 from tests.run.robot import COMMAND, Ended, Robot, kill, wait_until
 
@@ -19,6 +21,9 @@ PROFILE = """
 modules:
   listener:
     class: zoo.modules:Listener
+    queue: {messages: 100000}
+  by_pattern:
+    class: zoo.modules:PatternListener
     queue: {messages: 100000}
   pulse: {class: "zoo.modules:Pulse"}
 core: {deadline_s: 60.0, ring_records: 16384}
@@ -115,7 +120,7 @@ def test_tools_come_go_die_and_stand_still_and_no_module_loses_a_message(
 
     # No module has lost anything.
     (published,) = robot.journal("pulse")
-    assert robot.journal("listener") == list(range(published))
+    assert robot.journal("listener") == robot.journal("by_pattern") == list(range(published))
     pulse, listener = ended.modules["pulse"], ended.modules["listener"]
     assert (pulse["published"], pulse["refused"], pulse["restarts"]) == (published, 0, 0)
     assert listener["dropped"] == listener["lost"] == 0
@@ -132,6 +137,20 @@ def test_tools_come_go_die_and_stand_still_and_no_module_loses_a_message(
     assert abs(missed - gaps - (published - 1 - numbers[-1])) <= 2
 
 
+def take_one_by_pattern(run: KnownRun) -> Received:
+    """Attach and take a message; again if this process stood still for so long that it was detached."""
+    while True:
+        with closing(Attachment(run, "a tool that takes what it finds")) as curious:
+            curious.subscribe_encoded("*/Drive*", "wh*")
+            curious.subscribe_encoded("robbie_msgs/*", "*s")
+            curious.ready()
+            with suppress(Detached):
+                assert curious.wait_for(lambda: curious.is_subscribed() and curious.books()[1] > 0, 60.0)
+                received = curious.take()
+                assert received is not None
+                return received
+
+
 def test_tool_that_stands_still_or_breaks_the_protocol_is_detached_and_leaves_nothing(robot: Robot) -> None:
     robot.write_profile(PROFILE.replace("count: 1", "count: 2"))
     process = robot.start()
@@ -142,12 +161,18 @@ def test_tool_that_stands_still_or_breaks_the_protocol_is_detached_and_leaves_no
     publisher = Attachment(run, "a tool that publishes and leaves")
     publisher.ready()
     assert publisher.publish(DriveCommand(header=Header(stamp=Time(sec=1_000_000))), "wheels")
+    topics = json.loads(robot.command("list", "topics", "--run", run.run_id, "--json").stdout)
+    assert [row["subscribers"] for row in topics if row["topic"] == "wheels"] == [["listener", "by_pattern"]]
     publisher.close()
     wait_until(lambda: 1_000_000 in robot.journal("listener"))
     robot.until(lambda modules: TOOL not in modules)
 
     idle = Attachment(run, "a tool that has nothing to do")
     idle.ready()
+    received = take_one_by_pattern(run)
+    assert (received.type_name, received.version) == (DriveCommand.type_name, DriveCommand.version)
+    assert (received.topic, received.sender) == ("wheels", "pulse")
+    robot.until(lambda modules: "~tool2" not in modules)
     still = Attachment(run, "a tool that stands still")
     still.subscribe(DriveCommand.type_name, DriveCommand.version, "wheels")
     still.ready()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from robbie_mp.bus import EncodedMessage
 from robbie_mp.messages import DriveCommand, Duration, Header, Image, ModuleState, Time
 from robbie_mp.module import MessageHandling, Module, setting
 from robbie_mp.settings import SettingError
@@ -60,6 +61,18 @@ class Listener(Journal):
             Path(self.output_directory, "died").touch()
             os.kill(os.getpid(), 9)
         self.note(number)
+
+
+class PatternListener(Journal):
+    """Journals the number of every message on the topic of wheels, which it takes as its bytes."""
+
+    def setup(self) -> None:
+        self.subscribe_encoded("robbie_msgs/*", self.on_message, topic="wh*")
+        self.subscribe_encoded("*", self.on_message, topic="*s")
+
+    def on_message(self, message: EncodedMessage) -> None:
+        assert (message.type_name, message.version) == (DriveCommand.type_name, DriveCommand.version)
+        self.note(DriveCommand.decode(message.data).header.stamp.sec)
 
 
 class Idle(Module):
