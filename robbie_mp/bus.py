@@ -40,7 +40,7 @@ class Envelope(NamedTuple):
     sender: str
     """Name of the module that published it."""
     published_ns: int
-    """When, on the machine's monotonic clock."""
+    """When, on the monotonic clock that the module goes by."""
 
 
 class EncodedMessage(NamedTuple):

@@ -28,6 +28,17 @@ class SystemClock:
     monotonic_ns = staticmethod(time.monotonic_ns)
     """Nanoseconds of the system's monotonic clock, the same in every process of the machine."""
 
+    jumps = 0
+    """See `robbie_mp.run_clock`, where it can be otherwise."""
+
+    def at(self, machine_ns: int) -> int:
+        """What `monotonic_ns` was at a moment of the machine's monotonic time."""
+        return machine_ns
+
+    def machine_s_until(self, monotonic_ns: int) -> float:
+        """How long until `monotonic_ns` is so late."""
+        return max(0.0, (monotonic_ns - time.monotonic_ns()) / 1e9)
+
 
 class ManualClock:
     """A clock that stands still until it is told to go on."""

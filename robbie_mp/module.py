@@ -12,6 +12,7 @@ from robbie_mp.bus import Bus, EncodedMessage, Envelope, MessageType
 from robbie_mp.checkpoint.keeper import Checkpoints
 from robbie_mp.clock import Clock
 from robbie_mp.config import Config
+from robbie_mp.lockstep import Lockstep
 from robbie_mp.messages import Message
 from robbie_mp.settings import apply_settings, setting
 from robbie_mp.transport.records import MessageHandling
@@ -37,6 +38,8 @@ class ModuleContext:
     show_states: Callable[[str], None] = lambda _line: None
     run_id: str = ""
     """The run it is part of; '' in a test."""
+    lockstep: Lockstep | None = None
+    """What it knows of the others, if it turns the clock of a run in lockstep."""
 
 
 class Module:
@@ -60,6 +63,11 @@ class Module:
 
     period_s: float | None = None
     """Time between ticks; None for a passive module."""
+    follows_run_clock = True
+    """Whether `clock` and ticks go by the run's time when a log plays or a simulation runs.
+
+    What serves people or disks, and not the robot, goes by the machine's.
+    """
 
     def __init__(self, context: ModuleContext):
         self.name = context.name
@@ -73,6 +81,8 @@ class Module:
         self._bus = context.bus
         self._checkpoints = context.checkpoints
         self.run_id = context.run_id
+        self.lockstep = context.lockstep
+        """Of the module that turns the clock of a run in lockstep; None for all others."""
         self._show_status = context.show_status
         self._status = ""
         self._show_states = context.show_states

@@ -4,8 +4,10 @@ import time
 from collections.abc import Callable
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.lockstep import Lockstep
 from robbie_mp.module import Module
 from robbie_mp.setting_changes import SettingChanges
+from robbie_mp.ticks import LONGEST_WAIT_S, Ticks
 from robbie_mp.transport import layout
 from robbie_mp.transport.endpoint import Endpoint
 from robbie_mp.transport.histogram import WorkFigures
@@ -20,9 +22,6 @@ from robbie_mp.transport.words import WORD_BYTES, Words, row_writer
 _HANDLER, _IDLE = int(Activity.HANDLER), int(Activity.IDLE)
 _ACTIVITY = layout.OUT_ACTIVITY
 _ACTIVITY_AT = layout.OUT_ACTIVITY_SINCE_NS * WORD_BYTES
-
-LONGEST_WAIT_S = 0.5
-"""Even an idle module looks up so often: for arrays that other threads have let go, and for signals."""
 
 
 class InvalidPeriod(RobbieError, ValueError):
@@ -39,6 +38,8 @@ class ModuleRunner:
         words: its out segment.
         may_go: whether every module of the run is ready.
         changes: of its settings while it runs.
+        ticks: when its ticks are due.
+        lockstep: what it knows of the others, if it turns the clock of a run in lockstep.
     """
 
     def __init__(
@@ -51,6 +52,8 @@ class ModuleRunner:
         words: Words,
         may_go: Callable[[], bool],
         changes: SettingChanges,
+        ticks: Ticks,
+        lockstep: Lockstep | None = None,
     ):
         self._module = module
         self._endpoint = endpoint
@@ -63,10 +66,8 @@ class ModuleRunner:
         self._changes = changes
         self._stopping = False
         self._messages = WorkFigures(words, layout.OUT_MESSAGE_FIGURES)
-        self._tick_figures = WorkFigures(words, layout.OUT_TICK_FIGURES)
-        self._ticks = 0
-        self._ticks_missed = 0
-        self._next_tick_ns = 0
+        self._ticks = ticks
+        self._lockstep = lockstep
 
     def request_stop(self) -> None:
         """End the loop after what is being done now; safe in a signal handler."""
@@ -78,12 +79,13 @@ class ModuleRunner:
         self._changes.listen()
         self._module.setup()
         self._check_period()
+        self._ticks.begin()
         self._idle()
         self._words[layout.OUT_READY] = 1
         self._endpoint.send(Outbound.READY)
         while not self._ends and not self._may_go():
             self._wakeup.wait(LONGEST_WAIT_S)
-        self._next_tick_ns = time.monotonic_ns()
+        self._ticks.begin()
         while not self._ends:
             self._turn()
         self._begin(Activity.TEARDOWN)
@@ -115,35 +117,19 @@ class ModuleRunner:
             self._messages.record(begun_ns - delivery.stamp_ns, time.monotonic_ns() - begun_ns)
             if self._ends:
                 return
-        period_s = self._module.period_s
-        if period_s is not None and time.monotonic_ns() >= self._next_tick_ns:
-            self._tick(period_s)
+        if self._ticks.are_due():
+            self._begin(Activity.TICK)
+            self._ticks.run()
+            self._idle()
         elif delivery is None:
-            self._wait(period_s)
+            self._wait()
 
-    def _tick(self, period_s: float) -> None:
-        begun_ns = self._begin(Activity.TICK)
-        self._module.tick()
-        self._idle()
-        self._tick_figures.record(begun_ns - self._next_tick_ns, time.monotonic_ns() - begun_ns)
-        self._ticks += 1
-        self._words[layout.OUT_TICKS] = self._ticks
-        period_ns = round(period_s * 1e9)
-        self._next_tick_ns += period_ns
-        behind_ns = time.monotonic_ns() - self._next_tick_ns
-        if behind_ns > period_ns:
-            missed = behind_ns // period_ns
-            self._next_tick_ns += missed * period_ns
-            self._ticks_missed += missed
-            self._words[layout.OUT_TICKS_MISSED] = self._ticks_missed
-
-    def _wait(self, period_s: float | None) -> None:
-        timeout_s = LONGEST_WAIT_S
-        if period_s is not None:
-            timeout_s = min(timeout_s, max(0.0, (self._next_tick_ns - time.monotonic_ns()) / 1e9))
-        woken = self._wakeup.wait(timeout_s)
+    def _wait(self) -> None:
+        woken = self._wakeup.wait(self._ticks.wait_s())
         if woken and self._outbox.awaits_room and self._outbox.room_was_made():
-            self._next_tick_ns = time.monotonic_ns()
+            self._ticks.expedite()
+        if self._lockstep is not None and self._lockstep.settled():
+            self._ticks.expedite()
 
     def _begin(self, activity: int) -> int:
         now_ns = time.monotonic_ns()

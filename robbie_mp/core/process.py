@@ -29,6 +29,7 @@ class CoreProcess:
         slots: bounds of each slot's queue.
         message_bytes: the largest message that any module's memory can hold.
         spin_s: how long to look for the next message before sleeping.
+        lockstep: whether one message is handled at a time in the whole run.
     """
 
     def __init__(
@@ -38,6 +39,8 @@ class CoreProcess:
         slots: Sequence[SlotLimits],
         message_bytes: int,
         spin_s: float = 0.0,
+        *,
+        lockstep: bool = False,
     ):
         self._run_id = run_id
         self._segment = Segment.attach(names.core(run_id), SegmentKind.CORE, write=True)
@@ -52,6 +55,7 @@ class CoreProcess:
             slots,
             self._connect,
             logging.getLogger("core").error,
+            lockstep=lockstep,
         )
 
     def run(self) -> None:

@@ -133,6 +133,16 @@ class Queues:
         while self._to_post:
             self._to_post.pop().wake()
 
+    def end_round(self) -> None:
+        """Do what is left when everything in the rings has been handled."""
+        while self._to_post:  # as `post` does, without a call for each message
+            self._to_post.pop().wake()
+        self.write_figures()
+
+    def is_settled(self) -> bool:
+        """Whether no module has a message or will get one; only queues in lockstep can tell."""
+        return False
+
     def restore(self) -> None:
         """Find out, as a new core, for whom messages wait."""
         self.not_empty = {slot for slot in self._slots if slot.waiting}

@@ -12,6 +12,7 @@ from robbie_mp.core.directory import Channel, Directory, Subscription, TableFull
 from robbie_mp.core.freed_blocks import FreedBlocks
 from robbie_mp.core.ledger import Handle, Ledger, Outcome
 from robbie_mp.core.link import Link, LinkMemory, ProtocolViolation, Slot
+from robbie_mp.core.lockstep_queues import LockstepQueues
 from robbie_mp.core.members import SUPERVISOR_SLOT, Members, RouterLimits, name_of
 from robbie_mp.core.queues import Queues
 from robbie_mp.core.recovery import (
@@ -60,6 +61,7 @@ class Router:
         slots: bounds of each slot's queue; slot 0 is the supervisor's.
         connect: opens the memory of one incarnation of a module.
         report: is told what went wrong with whom.
+        lockstep: whether one message is handled at a time in the whole run.
     """
 
     def __init__(
@@ -69,6 +71,8 @@ class Router:
         slots: Sequence[SlotLimits],
         connect: Callable[[int, int], LinkMemory],
         report: Callable[[str], None],
+        *,
+        lockstep: bool = False,
     ):
         self._words = tables.words
         self._write_channel = row_writer(tables.words, 4)
@@ -87,7 +91,12 @@ class Router:
             )
             for index, bound in enumerate(slots)
         ]
-        self._queues = Queues(self._words, self._ledger, self._slots)
+        self._lockstep = lockstep
+        self._queues = (
+            LockstepQueues(self._words, self._ledger, self._slots, tools | {SUPERVISOR_SLOT})
+            if lockstep
+            else Queues(self._words, self._ledger, self._slots)
+        )
         self._members = Members(self._words, self._slots, limits, connect, report)
         self._blocks = FreedBlocks(self._words, self._slots, self._members)
         declarations = Declarations(self._words, self._slots, self._ledger, self._directory, self._queues)
@@ -190,8 +199,7 @@ class Router:
                 handled += self._serve(link)
         for link in releasing:
             handled += self._serve(link)
-        self._queues.post()
-        self._queues.write_figures()
+        self._queues.end_round()
         return handled
 
     def _serve(self, link: Link) -> int:
@@ -210,13 +218,15 @@ class Router:
         A module looks at its word after it has pushed a release, the core at the ring after it has set the
         word, with a fence between on both sides: so one of the two sees the other, and no release is missed.
         """
-        somebody_waits = self._queues.not_empty or self._blocks.waits
+        if self._lockstep:
+            self._say_if_settled()
+        somebody_waits = self._queues.not_empty or self._blocks.waits or self._lockstep
         if not (somebody_waits or self._wanting or self._members.have_notices):
             return False
         look_again = self._wanting = self._members.have_notices = False
         for link in self._members.links:
             waited_for = self._slots[link.slot].waiting or (
-                self._blocks.waits and (link.pushed or link.pinned)
+                (self._blocks.waits or self._lockstep) and (link.pushed or link.pinned)
             )
             look_again |= link.want_release(bool(waited_for))
             self._wanting |= bool(waited_for)
@@ -226,6 +236,17 @@ class Router:
         if look_again:
             self._fence()
         return look_again
+
+    def _say_if_settled(self) -> None:
+        """Wake who waits for it that nothing is left to handle."""
+        if not self._queues.is_settled():
+            return
+        if self._words[layout.CORE_SETTLED] != self._sequence:
+            self._words[layout.CORE_SETTLED] = self._sequence
+            self._fence()
+        for link in self._members.links:
+            if link.out_words[layout.OUT_AWAITS_SETTLED]:
+                link.wake()
 
     def _receive(self, link: Link, records: int) -> int:
         """Handle so many records of a module; return their number."""

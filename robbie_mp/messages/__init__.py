@@ -69,6 +69,7 @@ from robbie_mp.messages.stock.robbie_msgs import (
     SettingChange,
     SettingChanged,
     SimulatedWorld,
+    Tick,
 )
 from robbie_mp.messages.stock.sensor_msgs import (
     BatteryState,
@@ -146,6 +147,7 @@ __all__ = [
     "SimulatedWorld",
     "SystemProfile",
     "TFMessage",
+    "Tick",
     "Time",
     "TimeJump",
     "Transform",

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, get_type_hints
 from robbie_mp.profile.dependencies import read_dependencies
 from robbie_mp.profile.model import (
     CheckpointPolicy,
+    ClockSettings,
     CoreLimits,
     MemoryLimits,
     ModuleSpec,
@@ -26,7 +27,7 @@ from robbie_mp.suggest import did_you_mean
 from robbie_mp.value_check import NO_LIMITS, ValueMismatch, check_value
 
 T = TypeVar("T")
-PROFILE_KEYS = ("parents", "description", "modules", "config", "core", "spares", "trace", "tools")
+PROFILE_KEYS = ("parents", "description", "modules", "config", "core", "spares", "trace", "tools", "clock")
 MODULE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,47}")
 RESERVED_NAMES = ("core", "supervisor")
 CONFIG_KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
@@ -74,6 +75,7 @@ class _Builder:
             spares=self.section(SpareInterpreters, self.map_of(content.get("spares"), "spares"), "spares"),
             trace=self.section(TraceSettings, self.map_of(content.get("trace"), "trace"), "trace"),
             tools=self.section(ToolLimits, self.map_of(content.get("tools"), "tools"), "tools"),
+            clock=self.clock(self.map_of(content.get("clock"), "clock"), list(modules)),
             description=self.value(str, content.get("description"), "description", ""),
             workspace=workspace,
             origins=_origins(tree),
@@ -83,6 +85,16 @@ class _Builder:
         restart = self.nested(RestartPolicy, content, "core", "restart", CoreLimits().restart)
         scheduling = self.nested(Scheduling, content, "core", "scheduling")
         return self.section(CoreLimits, content, "core", restart=restart, scheduling=scheduling)
+
+    def clock(self, content: dict[str, Node], modules: list[str]) -> ClockSettings:
+        clock = self.section(ClockSettings, content, "clock")
+        if clock.source is not None and clock.source not in modules:
+            near = f"there is no module {clock.source!r}{did_you_mean(clock.source, modules)}"
+            self.report(content["source"].place, f"clock.source: {near}")
+        if clock.lockstep and clock.source is None:
+            text = "clock.lockstep: expected clock.source to name the module that grants each step"
+            self.report(content["lockstep"].place, text)
+        return clock
 
     def module(self, name: str, node: Node, siblings: dict[str, Node]) -> ModuleSpec:
         where = f"modules.{name}"

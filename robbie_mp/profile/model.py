@@ -189,6 +189,16 @@ class ToolLimits:
 
 
 @dataclass(frozen=True)
+class ClockSettings:
+    """Whose time the run goes by."""
+
+    source: str | None = None
+    """The module that turns the run's clock, by playing a log or stepping a simulation; None: the machine."""
+    lockstep: bool = False
+    """One message is handled at a time in the whole robot, in order; the source grants each tick."""
+
+
+@dataclass(frozen=True)
 class Profile:
     """A merged and checked profile."""
 
@@ -201,6 +211,7 @@ class Profile:
     spares: SpareInterpreters = SpareInterpreters()
     trace: TraceSettings = field(default_factory=TraceSettings)
     tools: ToolLimits = ToolLimits()
+    clock: ClockSettings = ClockSettings()
     description: str = ""
     workspace: Path = Path()
     """The folder that contains profiles/; the root of imports and of relative paths."""

@@ -20,4 +20,5 @@ def run_core(plan: RunPlan) -> None:
     scheduling = plan.core.scheduling
     apply_scheduling(scheduling, logging.getLogger(CORE))
     message_bytes = max(message_bytes, TOOL_MEMORY_BYTES)
-    CoreProcess(plan.run_id, plan.sizes, slots, message_bytes, scheduling.spin_us / 1e6).run()
+    spin_s, lockstep = scheduling.spin_us / 1e6, plan.clock.lockstep
+    CoreProcess(plan.run_id, plan.sizes, slots, message_bytes, spin_s, lockstep=lockstep).run()

@@ -87,6 +87,8 @@ class RunMemory:
         self.board.write(
             SUPERVISOR_SLOT, SlotState("", running, os.getpid(), 1, 0, now_ns, "started", Totals())
         )
+        clock = Segment.create(names.clock(run_id), layout.CLOCK_WORDS, SegmentKind.CLOCK)
+        made.enter_context(contextlib.closing(clock))
         limits = plan.core
         sizes = TableSizes(rows - 1, limits.channels, limits.subscriptions, limits.handles, limits.references)
         core = Segment.create(names.core(run_id), sizes.words, SegmentKind.CORE)

@@ -14,13 +14,16 @@ from robbie_mp.checkpoint.file import checkpoint_file
 from robbie_mp.checkpoint.keeper import CheckpointKeeper, DiskPolicy
 from robbie_mp.clock import SystemClock
 from robbie_mp.config import Config
+from robbie_mp.lockstep import Lockstep
 from robbie_mp.module import Module, ModuleContext
 from robbie_mp.profile.check import load_class
+from robbie_mp.run_clock import RunClock
 from robbie_mp.runner import ModuleRunner
 from robbie_mp.setting_changes import SettingChanges, SettingsFile
 from robbie_mp.settings import SettingError, check_settings
 from robbie_mp.supervisor.plan import PlannedModule, RunPlan
 from robbie_mp.supervisor.scheduling import apply_scheduling
+from robbie_mp.ticks import LONGEST_WAIT_BY_RUN_CLOCK_S, LONGEST_WAIT_S, GrantedTicks, Ticks, TimedTicks
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.bus import SharedMemoryBus
@@ -48,35 +51,60 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     channel_name = ChannelNames(Segment.attach(names.core(plan.run_id), SegmentKind.CORE).words)
     inbox = Inbox(endpoint, make_views(plan.run_id), words, channel_name)
     board = Board(Segment.attach(names.board(plan.run_id), SegmentKind.BOARD).words)
-    bus = SharedMemoryBus(outbox, inbox, _Describer(channel_name, board))
     if (process_bytes := planned.memory.process_bytes) is not None:
         resource.setrlimit(resource.RLIMIT_AS, (process_bytes, process_bytes))
     sys.path.insert(0, plan.workspace)
     module_class = load_class(planned.class_path, Module)
     checkpoints = open_checkpoints(plan, slot, incarnation)
+    clock = run_clock(plan, name, module_class, memory.wakeup)
     settings_file = SettingsFile(run_folder, name)
+    bus = SharedMemoryBus(outbox, inbox, _Describer(channel_name, board, clock))
+    lockstep = None
+    if plan.clock.lockstep and plan.clock.source == name:
+        lockstep = Lockstep(plan.run_id, words, memory.into.words, board, core_wakeup.post)
     context = ModuleContext(
         name=name,
         settings=read_settings(plan, planned, module_class, settings_file.changed()),
         bus=bus,
-        clock=SystemClock(),
+        clock=clock,
         config=Config(plan.config),
         checkpoints=checkpoints,
         output_directory=Path(plan.output_directory),
         show_status=lambda line: write_text(words, layout.OUT_STATUS, LINE_WORDS, line),
         show_states=lambda line: write_text(words, layout.OUT_STATES, LINE_WORDS, line),
         run_id=plan.run_id,
+        lockstep=lockstep,
     )
     module = module_class(context)
     changes = SettingChanges(module, bus, settings_file)
     wakeup = memory.wakeup
     wakeup.spin_s = planned.scheduling.spin_us / 1e6
     apply_scheduling(planned.scheduling, module.log)
-    runner = ModuleRunner(module, endpoint, inbox, outbox, wakeup, words, lambda: board.may_go, changes)
+    ticks: Ticks
+    if plan.clock.lockstep and isinstance(clock, RunClock):
+        ticks = GrantedTicks(module, words, inbox.subscribe)
+    else:
+        longest_s = LONGEST_WAIT_BY_RUN_CLOCK_S if isinstance(clock, RunClock) else LONGEST_WAIT_S
+        ticks = TimedTicks(module, clock, words, longest_s)
+    runner = ModuleRunner(
+        module, endpoint, inbox, outbox, wakeup, words, lambda: board.may_go, changes, ticks, lockstep
+    )
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
     gc.freeze()  # what is imported stays, so there is no need to look through it again and again
     runner.run()
     checkpoints.close()
+
+
+def run_clock(
+    plan: RunPlan, name: str, module_class: type[Module], wakeup: Wakeup
+) -> SystemClock | RunClock:
+    """Return the clock that a module goes by; if that is the run's, wait until its time has begun."""
+    if plan.clock.source in (None, name) or not module_class.follows_run_clock:
+        return SystemClock()
+    clock = RunClock.attach(plan.run_id)
+    while not clock.has_begun:
+        wakeup.wait(LONGEST_WAIT_BY_RUN_CLOCK_S)
+    return clock
 
 
 def read_settings(
@@ -109,11 +137,12 @@ def open_checkpoints(plan: RunPlan, slot: int, incarnation: int) -> CheckpointKe
 class _Describer:
     """Makes envelopes from the tables of core and supervisor."""
 
-    def __init__(self, channel_name: ChannelNames, board: Board):
+    def __init__(self, channel_name: ChannelNames, board: Board, clock: SystemClock | RunClock):
         self._channel_name = channel_name
+        self._clock_at = clock.at
         self._board = board
 
     def __call__(self, delivery: Delivery) -> Envelope:
         topic = self._channel_name(delivery.channel).topic
         sender = self._board.name(layout.unpack_source(delivery.source)[0])
-        return Envelope(topic, delivery.sequence, sender, delivery.stamp_ns)
+        return Envelope(topic, delivery.sequence, sender, self._clock_at(delivery.stamp_ns))

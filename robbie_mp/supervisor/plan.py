@@ -8,6 +8,7 @@ from typing import Any, Self
 
 from robbie_mp.profile.model import (
     CheckpointPolicy,
+    ClockSettings,
     CoreLimits,
     MemoryLimits,
     ModuleSpec,
@@ -58,6 +59,7 @@ class RunPlan:
     spare_imports: list[str]
     """What a spare interpreter imports ahead."""
     tools: ToolLimits
+    clock: ClockSettings
     types: list[tuple[str, int, str, str]]
     """The robot's own message types, as far as its modules' files declare them when they are imported: what a
     `TypeDescription` holds, but plain, for the core and spares read this and need no messages."""
@@ -84,6 +86,7 @@ class RunPlan:
             modules=tuple(_planned(module) for module in profile.modules),
             spare_imports=profile.spares.imports,
             tools=profile.tools,
+            clock=profile.clock,
             types=list(types),
         )
 
@@ -146,6 +149,7 @@ class RunPlan:
             for module in data["modules"]
         )
         data["tools"] = ToolLimits(**data["tools"])
+        data["clock"] = ClockSettings(**data["clock"])
         data["types"] = [tuple(entry) for entry in data["types"]]
         return cls(**data)
 

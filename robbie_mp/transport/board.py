@@ -89,9 +89,18 @@ class Board:
         """Let messages flow."""
         self._words[layout.BOARD_GO] = 1
 
+    def modules(self) -> list[str]:
+        """Names of all modules; their slots begin with 1, those of tools and the core come after them."""
+        names = [self.name(slot) for slot in range(1, self.slots - 1)]
+        return [name for name in names if not name.startswith(TOOL_PREFIX)]
+
     def name(self, slot: int) -> str:
         """Name of the module in a slot."""
         return read_text(self._words, self._row(slot) + layout.SLOT_NAME, NAME_WORDS)
+
+    def incarnation(self, slot: int) -> int:
+        """Which process of the module in a slot is the newest."""
+        return self._words[self._row(slot) + layout.SLOT_INCARNATION]
 
     def is_left_by_tool(self, slot: int) -> bool:
         """Whether a row is kept for tools, and none is attached there now."""

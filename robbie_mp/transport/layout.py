@@ -10,11 +10,12 @@ Change anything here and raise `LAYOUT_VERSION`: it is stamped in every segment 
     in          core               the module: inbound ring, freed ring
     data        the module         its subscribers: the messages themselves
     checkpoint  the module         its next incarnation: its state
+    clock       one module         all: the run's time, where it is not the machine's
 """
 
 from enum import IntEnum
 
-LAYOUT_VERSION = 3
+LAYOUT_VERSION = 4
 MAGIC = int.from_bytes(b"ROBBIEMP", "little")
 
 
@@ -27,6 +28,7 @@ class SegmentKind(IntEnum):
     IN = 4
     DATA = 5
     CHECKPOINT = 6
+    CLOCK = 7
 
 
 # The header of every segment.
@@ -79,6 +81,7 @@ CORE_HANDLES = HEADER_WORDS + 7
 CORE_REFERENCES = HEADER_WORDS + 8
 CORE_HANDLES_USED = HEADER_WORDS + 9
 CORE_REFERENCES_USED = HEADER_WORDS + 10
+CORE_SETTLED = HEADER_WORDS + 11  # in lockstep: the last sequence when there was nothing left to handle
 CORE_TABLES = HEADER_WORDS + 16
 
 # A publisher's row, one a slot.
@@ -161,6 +164,8 @@ OUT_SEGMENT_BYTES = HEADER_WORDS + 13
 OUT_SEGMENTS = HEADER_WORDS + 14
 OUT_AWAITED_FREED = HEADER_WORDS + 15  # as many blocks ever freed are waited for
 OUT_PINNED_BYTES = HEADER_WORDS + 16
+OUT_TICK_PERIOD_NS = HEADER_WORDS + 17  # in lockstep: how often it is to be granted a tick; 0: never
+OUT_AWAITS_SETTLED = HEADER_WORDS + 18  # in lockstep: wants to be woken when nothing is left to handle
 OUT_STATUS = HEADER_WORDS + 24
 OUT_STATES = OUT_STATUS + LINE_WORDS  # of its state machines, a text like the status line
 OUT_DECLARATIONS = OUT_STATES + LINE_WORDS + 6
@@ -191,6 +196,18 @@ IN_RING = HEADER_WORDS + 16
 # 0 while there is no checkpoint, or half of one. The image begins at a multiple of 64 bytes.
 CHECKPOINT_SEQUENCE = HEADER_WORDS
 CHECKPOINT_IMAGE = HEADER_WORDS + 8
+
+# clock: which of two rows counts is said by the number of its writing, odd or even; it is 0 until the run's
+# time begins. Whoever has read a row looks whether its number still counts.
+CLOCK_NUMBER = HEADER_WORDS
+CLOCK_ROWS = HEADER_WORDS + 8
+CLOCK_MACHINE_NS = 0  # the machine's monotonic time at which ...
+CLOCK_RUN_NS = 1  # ... it was this time in the run
+CLOCK_RATE = 2  # s of the run in each s of the machine, times 2^32
+CLOCK_LIMIT_NS = 3  # the run's time does not pass this
+CLOCK_JUMPS = 4  # so often it has been set to another time
+CLOCK_ROW_WORDS = 8
+CLOCK_WORDS = CLOCK_ROWS + 2 * CLOCK_ROW_WORDS
 
 RECORD_WORDS = 8
 FREED_RECORDS = 8192

@@ -11,6 +11,11 @@ def board(run_id: str) -> str:
     return f"robbie-{run_id}-board"
 
 
+def clock(run_id: str) -> str:
+    """The run's time, where it is not the machine's."""
+    return f"robbie-{run_id}-clock"
+
+
 def core(run_id: str) -> str:
     """The core's tables."""
     return f"robbie-{run_id}-core"

@@ -157,7 +157,10 @@ class SimulatedRun:
         queue_bytes: int = 1 << 30,
         handles: int = 64,
         subscriptions: int = 16,
+        *,
+        lockstep: bool = False,
     ):
+        self.lockstep = lockstep
         sizes = TableSizes(slots, 8, subscriptions, handles, references=4 * handles)
         self.words = zeros(sizes.words)
         self.tables = CoreTables.create(self.words, sizes)
@@ -181,6 +184,7 @@ class SimulatedRun:
             self.limits,
             self._connect,
             self.reports.append,
+            lockstep=self.lockstep,
         )
 
     def _make(self, slot: int, incarnation: int, fuse: Fuse | None = None) -> SimulatedModule:

@@ -250,3 +250,64 @@ class Tunable(Journal):
         if self.gain == 13:
             raise SettingError("13 brings bad luck", name)
         self.note(self.gain)
+
+
+class Ticker(Journal):
+    """Publishes its time at each tick; many of them do so at the same time."""
+
+    period_s: float = setting(0.05, "between ticks")
+
+    def setup(self) -> None:
+        self.number = 0
+
+    def tick(self) -> None:
+        self.number += 1
+        now = Time.from_nanoseconds(self.clock.now_ns())
+        self.publish(DriveCommand(header=Header(stamp=now, frame_id=self.name), linear_m_per_s=self.number))
+
+
+class Relay(Module):
+    """Sends on what it hears, with its own name, at its own time."""
+
+    def setup(self) -> None:
+        self.subscribe(DriveCommand, self.on_command, topic="")
+
+    def on_command(self, command: DriveCommand) -> None:
+        if "/" not in command.header.frame_id:
+            now = Time.from_nanoseconds(self.clock.now_ns())
+            frame = f"{self.name}/{command.header.frame_id}"
+            self.publish(
+                DriveCommand(
+                    header=Header(stamp=now, frame_id=frame), linear_m_per_s=command.linear_m_per_s
+                ),
+                topic="relayed",
+            )
+
+
+class Chronicle(Module):
+    """Writes down all it hears, in order, and when; may kill its first incarnation at a line."""
+
+    die_at: int = setting(-1, "the line at which the first incarnation kills itself")
+    period_s: float = setting(0.3, "between lines of its own")
+
+    def setup(self) -> None:
+        self.file = self.output_directory / "chronicle.txt"
+        self.subscribe(DriveCommand, self.on_command)
+
+    def on_command(self, command: DriveCommand) -> None:
+        lines = self.file.read_text().count("\n") if self.file.exists() else 0
+        if lines == self.die_at and not Path(self.output_directory, "died").exists():
+            Path(self.output_directory, "died").write_text(self.line(command))
+            os.kill(os.getpid(), 9)
+        self.write(self.line(command))
+
+    def line(self, command: DriveCommand) -> str:
+        header, published_ns = command.header, self.envelope.published_ns
+        return f"{header.stamp.nanoseconds} {header.frame_id} {command.linear_m_per_s:g} {published_ns}"
+
+    def tick(self) -> None:
+        self.write(f"{self.clock.now_ns()} {self.clock.monotonic_ns()} tick")
+
+    def write(self, line: str) -> None:
+        with open(self.file, "a") as file:
+            file.write(line + "\n")

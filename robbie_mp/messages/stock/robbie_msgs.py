@@ -38,6 +38,12 @@ class SettingChanged(Message, name="robbie_msgs/msg/SettingChanged", version=1):
     error: str = DEFAULT  # why it was not changed; '' if it was
 
 
+class Tick(Message, name="robbie_msgs/msg/Tick", version=1):
+    """Time for a tick of the module whose name is the topic, in a run in lockstep."""
+
+    due: Time = DEFAULT
+
+
 class DriveCommand(Message, name="robbie_msgs/msg/DriveCommand", version=1):
     """Drive at a velocity, for a while: the device stops when `valid_for` passes without a newer command."""
 

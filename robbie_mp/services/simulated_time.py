@@ -1,0 +1,85 @@
+"""Simulated time: the run's clock goes as fast as the modules can, or at a chosen rate; no log is needed."""
+
+import time
+
+from robbie_mp.lockstep import TickSchedule
+from robbie_mp.messages import Tick, Time
+from robbie_mp.module import Module, setting
+from robbie_mp.run_clock import ClockWriter
+from robbie_mp.settings import SettingError
+
+STEPS_AT_ONCE = 100
+"""So many ticks are granted before this module looks at its own messages again, if each is over at once."""
+
+
+class SimulatedTime(Module):
+    """Turns the clock of a simulation from one module's tick to the next.
+
+    In lockstep, with which it works only: `clock: {source: time, lockstep: true}`, if it is called `time`. A
+    simulation that is seeded then goes the same way every time, whatever else the machine does.
+
+    Restarted, it goes on where it was; modules' next ticks are then due at once.
+    """
+
+    period_s: float = setting(0.05, "time between looks at the machine's clock", minimum=0.001)
+    start_s: float = setting(1e9, "the time at which it begins, s since the epoch", minimum=0.0)
+    rate: float | None = setting(
+        None, "times real time, if the modules can; null: as fast as they can", minimum=0.01
+    )
+    duration_s: float | None = setting(None, "end this module after so much simulated time", minimum=0.0)
+
+    def setup(self) -> None:
+        """Begin, or go on from where a killed incarnation was."""
+        if self.lockstep is None:
+            raise SettingError(f"set clock.source to {self.name} and clock.lockstep to true", "start_s")
+        self.clock_writer = ClockWriter.attach(self.run_id)
+        self.began_ns: int = self.restored or round(self.start_s * 1e9)
+        now_ns = self.clock_writer.now_ns
+        if now_ns is None:
+            now_ns = self.began_ns
+            self.clock_writer.jump(now_ns)
+            self.checkpoint(now_ns)
+        self.began_machine_s = time.monotonic()
+        """The machine's time at which the simulation began, or would have at this rate."""
+        if self.rate is not None:
+            self.began_machine_s -= (now_ns - self.began_ns) / 1e9 / self.rate
+        self.schedule = TickSchedule(now_ns)
+        self.ticks = 0
+
+    def tick(self) -> None:
+        """Go on for as long as everything is settled."""
+        assert self.lockstep is not None
+        for _ in range(STEPS_AT_ONCE):
+            if not self.lockstep.is_settled():
+                break
+            if not self._step():
+                return
+        self.lockstep.wake_when_settled()
+
+    def _step(self) -> bool:
+        """Grant the next tick; False if it is not time for it, or nobody wants any."""
+        assert self.lockstep is not None
+        now_ns = self.clock_writer.now_ns or 0
+        self.schedule.update(self.lockstep.periods(), now_ns)
+        following = self.schedule.next()
+        simulated_s = (now_ns - self.began_ns) / 1e9
+        self.status = f"{simulated_s:.1f} s simulated, {self.ticks} ticks"
+        if self.duration_s is not None and simulated_s >= self.duration_s:
+            self.stop()
+            return False
+        if following is None:
+            return False
+        due_ns, name = following
+        if self.rate is not None:
+            passed_s = (time.monotonic() - self.began_machine_s) * self.rate
+            if (due_ns - self.began_ns) / 1e9 > passed_s:
+                return False
+        self.clock_writer.pause(due_ns)
+        if self.publish(Tick(due=Time.from_nanoseconds(due_ns)), topic=name):
+            self.schedule.granted(name)
+            self.ticks += 1
+        return True
+
+    def teardown(self) -> None:
+        """Let go of the clock: it stands still."""
+        self.clock_writer.close()

@@ -1,0 +1,146 @@
+"""In lockstep one message is handled at a time in the whole robot, in the one order, whoever dies."""
+
+from robbie_mp.transport import layout
+from robbie_mp.transport.records import MessageHandling
+from tests.core.simulated_run import SimulatedModule, SimulatedRun, connected
+
+
+def take_one(run: SimulatedRun, *modules: SimulatedModule) -> tuple[int, int]:
+    """Let the one module that has a message handle it; return its slot and the value."""
+    found = []
+    for module in modules:
+        delivery = module.take()
+        if delivery is not None:
+            found.append((module, delivery))
+    ((module, delivery),) = found
+    module.endpoint.release(delivery)
+    return module.slot, delivery.stamp_ns
+
+
+def is_settled(run: SimulatedRun) -> bool:
+    return run.words[layout.CORE_SETTLED] == run.words[layout.CORE_LAST_SEQUENCE]
+
+
+def test_one_module_has_one_message_at_a_time_and_the_first_in_the_profile_is_first() -> None:
+    run = SimulatedRun(lockstep=True)
+    publisher, channel, (first, second) = connected(run, *[MessageHandling.ALWAYS_DELIVER] * 2)
+    for value in (1, 2):
+        publisher.publish(channel, value)
+    order = []
+    for _ in range(4):
+        run.run_core()
+        assert not is_settled(run)
+        order.append(take_one(run, second, first))
+    run.run_core()
+    assert order == [(first.slot, 1), (second.slot, 1), (first.slot, 2), (second.slot, 2)]
+    assert is_settled(run)
+    assert first.take() is second.take() is None
+
+
+def test_what_a_handler_publishes_comes_after_what_waited_and_before_it_is_settled() -> None:
+    run = SimulatedRun(lockstep=True)
+    publisher, channel, (first, second) = connected(run, *[MessageHandling.ALWAYS_DELIVER] * 2)
+    own = first.advertise("answers")
+    publisher.publish(channel, 1)
+    run.run_core()
+    delivery = first.take()
+    assert delivery is not None
+    first.publish(own, 2)
+    run.run_core()
+    assert second.take() is None  # as long as the first has its message
+    first.endpoint.release(delivery)
+    order = []
+    for _ in range(3):
+        run.run_core()
+        order.append(take_one(run, first, second))
+    run.run_core()
+    assert order == [(second.slot, 1), (first.slot, 2), (second.slot, 2)]
+    assert is_settled(run)
+
+
+def test_who_waits_for_it_is_woken_when_all_is_settled_and_not_before() -> None:
+    run = SimulatedRun(lockstep=True)
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 1)
+    publisher.out[layout.OUT_AWAITS_SETTLED] = 1
+    before = publisher.wakeups
+    run.run_core()
+    assert publisher.wakeups == before
+    assert subscriber.core_wakeups is not None
+    woken = subscriber.core_wakeups
+    assert take_one(run, subscriber) == (subscriber.slot, 1)
+    assert subscriber.core_wakeups > woken  # a release is never left for later
+    run.run_core()
+    assert publisher.wakeups > before
+
+
+def test_message_that_is_kept_counts_as_handled() -> None:
+    run = SimulatedRun(lockstep=True)
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 1)
+    run.run_core()
+    delivery = subscriber.take()
+    assert delivery is not None
+    subscriber.endpoint.done(delivery)
+    run.run_core()
+    assert is_settled(run)
+
+
+def test_restarting_module_is_waited_for_and_only_the_message_in_its_hands_is_lost() -> None:
+    run = SimulatedRun(lockstep=True)
+    publisher, channel, (first, second) = connected(run, *[MessageHandling.ALWAYS_DELIVER] * 2)
+    for value in (1, 2):
+        publisher.publish(channel, value)
+    run.run_core()
+    assert first.take() is not None
+    run.kill(first)
+    assert take_one(run, second) == (second.slot, 1)
+    run.run_core()
+    assert second.take() is None  # the message after it is the dead module's first
+    assert not is_settled(run)
+    successor = run.start(first.slot, 2)
+    successor.subscribe()
+    successor.ready()
+    run.run_core()
+    assert take_one(run, successor, second) == (first.slot, 2)
+    run.run_core()
+    assert take_one(run, successor, second) == (second.slot, 2)
+    run.run_core()
+    assert is_settled(run)
+    assert run.counts(0)["lost"] == 1
+
+
+def test_core_killed_at_any_store_goes_on_in_step() -> None:
+    for deaths in range(1, 400, 3):
+        run = SimulatedRun(lockstep=True)
+        publisher, channel, (first, second) = connected(run, *[MessageHandling.ALWAYS_DELIVER] * 2)
+        run.fuse.stores = 0
+        run.fuse.deaths = [deaths]
+        order = []
+        for value in (1, 2):
+            publisher.publish(channel, value)
+        for _ in range(4):
+            run.run_core()
+            order.append(take_one(run, first, second))
+        run.run_core()
+        assert order == [(first.slot, 1), (second.slot, 1), (first.slot, 2), (second.slot, 2)]
+        assert is_settled(run)
+        if not run.crashes:
+            break
+    else:
+        raise AssertionError("the core did not live long enough in any case")
+
+
+def test_newest_message_of_those_of_one_handler_is_kept() -> None:
+    run = SimulatedRun(lockstep=True)
+    publisher, channel, (busy, newest) = connected(
+        run, MessageHandling.ALWAYS_DELIVER, MessageHandling.KEEP_ONLY_NEWEST
+    )
+    for value in (1, 2, 3):
+        publisher.publish(channel, value)
+    run.run_core()
+    order = []
+    for _ in range(4):
+        order.append(take_one(run, busy, newest))
+        run.run_core()
+    assert order == [(busy.slot, 1), (busy.slot, 2), (busy.slot, 3), (newest.slot, 3)]
