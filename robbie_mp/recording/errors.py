@@ -21,3 +21,11 @@ class LogDamaged(LogError, ValueError):
 
 class NotDecodable(LogError, ValueError):
     """Messages of a log are encoded in a way that is not known here, or their schema is missing."""
+
+
+class LogNotWritten(LogError, OSError):
+    """A log cannot be written: it exists already, its folder may not be written, or the disk is full."""
+
+
+class RepairFailed(LogError, RuntimeError):
+    """What a repair has written is not what it should be."""

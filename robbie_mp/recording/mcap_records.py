@@ -15,7 +15,7 @@ import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
-from mcap.records import Chunk
+from mcap.records import Attachment, Chunk
 
 from robbie_mp.recording.errors import LogDamaged
 
@@ -51,11 +51,14 @@ class _Readable(Protocol[_Record_co]):
 class _ExactStream(ReadDataStream):
     """Raises where mcap's own would return less than was asked for."""
 
+    def __init__(self, data: bytes):
+        super().__init__(BytesIO(data))
+        self._size = len(data)
+
     def read(self, length: int) -> bytes:
-        data = super().read(length)
-        if len(data) < length:
+        if length > self._size - self.count:
             raise EndOfFile
-        return data
+        return super().read(length)
 
 
 def frame_at(file: BinaryIO, offset: int, size: int) -> Frame:
@@ -67,13 +70,13 @@ def frame_at(file: BinaryIO, offset: int, size: int) -> Frame:
     file.seek(offset)
     head = file.read(RECORD_HEAD.size)
     if len(head) < RECORD_HEAD.size:
-        raise LogDamaged(f"the file ends in a record, at byte {size}")
+        raise LogDamaged("the file ends in a record")
     opcode, length = RECORD_HEAD.unpack(head)
     frame = Frame(opcode, offset + RECORD_HEAD.size, length)
     if opcode == 0:
-        raise LogDamaged(f"there is no record at byte {offset}")
+        raise LogDamaged("there is no record")
     if frame.end > size:
-        raise LogDamaged(f"the record at byte {offset} should end at byte {frame.end}, the file at {size}")
+        raise LogDamaged(f"the record should end at byte {frame.end}, but the file ends at {size}")
     return frame
 
 
@@ -97,11 +100,24 @@ def parse(kind: _Readable[_Record_co], data: bytes) -> _Record_co:
         LogDamaged: it is no such record.
     """
     try:
-        return kind.read(_ExactStream(BytesIO(data)))
+        return kind.read(_ExactStream(data))
     except (McapError, ValueError, struct.error) as error:
         name = getattr(kind, "__name__", "record")
         why = str(error) or "too short"
         raise LogDamaged(f"a {name} record of {len(data)} bytes cannot be read: {why}") from error
+
+
+def read_attachment(data: bytes) -> Attachment:
+    """Take the content of an attachment apart; its checksum is compared if there is one.
+
+    Raises:
+        LogDamaged: it is not what was written.
+    """
+    attachment: Attachment = parse(Attachment, data)
+    checksum = int.from_bytes(data[-4:], "little")
+    if checksum and zlib.crc32(data[:-4]) != checksum:
+        raise LogDamaged(f"the attachment {attachment.name!r} has another checksum than it says")
+    return attachment
 
 
 def chunk_data(chunk: Chunk) -> bytes:

@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple, Self
 
 from mcap.opcode import Opcode
+from mcap.records import Attachment
 
 from robbie_mp.recording.contents import Block, Contents
 from robbie_mp.recording.errors import LogDamaged, LogUnreadable, NotALog
-from robbie_mp.recording.mcap_records import MAGIC, MESSAGE_HEAD, RECORD_HEAD
+from robbie_mp.recording.mcap_records import MAGIC, MESSAGE_HEAD, RECORD_HEAD, content, read_attachment
 from robbie_mp.recording.scan import scan
 from robbie_mp.recording.summary import read_summary
 
@@ -38,8 +39,12 @@ class LogPart:
         is_complete: whether it was written to its end, and no damage was found so far.
     """
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, *, trust_summary: bool = True):
         """Open it, and read its summary, or all of it for want of one.
+
+        Args:
+            path: the file.
+            trust_summary: whether its summary says what is in it; else all of it is read.
 
         Raises:
             LogUnreadable: it cannot be opened.
@@ -50,7 +55,7 @@ class LogPart:
         try:
             self.size = self._file.seek(0, 2)
             _check_magic(path, self._file)
-            self.contents = self._look()
+            self.contents = self._look(trust_summary)
         except BaseException:
             self._file.close()
             raise
@@ -60,28 +65,24 @@ class LogPart:
         """Whether it was written to its end, and no damage was found so far."""
         return not self.contents.damage
 
-    def _look(self) -> Contents:
-        try:
-            return read_summary(self._file, self.size) or scan(self._file, self.size)
-        except LogDamaged as damage:
-            found = scan(self._file, self.size)
-            found.damage = found.damage or [str(damage)]
-            return found
-
-    def scan(self) -> Contents:
-        """Read all of the file, whatever its summary says of it."""
-        known: Contents | None = None
+    def _look(self, trust_summary: bool) -> Contents:
         damage: list[str] = []
+        known: Contents | None = None
         try:
             known = read_summary(self._file, self.size)
         except LogDamaged as error:
             damage.append(str(error))
+        if known and trust_summary:
+            return known
         found = scan(self._file, self.size, known)
         found.damage = found.damage or damage
         return found
 
     def messages(
-        self, start_ns: int | None, end_ns: int | None, channel_ids: Collection[int] | None
+        self,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        channel_ids: Collection[int] | None = None,
     ) -> Iterator[PartMessage]:
         """Yield messages in file order; see `Log.messages`. What is damaged is left out, and noted."""
         wanted = None if channel_ids is None else frozenset(channel_ids)
@@ -100,6 +101,14 @@ class LogPart:
             yield from _messages_in(block.read(self._file))
         except LogDamaged as damage:
             self.contents.damage.append(f"byte {block.frame.start - RECORD_HEAD.size}: {damage}")
+
+    def attachments(self) -> Iterator[Attachment]:
+        """Yield the attachments; what is damaged is left out, and noted."""
+        for frame in self.contents.attachments:
+            try:
+                yield read_attachment(content(self._file, frame))
+            except LogDamaged as damage:
+                self.contents.damage.append(f"byte {frame.start - RECORD_HEAD.size}: {damage}")
 
     def close(self) -> None:
         """Close the file."""

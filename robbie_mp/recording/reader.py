@@ -16,7 +16,9 @@ from robbie_mp.recording.errors import NotALog
 from robbie_mp.recording.foreign import version_of_foreign
 from robbie_mp.recording.part import LogPart
 
-PART_NAME = re.compile(r"(?P<name>.*)_(?P<number>\d{4,})\.mcap")
+PART_NAME = re.compile(r"(?P<name>.*)_(?P<number>\d{4,})")
+REPAIRED_SUFFIX = ".repaired.mcap"
+"""Of what `robbie log-repair` makes of a file that ends in .mcap."""
 
 
 @dataclass(frozen=True)
@@ -165,20 +167,30 @@ def open_log(path: Path) -> Log:
 
 
 def part_files(path: Path) -> list[Path]:
-    """Return the files of a log, in order.
+    """Return the files of a log, in order; of a part that was repaired only what came of it.
 
     Raises:
         NotALog: it is a folder without a log, or with several.
     """
     if not path.is_dir():
         return [path]
-    files = {file: PART_NAME.fullmatch(file.name) for file in path.glob("*.mcap")}
-    names = {match["name"] if match else file.stem for file, match in files.items()}
+    files = {_original_stem(file): file for file in sorted(path.glob("*.mcap"), key=_is_repaired)}
+    parts = {stem: PART_NAME.fullmatch(stem) for stem in files}
+    names = {match["name"] if match else stem for stem, match in parts.items()}
     if not names:
         raise NotALog(f"the folder {path} has no parts of a log (files NAME_0000.mcap, NAME_0001.mcap, …)")
     if len(names) > 1:
         raise NotALog(f"the folder {path} has several logs ({', '.join(sorted(names))}); name a file")
-    return sorted(files, key=lambda file: int(match["number"]) if (match := files[file]) else -1)
+    numbers = {stem: int(match["number"]) if match else -1 for stem, match in parts.items()}
+    return [files[stem] for stem in sorted(files, key=numbers.__getitem__)]
+
+
+def _is_repaired(file: Path) -> bool:
+    return file.name.endswith(REPAIRED_SUFFIX)
+
+
+def _original_stem(file: Path) -> str:
+    return file.name.removesuffix(REPAIRED_SUFFIX).removesuffix(".mcap")
 
 
 def _log_channel(contents: Contents, channel: Channel, stock: TypeRegistry) -> LogChannel:

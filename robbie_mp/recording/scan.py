@@ -21,6 +21,9 @@ from robbie_mp.recording.mcap_records import (
     parse,
 )
 
+FIRST_PRIVATE_OPCODE = 0x80
+"""Of records that anybody may add."""
+DATA_END_BYTES = 4
 ROW_BYTES = 1 << 22
 """Messages outside of chunks are taken together up to so many bytes."""
 WINDOW_BYTES = 1 << 20
@@ -38,7 +41,7 @@ def scan(file: BinaryIO, size: int, known: Contents | None = None) -> Contents:
     Args:
         file: the file.
         size: its size.
-        known: schemas and channels that are known already, for messages behind what is not whole.
+        known: what its summary says, for messages behind what is not whole.
     """
     return _Scan(file, size, known or Contents()).run()
 
@@ -47,6 +50,7 @@ class _Scan:
     def __init__(self, file: BinaryIO, size: int, known: Contents):
         self._file = file
         self._size = size
+        self._known = known
         self._found = Contents(schemas=dict(known.schemas), channels=dict(known.channels))
         self._row: list[Frame] = []
         """Messages outside of chunks since the last other record."""
@@ -66,15 +70,22 @@ class _Scan:
                 offset = frame.end
             except LogDamaged as damage:
                 self._end_row()
-                self._found.damage.append(str(damage))
+                self._found.damage.append(f"byte {offset}: {damage}")
                 following = self._next_chunk(offset + 1)
                 if following is None:
                     break
                 offset = following
         self._end_row()
+        self._compare_counts()
+        return self._found
+
+    def _compare_counts(self) -> None:
+        """Note messages of unknown channels, and those that the summary counts, but that are not there."""
+        expected, count = self._known.message_count, self._found.message_count
         if self._strangers:
             self._found.damage.append(f"{self._strangers} messages are of channels whose description is lost")
-        return self._found
+        elif self._known.counts and expected != count and not self._found.damage:
+            self._found.damage.append(f"the summary tells of {expected} messages, there are {count}")
 
     def _take(self, frame: Frame) -> bool:
         """Take a record in; return whether the data end with it."""
@@ -88,14 +99,18 @@ class _Scan:
                 self._take_chunk(frame)
             case Opcode.SCHEMA | Opcode.CHANNEL:
                 self._describe(frame.opcode, content(self._file, frame))
-            case Opcode.HEADER:
+            case Opcode.HEADER if frame.start == len(MAGIC) + RECORD_HEAD.size:
                 found.header = parse(Header, content(self._file, frame))
             case Opcode.METADATA:
                 found.metadata.append(parse(Metadata, content(self._file, frame)))
             case Opcode.ATTACHMENT:
                 found.attachments.append(frame)
-            case Opcode.DATA_END | Opcode.FOOTER:
+            case Opcode.MESSAGE_INDEX if _is_message_index(content(self._file, frame)):
+                pass
+            case Opcode.DATA_END if frame.length == DATA_END_BYTES:
                 return True
+            case opcode if opcode < FIRST_PRIVATE_OPCODE:
+                raise LogDamaged(f"a record of kind {opcode} does not belong there")
         return False
 
     def _describe(self, opcode: int, data: bytes) -> None:
@@ -125,7 +140,7 @@ class _Scan:
 
     def _take_single(self, frame: Frame) -> None:
         if frame.length < MESSAGE_HEAD.size:
-            raise LogDamaged(f"the message at byte {frame.start} has only {frame.length} bytes")
+            raise LogDamaged(f"a message record has only {frame.length} bytes")
         self._file.seek(frame.start)
         channel_id, _, time_ns, _ = MESSAGE_HEAD.unpack(self._file.read(MESSAGE_HEAD.size))
         self._row.append(frame)
@@ -185,6 +200,10 @@ def _may_be_chunk(window: bytes, at: int) -> bool:
     head_bytes = CHUNK_HEAD.size - RECORD_HEAD.size + name_bytes + 8
     data_bytes = int.from_bytes(window[behind : behind + 8], "little")
     return bool(length == head_bytes + data_bytes)
+
+
+def _is_message_index(data: bytes) -> bool:
+    return len(data) >= 6 and len(data) == 6 + int.from_bytes(data[2:6], "little")
 
 
 def _time(one: tuple[int, int]) -> int:

@@ -99,3 +99,13 @@ def write_log(path: Path, count: int = 30, **options: Any) -> Path:
                    "sender": "laser", "recorded": (count + 2) // 3, "dropped": 2}]  # fmt: skip
         log.writer.add_metadata("robbie_counts", {"channels": json.dumps(counts)})
     return path
+
+
+def write_small_log(path: Path, **options: Any) -> Path:
+    """Write 8 messages of 5 bytes, on two channels, a chunk for every two or three."""
+    with LogFile(path, chunk_size=70, **options) as log:
+        log.writer.add_metadata("about", {"a": "b"})
+        for number in range(8):
+            channel = log.channel("a/msg/B", "uint8 x", 1, "even" if number % 2 else "odd", "s")
+            log.add_bytes(channel, b"\0\1\0\0" + bytes([200 + number]), START_NS + number)
+    return path

@@ -1,0 +1,154 @@
+"""Makes a whole log of one that was cut or damaged, and reads it again before it says so."""
+
+import hashlib
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from robbie_mp.recording.contents import Contents
+from robbie_mp.recording.errors import LogNotWritten, RepairFailed
+from robbie_mp.recording.part import LogPart
+from robbie_mp.recording.reader import REPAIRED_SUFFIX
+
+COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
+REPAIR_METADATA = "robbie_repair"
+"""Name of the metadata record that tells of a repair."""
+
+
+@dataclass(frozen=True)
+class Repair:
+    """What was done.
+
+    Attributes:
+        target: the new file.
+        messages: how many it has.
+        damage: what was wrong with the old one; empty if nothing was.
+    """
+
+    target: Path
+    messages: int
+    damage: list[str]
+
+
+Progress = Callable[[int, int], None]
+"""Told how much was done, of how much."""
+
+
+def repaired_name(source: Path) -> Path:
+    """Return where the repaired log goes if nothing else is asked for: `open_log` of its folder finds it."""
+    return source.with_name(source.name.removesuffix(".mcap") + REPAIRED_SUFFIX)
+
+
+def repair(source: Path, target: Path, progress: Progress) -> Repair:
+    """Write a file with every message of every whole chunk of another, and check it by reading it again.
+
+    Args:
+        source: the log; one MCAP file, by whomever. It is only read.
+        target: the new file. If the repair fails, it is removed.
+        progress: counts messages, each when it is written and when it is read again.
+
+    Raises:
+        LogUnreadable, NotALog: as for `open_log`.
+        LogNotWritten: the target exists, or cannot be written.
+        RepairFailed: reading it again has not given what was written.
+    """
+    with LogPart(source, trust_summary=False) as part:
+        try:
+            file = target.open("x+b")
+        except OSError as error:
+            raise LogNotWritten(f"{target} cannot be written: {error.strerror}") from error
+        try:
+            with file:
+                return _write_and_check(part, file, target, progress)
+        except OSError as error:
+            target.unlink()
+            raise LogNotWritten(f"{target} cannot be written: {error.strerror}") from error
+        except BaseException:
+            target.unlink()
+            raise
+
+
+def _write_and_check(part: LogPart, file: BinaryIO, target: Path, progress: Progress) -> Repair:
+    total = 2 * part.contents.message_count
+    written = _Digest(lambda count: progress(count, total))
+    _write(part, file, written)
+    file.flush()
+    os.fsync(file.fileno())
+    file.seek(0)
+    found = _Digest(lambda count: progress(written.count + count, total))
+    try:
+        for _, channel, message in make_reader(file, validate_crcs=True).iter_messages(log_time_order=False):
+            found.add(channel.topic, message.sequence, message.log_time, message.publish_time, message.data)
+    except (McapError, ValueError, LookupError) as error:
+        raise RepairFailed(f"{target} was written, but cannot be read: {error!r}; it was removed") from error
+    if found.state() != written.state():
+        raise RepairFailed(
+            f"{target} does not hold what was written to it; it was removed. Is the disk well?"
+        )
+    return Repair(target, found.count, list(part.contents.damage))
+
+
+class _Digest:
+    """Counts and condenses messages, to compare two sequences of them."""
+
+    def __init__(self, progress: Callable[[int], None]):
+        self.count = 0
+        self._progress = progress
+        self._hash = hashlib.blake2b()
+
+    def add(self, topic: str, sequence: int, time_ns: int, publish_time_ns: int, data: bytes) -> None:
+        """Take a message in."""
+        self.count += 1
+        self._hash.update(f"{topic}\n{sequence} {time_ns} {publish_time_ns} {len(data)}\n".encode())
+        self._hash.update(data)
+        self._progress(self.count)
+
+    def state(self) -> tuple[int, bytes]:
+        """Return what two equal sequences have in common, and others not."""
+        return self.count, self._hash.digest()
+
+
+def _write(part: LogPart, file: BinaryIO, digest: _Digest) -> None:
+    contents = part.contents
+    writer = Writer(file, compression=_compression(contents))
+    writer.start(contents.header.profile, contents.header.library)
+    for record in contents.metadata:
+        writer.add_metadata(record.name, record.metadata)
+    if contents.damage:
+        about = {"source": part.path.name, "damage": "\n".join(contents.damage)}
+        writer.add_metadata(REPAIR_METADATA, about)
+    for attachment in part.attachments():
+        writer.add_attachment(
+            attachment.create_time,
+            attachment.log_time,
+            attachment.name,
+            attachment.media_type,
+            attachment.data,
+        )
+    schema_ids = {0: 0} | {
+        id_: writer.register_schema(schema.name, schema.encoding, schema.data)
+        for id_, schema in sorted(contents.schemas.items())
+    }
+    channel_ids = {
+        id_: writer.register_channel(
+            channel.topic, channel.message_encoding, schema_ids.get(channel.schema_id, 0), channel.metadata
+        )
+        for id_, channel in sorted(contents.channels.items())
+    }
+    for message in part.messages(channel_ids=contents.channels):
+        _, sequence, time_ns, publish_time_ns, data = message
+        writer.add_message(channel_ids[message.channel_id], time_ns, data, publish_time_ns, sequence)
+        digest.add(contents.channels[message.channel_id].topic, *message[1:])
+    writer.finish()  # type: ignore[no-untyped-call]
+
+
+def _compression(contents: Contents) -> CompressionType:
+    """Return how most chunks are compressed."""
+    counts = contents.compressions or {"": 1}
+    return COMPRESSIONS[max(counts, key=counts.__getitem__)]
