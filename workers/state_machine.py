@@ -1,6 +1,7 @@
-"""A small state machine: states and allowed transitions are declared, everything else is an error."""
+"""A small state machine: states, transitions and time-outs are declared, everything else is an error."""
 
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from enum import Enum
 from typing import Generic, TypeVar
 
@@ -11,6 +12,14 @@ class IllegalTransition(RuntimeError):
     """A change of state that the machine's declaration does not allow."""
 
 
+@dataclass(frozen=True)
+class TimeOut(Generic[State]):
+    """How long a state may last, and where the machine goes then."""
+
+    after_s: float
+    to: State
+
+
 class StateMachine(Generic[State]):
     """Holds one state of an Enum and knows for how long.
 
@@ -18,20 +27,28 @@ class StateMachine(Generic[State]):
         initial: The first state.
         transitions: From each state, where it may go; a state that may go nowhere is final.
         clock: Returns the time in s.
+        time_outs: Of the states that have one; `expire` looks at them.
+        on_change: Called with the new state after each transition, as `Module.show_state`.
 
     Raises:
-        ValueError: The declaration leaves a state of the Enum out.
+        ValueError: The declaration leaves a state of the Enum out, or lets a time-out go where no transition
+            does.
 
     Attributes:
         reason: Why the machine is in its state, as the last transition told.
     """
 
     def __init__(
-        self, initial: State, transitions: Mapping[State, Collection[State]], clock: Callable[[], float]
+        self,
+        initial: State,
+        transitions: Mapping[State, Collection[State]],
+        clock: Callable[[], float],
+        time_outs: Mapping[State, TimeOut[State]] | None = None,
+        on_change: Callable[[State], None] = lambda _state: None,
     ) -> None:
-        missing = [state.name for state in type(initial) if state not in transitions]
-        if missing:
-            raise ValueError(f"no transitions are declared from {', '.join(missing)}; a final state needs ()")
+        self._time_outs = dict(time_outs or {})
+        _check(type(initial), transitions, self._time_outs)
+        self._on_change = on_change
         self._transitions = {state: frozenset(targets) for state, targets in transitions.items()}
         self._clock = clock
         self._state = initial
@@ -53,6 +70,14 @@ class StateMachine(Generic[State]):
         """Say whether no transition leads out of the present state."""
         return not self._transitions[self._state]
 
+    def expire(self) -> bool:
+        """Go on if the present state has lasted too long, and say whether it has."""
+        time_out = self._time_outs.get(self._state)
+        if time_out is None or self.time_in_state_s < time_out.after_s:
+            return False
+        self.go(time_out.to, f"nothing came of it in {time_out.after_s:g} s")
+        return True
+
     def go(self, state: State, reason: str) -> None:
         """Change the state.
 
@@ -67,3 +92,47 @@ class StateMachine(Generic[State]):
         self._state = state
         self._since_s = self._clock()
         self.reason = reason
+        self._on_change(state)
+
+
+def mermaid(
+    initial: State,
+    transitions: Mapping[State, Collection[State]],
+    time_outs: Mapping[State, TimeOut[State]] | None = None,
+) -> str:
+    """Return a picture of a machine as text for Mermaid (a `stateDiagram-v2`), made of its declaration.
+
+    States whose values are texts are described by them.
+    """
+    time_outs = time_outs or {}
+    _check(type(initial), transitions, time_outs)
+    states = list(type(initial))
+    lines = ["stateDiagram-v2", f"    [*] --> {initial.name}"]
+    lines += [
+        f"    {state.name}: {state.name}<br/>{state.value}"
+        for state in states
+        if isinstance(state.value, str)
+    ]
+    for state in states:
+        for target in (target for target in states if target in transitions[state]):
+            time_out = time_outs.get(state)
+            after = f": after {time_out.after_s:g} s" if time_out and time_out.to is target else ""
+            lines.append(f"    {state.name} --> {target.name}{after}")
+        if not transitions[state]:
+            lines.append(f"    {state.name} --> [*]")
+    return "\n".join(lines) + "\n"
+
+
+def _check(
+    states: type[State],
+    transitions: Mapping[State, Collection[State]],
+    time_outs: Mapping[State, TimeOut[State]],
+) -> None:
+    missing = [state.name for state in states if state not in transitions]
+    if missing:
+        raise ValueError(f"no transitions are declared from {', '.join(missing)}; a final state needs ()")
+    for state, time_out in time_outs.items():
+        if time_out.to not in transitions[state]:
+            raise ValueError(
+                f"the time-out of {state.name} goes to {time_out.to.name}, which is not declared from there"
+            )

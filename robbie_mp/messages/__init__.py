@@ -161,6 +161,8 @@ __all__ = [
     "Vector3",
     "VersionDecoder",
     "VersionError",
+    "VictimConfirmation",
+    "VictimFound",
     "as_dict",
     "bool_",
     "byte",

@@ -1,16 +1,20 @@
 """A state machine goes only where its declaration allows."""
 
-from enum import Enum, auto
+from enum import Enum, StrEnum, auto
 
 import pytest
 
-from workers.state_machine import IllegalTransition, StateMachine
+from workers.state_machine import IllegalTransition, StateMachine, TimeOut, mermaid
 
 
 class Lamp(Enum):
     OFF = auto()
     ON = auto()
     BROKEN = auto()
+
+
+class Trip(StrEnum):
+    HOME = "is home"
 
 
 TRANSITIONS = {Lamp.OFF: {Lamp.ON}, Lamp.ON: {Lamp.OFF, Lamp.BROKEN}, Lamp.BROKEN: ()}
@@ -59,3 +63,40 @@ def test_time_in_state_starts_again_with_every_transition():
 def test_state_without_declared_transitions_is_refused():
     with pytest.raises(ValueError, match="BROKEN"):
         StateMachine(Lamp.OFF, {Lamp.OFF: {Lamp.ON}, Lamp.ON: ()}, lambda: 0.0)
+
+
+def test_state_that_lasts_too_long_goes_where_its_time_out_says():
+    times = [0.0]
+    shown = []
+    lamp = StateMachine(
+        Lamp.OFF, TRANSITIONS, lambda: times[0], {Lamp.ON: TimeOut(5.0, Lamp.BROKEN)}, shown.append
+    )
+    times[0] = 100.0
+    assert not lamp.expire()  # OFF has none
+    lamp.go(Lamp.ON, "switched")
+    times[0] = 104.9
+    assert not lamp.expire()
+    times[0] = 105.0
+    assert lamp.expire()
+    assert (lamp.state, lamp.reason) == (Lamp.BROKEN, "nothing came of it in 5 s")
+    assert shown == [Lamp.ON, Lamp.BROKEN]
+
+
+def test_time_out_along_an_undeclared_transition_is_refused():
+    with pytest.raises(ValueError, match="time-out of OFF goes to BROKEN"):
+        StateMachine(Lamp.OFF, TRANSITIONS, lambda: 0.0, {Lamp.OFF: TimeOut(1.0, Lamp.BROKEN)})
+
+
+def test_picture_shows_every_state_transition_and_time_out():
+    assert mermaid(Lamp.OFF, TRANSITIONS, {Lamp.ON: TimeOut(5.0, Lamp.BROKEN)}).splitlines() == [
+        "stateDiagram-v2",
+        "    [*] --> OFF",
+        "    OFF --> ON",
+        "    ON --> OFF",
+        "    ON --> BROKEN: after 5 s",
+        "    BROKEN --> [*]",
+    ]
+
+
+def test_picture_describes_states_that_have_words():
+    assert "    HOME: HOME<br/>is home" in mermaid(Trip.HOME, {Trip.HOME: ()})

@@ -37,6 +37,8 @@ def stock_registry() -> TypeRegistry:
             robbie_msgs.SettingChange,
             robbie_msgs.SettingChanged,
             robbie_msgs.SimulatedWorld,
+            robbie_msgs.VictimConfirmation,
+            robbie_msgs.VictimFound,
             sensor_msgs.BatteryState,
             sensor_msgs.CameraInfo,
             sensor_msgs.CompressedImage,

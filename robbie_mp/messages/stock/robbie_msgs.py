@@ -1,10 +1,13 @@
 """What Robbie-MP says itself, where ROS has no message for it."""
 
+from typing import ClassVar
+
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
-from robbie_mp.messages.primitives import Array, float64, uint32, uint64
+from robbie_mp.messages.primitives import Array, float32, float64, uint8, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
 from robbie_mp.messages.stock.geometry_msgs import Pose
+from robbie_mp.messages.stock.sensor_msgs import Image
 from robbie_mp.messages.stock.std_msgs import Header
 
 
@@ -105,3 +108,34 @@ class NavigationState(Message, name="robbie_msgs/msg/NavigationState", version=1
     reason: str = DEFAULT  # why it is in that state, for people
     goal: Pose = DEFAULT  # the one that came last, header's frame
     distance_left_m: float64 = DEFAULT  # along the planned path; -1: there is none
+
+
+class VictimFound(Message, name="robbie_msgs/msg/VictimFound", version=1):
+    """What is known of a victim; it comes again whenever more is known."""
+
+    SUSPECTED: ClassVar[uint8] = 0  # seen, but not well enough to ask, or it was said to ask later
+    ASKED: ClassVar[uint8] = 1  # the operator has been asked and has not answered yet
+    CONFIRMED: ClassVar[uint8] = 2
+    REJECTED: ClassVar[uint8] = 3
+
+    header: Header = DEFAULT  # stamp: of the last image it is in; frame_id: of the map
+    id: uint32 = DEFAULT
+    name: str = DEFAULT  # for people
+    pose: Pose = DEFAULT  # x axis: out of the wall, towards who can see it
+    spread_m: float64 = DEFAULT  # standard deviation of the position
+    confidence: float32 = DEFAULT  # 0 … 1: how sure it is that there is one
+    views: uint32 = DEFAULT  # images it is in
+    state: uint8 = SUSPECTED
+    image: Image = DEFAULT  # the part that shows it best; empty: there is none
+
+
+class VictimConfirmation(Message, name="robbie_msgs/msg/VictimConfirmation", version=1):
+    """The operator's answer for a victim that was found."""
+
+    NO: ClassVar[uint8] = 0
+    YES: ClassVar[uint8] = 1
+    LATER: ClassVar[uint8] = 2  # ask again when more is known
+
+    header: Header = DEFAULT
+    id: uint32 = DEFAULT  # of the victim
+    answer: uint8 = NO
