@@ -65,3 +65,10 @@ def profiles(**_: object) -> list[str]:
         return find_workspace(Path.cwd()).names()
     except (RobbieError, OSError):
         return []
+
+
+def logs(prefix: str, **_: object) -> list[str]:
+    """MCAP files, and the folders on the way to them."""
+    from argcomplete.completers import FilesCompleter  # noqa: PLC0415
+
+    return list(FilesCompleter(("mcap",))(prefix))

@@ -20,6 +20,8 @@ COMMANDS = (
     "param",
     "top",
     "log",
+    "info",
+    "log-repair",
     "module",
     "stop",
     "profile",
@@ -69,8 +71,9 @@ def top() -> int:
 
 def _exit_code(error: RobbieError) -> int:
     from robbie_mp.profile.problem import ProfileError  # noqa: PLC0415
+    from robbie_mp.recording.errors import LogError  # noqa: PLC0415
 
-    return BAD_USAGE if isinstance(error, ProfileError) else FAILED
+    return BAD_USAGE if isinstance(error, ProfileError | LogError) else FAILED
 
 
 def _parser(first: Sequence[str]) -> argparse.ArgumentParser:
@@ -83,7 +86,7 @@ def _parser(first: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"robbie {_version()}")
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in first if first and first[0] in COMMANDS else COMMANDS:
-        import_module(f"robbie_mp.cli.{command}").add_parser(subparsers)
+        import_module(f"robbie_mp.cli.{command.replace('-', '_')}").add_parser(subparsers)
     return parser
 
 

@@ -4,6 +4,7 @@ from robbie_mp.messages import Message, TypeRegistry, message_type_from_schema, 
 from robbie_mp.messages.versions import VersionDecoder
 from robbie_mp.recording.errors import NotDecodable
 from robbie_mp.recording.foreign import version_of_foreign
+from robbie_mp.recording.format import MESSAGE_ENCODING
 from robbie_mp.recording.reader import LogChannel, LoggedMessage
 
 
@@ -14,9 +15,10 @@ def logged_type(channel: LogChannel) -> type[Message]:
         NotDecodable: its messages are not CDR, or the log has no schema of them.
         SchemaError: the schema is not understood.
     """
-    if channel.encoding != "cdr":
+    if channel.encoding != MESSAGE_ENCODING:
         raise NotDecodable(
-            f"messages of topic {channel.topic!r} are encoded as {channel.encoding!r}; only 'cdr' can be read"
+            f"messages of topic {channel.topic!r} are encoded as {channel.encoding!r}; "
+            f"only {MESSAGE_ENCODING!r} can be read"
         )
     if not channel.schema:
         raise NotDecodable(
@@ -56,7 +58,5 @@ class LogDecoder:
         if channel.type_name not in self._types:
             return VersionDecoder(written, channel.version, channel.schema)
         ours = self._types.get(channel.type_name)
-        version = channel.version
-        if not channel.sender:  # no Robbie wrote this
-            version = version_of_foreign(ours, channel.schema)
+        version = version_of_foreign(ours, channel.schema) if channel.is_foreign else channel.version
         return VersionDecoder(ours, version, channel.schema)

@@ -1,6 +1,5 @@
 """Reads logs: messages in the order in which they were recorded, from one file or a folder of parts."""
 
-import re
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -14,9 +13,16 @@ from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.recording.contents import Contents
 from robbie_mp.recording.errors import NotALog
 from robbie_mp.recording.foreign import version_of_foreign
+from robbie_mp.recording.format import (
+    MESSAGE_ENCODING,
+    PART_NAME,
+    SCHEMA_ENCODING,
+    SENDER_KEY,
+    TOPIC_KEY,
+    VERSION_KEY,
+)
 from robbie_mp.recording.part import LogPart
 
-PART_NAME = re.compile(r"(?P<name>.*)_(?P<number>\d{4,})")
 REPAIRED_SUFFIX = ".repaired.mcap"
 """Of what `robbie log-repair` makes of a file that ends in .mcap."""
 
@@ -28,11 +34,12 @@ class LogChannel:
     Attributes:
         id: its place in `Log.channels`.
         type_name: as in `sensor_msgs/msg/LaserScan`; "" if the log does not say.
-        version: of the type.
+        version: of the type; for a foreign channel see `version_of_foreign`.
         topic: Robbie's; of a log that others wrote their topic without the leading slash.
-        sender: the module that published it; "" in a log that others wrote.
+        sender: the module that published it; "" if that is not known.
         schema: the ros2msg text of the type; "" if the log has none.
         encoding: of the messages: "cdr", unless others wrote the log.
+        is_foreign: whether others wrote the log, who know no versions and senders.
     """
 
     id: int
@@ -41,7 +48,8 @@ class LogChannel:
     topic: str
     sender: str
     schema: str
-    encoding: str = "cdr"
+    encoding: str = MESSAGE_ENCODING
+    is_foreign: bool = False
 
 
 class LoggedMessage(NamedTuple):
@@ -175,7 +183,7 @@ def part_files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
     files = {_original_stem(file): file for file in sorted(path.glob("*.mcap"), key=_is_repaired)}
-    parts = {stem: PART_NAME.fullmatch(stem) for stem in files}
+    parts = {stem: PART_NAME.fullmatch(f"{stem}.mcap") for stem in files}
     names = {match["name"] if match else stem for stem, match in parts.items()}
     if not names:
         raise NotALog(f"the folder {path} has no parts of a log (files NAME_0000.mcap, NAME_0001.mcap, …)")
@@ -197,17 +205,19 @@ def _log_channel(contents: Contents, channel: Channel, stock: TypeRegistry) -> L
     """Describe a channel, for the time being without an id."""
     schema = contents.schemas.get(channel.schema_id)
     type_name = full_name(schema.name) if schema else ""
-    text = schema.data.decode(errors="replace") if schema and schema.encoding == "ros2msg" else ""
+    text = schema.data.decode(errors="replace") if schema and schema.encoding == SCHEMA_ENCODING else ""
     about = channel.metadata
-    version = about.get("robbie_version", "")
+    version = about.get(VERSION_KEY, "")
+    is_ours = version.isdecimal()
     return LogChannel(
         id=-1,
         type_name=type_name,
-        version=int(version) if version.isdecimal() else _foreign_version(type_name, text, stock),
-        topic=about.get("robbie_topic", channel.topic.removeprefix("/")),
-        sender=about.get("robbie_sender", ""),
+        version=int(version) if is_ours else _foreign_version(type_name, text, stock),
+        topic=about.get(TOPIC_KEY, channel.topic.removeprefix("/")),
+        sender=about.get(SENDER_KEY, ""),
         schema=text,
         encoding=channel.message_encoding,
+        is_foreign=not is_ours,
     )
 
 

@@ -1,0 +1,138 @@
+"""`robbie info FILE...`: what a log is, without reading all of it."""
+
+import argparse
+import json
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+from rich.text import Text
+
+from robbie_mp.cli import quantities
+from robbie_mp.cli.figures import console
+from robbie_mp.cli.log_files import add_log_argument
+from robbie_mp.cli.parser import add_command
+from robbie_mp.recording.info import LogInfo, describe, part_data
+from robbie_mp.recording.reader import open_log
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `info` to the commands."""
+    parser = add_command(
+        subparsers,
+        "info",
+        "tell what is in a log",
+        "Tell how long a log is, of which run, and what was recorded in it. A log that was cut is read as "
+        "far as it is whole; `robbie log-repair` makes a whole one of it.",
+        ["robbie info logs/monday", "robbie info logs/monday/monday_0000.mcap --json"],
+    )
+    add_log_argument(parser, nargs="+")
+    parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
+    parser.set_defaults(command=info)
+
+
+def info(arguments: argparse.Namespace) -> int:
+    """Describe the logs."""
+    infos = [_describe(path) for path in arguments.log]
+    if arguments.json:
+        print(json.dumps([one.as_data() for one in infos], indent=2))
+        return 0
+    for number, one in enumerate(infos):
+        print("\n" * (number > 0), end="")
+        _print(one)
+    return 0
+
+
+def _describe(path: Path) -> LogInfo:
+    with open_log(path) as log:
+        return describe(log)
+
+
+def _print(info: LogInfo) -> None:
+    where = console()
+    table = Table(box=None, pad_edge=False, show_header=False)
+    for name, value in _lines(info):
+        table.add_row(name, value)
+    where.print(table)
+    if info.channels:
+        where.print()
+        where.print(_channels(info))
+    if len(info.parts) > 1:
+        where.print()
+        where.print(_parts(info))
+
+
+def _lines(info: LogInfo) -> list[tuple[str, Text]]:
+    lines = [
+        ("log", Text(str(info.path))),
+        ("messages", Text(f"{info.messages}")),
+        ("duration", Text(f"{info.duration_s:.3f} s")),
+        ("from", Text(f"{_time(info.start_ns)} to {_time(info.end_ns)}")),
+        ("size", Text(f"{info.bytes} bytes ({quantities.size(info.bytes)}), {_compression(info)}")),
+    ]
+    if run := info.run:
+        lines.append(("run", Text(f"{run.run_id}, profile {run.profile}, on {run.host}")))
+        lines.append(("written by", Text(f"{info.library}, Python {run.python}")))
+    else:
+        lines.append(("written by", Text(info.library or "-")))
+    lines.append(("is", _state(info)))
+    return lines
+
+
+def _state(info: LogInfo) -> Text:
+    if not info.damage:
+        return Text("complete")
+    advice = f"; `robbie log-repair {info.path}` makes a whole log of it"
+    return Text("\n".join(info.damage) + advice, "bold red")
+
+
+def _compression(info: LogInfo) -> str:
+    return f"compression {', '.join(info.compressions)}" if info.compressions else "without chunks"
+
+
+def _time(time_ns: int) -> str:
+    return datetime.fromtimestamp(time_ns / 1e9).astimezone().isoformat(" ", "milliseconds")
+
+
+def _channels(info: LogInfo) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("topic", "type", "version", "sender"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("messages", "Hz", "dropped"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for one in info.channels:
+        channel = one.channel
+        table.add_row(
+            Text(channel.topic),
+            Text(channel.type_name),
+            str(channel.version),
+            Text(channel.sender),
+            str(one.messages),
+            quantities.rate(one.hz),
+            Text("-" if one.dropped is None else str(one.dropped), "bold red" if one.dropped else ""),
+        )
+    return table
+
+
+def _parts(info: LogInfo) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("part", no_wrap=True)
+    for heading in ("bytes", "messages", "chunks", "duration"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("is", no_wrap=True)
+    for part in info.parts:
+        data = part_data(part)
+        state = "repaired" if data["is_repaired"] else "complete" if data["is_complete"] else "cut or damaged"
+        table.add_row(
+            part.path.name,
+            str(data["bytes"]),
+            str(data["messages"]),
+            str(data["chunks"]),
+            f"{(data['end_ns'] - data['start_ns']) / 1e9:.3f} s",
+            state,
+        )
+    return table

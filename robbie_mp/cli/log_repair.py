@@ -1,0 +1,68 @@
+"""`robbie log-repair FILE`: make a whole log of one that was cut or damaged."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from robbie_mp.cli.log_files import add_log_argument, progress_bar
+from robbie_mp.cli.parser import BAD_USAGE, add_command
+from robbie_mp.recording.errors import RepairFailed
+from robbie_mp.recording.reader import open_log
+from robbie_mp.recording.repair import repair, repaired_name
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `log-repair` to the commands."""
+    parser = add_command(
+        subparsers,
+        "log-repair",
+        "make a whole log of one that was cut or damaged",
+        "Write a new log with every message of every whole chunk of a log that was cut or damaged, and read "
+        "it again before saying so. The old one is kept as it is. Of a folder each part that is not whole is "
+        "repaired.",
+        ["robbie log-repair logs/monday", "robbie log-repair cut.mcap -o whole.mcap"],
+    )
+    add_log_argument(parser)
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="OUT",
+        help="the new file; without it NAME.repaired.mcap beside the old one, whose place in a folder of "
+        "parts it then takes",
+    )
+    parser.set_defaults(command=log_repair)
+
+
+def log_repair(arguments: argparse.Namespace) -> int:
+    """Repair a file, or the parts of a folder that need it."""
+    log: Path = arguments.log
+    targets = {log: arguments.output or repaired_name(log)}
+    if log.is_dir():
+        if arguments.output:
+            print(f"{log} is a folder: without -o its parts are repaired where they are", file=sys.stderr)
+            return BAD_USAGE
+        with open_log(log) as opened:
+            damaged = [part.path for part in opened.parts if not part.is_complete]
+        targets = {path: repaired_name(path) for path in damaged}
+    if not targets:
+        print(f"all parts of {log} are whole")
+    try:
+        for source, target in targets.items():
+            _repair(source, target)
+    except RepairFailed as failure:
+        print(failure, file=sys.stderr)
+        return 1
+    return 0
+
+
+def _repair(source: Path, target: Path) -> None:
+    with progress_bar(f"repairing {source.name}") as progress:
+        done = repair(source, target, progress)
+    for line in done.damage or ["nothing was wrong with it"]:
+        print(f"{source}: {line}", file=sys.stderr)
+    print(f"{done.target}: {done.messages} messages, read again and found whole")

@@ -1,0 +1,169 @@
+"""What a log is, in figures."""
+
+import contextlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from robbie_mp.recording.format import (
+    COUNTS_METADATA,
+    RUN_METADATA,
+    ChannelCount,
+    ChannelKey,
+    RunMetadata,
+    counts_from_metadata,
+)
+from robbie_mp.recording.part import LogPart
+from robbie_mp.recording.reader import Log, LogChannel
+from robbie_mp.recording.repair import REPAIR_METADATA
+
+
+@dataclass(frozen=True)
+class ChannelInfo:
+    """One channel of a log.
+
+    Attributes:
+        channel: type, version, topic and sender.
+        messages: how many there are.
+        hz: of them, over the time of the whole log; 0 if that is none.
+        dropped: how many the logger could not write; None if it has not said.
+    """
+
+    channel: LogChannel
+    messages: int
+    hz: float
+    dropped: int | None
+
+    def as_data(self) -> dict[str, Any]:
+        """Return what `robbie info --json` prints of it."""
+        channel = self.channel
+        return {
+            "topic": channel.topic,
+            "type": channel.type_name,
+            "version": channel.version,
+            "sender": channel.sender,
+            "messages": self.messages,
+            "hz": self.hz,
+            "dropped": self.dropped,
+        }
+
+
+@dataclass(frozen=True)
+class LogInfo:
+    """A log in figures.
+
+    Attributes:
+        path: the file or folder.
+        parts: its files.
+        run: of which run; None if the log does not say.
+        library: what wrote it, as it calls itself.
+        channels: in the order in which they were opened.
+        start_ns: time of the earliest message; 0 without any.
+        end_ns: time of the latest message; 0 without any.
+        damage: what is wrong with it: a line for each place.
+    """
+
+    path: Path
+    parts: list[LogPart]
+    run: RunMetadata | None
+    library: str
+    channels: list[ChannelInfo]
+    start_ns: int
+    end_ns: int
+    damage: list[str]
+
+    @property
+    def duration_s(self) -> float:
+        """From the earliest message to the latest."""
+        return (self.end_ns - self.start_ns) / 1e9
+
+    @property
+    def bytes(self) -> int:
+        """Of all files."""
+        return sum(part.size for part in self.parts)
+
+    @property
+    def messages(self) -> int:
+        """In all channels."""
+        return sum(channel.messages for channel in self.channels)
+
+    @property
+    def compressions(self) -> list[str]:
+        """How chunks are compressed."""
+        return sorted({name or "none" for part in self.parts for name in part.contents.compressions})
+
+    def as_data(self) -> dict[str, Any]:
+        """Return what `robbie info --json` prints."""
+        return {
+            "path": str(self.path),
+            "is_complete": not self.damage,
+            "damage": self.damage,
+            "start_ns": self.start_ns,
+            "end_ns": self.end_ns,
+            "duration_s": self.duration_s,
+            "bytes": self.bytes,
+            "messages": self.messages,
+            "library": self.library,
+            "compressions": self.compressions,
+            "run": self.run and {name: getattr(self.run, name) for name in RUN_KEYS},
+            "channels": [channel.as_data() for channel in self.channels],
+            "parts": [part_data(part) for part in self.parts],
+        }
+
+
+RUN_KEYS = ("run_id", "profile", "host", "version", "python", "clock", "started_ns")
+
+
+def describe(log: Log) -> LogInfo:
+    """Return a log in figures."""
+    runs = log.metadata(RUN_METADATA)
+    dropped = _dropped(log.parts)
+    duration_s = (log.end_ns - log.start_ns) / 1e9
+    return LogInfo(
+        path=log.path,
+        parts=log.parts,
+        run=RunMetadata.from_metadata(runs[0]) if runs else None,
+        library=log.parts[0].contents.header.library,
+        channels=[
+            ChannelInfo(channel, count, count / duration_s if duration_s else 0.0, dropped.get(_key(channel)))
+            for channel, count in log.counts.items()
+        ],
+        start_ns=log.start_ns,
+        end_ns=log.end_ns,
+        damage=log.damage,
+    )
+
+
+def part_data(part: LogPart) -> dict[str, Any]:
+    """Return what is told of one file."""
+    contents = part.contents
+    return {
+        "path": str(part.path),
+        "bytes": part.size,
+        "messages": contents.message_count,
+        "chunks": sum(contents.compressions.values()),
+        "start_ns": contents.start_ns,
+        "end_ns": contents.end_ns,
+        "is_complete": part.is_complete,
+        "is_repaired": any(record.name == REPAIR_METADATA for record in contents.metadata),
+    }
+
+
+def _dropped(parts: list[LogPart]) -> dict[ChannelKey, int]:
+    dropped: dict[ChannelKey, int] = {}
+    for part in parts:
+        for key, count in _last_counts(part).items():
+            dropped[key] = dropped.get(key, 0) + count.dropped
+    return dropped
+
+
+def _last_counts(part: LogPart) -> dict[ChannelKey, ChannelCount]:
+    for record in reversed(part.contents.metadata):
+        if record.name == COUNTS_METADATA:
+            with contextlib.suppress(ValueError):
+                return counts_from_metadata(record.metadata)
+    return {}
+
+
+def _key(channel: LogChannel) -> ChannelKey:
+    return ChannelKey(channel.type_name, channel.version, channel.topic, channel.sender)
