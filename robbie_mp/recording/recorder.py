@@ -1,0 +1,171 @@
+"""Records messages: a thread writes them while the next ones come; who records never waits for a disk."""
+
+import logging
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.recording.chunk import Chunk
+from robbie_mp.recording.chunk_queue import BufferLimits, ChunkQueue
+from robbie_mp.recording.format import ChannelKey
+from robbie_mp.recording.log_writer import LogWriter
+from robbie_mp.recording.part_writer import RecordedChannel
+
+RETRY_S = 1.0
+"""After a write that failed; the messages wait meanwhile."""
+
+
+class RecordingFailed(RobbieError, RuntimeError):
+    """The thread that writes has ended with an error of ours."""
+
+
+class Recorder:
+    """Writes what it is given into a log.
+
+    All methods are for one thread; the log is written by another one.
+
+    Args:
+        make_writer: makes the writer; gets a function that returns the drops.
+        limits: of what waits in memory.
+        log: hears of disks that refuse to take anything.
+    """
+
+    def __init__(
+        self,
+        make_writer: Callable[[Callable[[], Mapping[ChannelKey, int]]], LogWriter],
+        limits: BufferLimits,
+        log: logging.Logger,
+    ):
+        self._queue = ChunkQueue(limits)
+        self._limits = limits
+        self._log = log
+        self._channels: dict[int, RecordedChannel] = {}
+        self._ids: dict[ChannelKey, int] = {}
+        self._dropped: defaultdict[ChannelKey, int] = defaultdict(int)
+        self._dropped_lock = threading.Lock()
+        self.recorded: defaultdict[int, int] = defaultdict(int)
+        """Messages in the log, by channel."""
+        self.error = ""
+        """Why nothing can be written at the moment."""
+        self._failure: BaseException | None = None
+        self._sync_due_ns: int | None = None
+        self.writer = make_writer(self.dropped)
+        self._thread = threading.Thread(target=self._run, name="log writer", daemon=True)
+        self._thread.start()
+
+    def channel(self, key: ChannelKey, schema: str) -> int:
+        """Return the number of a channel, a new one if it was not there."""
+        found = self._ids.get(key)
+        if found is None:
+            found = self._ids[key] = len(self._ids) + 1
+            self._channels[found] = RecordedChannel(found, key, schema)
+        return found
+
+    def record(self, channel_id: int, sequence: int, time_ns: int, data: bytes | memoryview) -> bool:
+        """Copy a message; False if it had to be dropped, for there was no room in memory.
+
+        Args:
+            channel_id: as `channel` returned it.
+            sequence: its place in the order of the run.
+            time_ns: when it was published, in ns since the epoch.
+            data: its encoding.
+
+        Raises:
+            RecordingFailed: nothing will ever be written any more.
+        """
+        if self._failure is not None:
+            raise RecordingFailed("the log is not written any more") from self._failure
+        if self._queue.add(channel_id, sequence, time_ns, data):
+            return True
+        self.count_dropped(self._channels[channel_id].key, 1)
+        return False
+
+    def count_dropped(self, key: ChannelKey, messages: int) -> None:
+        """Count messages that are missing in the log."""
+        with self._dropped_lock:
+            self._dropped[key] += messages
+
+    def dropped(self) -> dict[ChannelKey, int]:
+        """Return how many messages of which channels are missing."""
+        with self._dropped_lock:
+            return dict(self._dropped)
+
+    def counts(self) -> dict[ChannelKey, tuple[int, int]]:
+        """Return for each channel how many messages were recorded, and how many are missing."""
+        dropped = self.dropped()
+        recorded = {channel.key: self.recorded[id_] for id_, channel in self._channels.items()}
+        return {key: (recorded.get(key, 0), dropped.get(key, 0)) for key in (*recorded, *dropped)}
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes of messages in memory."""
+        return self._queue.waiting_bytes
+
+    def kept_s(self) -> float:
+        """How far back the messages in memory go."""
+        return self._queue.kept_s()
+
+    def write_kept(self) -> None:
+        """Write what was only kept until now, as a part of its own."""
+        self._queue.write_kept()
+
+    def close(self) -> None:
+        """Write what waits, end the log, and wait for it."""
+        self._queue.end()
+        self._thread.join()
+        if self._failure is not None:
+            raise RecordingFailed("the log was not written to its end") from self._failure
+
+    # -- the thread that writes ------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            while self._turn():
+                pass
+            self._attempt(self.writer.close)
+        except BaseException as failure:
+            self._failure = failure
+            self._log.exception("the log cannot be written")
+
+    def _turn(self) -> bool:
+        """Write a chunk or sync what was written; False at the end."""
+        queue = self._queue
+        chunk = queue.take(self._sync_due_ns)
+        if chunk is not None:
+            self._write(chunk)
+            queue.written(chunk)
+        due = self._sync_due_ns
+        if due is not None and (chunk is None or time.monotonic_ns() >= due):
+            self._sync_due_ns = None
+            self._attempt(self.writer.sync)
+        if chunk is None and self._limits.keep_s:
+            self._attempt(self.writer.end_part)
+        return chunk is not None or not queue.ended
+
+    def _write(self, chunk: Chunk) -> None:
+        """Write a chunk, however often it takes; at the end once more, and else it is lost."""
+        while not self._attempt(lambda: self.writer.write(chunk, self._channels)):
+            if self._queue.ended:
+                for id_, count in chunk.counts().items():
+                    self.count_dropped(self._channels[id_].key, count)
+                return
+            self._queue.sleep(RETRY_S)
+        for id_, count in chunk.counts().items():
+            self.recorded[id_] += count
+        if self._sync_due_ns is None:
+            self._sync_due_ns = chunk.opened_ns + round(self._limits.close_after_s * 1e9)
+
+    def _attempt(self, step: Callable[[], None]) -> bool:
+        try:
+            step()
+        except OSError as error:
+            if not self.error:
+                self._log.error("the log in %s cannot be written: %s", self.writer.folder, error)
+            self.error = str(error.strerror or error)
+            return False
+        if self.error:
+            self._log.warning("the log in %s is written again", self.writer.folder)
+            self.error = ""
+        return True
