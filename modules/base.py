@@ -10,6 +10,7 @@ from hw.drive import DriveCommandError, DriveState
 from hw.pose import Pose as Pose2D
 from hw.simulated_drive import SimulatedDrive, WorldState
 from robbie_mp.messages import (
+    BatteryState,
     DriveCommand,
     EmergencyStop,
     Header,
@@ -24,7 +25,7 @@ from robbie_mp.messages import (
     TwistWithCovariance,
     Vector3,
 )
-from robbie_mp.module import Module, setting
+from robbie_mp.module import MessageHandling, Module, setting
 from robbie_mp.settings import REQUIRED
 from workers.planar_pose import relative
 
@@ -57,6 +58,7 @@ class SimulatedBase(Module):
         self.stop_reason = "it was engaged before a restart" if self.drive.is_emergency_stopped else ""
         self.subscribe(DriveCommand, self.on_command)
         self.subscribe(EmergencyStop, self.on_emergency_stop, topic="emergency_stop")
+        self.subscribe(BatteryState, self.on_battery, MessageHandling.KEEP_ONLY_NEWEST, topic="battery")
 
     def on_command(self, command: DriveCommand) -> None:
         """Drive as told, for as long as the command is valid."""
@@ -78,6 +80,13 @@ class SimulatedBase(Module):
         else:
             self.drive.release()
             self.log.info("emergency stop released by %s: %s", self.envelope.sender, request.reason)
+
+    def on_battery(self, battery: BatteryState) -> None:
+        """Stand when there is no power to drive with."""
+        if battery.percentage <= 0 and not self.drive.is_emergency_stopped:
+            self.stop_reason = "the battery is empty"
+            self.drive.stop_for_emergency()
+            self.log.error("the battery is empty: the robot stands")
 
     def tick(self) -> None:
         """Publish odometry, the truth, and whether it is stopped; remember them."""

@@ -1,0 +1,60 @@
+"""The robot's battery."""
+
+import math
+from pathlib import Path
+
+from hw.drive import DriveState
+from hw.simulated_battery import BatteryModel, SimulatedBattery
+from modules.simulated_world import SharedWorld
+from robbie_mp.messages import BatteryState, Header
+from robbie_mp.module import Module, setting
+from robbie_mp.settings import REQUIRED
+
+
+class SimulatedBatteryModule(Module):
+    """A simulated battery that time and motion drain; publishes `BatteryState` on topic `battery`.
+
+    A restarted one holds what it held.
+    """
+
+    arena: Path = setting(REQUIRED, "the world the robot drives in (YAML)", must_exist=True)
+    capacity_ah: float = setting(5.0, "what it holds when full", minimum=0.001)
+    first_charge: float = setting(1.0, "what it holds at first, as a ratio", minimum=0.0, maximum=1.0)
+    period_s: float = setting(1.0, "time between messages", minimum=0.05)
+
+    def setup(self) -> None:
+        """Make the battery."""
+        full = self.first_charge * self.capacity_ah
+        charge_ah = full if self.restored is None else self.restored["charge_ah"]
+        self.battery = SimulatedBattery(BatteryModel(self.capacity_ah), charge_ah)
+        self.world = SharedWorld(self, self.arena, self.on_truth)
+
+    def on_truth(self, truth: DriveState) -> None:
+        """Drain the battery."""
+        self.battery.drain(truth)
+
+    def tick(self) -> None:
+        """Publish the battery's state, and remember it."""
+        if self.world.truth is None:
+            self.status = "waits for the simulated base"
+            return
+        reading = self.battery.read()
+        percentage = reading.charge_ah / reading.capacity_ah
+        self.publish(
+            BatteryState(
+                header=Header(stamp=self.world.stamp, frame_id="base_link"),
+                voltage=reading.voltage_v,
+                temperature=math.nan,
+                current=-reading.current_a,
+                charge=reading.charge_ah,
+                capacity=reading.capacity_ah,
+                design_capacity=reading.capacity_ah,
+                percentage=percentage,
+                power_supply_status=BatteryState.POWER_SUPPLY_STATUS_DISCHARGING,
+                power_supply_technology=BatteryState.POWER_SUPPLY_TECHNOLOGY_LION,
+                present=True,
+            ),
+            topic="battery",
+        )
+        self.checkpoint({"charge_ah": reading.charge_ah})
+        self.status = f"{percentage:.0%}, {reading.voltage_v:.1f} V, {reading.current_a:.1f} A"
