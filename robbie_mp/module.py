@@ -63,6 +63,12 @@ class Module:
 
     period_s: float | None = None
     """Time between ticks; None for a passive module."""
+    patience_s: float = 0.0
+    """How long messages may wait until this module takes them, many at once.
+
+    Who records or sums up saves itself, and everybody else, being woken for each message. On an ordered stop
+    what was published before is still handled. In lockstep every message is taken at once.
+    """
     follows_run_clock = True
     """Whether `clock` and ticks go by the run's time when a log plays or a simulation runs.
 

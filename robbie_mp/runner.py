@@ -9,7 +9,7 @@ from robbie_mp.module import Module
 from robbie_mp.setting_changes import SettingChanges
 from robbie_mp.ticks import LONGEST_WAIT_S, Ticks
 from robbie_mp.transport import layout
-from robbie_mp.transport.endpoint import Endpoint
+from robbie_mp.transport.endpoint import Delivery, Endpoint
 from robbie_mp.transport.histogram import WorkFigures
 from robbie_mp.transport.inbox import Inbox
 from robbie_mp.transport.layout import Activity
@@ -88,6 +88,8 @@ class ModuleRunner:
         self._ticks.begin()
         while not self._ends:
             self._turn()
+        if self._module.patience_s:
+            self._handle_the_rest()
         self._begin(Activity.TEARDOWN)
         self._module.teardown()
         self._idle()
@@ -111,10 +113,7 @@ class ModuleRunner:
         inbox = self._inbox
         delivery = inbox.take()
         if delivery is not None:
-            begun_ns = self._begin(_HANDLER | delivery.declaration << 8)
-            inbox.handle(delivery)
-            self._idle()
-            self._messages.record(begun_ns - delivery.stamp_ns, time.monotonic_ns() - begun_ns)
+            self._handle(delivery)
             if self._ends:
                 return
         if self._ticks.are_due():
@@ -123,6 +122,24 @@ class ModuleRunner:
             self._idle()
         elif delivery is None:
             self._wait()
+
+    def _handle(self, delivery: Delivery) -> None:
+        begun_ns = self._begin(_HANDLER | delivery.declaration << 8)
+        self._inbox.handle(delivery)
+        self._idle()
+        self._messages.record(begun_ns - delivery.stamp_ns, time.monotonic_ns() - begun_ns)
+
+    def _handle_the_rest(self) -> None:
+        """Handle what was published before the stop: it was not taken yet because this module is patient."""
+        begun_ns = time.monotonic_ns()
+        stamp_ns = 0
+        while stamp_ns <= begun_ns:
+            delivery = self._inbox.take()
+            if delivery is not None:
+                stamp_ns = delivery.stamp_ns
+                self._handle(delivery)
+            elif not self._wakeup.wait(LONGEST_WAIT_S):
+                return
 
     def _wait(self) -> None:
         woken = self._wakeup.wait(self._ticks.wait_s())

@@ -294,8 +294,14 @@ class Directory:
 
 
 def _connect(channel: Channel, entry: Subscription) -> None:
-    """Send a channel's messages to a subscription if it wants them and no pattern before it has them."""
+    """Send a channel's messages to a subscription if it wants them and no pattern before it has them.
+
+    Patterns come last: who asks for a type uses it, who asks by patterns records it or sends it on.
+    """
     if entry.matches(channel) and not (
         entry.pattern and any(other.pattern and other.slot == entry.slot for other in channel.subscriptions)
     ):
-        channel.subscriptions.append(entry)
+        place = len(channel.subscriptions)
+        while not entry.pattern and place and channel.subscriptions[place - 1].pattern:
+            place -= 1
+        channel.subscriptions.insert(place, entry)

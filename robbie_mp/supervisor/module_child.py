@@ -79,6 +79,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     changes = SettingChanges(module, bus, settings_file)
     wakeup = memory.wakeup
     wakeup.spin_s = planned.scheduling.spin_us / 1e6
+    wakeup.patience_s = 0.0 if plan.clock.lockstep else module.patience_s
     apply_scheduling(planned.scheduling, module.log)
     ticks: Ticks
     if plan.clock.lockstep and isinstance(clock, RunClock):
@@ -95,9 +96,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     checkpoints.close()
 
 
-def run_clock(
-    plan: RunPlan, name: str, module_class: type[Module], wakeup: Wakeup
-) -> SystemClock | RunClock:
+def run_clock(plan: RunPlan, name: str, module_class: type[Module], wakeup: Wakeup) -> SystemClock | RunClock:
     """Return the clock that a module goes by; if that is the run's, wait until its time has begun."""
     if plan.clock.source in (None, name) or not module_class.follows_run_clock:
         return SystemClock()

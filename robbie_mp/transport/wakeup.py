@@ -20,6 +20,8 @@ class Wakeup:
         self._semaphore = semaphore
         self.spin_s = 0.0
         """A wait looks for a post so long before it sleeps; other threads get the GIL only now and then."""
+        self.patience_s = 0.0
+        """A wait sleeps at least so long before it looks for a post: who posts meanwhile wakes nobody."""
         self.post = semaphore.release
 
     @classmethod
@@ -52,6 +54,10 @@ class Wakeup:
         The GIL is released meanwhile. All posts are taken at once because whoever wakes looks at everything.
         """
         semaphore = self._semaphore
+        if self.patience_s:
+            nap_s = self.patience_s if timeout_s is None else min(self.patience_s, timeout_s)
+            time.sleep(nap_s)
+            timeout_s = None if timeout_s is None else timeout_s - nap_s
         if self.spin_s:
             spin_s = self.spin_s if timeout_s is None else min(self.spin_s, timeout_s)
             end_ns = time.monotonic_ns() + spin_s * 1e9

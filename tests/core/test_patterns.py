@@ -93,6 +93,26 @@ def test_type_and_pattern_of_one_module_both_get_a_message() -> None:
     assert logger.handle_all() == [1, 1]
 
 
+def test_who_asks_for_a_type_is_sent_a_message_before_who_asks_by_patterns() -> None:
+    run = SimulatedRun()
+    logger = listening(run, "*", slot=2)
+    publisher = publishing(run)
+    channel = publisher.advertise()
+    run.run_core()
+    user = run.start(3)
+    user.subscribe()
+    user.ready()
+    run.run_core()
+    order: list[str] = []
+    for name, module in (("logger", logger), ("user", user)):
+        module.wake = lambda name=name: order.append(name)
+    for link in run.router._members.links:
+        link.wake = run.modules[link.slot, link.incarnation].wake
+    publisher.publish(channel, 1)
+    run.run_core()
+    assert order == ["user", "logger"]
+
+
 def test_pattern_takes_over_from_one_that_the_next_incarnation_does_not_want() -> None:
     run = SimulatedRun()
     publisher = publishing(run)

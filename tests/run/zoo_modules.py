@@ -66,6 +66,8 @@ class Listener(Journal):
 class PatternListener(Journal):
     """Journals the number of every message on the topic of wheels, which it takes as its bytes."""
 
+    patience_s = 0.1
+
     def setup(self) -> None:
         self.subscribe_encoded("robbie_msgs/*", self.on_message, topic="wh*")
         self.subscribe_encoded("*", self.on_message, topic="*s")
@@ -277,9 +279,7 @@ class Relay(Module):
             now = Time.from_nanoseconds(self.clock.now_ns())
             frame = f"{self.name}/{command.header.frame_id}"
             self.publish(
-                DriveCommand(
-                    header=Header(stamp=now, frame_id=frame), linear_m_per_s=command.linear_m_per_s
-                ),
+                DriveCommand(header=Header(stamp=now, frame_id=frame), linear_m_per_s=command.linear_m_per_s),
                 topic="relayed",
             )
 

@@ -42,6 +42,15 @@ def test_waiting_lets_other_threads_run(wakeup: Wakeup) -> None:
     poster.join()
 
 
+def test_patient_wait_leaves_posts_alone_for_a_while_and_takes_them_then(wakeup: Wakeup) -> None:
+    wakeup.patience_s = 0.02
+    wakeup.post()
+    started = time.monotonic()
+    assert wakeup.wait(10)
+    assert 0.02 <= time.monotonic() - started < 10
+    assert not wakeup.wait(0.001)
+
+
 def test_signal_ends_a_wait(wakeup: Wakeup) -> None:
     previous = signal.signal(signal.SIGALRM, lambda _signal, _frame: None)
     signal.setitimer(signal.ITIMER_REAL, 0.02)

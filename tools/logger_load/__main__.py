@@ -1,0 +1,123 @@
+"""Measures what recording everything costs: `python -m tools.logger_load [--seconds 60] [--json FILE]`.
+
+Twenty modules exchange images of 6.2 MB ten times a second and 2,000 small messages a second. They are
+measured without anybody who records, with a subscriber that takes everything and does nothing, and with the
+message logger, in turn and as many rounds as wanted.
+"""
+
+import argparse
+import json
+import signal
+import sys
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import yaml
+
+from tools.bench.machine import describe_machine
+from tools.bench.table import render
+from tools.logger_load.measure import CLASSES, WITHOUT, Result, measure
+
+GOAL = 1.2
+"""So much longer than without a logger messages may take."""
+COLUMNS = {
+    "small p50 us": lambda one: one["small"]["p50_us"],
+    "small p99 us": lambda one: one["small"]["p99_us"],
+    "image p50 us": lambda one: one["image"]["p50_us"],
+    "image p99 us": lambda one: one["image"]["p99_us"],
+    "logger %": lambda one: one.get("logger_percent"),
+    "core %": lambda one: one["core_percent"],
+    "machine %": lambda one: one["machine_percent"],
+    "disk MB/s": lambda one: one.get("disk_mb_per_s"),
+    "most waited": lambda one: one.get("waiting_peak"),
+    "dropped": lambda one: one["core_dropped"] + one["core_lost"] if "core_dropped" in one else None,
+    "left at end": lambda one: one.get("core_left"),
+    "dropped in log": lambda one: one.get("log_dropped"),
+    "log MB": lambda one: one.get("log_mb"),
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line."""
+    given = sys.argv[1:] if arguments is None else arguments
+    parsed = _parser().parse_args(given)
+    settings = dict(parsed.set)
+    results: list[Result] = []
+    machine = describe_machine()
+    for round_number in range(parsed.rounds):
+        for recorder in parsed.only.split(","):
+            results.append(measure(recorder, settings, parsed.seconds) | {"round": round_number})
+            print(json.dumps(results[-1]), file=sys.stderr, flush=True)
+    ratios = ratios_to_without(results)
+    print(f"\n{parsed.seconds:g} s, {parsed.rounds} rounds\n\n{as_table(results, ratios)}")
+    if parsed.json:
+        command = " ".join(["python -m tools.logger_load", *given])
+        report = {"machine": machine, "command": command, "results": results, "ratios": ratios}
+        parsed.json.write_text(json.dumps(report, indent=1))
+    return 0
+
+
+def ratios_to_without(results: list[Result]) -> dict[str, dict[str, float]]:
+    """Return for each recorder the median over rounds of how much longer messages took than without it."""
+    without = {one["round"]: one for one in results if one["recorder"] == WITHOUT}
+    found: dict[str, dict[str, float]] = {}
+    for recorder in CLASSES:
+        pairs = [
+            (one, without[one["round"]])
+            for one in results
+            if one["recorder"] == recorder and one["round"] in without
+        ]
+        if pairs:
+            found[recorder] = {
+                f"{kind} {quantile}": median(
+                    one[kind][f"{quantile}_us"] / other[kind][f"{quantile}_us"] for one, other in pairs
+                )
+                for kind in ("small", "image")
+                for quantile in ("p50", "p99")
+            }
+    return found
+
+
+def as_table(results: list[Result], ratios: dict[str, dict[str, float]]) -> str:
+    """Show each session as a row, and the ratios below."""
+    rows = [[one["recorder"], *(_cell(read(one)) for read in COLUMNS.values())] for one in results]
+    lines = [render(["recorder", *COLUMNS], rows), ""]
+    for recorder, kinds in ratios.items():
+        shown = ", ".join(
+            f"{kind} {value:.2f}{'' if value <= GOAL else ' !'}" for kind, value in kinds.items()
+        )
+        lines.append(f"{recorder} beside nobody (median of rounds; goal {GOAL}): {shown}")
+    return "\n".join(lines)
+
+
+def _cell(value: float | None) -> str:
+    return "" if value is None else f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.logger_load",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--seconds", type=float, default=60.0, help="how long each is measured")
+    add("--rounds", type=int, default=1, help="how often")
+    add("--only", default=",".join([WITHOUT, *CLASSES]), help="who records, in this order")
+    add("--set", type=_setting, action="append", default=[], metavar="KEY=VALUE", help="of the logger")
+    add("--json", type=Path, metavar="FILE", help="write the results here as well")
+    return parser
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    key, _, value = text.partition("=")
+    return key, yaml.safe_load(value)
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # what it started must not outlive it
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

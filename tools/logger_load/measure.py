@@ -1,0 +1,142 @@
+"""Runs the robot once, recorded or not, and says what came of it."""
+
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import yaml
+
+from robbie_mp.observe.figures import ModuleFigures, RunReading
+from robbie_mp.observe.rates import rates_between
+from robbie_mp.recording.format import counts_from_metadata
+from robbie_mp.recording.reader import open_log
+from robbie_mp.transport.histogram import Histogram
+from tools.bench.contender import work_folder
+from tools.kill_campaign.robot import Robot
+
+Result = dict[str, Any]
+
+MODULES = "tools.logger_load.modules"
+LOGGER = "logger"
+WITHOUT, TAKER, PATIENT, MESSAGE_LOGGER = "without", "taker", "patient", "logger"
+CLASSES = {
+    TAKER: f"{MODULES}:Taker",
+    PATIENT: f"{MODULES}:PatientTaker",
+    MESSAGE_LOGGER: "robbie_mp.services.message_logger:MessageLogger",
+}
+PAIRS = 9
+SMALL_HZ = 2000.0
+SETTLE_S = 3.0
+MEGABYTE = 1e6
+
+
+def profile(recorder: str, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Describe twenty modules, and who records them, if anybody: it comes first, so it stops last."""
+    modules: dict[str, Any] = {}
+    if recorder in CLASSES:
+        own = dict(settings) if recorder == MESSAGE_LOGGER else {}
+        modules[LOGGER] = {
+            "class": CLASSES[recorder],
+            "settings": own,
+            "queue": {"messages": 20_000, "bytes": 1 << 28},
+        }
+    modules["viewer"] = {"class": f"{MODULES}:Viewer"}
+    for number in range(PAIRS):
+        modules[f"listener{number}"] = {"class": f"{MODULES}:Listener", "settings": {"number": number}}
+    for number in range(PAIRS):
+        settings_of = {"number": number, "rate_hz": SMALL_HZ / PAIRS}
+        modules[f"talker{number}"] = {"class": f"{MODULES}:Talker", "settings": settings_of}
+    modules["camera"] = {"class": f"{MODULES}:Camera"}
+    return {"modules": modules}
+
+
+def measure(recorder: str, settings: Mapping[str, Any], seconds: float) -> Result:
+    """Run the robot for a while and return figures of that while, and of its log as a whole."""
+    with work_folder() as (_, folder):
+        (folder / "profiles").mkdir()
+        (folder / "profiles" / "load.yaml").write_text(yaml.safe_dump(profile(recorder, settings)))
+        robot = Robot(folder, folder, "load")
+        try:
+            robot.wait_until_running()
+            time.sleep(SETTLE_S)
+            assert robot.observer is not None
+            before, written = robot.observer.read(), _written_bytes(robot)
+            time.sleep(seconds)
+            now, written_now = robot.observer.read(), _written_bytes(robot)
+            summary = robot.stop()
+        finally:
+            robot.close()
+        result = {"recorder": recorder} | _figures(before, now)
+        if recorder in CLASSES:
+            took_s = (now.at_ns - before.at_ns) / 1e9
+            result["disk_mb_per_s"] = (written_now - written) / MEGABYTE / took_s
+            result |= _books(summary)
+        if recorder == MESSAGE_LOGGER:
+            result |= _log_figures(robot.output)
+        return result
+
+
+def _written_bytes(robot: Robot) -> int:
+    """What the recorder's process has given the disk to write so far."""
+    logger = robot.figures().get(LOGGER)
+    return psutil.Process(logger.pid).io_counters().write_bytes if logger is not None else 0
+
+
+def _figures(before: RunReading, now: RunReading) -> Result:
+    rates = rates_between(before, now)
+    listeners = [f"listener{number}" for number in range(PAIRS)]
+    result: Result = {
+        "routed_hz": rates.routed_hz,
+        "core_percent": rates.modules["core"].cpu_percent,
+        "machine_percent": sum(rates.cpu_percent) / len(rates.cpu_percent),
+        "refused": sum(module.refused for module in now.modules),
+        "small": _latency(before, now, listeners),
+        "image": _latency(before, now, ["viewer"]),
+    }
+    logger = now.module(LOGGER)
+    if logger is not None:
+        result["logger_percent"] = rates.modules[LOGGER].cpu_percent
+        result["waiting_peak"] = logger.waiting_peak
+    return result
+
+
+def _latency(before: RunReading, now: RunReading, names: Sequence[str]) -> Result:
+    """Describe the latencies of some modules together."""
+    earlier = _together([before.module(name) for name in names])
+    distribution = _together([now.module(name) for name in names]).distribution(earlier)
+    assert distribution.p50_s is not None
+    assert distribution.p99_s is not None
+    p50_us, p99_us = distribution.p50_s * 1e6, distribution.p99_s * 1e6
+    return {"count": distribution.count, "p50_us": p50_us, "p99_us": p99_us}
+
+
+def _together(modules: Sequence[ModuleFigures | None]) -> Histogram:
+    latencies = [module.work.latency for module in modules if module is not None and module.work is not None]
+    counts = np.sum([latency.counts for latency in latencies], axis=0)
+    return Histogram(
+        sum(latency.sum_ns for latency in latencies), max(latency.max_ns for latency in latencies), counts
+    )
+
+
+def _books(summary: Mapping[str, Any]) -> Result:
+    """What the core says of the recorder over the whole run."""
+    (logger,) = [module for module in summary["modules"] if module["name"] == LOGGER]
+    kept = {f"core_{kind}": logger[kind] for kind in ("handled", "left", "lost")}
+    return kept | {"core_dropped": logger["dropped"] - logger["left"]}
+
+
+def _log_figures(output: Path) -> Result:
+    """What the log says of itself, and what is in it."""
+    files = sorted(output.rglob("*.mcap"))
+    with open_log(files[0] if len(files) == 1 else files[0].parent) as log:
+        counts = counts_from_metadata(log.metadata("robbie_counts")[-1]).values()
+        return {
+            "log_mb": sum(file.stat().st_size for file in files) / MEGABYTE,
+            "log_messages": sum(log.counts.values()),
+            "log_recorded": sum(count.recorded for count in counts),
+            "log_dropped": sum(count.dropped for count in counts),
+            "log_complete": log.is_complete,
+        }
