@@ -71,6 +71,7 @@ from robbie_mp.messages.stock.robbie_msgs import (
     SimulatedWorld,
     Tick,
 )
+from robbie_mp.messages.stock.scene_msgs import SceneGraphState, SceneNodeState
 from robbie_mp.messages.stock.sensor_msgs import (
     BatteryState,
     CameraInfo,
@@ -141,6 +142,8 @@ __all__ = [
     "PoseWithCovariance",
     "Quaternion",
     "RegionOfInterest",
+    "SceneGraphState",
+    "SceneNodeState",
     "SchemaError",
     "SettingChange",
     "SettingChanged",

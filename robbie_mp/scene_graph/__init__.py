@@ -19,6 +19,7 @@ from robbie_mp.scene_graph.errors import (
     UnknownNode,
 )
 from robbie_mp.scene_graph.graph import SceneGraph
+from robbie_mp.scene_graph.listener import SceneGraphListener
 from robbie_mp.scene_graph.node import Joint, JointType, Mimic, Node
 from robbie_mp.scene_graph.rigid_transform import RigidTransform
 from robbie_mp.scene_graph.scene_file import read_scene
@@ -40,6 +41,7 @@ __all__ = [
     "SceneFileError",
     "SceneGraph",
     "SceneGraphError",
+    "SceneGraphListener",
     "TooNew",
     "TooOld",
     "UnknownNode",

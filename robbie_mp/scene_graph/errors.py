@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.profile.problem import Problem
+from robbie_mp.suggest import did_you_mean
 
 
 class SceneGraphError(RobbieError):
@@ -11,7 +12,22 @@ class SceneGraphError(RobbieError):
 
 
 class UnknownNode(SceneGraphError, LookupError):
-    """There is no node, or no joint, of this name; the text names near ones."""
+    """There is no node, or no joint, of this name; the text names near ones.
+
+    Args:
+        text: what is missing.
+        name: the name that was asked for.
+        known: all that there are.
+    """
+
+    def __init__(self, text: str, name: str = "", known: Iterable[str] = ()) -> None:
+        super().__init__(text)
+        self.name = name
+        self._known = tuple(known)
+
+    def __str__(self) -> str:
+        """Return the text; near names are looked for only now, since that takes long and is seldom read."""
+        return f"{self.args[0]}{did_you_mean(self.name, self._known)}"
 
 
 class NeverPlaced(SceneGraphError, LookupError):

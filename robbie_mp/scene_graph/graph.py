@@ -121,6 +121,28 @@ class SceneGraph:
             self._add_joint(node)
         self._place(node)
 
+    def hang(self, node: Node) -> None:
+        """Hang a node elsewhere, or otherwise: `node` takes the place of that of the same name.
+
+        What hangs on it goes with it. If it is floating, where it was is forgotten.
+
+        Raises:
+            UnknownNode: there is none of this name.
+            NotMovable: it moves by a joint, or would; such nodes stay where they are.
+            MissingParent, NodeCycle: it cannot hang there.
+        """
+        before = self._find(node.name).node
+        for each in (before, node):
+            if each.joint is not None and each.joint.type is not JointType.FLOATING:
+                raise NotMovable(f"node {node.name!r} cannot be hung elsewhere: it moves by a joint")
+        nodes = [node if placed is before else placed for placed in self]
+        for _, error in tree_problems(nodes):
+            raise error
+        self._floating.pop(node.name, None)
+        self._nodes.clear()
+        for each in parents_first(nodes):
+            self._place(each)
+
     def move(self, name: str, time_ns: int, pose: RigidTransform) -> None:
         """Say where a floating node was in its parent (X_PN) at a time.
 
@@ -191,20 +213,11 @@ class SceneGraph:
     def newest_common_ns(self, a: str, b: str) -> int:
         """Return the newest time for which X_AB is known; 0 if it never changes.
 
-        What holds its last place counts only if nothing else moves.
-
         Raises:
             UnknownNode, Disconnected, NeverPlaced: as for `pose`.
         """
-        histories = list(self._between(self._find(a), self._find(b)))
-        for history in histories:
-            if history.newest_ns is None:
-                history.at(0)  # raises NeverPlaced
-        moving = [history.newest_ns for history in histories if not history.holds]
-        held = [history.newest_ns for history in histories if history.holds]
-        return min((time for time in moving if time is not None), default=None) or max(
-            (time for time in held if time is not None), default=0
-        )
+        newest = [history.require_newest_ns() for history in self._between(self._find(a), self._find(b))]
+        return min(newest, default=0)
 
     def _between(self, a: PlacedNode, b: PlacedNode) -> Iterator[History[Pose7] | History[float]]:
         if a.body.root != b.body.root:
@@ -229,13 +242,13 @@ class SceneGraph:
     def _find(self, name: str) -> PlacedNode:
         placed = self._nodes.get(name)
         if placed is None:
-            raise UnknownNode(f"there is no node {name!r}{did_you_mean(name, self._nodes)}")
+            raise UnknownNode(f"there is no node {name!r}", name, self._nodes)
         return placed
 
     def _find_joint(self, name: str) -> tuple[Joint, History[float]]:
         found = self._joints.get(name)
         if found is None:
-            raise UnknownNode(f"there is no joint {name!r}{did_you_mean(name, self._joints)}")
+            raise UnknownNode(f"there is no joint {name!r}", name, self._joints)
         return found
 
     def _add_joint(self, node: Node) -> None:
@@ -244,7 +257,7 @@ class SceneGraph:
         if joint.name in self._joints:
             raise DuplicateNode(f"joint {joint.name!r} is there already")
         between = circular if joint.type is JointType.CONTINUOUS else linear
-        history = History(f"joint {joint.name!r}", between, *self._keep, joint.holds)
+        history = History(f"joint {joint.name!r}", between, *self._keep)
         self._joints[joint.name] = (joint, history)
 
     def _place(self, node: Node) -> None:
@@ -254,8 +267,8 @@ class SceneGraph:
         elif joint is None:
             placed = fixed_node(node, self._nodes[node.parent])
         elif joint.type is JointType.FLOATING:
-            history = History(f"the place of node {node.name!r}", interpolate, *self._keep, joint.holds)
-            self._floating[node.name] = history
+            made = History(f"the place of node {node.name!r}", interpolate, *self._keep)
+            history = self._floating.setdefault(node.name, made)
             placed = floating_node(node, self._nodes[node.parent], history)
         else:
             leader = joint.mimic.joint if joint.mimic else joint.name

@@ -20,19 +20,12 @@ class History(Generic[Value]):
         between: gives the value at a share (0 to 1) of the way from one to the next.
         keep_s: how much is remembered, back from the newest value.
         limit: how many values at most.
-        holds: the newest value counts for every later time.
     """
 
     def __init__(
-        self,
-        owner: str,
-        between: Callable[[Value, Value, float], Value],
-        keep_s: float,
-        limit: int,
-        holds: bool = False,
+        self, owner: str, between: Callable[[Value, Value, float], Value], keep_s: float, limit: int
     ):
         self.owner = owner
-        self.holds = holds
         self._between = between
         self._keep_s = keep_s
         self._keep_ns = round(keep_s * 1e9)
@@ -47,6 +40,16 @@ class History(Generic[Value]):
     def newest_ns(self) -> int | None:
         """Time of the newest value; None if there is none."""
         return self._times[-1] if self._times else None
+
+    def require_newest_ns(self) -> int:
+        """Return the time of the newest value.
+
+        Raises:
+            NeverPlaced: there is none.
+        """
+        if not self._times:
+            raise NeverPlaced(f"{self.owner} has never been given; it comes with messages")
+        return self._times[-1]
 
     def add(self, time_ns: int, value: Value) -> None:
         """Note a value. They may come late; a second one of the same time takes the first one's place.
@@ -84,11 +87,9 @@ class History(Generic[Value]):
         """
         times = self._times
         if not times:
-            raise NeverPlaced(f"{self.owner} has never been given; it comes with messages")
+            self.require_newest_ns()
         place = bisect_left(times, time_ns)
         if place == len(times):
-            if self.holds:
-                return self._values[-1]
             by_s = (time_ns - times[-1]) / 1e9
             raise TooNew(
                 f"{self.owner} is known until {seconds(times[-1])}; asked for {by_s:.6f} s after that, "

@@ -44,8 +44,6 @@ class Joint:
         axis: (3,) in the node's frame; is made a unit vector.
         limits: least and greatest position, rad or m; None if there are none.
         mimic: the joint it follows, if it has no position of its own.
-        holds: the last position counts until a newer one comes, as that of a correction does; otherwise times
-            after it are too new.
     """
 
     type: JointType
@@ -53,7 +51,6 @@ class Joint:
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     limits: tuple[float, float] | None = None
     mimic: Mimic | None = None
-    holds: bool = False
 
     def __post_init__(self) -> None:
         """Check what does not depend on other nodes.

@@ -19,7 +19,7 @@ from robbie_mp.suggest import did_you_mean
 
 FILE_KEYS = ("nodes", "include")
 PLACE_KEYS = ("parent", "translation", "quaternion", "rpy", "joint")
-JOINT_KEYS = ("type", "name", "axis", "limits", "mimic", "holds")
+JOINT_KEYS = ("type", "name", "axis", "limits", "mimic")
 INCLUDE_KEYS = ("file", "prefix", *PLACE_KEYS)
 MIMIC_KEYS = ("joint", "multiplier", "offset")
 URDF_SUFFIXES = (".urdf", ".xml")
@@ -137,7 +137,7 @@ def _joint(description: Description, fields: Fields) -> Joint | None:
         return None
     axis = fields.numbers("axis", 3) or (0.0, 0.0, 1.0)
     limits = fields.numbers("limits", 2)
-    name, holds, mimic = fields.text("name") or "", fields.boolean("holds"), _mimic(description, fields)
+    name, mimic = fields.text("name") or "", _mimic(description, fields)
 
     def make() -> Joint | None:
         return Joint(
@@ -146,7 +146,6 @@ def _joint(description: Description, fields: Fields) -> Joint | None:
             cast(tuple[float, float, float], axis),
             cast(tuple[float, float] | None, limits),
             mimic,
-            holds,
         )
 
     return description.attempt(fields.place, make, None)

@@ -56,13 +56,6 @@ class Fields:
             self._description.wrong(f"{self.path_of(key)}: missing; expected a text", self.place)
         return self.text(key) or ""
 
-    def boolean(self, key: str) -> bool:
-        """Return true or false; False if there is none."""
-        value = self.values[key].value if key in self.values else False
-        if not isinstance(value, bool):
-            self._wrong(key, "true or false", value)
-        return value is True
-
     def number(self, key: str, default: float) -> float:
         """Return a finite number."""
         if key not in self.values:

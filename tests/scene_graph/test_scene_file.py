@@ -20,7 +20,7 @@ from robbie_mp.scene_graph import (
 ROBOT = """\
 nodes:
   map:
-  odom: {parent: map, joint: {type: floating, holds: true}}
+  odom: {parent: map, joint: {type: floating}}
   base_link: {parent: odom, joint: {type: floating}}
   laser: {parent: base_link, translation: [0.2, 0, 0.3], rpy: [3.141592653589793, 0, 0]}
   camera:
@@ -49,7 +49,7 @@ def problems(file: Path) -> list[str]:
 def test_a_scene_file_describes_nodes(tmp_path: Path) -> None:
     nodes = {node.name: node for node in read_scene(write(tmp_path, ROBOT))}
     assert list(nodes) == ["map", "odom", "base_link", "laser", "camera", "lid"]
-    assert nodes["odom"] == Node("odom", "map", joint=Joint(JointType.FLOATING, holds=True))
+    assert nodes["odom"] == Node("odom", "map", joint=Joint(JointType.FLOATING))
     assert nodes["laser"].origin == RigidTransform.from_rpy((0.2, 0.0, 0.3), (math.pi, 0.0, 0.0))
     pan = nodes["camera"].joint
     assert pan == Joint(JointType.REVOLUTE, "pan", (0.0, 0.0, 1.0), (-1.5, 1.5))
@@ -116,10 +116,6 @@ def of_b(fields: str) -> str:
         (of_b("joint: {type: revolute}"), "3: a joint needs a name, unless it is floating: then it has none"),
         (of_b("joint: {name: j}"), "3: nodes.b.joint.type: missing; expected a text"),
         (of_b("joint: 5"), "3: nodes.b.joint: expected a map with keys such as 'type'"),
-        (
-            of_b("joint: {type: floating, holds: 1}"),
-            "3: nodes.b.joint.holds: expected true or false; got 1",
-        ),
         ("nodes:\n  a:\n  b: {parent: 3}", "3: nodes.b.parent: expected a text; got 3"),
         ("nodes: [a]", "1: nodes: expected a map of names to nodes"),
         ("include: {file: a}", "1: include: expected a list of maps"),

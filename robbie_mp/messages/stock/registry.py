@@ -8,6 +8,7 @@ from robbie_mp.messages.stock import (
     profiler_msgs,
     rcl_interfaces,
     robbie_msgs,
+    scene_msgs,
     sensor_msgs,
     tf2_msgs,
 )
@@ -39,6 +40,7 @@ def stock_registry() -> TypeRegistry:
             robbie_msgs.SimulatedWorld,
             robbie_msgs.VictimConfirmation,
             robbie_msgs.VictimFound,
+            scene_msgs.SceneGraphState,
             sensor_msgs.BatteryState,
             sensor_msgs.CameraInfo,
             sensor_msgs.CompressedImage,

@@ -1,0 +1,156 @@
+"""Applies what a robot says of its motion to its scene graph, and notes what has moved."""
+
+from collections.abc import Container
+
+from robbie_mp.messages import JointState, Odometry, PoseStamped
+from robbie_mp.scene_graph.conversion import from_pose
+from robbie_mp.scene_graph.errors import Disconnected, NeverPlaced, SceneGraphError, TooNew
+from robbie_mp.scene_graph.graph import SceneGraph
+from robbie_mp.scene_graph.rigid_transform import RigidTransform
+from robbie_mp.scene_graph.warn_once import WarnOnce
+
+
+class SceneUpdater:
+    """Moves the nodes of a scene graph as messages say.
+
+    What a message on a topic such as "red/odom" calls "base_link" is "red/base_link", if that is a node.
+    What cannot be applied is ignored, counted, and told once.
+
+    Args:
+        graph: what is to be moved.
+        base: the node whose pose map poses are, without prefix.
+        warnings: where to tell.
+    """
+
+    def __init__(self, graph: SceneGraph, base: str, warnings: WarnOnce):
+        self._graph = graph
+        self._base = base
+        self._warnings = warnings
+        self._nodes_of_joint: dict[str, list[str]] = {name: [] for name in graph.joints}
+        self._followers: set[str] = set()
+        for node in graph:
+            if node.joint is not None and node.joint.mimic is not None:
+                self._followers.add(node.joint.name)
+                self._nodes_of_joint[node.joint.mimic.joint].append(node.name)
+            elif node.joint is not None and node.joint.name:
+                self._nodes_of_joint[node.joint.name].append(node.name)
+        self._waiting: dict[str, PoseStamped] = {}
+        self.moved: dict[tuple[str, int], None] = {}
+        """What has moved and has not been taken yet: names of nodes, and times (ns)."""
+        self.corrections: dict[str, RigidTransform] = {}
+        """Poses of the nodes that were moved to make map poses come true; they hold until the next one."""
+
+    def take_moved(self) -> list[tuple[str, int]]:
+        """Return what has moved since the last time; corrections, too, up to the newest of these times."""
+        newest_ns = max((time_ns for _, time_ns in self.moved), default=None)
+        for name, pose in self.corrections.items():
+            if newest_ns is not None and newest_ns > (self._graph.newest_ns(name) or 0):
+                self._move(name, newest_ns, pose)
+        taken = list(self.moved)
+        self.moved.clear()
+        return taken
+
+    def forget(self) -> None:
+        """Forget where everything was."""
+        self._graph.forget()
+        self._waiting.clear()
+        self.moved.clear()
+        self.corrections.clear()
+
+    def add_joint_state(self, topic: str, state: JointState) -> None:
+        """Move joints."""
+        time_ns = state.header.stamp.nanoseconds
+        positions = state.position.tolist()
+        if len(positions) not in (0, len(state.name)):
+            text = f"{len(state.name)} names, but {len(positions)} positions"
+            self._warnings.ignore(f"a joint state on {topic!r}", text)
+            return
+        prefix = prefix_of(topic)
+        for given, position in zip(state.name, positions, strict=False):
+            name = _named(prefix, given, self._nodes_of_joint)
+            if name in self._nodes_of_joint or _named(prefix, given, self._followers) not in self._followers:
+                self._set_joint(name, time_ns, position)
+
+    def add_odometry(self, topic: str, odometry: Odometry) -> None:
+        """Move a robot in its odometry frame."""
+        prefix = prefix_of(topic)
+        name = _named(prefix, odometry.child_frame_id, self._graph)
+        parent = _named(prefix, odometry.header.frame_id, self._graph)
+        try:
+            hangs_on = self._graph.node(name).parent
+            if hangs_on != parent:
+                raise Disconnected(f"node {name!r} hangs on {hangs_on!r}, not on {parent!r}")
+            self._move(name, odometry.header.stamp.nanoseconds, from_pose(odometry.pose.pose))
+        except SceneGraphError as error:
+            self._warnings.ignore(f"odometry on {topic!r}", error)
+            return
+        waiting = self._waiting.pop(prefix, None)
+        if waiting is not None:
+            self.add_map_pose(topic, waiting)
+
+    def add_map_pose(self, topic: str, pose: PoseStamped) -> None:
+        """Move the odometry frame so that the robot is where its map pose says.
+
+        A map pose may come before the odometry of its time: then it waits for that.
+        """
+        prefix = prefix_of(topic)
+        try:
+            self._correct(prefix, pose)
+        except (TooNew, NeverPlaced):
+            self._waiting[prefix] = pose
+        except SceneGraphError as error:
+            self._warnings.ignore(f"a map pose on {topic!r}", error)
+
+    def hold(self, name: str, since_ns: int, pose: RigidTransform) -> None:
+        """Move a node to stay there until the next map pose."""
+        self._move(name, since_ns, pose)
+        self.corrections[name] = pose
+
+    def _correct(self, prefix: str, pose: PoseStamped) -> None:
+        time_ns = pose.header.stamp.nanoseconds
+        reference = _named(prefix, pose.header.frame_id, self._graph)
+        base = _named(prefix, self._base, self._graph)
+        corrected = self._child_on_the_way(reference, base)
+        X_MB = from_pose(pose.pose)
+        if corrected == base:
+            self._move(base, time_ns, X_MB)
+            return
+        X_MC = X_MB @ self._graph.pose(base, corrected, time_ns)
+        # What has been told of the past stays as it was told: the correction counts from now on.
+        self.hold(corrected, max(time_ns, self._graph.newest_ns(corrected) or time_ns), X_MC)
+
+    def _child_on_the_way(self, ancestor: str, name: str) -> str:
+        """Return the child of `ancestor` that is, or bears, the node `name`."""
+        above = self._graph.node(ancestor).name
+        node = self._graph.node(name)
+        while node.parent is not None:
+            if node.parent == above:
+                return node.name
+            node = self._graph.node(node.parent)
+        raise Disconnected(f"node {name!r} is not below {above!r}")
+
+    def _move(self, name: str, time_ns: int, pose: RigidTransform) -> None:
+        self._graph.move(name, time_ns, pose)
+        self.moved[name, time_ns] = None
+
+    def _set_joint(self, name: str, time_ns: int, position: float) -> None:
+        try:
+            joint = self._graph.joint(name)
+            self._graph.set_joint(name, time_ns, position)
+        except SceneGraphError as error:
+            self._warnings.ignore(f"position of joint {name!r}", error)
+            return
+        if not joint.allows(position):
+            self._warnings.say(f"joint {name!r}", f"is at {position:g}, beyond its limits {joint.limits}")
+        for node in self._nodes_of_joint[name]:
+            self.moved[node, time_ns] = None
+
+
+def prefix_of(name: str) -> str:
+    """Return what stands before the last part of a topic or name: "red/" of "red/odom", "" of "odom"."""
+    return name[: name.rfind("/") + 1]
+
+
+def _named(prefix: str, name: str, known: Container[str]) -> str:
+    """Return what a robot calls `name`, by its own prefix if that is known."""
+    return prefix + name if prefix and prefix + name in known else name

@@ -1,0 +1,124 @@
+"""The scene graph's service: keeps it up to date, and tells everybody."""
+
+from pathlib import Path
+from typing import Any
+
+from robbie_mp.messages import JointState, Odometry, PoseStamped, TimeJump
+from robbie_mp.module import Module, setting
+from robbie_mp.scene_graph import JointType, RigidTransform, SceneFileError, SceneGraph, read_scene
+from robbie_mp.scene_graph.announcing import fixed_transforms, state_of, transforms_at
+from robbie_mp.scene_graph.updating import SceneUpdater, prefix_of
+from robbie_mp.scene_graph.warn_once import WarnOnce
+from robbie_mp.settings import REQUIRED, SettingError
+
+MOVED_LIMIT = 2000
+"""Transforms in one message."""
+
+
+class SceneGraphService(Module):
+    """Applies joint states, odometry and map poses to the scene graph, and publishes what has changed.
+
+    It hears JointState on any topic, Odometry on `odom` and PoseStamped on `map_pose`; of robots whose nodes
+    have a prefix, as "red/base_link", on `red/odom` and `red/map_pose`. A map pose moves the node below its
+    frame that bears the robot: the odometry frame, by the correction that makes the map pose come true.
+
+    It publishes TFMessage on `tf` for what moves and, once in `repeat_s`, on `tf_static` for what is fixed;
+    and SceneGraphState, the whole of it.
+
+    Restarted, it holds the last corrections, and learns the rest from the next messages.
+    """
+
+    file: Path = setting(REQUIRED, "the scene graph (YAML or URDF)", must_exist=True)
+    base: str = setting("base_link", "the node whose pose map poses are, without its robot's prefix")
+    history_s: float = setting(10.0, "how much of the past is remembered", minimum=0.1)
+    period_s: float = setting(0.02, "least time between two messages on `tf`", minimum=0.001)
+    state_period_s: float = setting(0.1, "least time between two SceneGraphStates", minimum=0.001)
+    repeat_s: float = setting(1.0, "what does not change is said again after this time", minimum=0.01)
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Read the file, so that its mistakes are told before anything starts."""
+        file = settings["file"]
+        assert isinstance(file, Path)
+        try:
+            read_scene(file)
+        except SceneFileError as error:
+            raise SettingError(str(error), "file") from error
+
+    def setup(self) -> None:
+        """Read the graph; hear what moves it."""
+        self.graph = SceneGraph(read_scene(self.file), history_s=self.history_s)
+        self.warnings = WarnOnce(self.log)
+        self.updater = SceneUpdater(self.graph, self.base, self.warnings)
+        self.next_s = {"tf": 0.0, "state": 0.0, "repeat": 0.0}
+        self.state_changed = True
+        self.updates = 0
+        for name, (since_ns, *pose) in (self.restored or {}).items():
+            if name in self.graph and self.graph.node(name).joint_type is JointType.FLOATING:
+                self.updater.hold(name, since_ns, RigidTransform(*pose))
+        self.subscribe(JointState, self.on_joint_state)
+        self.subscribe(TimeJump, self.on_time_jump)
+        floating = [node.name for node in self.graph if node.joint_type is JointType.FLOATING]
+        for prefix in sorted(set(map(prefix_of, floating))):
+            self.subscribe(Odometry, self.on_odometry, topic=f"{prefix}odom")
+            self.subscribe(PoseStamped, self.on_map_pose, topic=f"{prefix}map_pose")
+
+    def on_joint_state(self, state: JointState) -> None:
+        """Move joints."""
+        self.updater.add_joint_state(self.envelope.topic, state)
+        self._tell_moved()
+
+    def on_odometry(self, odometry: Odometry) -> None:
+        """Move a robot."""
+        self.updater.add_odometry(self.envelope.topic, odometry)
+        self._tell_moved()
+
+    def on_map_pose(self, pose: PoseStamped) -> None:
+        """Move a robot's odometry frame."""
+        before = dict(self.updater.corrections)
+        self.updater.add_map_pose(self.envelope.topic, pose)
+        if self.updater.corrections != before:
+            self._remember()
+        self._tell_moved()
+
+    def on_time_jump(self, _jump: TimeJump) -> None:
+        """Forget where everything was."""
+        self.updater.forget()
+        self._remember()
+        self.state_changed = True
+
+    def tick(self) -> None:
+        """Tell what had to wait, and what is repeated."""
+        self._tell_moved()
+        now_s = self._now_s()
+        if now_s >= self.next_s["repeat"]:
+            self.next_s["repeat"] = now_s + self.repeat_s
+            self.publish(fixed_transforms(self.graph, self.clock.now_ns()), topic="tf_static")
+            self.state_changed = True
+        if self.state_changed and now_s >= self.next_s["state"]:
+            self.next_s["state"] = now_s + self.state_period_s
+            self.state_changed = False
+            self.publish(state_of(self.graph))
+        ignored = f", {self.warnings.ignored} ignored" if self.warnings.ignored else ""
+        self.status = f"{len(self.graph)} nodes, {self.updates} updates{ignored}"
+
+    def _tell_moved(self) -> None:
+        """Publish what has moved, unless that was done just now; then it waits for the tick."""
+        now_s = self._now_s()
+        waiting = len(self.updater.moved)
+        if not waiting or (now_s < self.next_s["tf"] and waiting < MOVED_LIMIT):
+            return
+        self.next_s["tf"] = now_s + self.period_s
+        moved = self.updater.take_moved()
+        self.updates += len(moved)
+        self.publish(transforms_at(self.graph, moved), topic="tf")
+        self.state_changed = True
+
+    def _remember(self) -> None:
+        state: dict[str, Any] = {
+            name: [self.graph.newest_ns(name), *pose] for name, pose in self.updater.corrections.items()
+        }
+        self.checkpoint(state)
+
+    def _now_s(self) -> float:
+        return self.clock.monotonic_ns() / 1e9
