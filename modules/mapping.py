@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from modules.planar_messages import laser_mount, planar, pose_stamped
 from robbie_mp.checkpoint.errors import CheckpointTooLarge
 from robbie_mp.messages import (
     Header,
@@ -16,21 +17,21 @@ from robbie_mp.messages import (
     Odometry,
     Point,
     Pose,
-    PoseStamped,
-    Quaternion,
     TFMessage,
     Time,
 )
 from robbie_mp.module import MessageHandling, Module, setting
 from workers.grid_mapper import GridMapper
+from workers.map_file import write_map
 from workers.map_picture import draw_map
 
 
 class Mapping(Module):
     """Feeds the mapper with every odometry message and every scan, and publishes what it finds.
 
-    On an ordered stop it writes `map.png`, `trajectory.txt` (lines of `t x y theta`: s, m, m, rad; map frame)
-    and `mapping.json` (what it has counted itself).
+    On an ordered stop it writes `map.png` (a picture), `map.yaml` with `map.pgm` (the map in the format of
+    ROS's map_server), `trajectory.txt` (lines of `t x y theta`: s, m, m, rad; map frame) and `mapping.json`
+    (what it has counted itself).
 
     Restarted, it goes on from its last checkpoint, as if the messages since then had never come: they are
     neither in the map nor in the counts. There is a checkpoint after every scan, as long as that is cheap.
@@ -62,24 +63,16 @@ class Mapping(Module):
 
     def on_transforms(self, message: TFMessage) -> None:
         """Learn where the laser sits on the robot."""
-        for transform in message.transforms:
-            if transform.child_frame_id == "laser" and not self.scans:
-                place = transform.transform
-                yaw_rad = place.rotation.yaw
-                self.mapper.laser_pose = np.array([place.translation.x, place.translation.y, yaw_rad])
+        mount = laser_mount(message)
+        if mount is not None and not self.scans:
+            self.mapper.laser_pose = mount
 
     def on_odometry(self, odometry: Odometry) -> None:
         """Add where the wheels say the robot is; publish where the map says it is."""
         self.odometry_messages += 1
         self.mapper.add_odometry(odometry.header.stamp.nanoseconds / 1e9, planar(odometry.pose.pose))
-        x_m, y_m, heading_rad = self.mapper.pose
-        self.publish(
-            PoseStamped(
-                header=Header(stamp=odometry.header.stamp, frame_id="map"),
-                pose=Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(heading_rad)),
-            ),
-            topic="map_pose",
-        )
+        header = Header(stamp=odometry.header.stamp, frame_id="map")
+        self.publish(pose_stamped(self.mapper.pose, header), topic="map_pose")
 
     def on_scan(self, scan: LaserScan) -> None:
         """Add a scan."""
@@ -154,6 +147,7 @@ class Mapping(Module):
         trajectory = self.mapper.trajectory()
         np.savetxt(self.output_directory / "trajectory.txt", trajectory, fmt=["%.6f", "%.6f", "%.6f", "%.8f"])
         cells, corner_m, resolution_m = self.mapper.grid()
+        write_map(self.output_directory / "map.yaml", cells, resolution_m, corner_m)
         draw_map(
             self.output_directory / "map.png",
             cells,
@@ -169,8 +163,3 @@ class Mapping(Module):
             "refused": dict(self.mapper.refused),
         }
         (self.output_directory / "mapping.json").write_text(json.dumps(counted, indent=2) + "\n")
-
-
-def planar(pose: Pose) -> tuple[float, float, float]:
-    """Return x (m), y (m) and heading (rad) of a pose."""
-    return pose.position.x, pose.position.y, pose.orientation.yaw

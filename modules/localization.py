@@ -1,0 +1,115 @@
+"""Localisation: where the robot is on a map that is given."""
+
+from pathlib import Path
+
+from modules.planar_messages import angles_rad, laser_mount, map_cells, planar, pose_stamped
+from robbie_mp.messages import (
+    Header,
+    LaserScan,
+    LocalizationState,
+    OccupancyGrid,
+    Odometry,
+    PoseStamped,
+    TFMessage,
+    Time,
+)
+from robbie_mp.module import MessageHandling, Module, setting
+from workers.likelihood_field import LikelihoodField
+from workers.localization import Localization, LocalizationSettings, Localizer
+from workers.map_file import read_map
+
+
+class MonteCarloLocalization(Module):
+    """Tells where the robot is on a map, which comes from a file or as a message.
+
+    It begins knowing nothing. As soon as it is sure, it publishes the robot's pose on topic `map_pose` with
+    every odometry message; before that, its best guess on `map_pose_guess`. Somebody who knows better may
+    publish a pose on `initial_pose`. Restarted, it goes on with the particles it had.
+    """
+
+    map_file: Path | None = setting(None, "map (YAML of ROS's map_server); null: comes as a message")
+    max_particles: int = setting(5_000, "never more than these", minimum=100, maximum=100_000)
+    candidates: int = setting(200_000, "places tried when the robot may be anywhere", minimum=1_000)
+    seed: int = setting(0, "of chance")
+
+    def setup(self) -> None:
+        """Read the map, if there is a file, and listen."""
+        self.localizer: Localizer | None = None
+        self.laser_pose = (0.0, 0.0, 0.0)
+        self.status = "waits for the map"
+        if self.map_file is not None:
+            there = read_map(self.map_file)
+            self._take_map(LikelihoodField(there.cells, there.resolution_m, there.corner_xy_m))
+        else:
+            self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST)
+        self.subscribe(Odometry, self.on_odometry, topic="odom")
+        self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST)
+        self.subscribe(TFMessage, self.on_transforms, topic="tf_static")
+        self.subscribe(PoseStamped, self.on_initial_pose, topic="initial_pose")
+
+    def on_map(self, grid: OccupancyGrid) -> None:
+        """Look for the robot on a new map."""
+        self._take_map(LikelihoodField(*map_cells(grid)))
+
+    def on_transforms(self, message: TFMessage) -> None:
+        """Learn where the laser sits on the robot."""
+        mount = laser_mount(message)
+        if mount is not None:
+            self.laser_pose = mount
+            if self.localizer is not None:
+                self.localizer.laser_pose = mount
+
+    def on_initial_pose(self, message: PoseStamped) -> None:
+        """Believe somebody who knows where the robot is, roughly."""
+        if self.localizer is not None:
+            self.localizer.start_at(planar(message.pose))
+            self.log.info("begins anew near %.2f m, %.2f m, %.2f rad", *planar(message.pose))
+
+    def on_odometry(self, odometry: Odometry) -> None:
+        """Move as the wheels say, and publish where that is."""
+        if self.localizer is None:
+            return
+        self.localizer.add_odometry(odometry.header.stamp.nanoseconds / 1e9, planar(odometry.pose.pose))
+        pose, newest = self.localizer.pose, self.localizer.newest
+        if pose is not None and newest is not None:
+            topic = "map_pose" if newest.converged else "map_pose_guess"
+            self.publish(pose_stamped(pose, Header(stamp=odometry.header.stamp, frame_id="map")), topic=topic)
+
+    def on_scan(self, scan: LaserScan) -> None:
+        """Compare a scan with the map."""
+        if self.localizer is None:
+            return
+        before = self.localizer.newest
+        stamp_s = scan.header.stamp.nanoseconds / 1e9
+        self.localizer.add_scan(stamp_s, scan.ranges, angles_rad(scan), scan.range_max)
+        newest = self.localizer.newest
+        if newest is not None and newest is not before:
+            self._tell(newest)
+            self.checkpoint(self.localizer.state())
+
+    def _take_map(self, field: LikelihoodField) -> None:
+        if self.localizer is not None:
+            self.localizer.field = field
+            return
+        settings = LocalizationSettings(max_particles=self.max_particles, candidates=self.candidates)
+        self.localizer = Localizer(field, settings, self.laser_pose, self.seed)
+        if self.restored is not None:
+            self.localizer.restore(self.restored)
+        self.status = "waits for laser and odometry"
+
+    def _tell(self, newest: Localization) -> None:
+        self.publish(
+            LocalizationState(
+                header=Header(stamp=Time.from_nanoseconds(round(newest.stamp_s * 1e9)), frame_id="map"),
+                converged=newest.converged,
+                spread_m=newest.spread_m,
+                spread_rad=newest.spread_rad,
+                agreement=newest.agreement,
+                particles=newest.particles,
+            )
+        )
+        self.show_state("CONVERGED" if newest.converged else "SEARCHING")
+        self.status = (
+            f"spread {newest.spread_m:.2f} m, {newest.spread_rad:.2f} rad; {newest.agreement:.0%} of returns "
+            f"on the map; {newest.particles} particles"
+        )

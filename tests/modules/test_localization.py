@@ -1,0 +1,102 @@
+"""The module of localisation, with a simulated robot in a building it has a map of."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from modules.localization import MonteCarloLocalization
+from robbie_mp.harness import ModuleHarness
+from robbie_mp.messages import (
+    Header,
+    LaserScan,
+    LocalizationState,
+    MapMetaData,
+    OccupancyGrid,
+    Odometry,
+    Point,
+    Pose,
+    PoseStamped,
+    PoseWithCovariance,
+    Quaternion,
+    Time,
+)
+from tools.localization_trials import RESOLUTION_M, Conditions, Drive
+from tools.random_rooms import drawn_map
+from workers.map_file import write_map
+
+Harness = ModuleHarness[MonteCarloLocalization]
+
+
+@pytest.fixture
+def drive() -> Drive:
+    return Drive(1, Conditions(width_m=8.0, height_m=6.0))
+
+
+@pytest.fixture
+def map_file(drive: Drive, tmp_path: Path) -> Path:
+    cells, corner = drawn_map(drive.arena, RESOLUTION_M)
+    write_map(tmp_path / "map.yaml", cells, RESOLUTION_M, corner)
+    return tmp_path / "map.yaml"
+
+
+def pose_of(x_m: float, y_m: float, heading_rad: float) -> Pose:
+    return Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(heading_rad))
+
+
+def along(drive: Drive, harness: Harness, way_m: float) -> Iterator[Pose]:
+    """Drive, and send the module what the robot's devices would say; yields the true poses."""
+    for truth in drive.steps(way_m):
+        wheels = drive.drive.read()
+        stamp = Time.from_nanoseconds(round(wheels.stamp_s * 1e9))
+        odometry = PoseWithCovariance(pose=pose_of(*wheels.pose))
+        harness.send(Odometry(header=Header(stamp=stamp), pose=odometry), topic="odom")
+        geometry, sweep = drive.laser.geometry, drive.laser.scan()
+        harness.send(
+            LaserScan(
+                header=Header(stamp=stamp),
+                angle_min=geometry.angle_min_rad,
+                angle_increment=geometry.angle_increment_rad,
+                range_max=geometry.range_max_m,
+                ranges=sweep.ranges_m,
+            )
+        )
+        yield truth
+
+
+def off_m(pose: PoseStamped, truth: Pose) -> float:
+    return float(np.hypot(pose.pose.position.x - truth[0], pose.pose.position.y - truth[1]))
+
+
+def test_pose_is_published_once_it_is_sure_and_survives_a_restart(drive: Drive, map_file: Path) -> None:
+    with ModuleHarness(MonteCarloLocalization, {"map_file": str(map_file)}) as harness:
+        for truth in along(drive, harness, 2.5):
+            pass
+        states = harness.take(LocalizationState)
+        assert not states[0].converged
+        assert states[-1].converged
+        assert off_m(harness.take(PoseStamped, "map_pose")[-1], truth) < 0.15
+        assert harness.take(PoseStamped, "map_pose_guess")
+        kept = harness.checkpoint
+    with ModuleHarness(MonteCarloLocalization, {"map_file": str(map_file)}, restored=kept) as restarted:
+        for truth in along(drive, restarted, 0.2):
+            pass
+        assert off_m(restarted.take(PoseStamped, "map_pose")[-1], truth) < 0.15
+        assert not restarted.take(PoseStamped, "map_pose_guess")
+
+
+def test_map_and_first_pose_come_as_messages(drive: Drive) -> None:
+    cells, corner = drawn_map(drive.arena, RESOLUTION_M)
+    info = MapMetaData(
+        resolution=RESOLUTION_M,
+        width=cells.shape[1],
+        height=cells.shape[0],
+        origin=pose_of(*corner.tolist(), 0.0),
+    )
+    with ModuleHarness(MonteCarloLocalization) as harness:
+        assert harness.module.status == "waits for the map"
+        harness.send(OccupancyGrid(info=info, data=cells.ravel()))
+        harness.send(PoseStamped(pose=pose_of(*drive.arena.start)), topic="initial_pose")
+        for truth in along(drive, harness, 0.3):
+            assert off_m(harness.take(PoseStamped)[-1], truth) < 0.3 or drive.way_m == 0.0

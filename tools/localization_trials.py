@@ -1,0 +1,227 @@
+"""Find robots that know nothing but the map: global localisation in random buildings, over many seeds.
+
+In each building a simulated robot stands anywhere. Somebody drives it around; laser and odometry (with slip)
+go to the localizer, which has the building's map. Measured is how far the robot has come when the localizer
+says that it is sure, and how far off the truth it is from then on; to be sure of a wrong place is a failure.
+With `--kidnap` the robot is then lifted and put down elsewhere, and measured is the way until it is found
+again.
+
+    python -m tools.localization_trials --seeds 20 [--kidnap] [--json]
+"""
+
+import argparse
+import json
+import math
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.laser import LaserGeometry
+from hw.pose import Pose
+from hw.simulated_drive import SimulatedDrive, WorldState
+from hw.simulated_laser import SimulatedLaser
+from tools.random_rooms import drawn_map, random_rooms
+from workers.collision_guard import CollisionGuard
+from workers.likelihood_field import LikelihoodField
+from workers.localization import Localizer
+from workers.navigation_grid import NavigationGrid
+from workers.path_follower import PathFollower
+from workers.path_planner import PathField
+from workers.planar_pose import wrap_angle
+
+RESOLUTION_M = 0.05
+STEP_S = 0.1
+CLEARANCE_M = 0.27
+RIGHT_M, RIGHT_RAD = 0.3, 0.2
+ON_AFTER_M = 5.0  # driven on once the robot is sure, to see whether it stays right
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """How hard it is.
+
+    Attributes:
+        width_m: Of the building.
+        height_m: The same in the other direction.
+        range_m: How far the laser sees.
+        view_deg: The angle over which it sees.
+    """
+
+    width_m: float = 14.0
+    height_m: float = 10.0
+    range_m: float = 10.0
+    view_deg: float = 360.0
+
+    def laser(self) -> LaserGeometry:
+        """Return such a laser, with a beam for each degree."""
+        view_rad, beams = math.radians(self.view_deg), round(self.view_deg)
+        return LaserGeometry(-view_rad / 2, view_rad / beams, beams, range_max_m=self.range_m)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """How one robot was found.
+
+    Attributes:
+        seed: Of the building, the start and all noise.
+        way_m: How far it had come when the localizer was sure; None if it never was.
+        worst_m: How far off the truth it was at worst from then on.
+        mean_m: The same on average.
+        recovery_m: How far it had come after being lifted until it was found again; None if it was not.
+        scan_ms: Time for one sweep and its odometry, on average.
+        first_scan_ms: Time for the first one, which looks everywhere.
+    """
+
+    seed: int
+    way_m: float | None
+    worst_m: float | None
+    mean_m: float | None
+    recovery_m: float | None
+    scan_ms: float
+    first_scan_ms: float
+
+
+class Operator:
+    """Drives a robot from one random place to the next; sees where it is."""
+
+    def __init__(self, grid: NavigationGrid, angles_rad: NDArray[np.float64], seed: int) -> None:
+        self._grid, self._random = grid, np.random.default_rng((seed, 7))
+        self._guard, self._follower = CollisionGuard(angles_rad), PathFollower()
+        self._blocked = 0
+
+    def speeds(self, pose: Pose, ranges_m: NDArray[np.float32]) -> tuple[float, float]:
+        """Return what to command."""
+        if self._blocked > 10 or not len(self._follower.path) or self._follower.is_arrived(pose):
+            self._follower.follow(self._way(pose))
+            self._blocked = 0
+        wanted = self._follower.velocity(pose)
+        allowed = self._guard.checked(ranges_m, wanted)
+        self._blocked = self._blocked + 1 if allowed[0] == 0.0 != wanted[0] else 0
+        return allowed
+
+    def elsewhere(self) -> Pose:
+        """Return any pose where the robot may stand."""
+        cells = np.argwhere(self._grid.drivable)
+        xy = self._grid.middles_m(cells[self._random.integers(len(cells))])
+        return Pose(*xy.tolist(), self._random.uniform(-np.pi, np.pi))
+
+    def _way(self, pose: Pose) -> NDArray[np.float64]:
+        start = self._grid.nearest(self._grid.drivable, pose, 1.0)
+        ways = PathField(self._grid, start)
+        reached = np.argwhere(np.isfinite(ways.cost_m))
+        goal = reached[self._random.integers(len(reached))]
+        return self._grid.middles_m(ways.path(tuple(goal)))
+
+
+class Drive:
+    """A simulated robot with its operator and its localizer, in simulated time."""
+
+    def __init__(self, seed: int, conditions: Conditions) -> None:
+        self.now_s, self.way_m, self._seed = 0.0, 0.0, seed
+        self.arena = random_rooms(seed, conditions.width_m, conditions.height_m)
+        cells, corner = drawn_map(self.arena, RESOLUTION_M)
+        self.localizer = Localizer(LikelihoodField(cells, RESOLUTION_M, corner), seed=seed)
+        self.laser = SimulatedLaser(self.arena, conditions.laser(), seed=seed)
+        self.angles = self.laser.geometry.angles_rad()
+        self.operator = Operator(NavigationGrid(cells, RESOLUTION_M, corner, CLEARANCE_M), self.angles, seed)
+        self.drive = SimulatedDrive(self.arena, lambda: self.now_s, seed)
+        self.busy_s: list[float] = []
+
+    def steps(self, way_m: float) -> Iterator[Pose]:
+        """Drive so far; yields the true pose after each sweep."""
+        end_m = self.way_m + way_m
+        while self.way_m < end_m:
+            truth, wheels = self.drive.ground_truth(), self.drive.read()
+            self.laser.place(truth.pose, truth.stamp_s)
+            sweep = self.laser.scan()
+            began = time.process_time()
+            self.localizer.add_odometry(wheels.stamp_s, wheels.pose)
+            range_max_m = self.laser.geometry.range_max_m
+            self.localizer.add_scan(sweep.stamp_s, sweep.ranges_m, self.angles, range_max_m)
+            self.busy_s.append(time.process_time() - began)
+            yield truth.pose
+            self.drive.command(*self.operator.speeds(truth.pose, sweep.ranges_m), valid_for_s=0.4)
+            self.now_s += STEP_S
+            self.way_m += abs(self.drive.read().linear_m_per_s) * STEP_S
+
+    def lift(self) -> None:
+        """Put the robot down somewhere else; its wheels notice nothing."""
+        odometry = self.drive.world_state().odometry
+        world = WorldState(self.operator.elsewhere(), odometry)
+        self.drive = SimulatedDrive(self.arena, lambda: self.now_s, self._seed, resumed=world)
+
+    def way_until_sure(self, limit_m: float) -> float | None:
+        """Drive until the localizer is sure and right; None if it is not, or sure of a wrong place."""
+        begin_m, lost = self.way_m, not self._converged
+        for truth in self.steps(limit_m):
+            lost = lost or not self._converged or not self.is_right(truth)
+            if self._converged and (self.is_right(truth) or begin_m == 0.0):
+                return self.way_m - begin_m if self.is_right(truth) else None
+        return None
+
+    @property
+    def _converged(self) -> bool:
+        return self.localizer.newest is not None and self.localizer.newest.converged
+
+    def off_m(self, truth: Pose) -> float:
+        """Return how far the localizer is off."""
+        return float(np.hypot(*(self.localizer.pose[:2] - truth[:2])))
+
+    def is_right(self, truth: Pose) -> bool:
+        """Say whether the localizer knows where the robot is."""
+        turned = abs(float(wrap_angle(self.localizer.pose[2] - truth[2])))
+        return self.off_m(truth) < RIGHT_M and turned < RIGHT_RAD
+
+
+def run_trial(seed: int, conditions: Conditions, limit_m: float, kidnap: bool) -> Trial:
+    """Find one robot."""
+    drive = Drive(seed, conditions)
+    way_m = drive.way_until_sure(limit_m)
+    off = [drive.off_m(truth) for truth in drive.steps(ON_AFTER_M)] if way_m is not None else []
+    recovery_m = None
+    if kidnap and off:
+        drive.lift()
+        recovery_m = drive.way_until_sure(2 * limit_m)
+    return Trial(
+        seed,
+        way_m,
+        max(off, default=None),
+        float(np.mean(off)) if off else None,
+        recovery_m,
+        1e3 * float(np.mean(drive.busy_s[1:])),
+        1e3 * drive.busy_s[0],
+    )
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; returns its exit code: 0 if 19 of 20 were found, else 1."""
+    described = __doc__.splitlines()[0]
+    parser = argparse.ArgumentParser(prog="python -m tools.localization_trials", description=described)
+    parser.add_argument("--seeds", type=int, default=20, help="how many buildings (20)")
+    parser.add_argument("--first", type=int, default=0, help="the first seed (0)")
+    parser.add_argument("--limit", type=float, default=20.0, help="m that may be driven until sure (20)")
+    parser.add_argument("--kidnap", action="store_true", help="lift the robot when it has been found")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    for name, field in Conditions.__dataclass_fields__.items():
+        parser.add_argument(f"--{name.replace('_', '-')}", type=float, default=field.default)
+    options = parser.parse_args(arguments)
+    conditions = Conditions(*(getattr(options, name) for name in Conditions.__dataclass_fields__))
+    trials = []
+    for seed in range(options.first, options.first + options.seeds):
+        trials.append(run_trial(seed, conditions, options.limit, options.kidnap))
+        if not options.json:
+            print(trials[-1], flush=True)
+    found = sum(trial.way_m is not None and trial.worst_m < RIGHT_M for trial in trials)
+    if options.json:
+        print(json.dumps({"found": found, "trials": [asdict(trial) for trial in trials]}))
+    else:
+        print(f"{found} of {len(trials)} found within {options.limit:g} m")
+    return 0 if found >= 0.95 * len(trials) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
