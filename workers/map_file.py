@@ -44,6 +44,8 @@ def write_map(path: Path, cells: NDArray[np.int8], resolution_m: float, corner_x
         resolution_m: Edge of a cell.
         corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
     """
+    if cells.size == 0:  # an image has at least one pixel
+        cells = np.full((1, 1), -1, dtype=np.int8)
     shades = np.where(cells >= OCCUPIED_PERCENT, OCCUPIED_SHADE, FREE_SHADE)
     shades = np.where(cells < 0, UNKNOWN_SHADE, shades).astype(np.uint8)
     image = path.with_suffix(".pgm")

@@ -22,6 +22,11 @@ def test_image_has_its_uppermost_row_first(tmp_path):
     assert np.asarray(Image.open(tmp_path / "map.pgm"))[0].tolist() == [205, 254, 0]
 
 
+def test_empty_map_is_written_as_one_unknown_cell(tmp_path):
+    write_map(tmp_path / "map.yaml", np.zeros((0, 0), dtype=np.int8), 0.05, (0, 0))
+    assert read_map(tmp_path / "map.yaml").cells.tolist() == [[-1]]
+
+
 def test_negated_map_is_read(tmp_path):
     write_map(tmp_path / "map.yaml", CELLS, 0.05, (0, 0))
     text = (tmp_path / "map.yaml").read_text()
