@@ -38,7 +38,7 @@ class TimedTicks:
         module: whose ticks they are.
         clock: what they are timed by.
         words: the module's out segment, for the counters.
-        longest_wait_s: look up so often, whatever the clock says.
+        longest_wait_s: look at the clock so often.
     """
 
     def __init__(self, module: Module, clock: TickClock, words: Words, longest_wait_s: float):
@@ -73,7 +73,7 @@ class TimedTicks:
     def wait_s(self) -> float:
         """How long to wait for messages until then."""
         if self._module.period_s is None:
-            return self._longest_wait_s
+            return LONGEST_WAIT_S
         return min(self._longest_wait_s, self._clock.machine_s_until(self._due_ns))
 
     def run(self) -> None:
