@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from robbie_mp.bus import EncodedMessage
-from robbie_mp.messages import DriveCommand, Duration, Header, Image, ModuleState, Time
+from robbie_mp.messages import DriveCommand, Duration, EmergencyStop, Header, Image, ModuleState, Time
 from robbie_mp.module import MessageHandling, Module, setting
 from robbie_mp.settings import SettingError
 
@@ -311,3 +311,21 @@ class Chronicle(Module):
     def write(self, line: str) -> None:
         with open(self.file, "a") as file:
             file.write(line + "\n")
+
+
+class StandingBase(Module):
+    """Answers emergency stops as a base does."""
+
+    period_s = 0.05
+
+    def setup(self) -> None:
+        self.engaged = False
+        self.status = "StandingBase is ready"
+        self.subscribe(EmergencyStop, self.on_request, topic="emergency_stop")
+
+    def on_request(self, request: EmergencyStop) -> None:
+        self.engaged = request.engaged
+        self.status = f"STOPPED: {request.reason}" if self.engaged else "StandingBase is ready"
+
+    def tick(self) -> None:
+        self.publish(EmergencyStop(engaged=self.engaged), topic="emergency_stop_state")

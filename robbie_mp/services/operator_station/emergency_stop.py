@@ -1,0 +1,64 @@
+"""The emergency stop: always in sight, on a key, latched by the base and released on purpose only."""
+
+from nicegui import ui
+
+from robbie_mp.messages import EmergencyStop, Header, Time
+from robbie_mp.module import MessageHandling, Module
+from robbie_mp.services.operator_station.access import Role
+from robbie_mp.services.operator_station.panel import Latest, Page
+
+REQUEST_TOPIC = "emergency_stop"
+STATE_TOPIC = "emergency_stop_state"
+KEY = "Escape"
+
+
+class EmergencyStopBar:
+    """The button at the top of every page, and what the base has answered."""
+
+    def __init__(self, station: Module):
+        self._station = station
+        self._state: Latest[EmergencyStop] = Latest()
+        station.subscribe(
+            EmergencyStop, self._state.put, MessageHandling.KEEP_ONLY_NEWEST, topic=STATE_TOPIC
+        )
+
+    @property
+    def is_engaged(self) -> bool:
+        """Whether the base has said that it stands and stays."""
+        return self._state.message is not None and self._state.message.engaged
+
+    def request(self, *, engaged: bool, reason: str) -> None:
+        """Ask the base to stop and stay, or to be ready to drive again."""
+        header = Header(stamp=Time.from_nanoseconds(self._station.clock.now_ns()))
+        message = EmergencyStop(header=header, engaged=engaged, reason=reason)
+        if not self._station.publish(message, topic=REQUEST_TOPIC):
+            ui.notify("the emergency stop was not sent: the robot's memory is full", type="negative")
+
+    def build(self, page: Page) -> None:
+        """Make button and indicator for a page. Everybody may stop the robot; operators release it."""
+
+        def stop() -> None:
+            self.request(engaged=True, reason="stopped by hand on the operator's page")
+
+        def release() -> None:
+            dialog.close()
+            self.request(engaged=False, reason="released by hand on the operator's page")
+
+        button = ui.button("EMERGENCY STOP", on_click=stop, icon="dangerous", color="red-10")
+        button.props('size=lg id=emergency-stop aria-keyshortcuts="Escape"').classes("font-bold")
+        ui.keyboard(lambda event: stop() if event.key == KEY and event.action.keydown else None, ignore=[])
+        shown = ui.badge("").props("id=emergency-stop-state").classes("text-lg p-2")
+        with ui.dialog() as dialog, ui.card():
+            ui.label("Release the emergency stop? The robot may move at once.")
+            with ui.row():
+                ui.button("Release", on_click=release, color="orange-10").props("id=confirm-release")
+                ui.button("Keep it stopped", on_click=dialog.close)
+        again = ui.button("Release …", on_click=dialog.open).props("id=release-emergency-stop")
+
+        def update() -> None:
+            state = self._state.message
+            shown.set_text("base silent" if state is None else "STOPPED" if state.engaged else "ready")
+            shown.props(f"color={'grey' if state is None else 'red' if state.engaged else 'green-9'}")
+            again.set_visibility(self.is_engaged and page.role is Role.OPERATOR)
+
+        ui.timer(0.1, update)

@@ -1,0 +1,55 @@
+"""The page as a whole: the bar at the top, and a tab for each panel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from robbie_mp.services.operator_station.access import Role
+from robbie_mp.services.operator_station.gate import SESSION_COOKIE
+from robbie_mp.services.operator_station.panel import Page, Panel
+
+if TYPE_CHECKING:
+    from robbie_mp.services.operator_station.emergency_stop import EmergencyStopBar
+    from robbie_mp.services.operator_station.station import OperatorStation
+
+
+def build_page(
+    station: OperatorStation, emergency_stop: EmergencyStopBar, panels: Sequence[tuple[Panel, str]]
+) -> None:
+    """Make the elements of a page that has just been opened.
+
+    Args:
+        station: whose page it is.
+        emergency_stop: what is always in sight.
+        panels: each with its title.
+    """
+    client = ui.context.client
+    cookies = client.request.cookies if client.request else {}
+    role = station.access.role_of(cookies.get(SESSION_COOKIE)) or Role.OBSERVER
+    page = Page(client.id, role)
+    station.opened(page)
+    client.on_delete(lambda: station.closed(page))
+    with ui.header().classes("items-center q-py-xs"):
+        ui.label(f"Robbie · {station.run_id}").classes("text-lg")
+        ui.badge(role.name.lower()).props("outline id=role color=white")
+        ui.space()
+        emergency_stop.build(page)
+    with ui.tabs().classes("w-full") as tabs:
+        made = {
+            panel.name: ui.tab(panel.name, title, panel.icon).props(f"id=tab-{panel.name}")
+            for panel, title in panels
+        }
+    first = next(iter(made))
+    page.tab = first
+    with ui.tab_panels(tabs, value=first, animated=False, keep_alive=True).classes("w-full"):
+        for panel, _ in panels:
+            with ui.tab_panel(panel.name).props(f"id=panel-{panel.name}"):
+                panel.build(page)
+
+    def turn_to(name: str) -> None:
+        page.tab = name
+
+    tabs.on_value_change(lambda event: turn_to(str(event.value)))

@@ -1,0 +1,85 @@
+"""What every panel of the page is: subscribed once, built for each page that is opened."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
+
+from nicegui import ui
+
+if TYPE_CHECKING:
+    from robbie_mp.messages import Message
+    from robbie_mp.services.operator_station.access import Role
+    from robbie_mp.services.operator_station.station import OperatorStation
+
+MessageType = TypeVar("MessageType", bound="Message")
+
+
+class Latest(Generic[MessageType]):
+    """The newest message of a kind: put here by the module's thread, looked at by the pages'.
+
+    Attributes:
+        message: None before the first one.
+        count: how many there have been, so that a page can tell whether it has shown this one.
+    """
+
+    def __init__(self) -> None:
+        self.message: MessageType | None = None
+        self.count = 0
+
+    def put(self, message: MessageType) -> None:
+        """Take the place of the one before."""
+        self.message = message
+        self.count += 1
+
+
+class Page:
+    """One page that is open in a browser.
+
+    Args:
+        key: names it among all that are open.
+        role: what its visitor may do.
+    """
+
+    def __init__(self, key: str, role: Role):
+        self.key = key
+        self.role = role
+        self.tab = ""
+        """Name of the panel that is looked at."""
+
+    def every(self, period_s: float, panel: str, update: Callable[[], None]) -> None:
+        """Have something done while a panel is looked at, and not while it is not."""
+
+        def due() -> None:
+            if self.tab == panel:
+                update()
+
+        ui.timer(period_s, due)
+
+
+class Panel(ABC):
+    """One tab of the page.
+
+    Args:
+        station: the module; messages are subscribed to in the constructor, and published from any thread.
+    """
+
+    name: ClassVar[str]
+    """By which the profile arranges it."""
+    title: ClassVar[str]
+    icon: ClassVar[str]
+    """A name of the Material Icons that come with NiceGUI."""
+
+    def __init__(self, station: OperatorStation):
+        self.station = station
+
+    def tick(self) -> None:  # noqa: B027 - most panels have nothing to do
+        """Do what is done once for all pages; runs in the module's thread, at each of its ticks."""
+
+    def close(self) -> None:  # noqa: B027
+        """Let go of what was opened."""
+
+    @abstractmethod
+    def build(self, page: Page) -> None:
+        """Make the panel's elements for a page; runs in the page server's thread, and must not block."""

@@ -1,0 +1,95 @@
+"""The page server in a thread of the module's process."""
+
+import socket
+import threading
+import time
+
+import uvicorn
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.services.operator_station.gate import App
+
+START_LIMIT_S = 10.0
+STOP_LIMIT_S = 2.0
+
+
+class AddressUnusable(RobbieError, OSError):
+    """Nobody can listen on the address that the profile gives.
+
+    Example scenarios:
+      - another program, or another robot's station, uses the port
+      - the host is no address of this machine
+    """
+
+
+class ServerFailed(RobbieError, RuntimeError):
+    """The page server did not start, or has ended."""
+
+
+class PageServer:
+    """Serves an application until it is closed.
+
+    Args:
+        app: what answers.
+        host: address to listen on.
+        port: 0 takes any that is free.
+
+    Raises:
+        AddressUnusable: the address is taken, or not this machine's.
+    """
+
+    def __init__(self, app: App, host: str, port: int):
+        try:
+            self._socket = socket.create_server((host, port), family=_family(host))
+        except OSError as error:
+            raise AddressUnusable(
+                f"cannot listen on {host}, port {port}: {error.strerror or error}; "
+                "set another host or port for the operator station"
+            ) from error
+        self.port: int = self._socket.getsockname()[1]
+        # wsproto, for uvicorn's other one is built on what its library calls obsolete.
+        config = uvicorn.Config(
+            app,
+            log_config=None,
+            log_level="warning",
+            access_log=False,
+            ws="wsproto",
+            timeout_graceful_shutdown=1,
+        )
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(
+            target=self._server.run, args=([self._socket],), name="page server", daemon=True
+        )
+
+    def start(self) -> None:
+        """Begin to serve.
+
+        Raises:
+            ServerFailed: it does not come up.
+        """
+        self._thread.start()
+        deadline_s = time.monotonic() + START_LIMIT_S
+        while not self._server.started:
+            if not self._thread.is_alive() or time.monotonic() > deadline_s:
+                raise ServerFailed("the page server did not start; the trace of this module says why")
+            time.sleep(0.005)
+
+    def check(self) -> None:
+        """See that it still serves.
+
+        Raises:
+            ServerFailed: it does not.
+        """
+        if not self._thread.is_alive():
+            raise ServerFailed("the page server has ended; the trace of this module says why")
+
+    def close(self) -> None:
+        """End it; whoever still looks is cut off."""
+        self._server.should_exit = True
+        if self._thread.is_alive():
+            self._thread.join(STOP_LIMIT_S)
+        self._socket.close()
+
+
+def _family(host: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in host else socket.AF_INET

@@ -1,0 +1,156 @@
+"""Nobody steers the robot who should not: tokens, sessions, origins, and one driver at a time."""
+
+import asyncio
+import logging
+from typing import Any
+
+import pytest
+from starlette.types import Message, Scope
+
+from robbie_mp.harness import ModuleHarness
+from robbie_mp.services.operator_station import OperatorStation
+from robbie_mp.services.operator_station.access import SESSIONS, Access, DriversSeat, Role
+from robbie_mp.services.operator_station.gate import SESSION_COOKIE, Gate
+from robbie_mp.services.operator_station.server import AddressUnusable, PageServer
+from robbie_mp.settings import SettingError
+
+OPERATOR, OBSERVER = "correct-horse-battery", "only-looking-please"
+
+
+class Visitor:
+    """Sends requests through a gate, behind which an application answers 200."""
+
+    def __init__(self, operator_token: str = "", observer_token: str = ""):
+        self.access = Access(operator_token, observer_token)
+        self.gate = Gate(self._behind, self.access, logging.getLogger("gate"))
+        self.reached = 0
+
+    async def _behind(self, scope: Scope, receive: Any, send: Any) -> None:
+        self.reached += 1
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await send({"type": "http.response.body", "body": b""})
+
+    def ask(
+        self, path: str = "/", method: str = "GET", kind: str = "http", body: bytes = b"", **headers: str
+    ) -> list[Message]:
+        headers = {"host": "127.0.0.1:8080", **headers}
+        scope: Scope = {
+            "type": kind,
+            "path": path,
+            "method": method,
+            "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
+            "client": ("192.0.2.7", 1234),
+        }
+        sent: list[Message] = []
+
+        async def receive() -> Message:
+            return {"type": "http.request", "body": body, "more_body": False}
+
+        async def send(message: Message) -> None:
+            sent.append(message)
+
+        asyncio.run(self.gate(scope, receive, send))
+        return sent
+
+    def status(self, *arguments: Any, **headers: Any) -> int:
+        return int(self.ask(*arguments, **headers)[0]["status"])
+
+    def log_in(self, token: str) -> str | None:
+        answer = self.ask("/login", "POST", body=f"token={token}".encode())[0]
+        cookies = [value.decode() for name, value in answer["headers"] if name == b"set-cookie"]
+        assert all("HttpOnly" in cookie and "SameSite=strict" in cookie for cookie in cookies)
+        return cookies[0].split(";")[0] if cookies else None
+
+
+def test_on_the_machine_itself_nobody_is_asked() -> None:
+    visitor = Visitor()
+    assert visitor.status() == 200
+    assert visitor.access.role_of(None) is Role.OPERATOR
+
+
+def test_without_token_nothing_is_served_and_no_connection_is_opened() -> None:
+    visitor = Visitor(OPERATOR)
+    assert visitor.status() == 303
+    assert visitor.status("/_nicegui/secret") == 401
+    assert visitor.ask("/socket.io/", kind="websocket") == [{"type": "websocket.close", "code": 1008}]
+    assert visitor.status(cookie=f"{SESSION_COOKIE}=guessed") == 303
+    assert visitor.status(cookie="\x00;;;=") == 303
+    assert visitor.reached == 0
+
+
+def test_wrong_token_is_refused_and_traced(caplog: pytest.LogCaptureFixture) -> None:
+    visitor = Visitor(OPERATOR, OBSERVER)
+    assert visitor.log_in("wrong") is None
+    assert visitor.log_in("") is None
+    assert "wrong token from 192.0.2.7" in caplog.text
+
+
+@pytest.mark.parametrize(("token", "role"), [(OPERATOR, Role.OPERATOR), (OBSERVER, Role.OBSERVER)])
+def test_token_gives_its_role(token: str, role: Role) -> None:
+    visitor = Visitor(OPERATOR, OBSERVER)
+    cookie = visitor.log_in(token)
+    assert cookie is not None
+    assert visitor.status(cookie=cookie) == 200
+    assert visitor.access.role_of(cookie.partition("=")[2]) is role
+
+
+def test_requests_that_another_site_sends_are_refused(caplog: pytest.LogCaptureFixture) -> None:
+    visitor = Visitor()
+    assert visitor.status(origin="http://evil.example") == 403
+    assert visitor.status(origin="http://127.0.0.1:9999") == 403
+    assert visitor.ask("/socket.io/", kind="websocket", origin="null")[0]["type"] == "websocket.close"
+    assert visitor.status(origin="http://127.0.0.1:8080") == 200
+    assert "evil.example" in caplog.text
+
+
+def test_name_from_a_strangers_dns_does_not_reach_an_open_station() -> None:
+    visitor = Visitor()
+    assert visitor.status(host="evil.example:8080") == 403
+    assert visitor.status(host="localhost:8080") == 200
+    assert visitor.status(host="[::1]:8080") == 200
+
+
+def test_sessions_are_bounded_and_the_one_used_least_lately_goes() -> None:
+    access = Access(OPERATOR, "")
+    sessions = [access.log_in(OPERATOR) for _ in range(SESSIONS)]
+    assert access.role_of(sessions[0]) is Role.OPERATOR
+    access.log_in(OPERATOR)
+    assert access.role_of(sessions[0]) is Role.OPERATOR
+    assert access.role_of(sessions[1]) is None
+
+
+def test_one_page_drives_until_another_takes_over_on_purpose() -> None:
+    seat = DriversSeat()
+    assert seat.take("first")
+    assert not seat.take("second")
+    assert seat.take("second", over=True)
+    seat.leave("first")
+    assert seat.holder == "second"
+    seat.leave("second")
+    assert seat.take("first")
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        ({"host": "0.0.0.0"}, "set operator_token"),
+        ({"operator_token": "short"}, "at least 16 characters"),
+        ({"observer_token": OBSERVER}, "must be an operator_token"),
+        ({"tabs": {"sistem": None}}, "there is no panel 'sistem'"),
+    ],
+)
+def test_unsafe_or_wrong_settings_are_errors_before_anything_starts(
+    settings: dict[str, Any], expected: str
+) -> None:
+    with pytest.raises(SettingError, match=expected):
+        ModuleHarness(OperatorStation, settings)
+
+
+def test_port_that_is_taken_is_a_clear_error() -> None:
+    async def app(_scope: Scope, _receive: Any, _send: Any) -> None:
+        """Answer nobody."""
+
+    first = PageServer(app, "127.0.0.1", 0)
+    with pytest.raises(AddressUnusable, match=f"port {first.port}: .*set another host or port"):
+        PageServer(app, "127.0.0.1", first.port)
+    first.close()

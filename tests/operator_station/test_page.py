@@ -1,0 +1,53 @@
+"""The page in a real browser: what it shows is so, and what is pressed happens."""
+
+import re
+
+import pytest
+
+from tests.operator_station.browser import browser, needs_chromium, page_of
+from tests.run.robot import Ended, Robot
+
+pytestmark = [needs_chromium, pytest.mark.timeout(180)]
+PROFILE = """
+modules:
+  operator:
+    class: robbie_mp.services.operator_station:OperatorStation
+    settings: {port: 0}
+  base: {class: "zoo.modules:StandingBase"}
+"""
+
+
+def address_of(robot: Robot) -> str:
+    figures = robot.until(lambda modules: "http://" in modules["operator"]["status"])
+    found = re.search(r"http://\S+/", figures["operator"]["status"])
+    assert found
+    return found[0]
+
+
+def test_page_shows_the_processes_and_the_emergency_stop_reaches_the_base_and_latches(robot: Robot) -> None:
+    robot.write_profile(PROFILE)
+    process = robot.start()
+    address = address_of(robot)
+    with browser() as started, page_of(started, address) as page:
+        page.wait_for_selector("#panel-system td:has-text('StandingBase is ready')")
+        for name in ("supervisor", "operator", "base", "core"):
+            assert page.locator(f"#panel-system td:text-is('{name}')").count() == 1
+        assert page.inner_text("#role") == "operator"
+        page.wait_for_selector("#emergency-stop-state:has-text('ready')")
+
+        page.keyboard.press("Escape")
+        page.wait_for_selector("#emergency-stop-state:has-text('STOPPED')")
+        assert robot.top()["base"]["status"].startswith("STOPPED: stopped by hand")
+        page.click("#release-emergency-stop")
+        page.click("text=Keep it stopped")
+        assert page.inner_text("#emergency-stop-state") == "STOPPED"
+        page.click("#release-emergency-stop")
+        page.click("#confirm-release")
+        page.wait_for_selector("#emergency-stop-state:has-text('ready')")
+        page.click("#emergency-stop")
+        page.wait_for_selector("#emergency-stop-state:has-text('STOPPED')")
+    process.terminate()
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    assert ended.modules["operator"]["state"] == "STOPPED"
+    assert "SIGKILL" not in ended.stderr
