@@ -14,7 +14,7 @@ from robbie_mp.scene_graph.errors import (
 )
 from robbie_mp.scene_graph.history import History, circular, linear
 from robbie_mp.scene_graph.node import Joint, JointType, Node
-from robbie_mp.scene_graph.rigid_transform import Pose7, RigidTransform, compose, interpolate, invert
+from robbie_mp.scene_graph.rigid_transform import Pose7, RigidTransform, compose, interpolate, relative
 from robbie_mp.scene_graph.tree_check import is_joint, parents_first, tree_problems
 from robbie_mp.suggest import did_you_mean
 
@@ -34,7 +34,7 @@ class SceneGraph:
         X_ML = graph.pose("map", "laser", time_ns)
 
     All frames that no joint separates are one rigid body. An answer composes one pose for each joint on the
-    way, so its cost grows with their number, and not with that of nodes.
+    way, so its cost grows with their number, and not with that of the nodes.
 
     Args:
         nodes: in any order. There may be several trees, but no pose leads from one to the other.
@@ -208,7 +208,7 @@ class SceneGraph:
             else:
                 pose_a = compose(of_a.pose_at(time_ns), pose_a)
                 of_a = of_a.parent  # type: ignore[assignment]
-        return RigidTransform(*compose(invert(pose_a), pose_b))
+        return RigidTransform._make(relative(pose_a, pose_b))
 
     def newest_common_ns(self, a: str, b: str) -> int:
         """Return the newest time for which X_AB is known; 0 if it never changes.

@@ -100,7 +100,7 @@ class RigidTransform(NamedTuple):
 
     def inverse(self) -> "RigidTransform":
         """Return X_BA."""
-        return RigidTransform(*invert(self))
+        return RigidTransform(*relative(self, IDENTITY))
 
     def apply(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return points (N, 3) or (3,), m, B frame, as they are in A."""
@@ -128,12 +128,22 @@ def compose(first: Pose7, second: Pose7) -> Pose7:
     )
 
 
-def invert(pose: Pose7) -> Pose7:
-    """Return X_BA of X_AB."""
-    x, y, z, qx, qy, qz, qw = pose
-    back = (0.0, 0.0, 0.0, -qx, -qy, -qz, qw)
-    turned = compose(back, (-x, -y, -z, 0.0, 0.0, 0.0, 1.0))
-    return (turned[0], turned[1], turned[2], -qx, -qy, -qz, qw)
+def relative(first: Pose7, second: Pose7) -> Pose7:
+    """Return X_BC of X_AB and X_AC."""
+    px, py, pz, ax, ay, az, aw = first
+    x, y, z, bx, by, bz, bw = second
+    x, y, z = x - px, y - py, z - pz
+    # As in `compose`, with the inverse of the first quaternion.
+    tx, ty, tz = 2.0 * (az * y - ay * z), 2.0 * (ax * z - az * x), 2.0 * (ay * x - ax * y)
+    return (
+        x + aw * tx - ay * tz + az * ty,
+        y + aw * ty - az * tx + ax * tz,
+        z + aw * tz - ax * ty + ay * tx,
+        aw * bx - ax * bw - ay * bz + az * by,
+        aw * by + ax * bz - ay * bw - az * bx,
+        aw * bz - ax * by + ay * bx - az * bw,
+        aw * bw + ax * bx + ay * by + az * bz,
+    )
 
 
 def interpolate(first: Pose7, second: Pose7, share: float) -> Pose7:

@@ -1,0 +1,53 @@
+"""The stock robot's scene graph says of its devices what they say themselves."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from hw.camera import CameraGeometry
+from hw.laser import LaserGeometry
+from hw.pan_tilt import PanTiltLimits
+from modules.base import SimulatedBase
+from modules.pan_tilt import SimulatedPanTiltModule
+from robbie_mp.harness import ModuleHarness
+from robbie_mp.messages import Odometry, PanTiltCommand, PoseStamped
+from robbie_mp.scene_graph import SceneGraph, read_scene
+from robbie_mp.services.scene_graph import SceneGraphService
+
+HW = Path(__file__).parents[2] / "hw"
+SCENE = HW / "robots" / "rescue.yaml"
+
+
+def test_devices_sit_and_turn_where_the_scene_says() -> None:
+    graph = SceneGraph(read_scene(SCENE))
+    camera, laser, limits = CameraGeometry(), LaserGeometry(), PanTiltLimits()
+    for joint in ("pan", "tilt"):
+        graph.set_joint(joint, 0, 0.0)
+    assert graph.pose("base_link", "camera_optical").translation == pytest.approx(camera.mount_m)
+    place = graph.pose("base_link", "laser")
+    assert (place.x, place.y, place.yaw) == laser.mount
+    assert graph.joint("pan").limits == (-limits.pan_rad, limits.pan_rad)
+    assert graph.joint("tilt").limits == (-limits.tilt_up_rad, limits.tilt_down_rad)
+
+
+def test_messages_of_the_stock_modules_move_it() -> None:
+    with (
+        ModuleHarness(SceneGraphService, {"file": str(SCENE)}) as scene,
+        ModuleHarness(SimulatedBase, {"arena": str(HW / "arenas" / "demo.yaml")}) as base,
+        ModuleHarness(SimulatedPanTiltModule) as pan_tilt,
+    ):
+        pan_tilt.send(PanTiltCommand(pan_rad=0.5, tilt_rad=0.25))
+        pan_tilt.advance(5.0)
+        base.advance(5.0)
+        truth = base.take(Odometry, "ground_truth")[-1]
+        for message, topic in (*base.published, *pan_tilt.published):
+            scene.send(message, topic=topic)
+        scene.send(PoseStamped(header=truth.header), topic="map_pose")
+        # What the camera looks at, 1 m ahead: to the left, and below the horizon.
+        ahead = scene.module.graph.pose("base_link", "camera_optical").apply([0.0, 0.0, 1.0])
+        level = math.cos(0.25)
+        expected = [0.1 + level * math.cos(0.5), level * math.sin(0.5), 0.35 - math.sin(0.25)]
+        assert ahead == pytest.approx(expected)
+        assert scene.module.graph.pose("map", "base_link").x == pytest.approx(0.0)
+        assert scene.module.warnings.ignored == 0
