@@ -152,6 +152,8 @@ def interpolate(first: Pose7, second: Pose7, share: float) -> Pose7:
     The translation is interpolated linearly; the rotation at constant angular velocity, the shorter way round
     (slerp: Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985).
     """
+    if first == second:  # as corrections are most of the time
+        return first
     px, py, pz, ax, ay, az, aw = first
     x, y, z, bx, by, bz, bw = second
     if ax * bx + ay * by + az * bz + aw * bw < 0.0:
