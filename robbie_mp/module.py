@@ -1,7 +1,7 @@
 """What a module author subclasses."""
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from enum import Enum
@@ -106,10 +106,19 @@ class Module:
         """
 
     @classmethod
-    def further_types(cls, settings: dict[str, object]) -> "Iterable[TypeDescription]":
+    def further_types(
+        cls, settings: dict[str, object], others: Collection[str]
+    ) -> "Iterable[TypeDescription]":
         """Describe message types that it publishes and that no class declares, for who attaches to the run.
 
         Called after `check`, with the same settings. Types that have a class are known without this.
+
+        Args:
+            settings: complete and checked.
+            others: names of the profile's other modules.
+
+        Raises:
+            SettingError: it could not publish them.
         """
         return ()
 

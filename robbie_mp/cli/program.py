@@ -11,6 +11,8 @@ from robbie_mp.errors import RobbieError
 
 COMMANDS = (
     "run",
+    "play",
+    "playback",
     "list",
     "type",
     "echo",

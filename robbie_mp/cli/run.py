@@ -16,7 +16,7 @@ from robbie_mp.cli.profile import add_profile_arguments
 from robbie_mp.cli.screen import RunScreen
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.model import Profile
-from robbie_mp.profile.preflight import preflight
+from robbie_mp.profile.preflight import Preflight, preflight
 from robbie_mp.supervisor.run import RunResult, default_output_directory, run_profile
 
 if TYPE_CHECKING:
@@ -39,17 +39,22 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         ],
     )
     add_profile_arguments(parser)
-    parser.add_argument(
-        "--output", type=Path, metavar="DIR", help="where results and logs go (output/PROFILE/TIME)"
-    )
+    add_output_arguments(parser)
     parser.add_argument(
         "--fresh",
         action="store_true",
         help="set aside the checkpoints that earlier runs left on disk (state/PROFILE/MODULE.checkpoint)",
     )
+    parser.set_defaults(command=run)
+
+
+def add_output_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of commands that run a robot: where it writes, and what is said of it."""
+    parser.add_argument(
+        "--output", type=Path, metavar="DIR", help="where results and logs go (output/PROFILE/TIME)"
+    )
     parser.add_argument("--quiet", action="store_true", help="print only the summary and what failed")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
-    parser.set_defaults(command=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -58,6 +63,11 @@ def run(arguments: argparse.Namespace) -> int:
     findings = preflight(profile)
     if arguments.fresh:
         _set_checkpoints_aside(profile)
+    return run_robot(profile, findings, arguments)
+
+
+def run_robot(profile: Profile, findings: Preflight, arguments: argparse.Namespace) -> int:
+    """Run a checked profile to its end, show what happens, and sum it up."""
     output = arguments.output or default_output_directory(profile.name, datetime.now())
     screen = RunScreen(quiet=arguments.quiet or arguments.json)
     started_s = time.monotonic()

@@ -40,11 +40,13 @@ def main() -> None:
     except Exception:
         _emit(events, {"useless": traceback.format_exc()})
         raise
+    _emit(events, {"ready": True})
     for module in request["modules"]:
         # If who asked is killed, nobody ends us in a hanging import but this.
         signal.setitimer(signal.ITIMER_REAL, request["timeout_s"] + 1)
         _emit(events, {"begin": module["name"]})
-        result = _examine(module, base, Path(request["workspace"]))
+        others = [name for name in request["names"] if name != module["name"]]
+        result = _examine(module, base, Path(request["workspace"]), others)
         if os.getpid() != this_process:  # the import has forked
             os._exit(0)
         _emit(events, {"result": result})
@@ -67,7 +69,9 @@ def _emit(events: TextIO, event: dict[str, object]) -> None:
     events.flush()
 
 
-def _examine(module: dict[str, Any], base: type, workspace: Path) -> dict[str, object]:
+def _examine(
+    module: dict[str, Any], base: type, workspace: Path, others: list[str]
+) -> dict[str, object]:
     """Return what is wrong with a module and its complete settings, or the failure of its own code."""
     errors: list[tuple[tuple[str, ...], str]] = []
     settings: dict[str, object] = {}
@@ -80,7 +84,7 @@ def _examine(module: dict[str, Any], base: type, workspace: Path) -> dict[str, o
         errors += [(("settings", error.setting), str(error)) for error in found]
         if not errors:
             _hook(cls, "check")(dict(settings))
-            further += _hook(cls, "further_types")(dict(settings)) or ()
+            further += _hook(cls, "further_types")(dict(settings), others) or ()
     except SettingError as error:
         errors.append((("settings", error.setting), str(error)))
     except NotAModule as error:
@@ -92,9 +96,9 @@ def _examine(module: dict[str, Any], base: type, workspace: Path) -> dict[str, o
     return {"errors": errors, "settings": settings, "failure": failure, "types": known}
 
 
-def _hook(cls: type, name: str) -> Callable[[dict[str, object]], Any]:
+def _hook(cls: type, name: str) -> Callable[..., Any]:
     """Return a method of a module's class; one that does nothing if the class has none."""
-    found: Callable[[dict[str, object]], Any] = getattr(cls, name, lambda _settings: None)
+    found: Callable[..., Any] = getattr(cls, name, lambda *_: None)
     return found
 
 

@@ -17,6 +17,8 @@ import robbie_mp
 from robbie_mp.errors import RobbieError
 from robbie_mp.profile.model import ModuleSpec, Profile
 
+START_TIME_S = 30.0
+"""How long the checking process may take until it begins: no module's fault on a busy machine."""
 CLOSING_TIME_S = 2.0
 """How long the checking process may live on after it has closed its output."""
 
@@ -41,6 +43,7 @@ def check_events(
         "workspace": str(profile.workspace),
         "base_class": base_class,
         "timeout_s": timeout_s,
+        "names": [module.name for module in profile.modules],
         "modules": [
             {
                 "name": module.name,
@@ -58,6 +61,8 @@ def check_events(
                 yield {"broken": f"did not finish within {timeout_s:g} s"}
                 return
             event = json.loads(line)
+            if "ready" in event:
+                continue
             yield event
             if "end" in event or "useless" in event:
                 return
@@ -95,12 +100,14 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 
 def _lines(stream: IO[bytes], timeout_s: float) -> Iterator[bytes | None]:
-    """Yield each line of a pipe; None instead of one that does not come in time."""
+    """Yield each line of a pipe; None instead of one that does not come in time, the first one apart."""
     poll = select.poll()
     poll.register(stream, select.POLLIN)
     pending = b""
+    limit_s = max(timeout_s, START_TIME_S)
     while True:
-        deadline = time.monotonic() + timeout_s
+        deadline = time.monotonic() + limit_s
+        limit_s = timeout_s
         while b"\n" not in pending:
             if not poll.poll(max(0.0, deadline - time.monotonic()) * 1000):
                 yield None

@@ -1,0 +1,111 @@
+"""`robbie playback ORDER`: steer the playback of a run."""
+
+import argparse
+import math
+import secrets
+from contextlib import closing
+from typing import TYPE_CHECKING
+
+from robbie_mp.attachment import Attachment
+from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.play import rate
+from robbie_mp.cli.runs import add_run_argument, choose_run
+from robbie_mp.declarations import read_declarations
+from robbie_mp.errors import RobbieError
+from robbie_mp.messages import PlaybackControl, PlaybackState
+from robbie_mp.playback.player import ControlRefused
+from robbie_mp.supervisor.run_directory import KnownRun
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+TIMEOUT_S = 5.0
+
+
+class NoPlayback(RobbieError, TimeoutError):
+    """Nobody in the run follows an order to a playback."""
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `playback` to the commands."""
+    parser = add_command(
+        subparsers,
+        "playback",
+        "steer the playback of a run",
+        "Pause, resume and step a playback, and change its place and rate, while it runs.",
+        [
+            "robbie playback pause",
+            "robbie playback step",
+            "robbie playback seek 12.5",
+            "robbie playback rate 4",
+        ],
+    )
+    orders = parser.add_subparsers(title="orders", metavar="ORDER", required=True)
+    for name, meaning in (
+        ("pause", "let messages and time stand still"),
+        ("resume", "go on"),
+        ("step", "pause, and play the next message"),
+    ):
+        add_run_argument(add_command(orders, name, meaning, meaning, [f"robbie playback {name}"]))
+    seek = add_command(orders, "seek", "go elsewhere", "Go to another place.", ["robbie playback seek 12.5"])
+    seek.add_argument("value", metavar="S", type=float, help="s after the log's begin")
+    pace = add_command(
+        orders, "rate", "change the rate", "Play faster or slower.", ["robbie playback rate 4"]
+    )
+    pace.add_argument(
+        "value", metavar="R|max", type=rate, help="times real time; max: as fast as nothing is lost"
+    )
+    for name, order in orders.choices.items():
+        order.set_defaults(command=steer, order=name)
+    for order in (seek, pace):
+        add_run_argument(order)
+
+
+def steer(arguments: argparse.Namespace) -> int:
+    """Give an order, and print where the playback stands then."""
+    state = give_order(choose_run(arguments.run), arguments.order, getattr(arguments, "value", 0.0))
+    print(describe(state))
+    return 0
+
+
+def give_order(run: KnownRun, order: str, value: float) -> PlaybackState:
+    """Give an order to the playback of a run, and return where that stands then.
+
+    Raises:
+        ControlRefused: it cannot follow the order.
+        NoPlayback: there is none, or it is busy.
+    """
+    request = secrets.randbits(63)
+    with closing(Attachment(run, f"robbie playback {order}")) as attachment:
+        attachment.subscribe(PlaybackState.type_name, PlaybackState.version)
+        attachment.ready()
+        if not attachment.wait_for(lambda: attachment.is_subscribed() and _plays(run), TIMEOUT_S):
+            raise NoPlayback(f"there is no playback in run {run.run_id}; `robbie play` starts one")
+        attachment.publish(PlaybackControl(request=request, command=order, value=value), "")
+        answer: list[PlaybackState] = []
+
+        def has_answered() -> bool:
+            while not answer and (received := attachment.take()):
+                state = PlaybackState.decode(received.data)
+                answer.extend([state] if state.request == request else [])
+            return bool(answer)
+
+        if not attachment.wait_for(has_answered, TIMEOUT_S):
+            raise NoPlayback(f"the playback of run {run.run_id} has not answered within {TIMEOUT_S:g} s")
+    if answer[0].error:
+        raise ControlRefused(answer[0].error)
+    return answer[0]
+
+
+def _plays(run: KnownRun) -> bool:
+    """Whether a playback has begun."""
+    declared = read_declarations(run.run_id)
+    return any(entry.is_publisher and entry.type_name == PlaybackState.type_name for entry in declared)
+
+
+def describe(state: PlaybackState) -> str:
+    """Say in a line where a playback stands."""
+    at_s, end_s = ((time.nanoseconds - state.begin.nanoseconds) / 1e9 for time in (state.position, state.end))
+    pace = "as fast as possible" if math.isinf(state.rate) else f"rate {state.rate:g}"
+    doing = "ended" if state.ended else "paused" if state.paused else "plays"
+    return f"{doing} at {at_s:.3f} of {end_s:.3f} s, {state.messages} messages, {pace}"

@@ -1,0 +1,1 @@
+"""What a playback does, as plain code; `robbie_mp/services/playback.py` joins it to a run."""

@@ -1,0 +1,203 @@
+"""Decides which message of a log is published when, and takes orders meanwhile."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.playback.log_time import LogTime
+from robbie_mp.playback.tape import Tape
+from robbie_mp.recording.reader import LoggedMessage
+
+LONGEST_TURN_NS = 20_000_000
+"""So long it publishes without looking for orders."""
+
+
+class ControlRefused(RobbieError, ValueError):
+    """An order to a playback cannot be followed.
+
+    Example scenarios:
+      - seek to 80 s in a log of 60 s
+      - a rate of 0
+    """
+
+
+class DueTick(NamedTuple):
+    """A tick of a module, in lockstep."""
+
+    due_ns: int
+    module: str
+
+
+class Outlet(Protocol):
+    """Where messages go, and what is known of those on their way."""
+
+    def send(self, message: LoggedMessage) -> bool:
+        """Publish a message; False if there is no room for it now."""
+
+    def has_room(self, size: int) -> bool:
+        """Whether so few messages are on their way that one more of this size may follow."""
+
+    def is_empty(self) -> bool:
+        """Whether everything sent has been handled."""
+
+    def next_tick(self) -> DueTick | None:
+        """Return the tick that is to be granted next; None if modules tick by themselves."""
+
+    def send_tick(self, tick: DueTick) -> bool:
+        """Grant a tick; False if there is no room for it now."""
+
+    def announce(self, before_ns: int, after_ns: int, reason: str) -> None:
+        """Tell that the time has jumped."""
+
+
+class Player:
+    """Plays a tape.
+
+    Args:
+        tape: what to play.
+        time: where the playback stands.
+        outlet: where messages go.
+        monotonic_ns: real time.
+        origin_ns: the moment that seeks are counted from.
+        loop: begin again at the end.
+
+    Attributes:
+        played: messages sent so far.
+        jumps: of the time so far.
+        ended: whether the tape is at its end, and will not begin again.
+    """
+
+    def __init__(
+        self,
+        tape: Tape,
+        time: LogTime,
+        outlet: Outlet,
+        monotonic_ns: Callable[[], int],
+        origin_ns: int,
+        *,
+        loop: bool = False,
+    ):
+        self.tape = tape
+        self.time = time
+        self.loop = loop
+        self.played = 0
+        self.jumps = 0
+        self._outlet = outlet
+        self._monotonic_ns = monotonic_ns
+        self._origin_ns = origin_ns
+        self._steps = 0
+        self._jump: tuple[int, str] | None = None
+        """Where to jump, and why, once everything sent has been handled."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the tape is at its end, and will not begin again."""
+        return self.tape.next is None and self._jump is None and not self._begins_again
+
+    @property
+    def _begins_again(self) -> bool:
+        return self.loop and self.played > 0
+
+    # -- orders ------------------------------------------------------------------------------------------
+
+    def control(self, command: str, value: float) -> None:
+        """Follow an order; see `PlaybackControl`.
+
+        Raises:
+            ControlRefused: it cannot be followed; nothing has changed.
+        """
+        match command:
+            case "pause":
+                self.time.paused = True
+            case "resume":
+                self.time.paused = False
+                self._steps = 0
+            case "step":
+                self._step()
+            case "seek":
+                self._seek(value)
+            case "rate":
+                self._set_rate(value)
+            case _:
+                raise ControlRefused(f"expected pause, resume, step, seek or rate; got {command!r}")
+
+    def _step(self) -> None:
+        if self.ended:
+            raise ControlRefused("there is no message left to step to; seek back first")
+        self.time.paused = True
+        self._steps += 1
+
+    def _seek(self, to_s: float) -> None:
+        first_s, last_s = ((at - self._origin_ns) / 1e9 for at in (self.tape.begin_ns, self.tape.end_ns))
+        if not first_s <= to_s <= last_s:
+            raise ControlRefused(f"cannot seek to {to_s:g} s: what is played are {first_s:g} to {last_s:g} s")
+        self._jump = self._origin_ns + round(to_s * 1e9), "seek"
+        self._steps = 0
+
+    def _set_rate(self, rate: float) -> None:
+        if not rate > 0:
+            raise ControlRefused(f"a rate must be greater than 0, or infinity; got {rate:g}")
+        self.time.rate = None if math.isinf(rate) else rate
+
+    # -- playing -----------------------------------------------------------------------------------------
+
+    def play(self) -> None:
+        """Send what is due; return after a while even if more is."""
+        self.time.renew()
+        until_ns = self._monotonic_ns() + LONGEST_TURN_NS
+        while self._play_one() and self._monotonic_ns() < until_ns:
+            pass
+
+    def _play_one(self) -> bool:
+        """Send one message, grant a tick, or jump; False if there is nothing to do now."""
+        message = self.tape.next
+        goes_on = not self.time.paused or self._steps > 0
+        if message is None and self._jump is None and self._begins_again and goes_on:
+            self._jump = self.tape.begin_ns, "loop"
+        if self._jump is not None:
+            return self._make_jump(*self._jump)
+        if message is None or not goes_on:
+            self.time.held = message is None
+            return False
+        tick = self._tick_until(message.time_ns)
+        at_ns = tick.due_ns if tick else message.time_ns
+        if not self._is_due(at_ns):
+            self.time.held = False
+            return False
+        return self._send(message, tick, at_ns)
+
+    def _send(self, message: LoggedMessage, tick: DueTick | None, at_ns: int) -> bool:
+        """Send a tick, or else the message, if that is possible now."""
+        if not self._outlet.has_room(len(message.data)):
+            self.time.held = True
+            return False
+        self.time.advance_to(at_ns)
+        is_sent = self._outlet.send_tick(tick) if tick else self._outlet.send(message)
+        self.time.held = not is_sent
+        if is_sent and tick is None:
+            self.tape.take()
+            self.played += 1
+            self._steps = max(0, self._steps - 1)
+        return is_sent
+
+    def _tick_until(self, until_ns: int) -> DueTick | None:
+        """Return the next tick that is to be granted, if that is before the next message."""
+        tick = self._outlet.next_tick()
+        return tick if tick and tick.due_ns <= until_ns else None
+
+    def _is_due(self, at_ns: int) -> bool:
+        return self._steps > 0 or self.time.rate is None or at_ns <= self.time.position_ns
+
+    def _make_jump(self, to_ns: int, reason: str) -> bool:
+        if not self._outlet.is_empty():
+            self.time.held = True
+            return False
+        self._jump = None
+        before_ns = self.time.position_ns
+        self.tape.seek(to_ns)
+        self.time.jump(to_ns)
+        self.time.held = False
+        self.jumps += 1
+        self._outlet.announce(before_ns, to_ns, reason)
+        return True

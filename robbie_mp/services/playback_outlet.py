@@ -1,0 +1,171 @@
+"""Puts the messages of a log on a run's bus, as fast as nothing is lost, or one at a time in lockstep."""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+
+from robbie_mp.lockstep import Lockstep, TickSchedule
+from robbie_mp.messages import MessageError, Tick, Time, TimeJump
+from robbie_mp.module import Module
+from robbie_mp.playback.player import DueTick
+from robbie_mp.playback.translation import Translation
+from robbie_mp.recording.reader import LoggedMessage
+from robbie_mp.transport.blocks import MessageTooLarge
+
+PATIENCE_NS = 15_000_000_000
+"""Messages that nobody lets go for so long are kept, not in work: a handler may not take so long."""
+
+
+class BusOutlet:
+    """Publishes messages of a log.
+
+    Args:
+        module: who publishes.
+        translations: how, by the id of the channel.
+        remember: is called right before a message is published.
+
+    Attributes:
+        skipped: messages that could not be published.
+    """
+
+    def __init__(self, module: Module, translations: Mapping[int, Translation], remember: Callable[[], None]):
+        self._module = module
+        self._translations = translations
+        self._remember = remember
+        self.skipped = 0
+
+    def send(self, message: LoggedMessage) -> bool:
+        """Publish a message; one that cannot be is skipped and counted. False if there is no room now."""
+        channel = message.channel
+        translation = self._translations[channel.id]
+        try:
+            data = translation.translate(message.data)
+            self._remember()
+            return self._module.publish_encoded(
+                channel.type_name, translation.version, data, topic=channel.topic
+            )
+        except (MessageError, MessageTooLarge) as error:
+            self.skipped += 1
+            if self.skipped.bit_count() == 1:  # the 1st, 2nd, 4th, 8th …
+                self._module.log.error("%d messages of the log skipped; the last: %s", self.skipped, error)
+            return True
+
+    def announce(self, before_ns: int, after_ns: int, reason: str) -> None:
+        """Tell that the time has jumped."""
+        before, after = Time.from_nanoseconds(before_ns), Time.from_nanoseconds(after_ns)
+        self._module.publish(TimeJump(before=before, after=after, reason=reason))
+
+
+class PacedOutlet(BusOutlet):
+    """Has so many messages on their way that nobody's queue overflows.
+
+    Args:
+        module, translations, remember: as for `BusOutlet`.
+        limit: messages that may be waiting or in work at once.
+        limit_bytes: so large they may be together; a larger one goes alone.
+    """
+
+    def __init__(
+        self,
+        module: Module,
+        translations: Mapping[int, Translation],
+        remember: Callable[[], None],
+        limit: int,
+        limit_bytes: int,
+    ):
+        super().__init__(module, translations, remember)
+        self._limit = limit
+        self._limit_bytes = limit_bytes
+        self._sizes: deque[int] = deque(maxlen=limit)
+        """Of the last messages: of those on their way, if they are let go in order."""
+        self._last_outstanding = 0
+        self._unchanged_since_ns = 0
+
+    def send(self, message: LoggedMessage) -> bool:
+        """Publish a message; see `BusOutlet.send`."""
+        is_sent = super().send(message)
+        if is_sent:
+            self._sizes.append(len(message.data))
+        return is_sent
+
+    def has_room(self, size: int) -> bool:
+        """Whether so few messages are on their way that one more may follow."""
+        outstanding = self._module.outstanding
+        if outstanding == 0:
+            self._sizes.clear()
+            return True
+        while len(self._sizes) > outstanding:
+            self._sizes.popleft()
+        return outstanding < self._limit and sum(self._sizes) + size <= self._limit_bytes
+
+    def is_empty(self) -> bool:
+        """Whether everything sent has been handled, or is kept by somebody for long."""
+        outstanding, now_ns = self._module.outstanding, self._module.clock.monotonic_ns()
+        if outstanding != self._last_outstanding:
+            self._last_outstanding, self._unchanged_since_ns = outstanding, now_ns
+        return outstanding == 0 or now_ns - self._unchanged_since_ns > PATIENCE_NS
+
+    def wake(self) -> None:
+        """Have the module's next tick as soon as there is more room."""
+        if outstanding := self._module.outstanding:
+            self._module.wake_after_freed(max(1, outstanding // 2))
+
+    def next_tick(self) -> DueTick | None:
+        """None: modules tick by the clock."""
+        return None
+
+    def send_tick(self, tick: DueTick) -> bool:
+        """Never asked for."""
+        raise NotImplementedError(tick)
+
+
+class LockstepOutlet(BusOutlet):
+    """Has one message or tick on its way, and goes on when all that came of it is over.
+
+    Args:
+        module, translations, remember: as for `BusOutlet`.
+        lockstep: what the module knows of the others.
+        now_ns: the run's time.
+    """
+
+    def __init__(
+        self,
+        module: Module,
+        translations: Mapping[int, Translation],
+        remember: Callable[[], None],
+        lockstep: Lockstep,
+        now_ns: Callable[[], int],
+    ):
+        super().__init__(module, translations, remember)
+        self._lockstep = lockstep
+        self._now_ns = now_ns
+        self._schedule = TickSchedule(now_ns())
+
+    def has_room(self, _size: int) -> bool:
+        """Whether all that came of the last message or tick is over."""
+        return self._lockstep.is_settled()
+
+    def is_empty(self) -> bool:
+        """Likewise."""
+        return self._lockstep.is_settled()
+
+    def wake(self) -> None:
+        """Have the module's next tick as soon as that is so."""
+        self._lockstep.wake_when_settled()
+
+    def next_tick(self) -> DueTick | None:
+        """Return the tick that is to be granted next."""
+        self._schedule.update(self._lockstep.periods(), self._now_ns())
+        following = self._schedule.next()
+        return DueTick(*following) if following else None
+
+    def send_tick(self, tick: DueTick) -> bool:
+        """Grant a tick; False if there is no room for it now."""
+        if not self._module.publish(Tick(due=Time.from_nanoseconds(tick.due_ns)), topic=tick.module):
+            return False
+        self._schedule.granted(tick.module)
+        return True
+
+    def announce(self, before_ns: int, after_ns: int, reason: str) -> None:
+        """Tell that the time has jumped; everybody has the next tick right then."""
+        super().announce(before_ns, after_ns, reason)
+        self._schedule.restart(after_ns)
