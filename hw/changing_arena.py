@@ -3,8 +3,8 @@
 from hw.arena import Arena
 from hw.pose import Pose
 
-# An obstacle does not come nearer to the robot than this.
-APART_M = 0.1
+# No obstacle comes nearer than this to the robot: it must be able to stop.
+APART_M = 0.6
 
 
 class ChangingArena:
