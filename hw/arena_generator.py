@@ -14,8 +14,7 @@ from hw.room_plan import RoomPlan
 # Edge of a cell of the drawing, and how many cells of the finer grid it has on each side.
 CELL_M, FINE = 0.25, 5
 FINE_M = CELL_M / FINE
-# Who keeps so far from walls and obstacles gets everywhere: the stock robot, whose radius is 0.2 m, whether it
-# is bold or takes care.
+# Who keeps so far from walls and obstacles gets everywhere: the stock robot of 0.2 m radius, bold or careful.
 PASS_M = (0.25, 0.35)
 # Who looks at what hangs on a wall can stand so far in front of it, and nothing is between them.
 VIEW_M = 0.8
