@@ -4,7 +4,8 @@
 
 Time passes as in a robot, but is not waited for: after each update, 4 poses between random nodes are asked
 for, at times within the last second. A second world is the worst there can be: 200 nodes in one row, each on
-a joint of its own.
+a joint of its own. Then the service is fed with as many joint states, and all that it publishes is taken by
+a listener.
 """
 
 import argparse
@@ -12,11 +13,18 @@ import json
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from random import Random
+from tempfile import TemporaryDirectory
 
 import numpy as np
+import yaml
 
-from robbie_mp.scene_graph import Joint, JointType, Node, RigidTransform, SceneGraph
+from robbie_mp.harness import ModuleHarness
+from robbie_mp.messages import Header, JointState, Time
+from robbie_mp.module import Module
+from robbie_mp.scene_graph import Joint, JointType, Node, RigidTransform, SceneGraph, SceneGraphListener
+from robbie_mp.services.scene_graph import SceneGraphService
 
 UPDATES_PER_S = 500
 LOOK_UPS_PER_UPDATE = 4
@@ -104,6 +112,57 @@ def measure(nodes: list[Node], seconds: float) -> dict[str, float]:
     return {key: round(value, 1) for key, value in result.items()}
 
 
+class Listening(Module):
+    """A module that follows the scene graph."""
+
+    def setup(self) -> None:
+        """Listen."""
+        self.scene = SceneGraphListener(self)
+
+
+def measure_service(nodes: list[Node], seconds: float) -> dict[str, float]:
+    """Return which share of a processor service and listener take, with the coding of their messages: %."""
+    random, joints = Random(1), [node.joint.name for node in nodes if node.joint and node.joint.name]
+    spent_ns = {"service": 0, "listener": 0}
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "world.yaml"
+        file.write_text(scene_text(nodes))
+        with (
+            ModuleHarness(SceneGraphService, {"file": str(file)}) as service,
+            ModuleHarness(Listening) as other,
+        ):
+            for step in range(1, round(seconds * UPDATES_PER_S) + 1):
+                header = Header(stamp=Time.from_nanoseconds(step * 1_000_000_000 // UPDATES_PER_S))
+                name = joints[step % len(joints)]
+                state = JointState(header=header, name=[name], position=[random.uniform(-1.0, 1.0)])
+                began_ns = time.thread_time_ns()
+                service.send(state)
+                service.advance(1.0 / UPDATES_PER_S)
+                between_ns = time.thread_time_ns()
+                for message, topic in service.published:
+                    other.send(message, topic=topic)
+                service.published.clear()
+                spent_ns["service"] += between_ns - began_ns
+                spent_ns["listener"] += time.thread_time_ns() - between_ns
+    return {f"{name}_cpu_percent": round(spent / seconds / 1e7, 1) for name, spent in spent_ns.items()}
+
+
+def scene_text(nodes: list[Node]) -> str:
+    """Return a scene file of nodes."""
+    described: dict[str, dict[str, object]] = {}
+    for node in nodes:
+        fields: dict[str, object] = {}
+        if node.parent is not None:
+            fields["parent"] = node.parent
+        if node.joint is not None:
+            name = {"name": node.joint.name} if node.joint.name else {}
+            fields["joint"] = {"type": node.joint.type.value, **name}
+        if node.origin != RigidTransform():
+            fields |= {"translation": list(node.origin[:3]), "quaternion": list(node.origin[3:])}
+        described[node.name] = fields
+    return yaml.safe_dump({"nodes": described}, sort_keys=False)
+
+
 def main(arguments: list[str]) -> int:
     """Run the program."""
     parser = argparse.ArgumentParser(prog="python -m tools.scene_graph_bench", description=__doc__)
@@ -112,6 +171,7 @@ def main(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     worlds = {"four robots": world_of_robots(), "one row": row()}
     results = {name: measure(nodes, options.seconds) for name, nodes in worlds.items()}
+    results["four robots"] |= measure_service(worlds["four robots"], options.seconds)
     if options.json:
         print(json.dumps(results, indent=2))
         return 0
@@ -120,6 +180,8 @@ def main(arguments: list[str]) -> int:
         for what in ("update", "look_up"):
             mean, p50, p99 = (figures[f"{what}_{part}_us"] for part in ("mean", "p50", "p99"))
             print(f"  {what.replace('_', '-'):8} mean {mean:6.1f} µs   p50 {p50:6.1f} µs   p99 {p99:6.1f} µs")
+    for name in ("service", "listener"):
+        print(f"{name} of four robots: {results['four robots'][f'{name}_cpu_percent']} % of a processor")
     return 0
 
 

@@ -25,6 +25,7 @@ from robbie_mp.scene_graph import (
     TooOld,
     UnknownNode,
 )
+from robbie_mp.scene_graph.rigid_transform import Pose7, compose
 
 FLOATING = Joint(JointType.FLOATING)
 SECOND = 10**9
@@ -175,6 +176,23 @@ def test_several_robots_in_one_world() -> None:
         graph.move(f"{prefix}odom", 0, at_x(x))
         graph.move(f"{prefix}base", 0, at_x(0.0))
     assert graph.pose("red/base", "blue/base", 0).x == 4.0
+
+
+def test_what_is_fixed_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = [Node("n0"), *(Node(f"n{number}", f"n{number - 1}", at_x(1.0)) for number in range(1, 100))]
+    row[50] = Node("n50", "n49", at_x(1.0), Joint(JointType.PRISMATIC, "j", (1.0, 0.0, 0.0)))
+    graph = SceneGraph(row)
+    graph.set_joint("j", 0, 0.5)
+    composed: list[None] = []
+
+    def counted(first: Pose7, second: Pose7) -> Pose7:
+        composed.append(None)
+        return compose(first, second)
+
+    monkeypatch.setattr("robbie_mp.scene_graph.graph.compose", counted)
+    assert graph.pose("n0", "n99", 0).x == 99.5
+    assert graph.pose("n49", "n1", 0).x == -48.0
+    assert len(composed) == 1
 
 
 def test_nodes_are_added_while_it_is_used(graph: SceneGraph) -> None:

@@ -38,24 +38,29 @@ def their_motion(node: Node, position: float) -> Any:
     return transformations.transform_from(turn, np.zeros(3))
 
 
-@given(tree=trees(), data=st.data())
+@given(tree=trees(), time_ns=st.integers(0, 1000), data=st.data())
 @FEW
-def test_every_pose_in_a_random_tree(tree: list[Node], data: st.DataObject) -> None:
-    graph, oracle = SceneGraph(tree), TransformManager()
+def test_every_pose_in_a_random_tree_at_a_random_time(
+    tree: list[Node], time_ns: int, data: st.DataObject
+) -> None:
+    graph, oracle, share = SceneGraph(tree), TransformManager(), time_ns / 1000
     for node in tree[1:]:
         place = their_matrix(node.origin)
         if node.joint_type is JointType.FLOATING:
-            pose = data.draw(poses())
-            graph.move(node.name, 5, pose)
-            place = their_matrix(pose)
+            first, second = data.draw(poses()), data.draw(poses())
+            assume(not are_half_a_turn_apart(first, second))
+            graph.move(node.name, 0, first)
+            graph.move(node.name, 1000, second)
+            place = slerp(first, second, share)
         elif node.joint is not None:
-            position = data.draw(ANGLES)
-            graph.set_joint(node.joint.name, 5, position)
-            place = place @ their_motion(node, position)
+            begin, way = data.draw(ANGLES), data.draw(st.floats(-3.0, 3.0))
+            graph.set_joint(node.joint.name, 0, begin)
+            graph.set_joint(node.joint.name, 1000, begin + way)
+            place = place @ their_motion(node, begin + share * way)
         oracle.add_transform(node.name, node.parent, place)
     for a in graph:
         for b in graph:
-            pose = graph.pose(a.name, b.name, 5)
+            pose = graph.pose(a.name, b.name, time_ns)
             assert_allclose(pose.matrix, oracle.get_transform(b.name, a.name), **EXACT)
             assert math.hypot(*pose[3:]) == pytest.approx(1.0, abs=1e-12)
 
@@ -63,7 +68,7 @@ def test_every_pose_in_a_random_tree(tree: list[Node], data: st.DataObject) -> N
 @given(poses(), poses(), st.floats(0.0, 1.0))
 @FEW
 def test_what_lies_between_two_poses(first: RigidTransform, second: RigidTransform, share: float) -> None:
-    assume(abs(np.dot(first.quaternion, second.quaternion)) > 1e-9)  # half a turn apart: both ways are short
+    assume(not are_half_a_turn_apart(first, second))
     ours = RigidTransform(*interpolate(first, second, share))
     assert_allclose(ours.matrix, slerp(first, second, share), **EXACT)
 
@@ -77,6 +82,11 @@ def test_what_lies_between_two_poses_that_hardly_differ(
     ours = RigidTransform(*interpolate(first, second, share))
     expected = first @ RigidTransform.from_rpy((0.0, 0.0, 0.0), (share * angle, 0.0, 0.0))
     assert_allclose(ours.matrix, expected.matrix, **EXACT)
+
+
+def are_half_a_turn_apart(first: RigidTransform, second: RigidTransform) -> bool:
+    """Then both ways are equally short, and either is right."""
+    return abs(float(np.dot(first.quaternion, second.quaternion))) < 1e-9
 
 
 def slerp(first: RigidTransform, second: RigidTransform, share: float) -> Any:
