@@ -15,7 +15,8 @@ class DifferentialDrive:
         wheel_radius_m: as the odometry assumes it.
         axle_m: distance between the wheels, as the odometry assumes it.
         ticks_per_turn: of a wheel's encoder.
-        emergency_braking: in an emergency the drive brakes so many times harder than it accelerates.
+        emergency_braking: in an emergency, and when a command expires, the drive brakes so many times harder
+            than it accelerates.
     """
 
     body_radius_m: float = 0.20
@@ -27,7 +28,7 @@ class DifferentialDrive:
     max_wheel_m_per_s: float = 1.0
     max_linear_m_per_s2: float = 1.0
     max_angular_rad_per_s2: float = 5.0
-    emergency_braking: float = 3.0
+    emergency_braking: float = 6.0
 
     @property
     def tick_m(self) -> float:

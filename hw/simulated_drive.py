@@ -82,6 +82,7 @@ class SimulatedDrive(Drive):
         self._speeds = (0.0, 0.0)
         self._wanted = (0.0, 0.0)
         self._expires_s = self._time_s
+        self._has_expired = False
         self._touching = False
 
     def command(self, linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:
@@ -91,6 +92,7 @@ class SimulatedDrive(Drive):
         if not self._emergency_stopped:
             self._wanted = self._body.limited(linear_m_per_s, angular_rad_per_s)
             self._expires_s = self._time_s + valid_for_s
+            self._has_expired = False
 
     def read(self) -> DriveState:
         """Return where the wheels say the robot is (odometry frame) and how it moves."""
@@ -154,10 +156,11 @@ class SimulatedDrive(Drive):
     def _expire(self) -> None:
         if self._time_s >= self._expires_s and self._wanted != (0.0, 0.0):
             self._wanted = (0.0, 0.0)
+            self._has_expired = True
             self.expired_commands += 1
 
     def _step(self) -> None:
-        if self._emergency_stopped:
+        if self._emergency_stopped or self._has_expired:
             self._speeds = self._body.braked(self._speeds, STEP_S)
         else:
             self._speeds = self._body.approached(self._speeds, self._wanted, STEP_S)

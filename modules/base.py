@@ -1,6 +1,7 @@
 """The robot's base: passes drive commands to the drive and says where the wheels think it is."""
 
 import json
+import math
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,8 @@ from robbie_mp.module import MessageHandling, Module, setting
 from robbie_mp.settings import REQUIRED
 from workers.planar_pose import relative
 
+MANUAL_TOPIC = "manual"
+
 
 class SimulatedBase(Module):
     """The base of a simulated robot. It also tells where the robot really is, on topic `ground_truth`.
@@ -47,6 +50,9 @@ class SimulatedBase(Module):
     arena: Path = setting(REQUIRED, "the world the robot drives in (YAML)", must_exist=True)
     seed: int = setting(0, "of the wheels' slip")
     period_s: float = setting(0.05, "time between odometry messages", minimum=0.005)
+    manual_hold_s: float = setting(
+        2.0, "after a command by hand (on topic `manual`) no other ones are followed for so long", minimum=0.0
+    )
 
     def setup(self) -> None:
         """Put the robot at the arena's start, or where it was."""
@@ -56,13 +62,24 @@ class SimulatedBase(Module):
         resumed = None if self.restored is None else world_of(self.restored)
         self.drive = SimulatedDrive(arena, self._time_s, seed=self.seed, resumed=resumed)
         self.stop_reason = "it was engaged before a restart" if self.drive.is_emergency_stopped else ""
+        self.manual_until_s = -math.inf
         self.subscribe(DriveCommand, self.on_command)
         self.subscribe(EmergencyStop, self.on_emergency_stop, topic="emergency_stop")
         self.subscribe(BatteryState, self.on_battery, MessageHandling.KEEP_ONLY_NEWEST, topic="battery")
 
     def on_command(self, command: DriveCommand) -> None:
-        """Drive as told, for as long as the command is valid."""
+        """Drive as told, for as long as the command is valid; by hand goes before all else."""
+        now_s = self._time_s()
+        if self.envelope.topic == MANUAL_TOPIC:
+            self.manual_until_s = now_s + self.manual_hold_s
+        elif now_s < self.manual_until_s:
+            return
+        # Since it was published, for this module may have been stopped while it waited.
+        age_s = max(0.0, now_s - self.envelope.published_ns / 1e9)
         valid_for_s = command.valid_for.nanoseconds / 1e9
+        if age_s >= valid_for_s > 0:
+            return
+        valid_for_s -= age_s
         try:
             self.drive.command(command.linear_m_per_s, command.angular_rad_per_s, valid_for_s)
         except DriveCommandError as error:

@@ -65,8 +65,9 @@ def test_drive_stops_when_commands_stop_coming(clock):
     clock.now_s += 5.0
     assert (drive.read().linear_m_per_s, drive.read().angular_rad_per_s) == (0.0, 0.0)
     assert drive.expired_commands == 1
-    # 0.2 s left of the last command, then 0.5 s of braking.
-    assert math.dist(begin[:2], drive.ground_truth().pose[:2]) == pytest.approx(0.5 * 0.2 + 0.125, abs=0.01)
+    # 0.2 s left of the last command, then 0.5 / 6 s of braking hard.
+    way_m = 0.5 * 0.2 + 0.5 * (0.5 / 6) / 2
+    assert math.dist(begin[:2], drive.ground_truth().pose[:2]) == pytest.approx(way_m, abs=0.01)
 
 
 def test_drive_does_not_depend_on_how_often_it_is_read(clock):
@@ -194,8 +195,8 @@ def test_emergency_stop_brakes_harder_and_latches_until_released(clock):
     begin = drive.ground_truth().pose
     drive.stop_for_emergency()
     drive_for(drive, clock, 3.0, 0.6, 0.0)
-    # v^2 / 2a with three times the ordinary 1 m/s2.
-    assert math.dist(begin[:2], drive.ground_truth().pose[:2]) == pytest.approx(0.36 / 6.0, abs=0.01)
+    # v^2 / 2a with six times the ordinary 1 m/s2.
+    assert math.dist(begin[:2], drive.ground_truth().pose[:2]) == pytest.approx(0.36 / 12.0, abs=0.01)
     assert drive.is_emergency_stopped
     drive.release()
     clock.now_s += 1.0

@@ -206,3 +206,60 @@ def test_restarted_pan_tilt_unit_looks_where_it_looked():
         again.advance(0.0)
         (joints,) = again.take(JointState)
     assert joints.position.tolist() == pytest.approx([0.5, -0.1])
+
+
+def command(base: ModuleHarness[SimulatedBase], linear: float, topic: str = "", valid_s: float = 0.3) -> None:
+    valid_for = Duration.from_nanoseconds(round(valid_s * 1e9))
+    base.send(DriveCommand(linear_m_per_s=linear, valid_for=valid_for), topic=topic)
+
+
+def speed(base: ModuleHarness[SimulatedBase]) -> float:
+    return base.take(Odometry, topic="odom")[-1].twist.twist.linear.x
+
+
+def test_commands_by_hand_go_before_all_others_until_they_have_ended_for_a_while(
+    base: ModuleHarness[SimulatedBase],
+) -> None:
+    base.advance(0.1)
+    for _ in range(10):
+        command(base, 0.2, "manual")
+        command(base, -0.5)
+        base.advance(0.1)
+        assert speed(base) >= 0
+    assert speed_after_a_while(base) == 0
+    for _ in range(3):  # 2 s are not over yet
+        command(base, -0.5)
+        base.advance(0.1)
+    assert speed(base) == 0
+    base.advance(2.0)
+    command(base, -0.2)
+    base.advance(0.2)
+    assert speed(base) < 0
+
+
+def speed_after_a_while(base: ModuleHarness[SimulatedBase]) -> float:
+    base.advance(0.4)
+    return speed(base)
+
+
+def test_drive_stands_soon_after_its_last_command_has_expired(base: ModuleHarness[SimulatedBase]) -> None:
+    for _ in range(10):
+        command(base, 0.7, "manual", 0.22)
+        base.advance(0.1)
+    assert speed(base) == pytest.approx(0.7)
+    base.advance(0.25)  # since a tick after the last command: 0.35 s since that, two of them until it expired
+    assert speed(base) == 0
+
+
+def test_command_that_waited_until_it_had_expired_is_not_followed(
+    base: ModuleHarness[SimulatedBase], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    base.advance(0.5)
+    envelope = base.bus.envelope
+    monkeypatch.setattr(base.bus, "envelope", lambda: envelope()._replace(published_ns=100_000_000))
+    command(base, 0.5, valid_s=0.3)
+    base.advance(0.2)
+    assert speed(base) == 0
+    command(base, 0.5, valid_s=1.0)
+    base.advance(0.2)
+    assert speed(base) > 0

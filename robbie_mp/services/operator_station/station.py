@@ -34,6 +34,8 @@ class OperatorStation(Module):
     tabs: dict[str, str | None] = setting(
         {}, "which panels to show, in this order, and their titles (null: its own); {}: all"
     )
+    max_linear_m_per_s: float = setting(0.7, "fastest that may be driven by hand", minimum=0.05)
+    max_angular_rad_per_s: float = setting(1.5, "fastest that may be turned by hand", minimum=0.1)
     period_s: float = setting(0.2, "time between looks at the page server", minimum=0.01)
 
     @classmethod

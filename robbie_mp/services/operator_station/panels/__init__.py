@@ -1,6 +1,7 @@
 """The panels, by the names with which profiles arrange them."""
 
 from robbie_mp.services.operator_station.panel import Panel
+from robbie_mp.services.operator_station.panels.drive import DrivePanel
 from robbie_mp.services.operator_station.panels.system import SystemPanel
 
-PANELS: dict[str, type[Panel]] = {panel.name: panel for panel in (SystemPanel,)}
+PANELS: dict[str, type[Panel]] = {panel.name: panel for panel in (DrivePanel, SystemPanel)}
