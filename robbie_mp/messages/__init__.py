@@ -70,6 +70,8 @@ from robbie_mp.messages.stock.robbie_msgs import (
     SettingChanged,
     SimulatedWorld,
     Tick,
+    VictimConfirmation,
+    VictimFound,
 )
 from robbie_mp.messages.stock.scene_msgs import SceneGraphState, SceneNodeState
 from robbie_mp.messages.stock.sensor_msgs import (
