@@ -2,15 +2,14 @@
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.cli import completers
-
-if TYPE_CHECKING:
-    from robbie_mp.recording.repair import Progress
+from robbie_mp.recording.reader import LogChannel
+from robbie_mp.recording.repair import Progress
+from robbie_mp.recording.selection import display_name, select
 
 
 def add_log_argument(parser: argparse.ArgumentParser, name: str = "log", nargs: str | None = None) -> None:
@@ -21,7 +20,7 @@ def add_log_argument(parser: argparse.ArgumentParser, name: str = "log", nargs: 
 
 
 @contextmanager
-def progress_bar(text: str) -> "Iterator[Progress]":
+def progress_bar(text: str) -> Iterator[Progress]:
     """Show on a terminal how far something is; what is yielded is told so.
 
     Args:
@@ -31,8 +30,27 @@ def progress_bar(text: str) -> "Iterator[Progress]":
         yield lambda _done, _all: None
         return
     from rich.console import Console  # noqa: PLC0415
-    from rich.progress import Progress as Bar  # noqa: PLC0415
+    from rich.progress import Progress as ProgressBar  # noqa: PLC0415
 
-    with Bar(console=Console(stderr=True), transient=True) as bar:
+    with ProgressBar(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(text)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def add_topics_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option by which commands take patterns of topics in a log."""
+    parser.add_argument(
+        "--topics",
+        nargs="+",
+        default=[],
+        metavar="PATTERN",
+        help="only channels whose topic, or type if they have none, is like one of these: 'laser/*' Odometry",
+    )
+
+
+def warn_of_unmatched(channels: Iterable[LogChannel], patterns: Sequence[str]) -> None:
+    """Say which patterns match no channel."""
+    known = list(channels)
+    for pattern in select(known, patterns)[1]:
+        names = ", ".join(sorted({display_name(channel) for channel in known})) or "none"
+        print(f"warning: no topic is like {pattern!r}; there are: {names}", file=sys.stderr)

@@ -12,8 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from robbie_mp.recording.errors import LogError
 
-class BrokenLine(ValueError):
+
+class BrokenLine(LogError, ValueError):
     """A line of a log that cannot be read."""
 
 

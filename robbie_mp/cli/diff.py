@@ -1,0 +1,93 @@
+"""`robbie diff A B`: compare two logs, message by message."""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+from rich.text import Text
+
+from robbie_mp.cli.figures import console
+from robbie_mp.cli.log_files import add_log_argument, add_topics_argument, progress_bar, warn_of_unmatched
+from robbie_mp.cli.parser import add_command
+from robbie_mp.recording.comparison import ChannelComparison, compare
+from robbie_mp.recording.reader import open_log
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+DIFFERENT = 1
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `diff` to the commands."""
+    parser = add_command(
+        subparsers,
+        "diff",
+        "compare two logs message by message",
+        "Compare the messages of each channel (topic, type and sender) of two logs in their order, bit for bit. "
+        "When they were published is not compared. Ends with 0 if all are equal, with 1 if not.",
+        ["robbie diff first second", "robbie diff first second --topics 'map*' --ignore-stamps --json"],
+    )
+    add_log_argument(parser, "a")
+    add_log_argument(parser, "b")
+    add_topics_argument(parser)
+    parser.add_argument(
+        "--ignore-stamps", action="store_true", help="take the stamps in all headers for equal"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
+    parser.set_defaults(command=diff)
+
+
+def diff(arguments: argparse.Namespace) -> int:
+    """Compare, and print how they differ."""
+    with closing(open_log(arguments.a)) as a, closing(open_log(arguments.b)) as b:
+        warn_of_unmatched([*a.channels, *b.channels], arguments.topics)
+        with progress_bar("comparing") as progress:
+            found = compare(a, b, arguments.topics, ignore_stamps=arguments.ignore_stamps, progress=progress)
+        for line in [*a.damage, *b.damage]:
+            print(f"warning: {line}; only what is whole was compared", file=sys.stderr)
+    if arguments.json:
+        print(json.dumps([_as_data(one) for one in found], indent=2))
+    else:
+        _print(found)
+    return 0 if all(one.is_equal for one in found) else DIFFERENT
+
+
+def _as_data(one: ChannelComparison) -> dict[str, object]:
+    return {
+        **one.channel._asdict(),
+        "equal": one.equal,
+        "different": one.different,
+        "only_in_a": one.only_in_a,
+        "only_in_b": one.only_in_b,
+        "first_difference": one.first and asdict(one.first),
+    }
+
+
+def _print(found: Sequence[ChannelComparison]) -> None:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("topic", "type", "sender"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("equal", "different", "only in A", "only in B"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for one in found:
+        bad = (one.different, one.only_in_a, one.only_in_b)
+        table.add_row(
+            *map(Text, one.channel),
+            str(one.equal),
+            *(Text(str(count), "bold red" if count else "") for count in bad),
+        )
+    console().print(table)
+    for one in found:
+        if first := one.first:
+            topic, type_name, _ = one.channel
+            print(
+                f"{topic or type_name}: message {first.index}: {first.field}: {first.a} in A, {first.b} in B"
+            )
+    if all(one.is_equal for one in found):
+        print(f"equal: {sum(one.equal for one in found)} messages")

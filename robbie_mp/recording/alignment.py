@@ -1,0 +1,73 @@
+"""Which elements of two sequences belong together, if some are missing in one or the other.
+
+Source: E. W. Myers, An O(ND) Difference Algorithm and Its Variations, Algorithmica 1 (1986).
+"""
+
+from collections.abc import Hashable, Iterator, Sequence
+from typing import NamedTuple
+
+EDIT_LIMIT = 1000
+"""Elements missing on either side beyond which elements are taken for counterparts by their place alone."""
+
+
+class Span(NamedTuple):
+    """A part of each of two sequences, A and B, that belong together."""
+
+    a_from: int
+    a_to: int
+    b_from: int
+    b_to: int
+    is_equal: bool
+
+
+def align(a: Sequence[Hashable], b: Sequence[Hashable]) -> Iterator[Span]:
+    """Yield spans of A and B from beginning to end: equal ones, and what is between them."""
+    blocks = _equal_blocks(a, b) or _equal_places(a, b)
+    at_a = at_b = 0
+    for a_from, b_from, length in [*blocks, (len(a), len(b), 0)]:
+        if a_from > at_a or b_from > at_b:
+            yield Span(at_a, a_from, at_b, b_from, is_equal=False)
+        at_a, at_b = a_from + length, b_from + length
+        if length:
+            yield Span(a_from, at_a, b_from, at_b, is_equal=True)
+
+
+def _equal_places(a: Sequence[Hashable], b: Sequence[Hashable]) -> list[tuple[int, int, int]]:
+    return [(at, at, 1) for at, pair in enumerate(zip(a, b, strict=False)) if pair[0] == pair[1]]
+
+
+def _equal_blocks(a: Sequence[Hashable], b: Sequence[Hashable]) -> list[tuple[int, int, int]] | None:
+    """Return where equal elements begin in A and B and how many they are; None if too little is equal."""
+    reached = {1: 0}
+    """For each diagonal, on which A is so far ahead of B, how far into A it leads."""
+    steps: list[dict[int, int]] = []
+    for edits in range(EDIT_LIMIT + 1):
+        steps.append(reached.copy())
+        for diagonal in range(-edits, edits + 1, 2):
+            at_a = _entry(reached, edits, diagonal)[1]
+            at_b = at_a - diagonal
+            while at_a < len(a) and at_b < len(b) and a[at_a] == b[at_b]:
+                at_a, at_b = at_a + 1, at_b + 1
+            reached[diagonal] = at_a
+            if at_a >= len(a) and at_b >= len(b):
+                return _way_back(steps, len(a), len(b))
+    return None
+
+
+def _entry(reached: dict[int, int], edits: int, diagonal: int) -> tuple[int, int]:
+    """Return from which diagonal the given one is entered by one more edit, and where in A."""
+    if diagonal == -edits or (diagonal != edits and reached[diagonal - 1] < reached[diagonal + 1]):
+        return diagonal + 1, reached[diagonal + 1]
+    return diagonal - 1, reached[diagonal - 1] + 1
+
+
+def _way_back(steps: list[dict[int, int]], at_a: int, at_b: int) -> list[tuple[int, int, int]]:
+    blocks = []
+    for edits in range(len(steps) - 1, -1, -1):
+        came_from, entered = _entry(steps[edits], edits, at_a - at_b)
+        length = at_a - entered
+        if length > 0:
+            blocks.append((entered, at_b - length, length))
+        at_a = steps[edits][came_from]
+        at_b = at_a - came_from
+    return blocks[::-1]

@@ -1,0 +1,34 @@
+"""Which channels of a log somebody wants."""
+
+from collections.abc import Iterable, Sequence
+from fnmatch import fnmatchcase
+
+from robbie_mp.recording.reader import LogChannel
+
+
+def display_name(channel: LogChannel) -> str:
+    """Return what a channel goes by: its topic, or without one the last part of its type."""
+    return channel.topic or channel.type_name.rpartition("/")[2]
+
+
+def select(channels: Iterable[LogChannel], patterns: Sequence[str]) -> tuple[list[LogChannel], list[str]]:
+    """Choose channels by shell patterns of their names.
+
+    Args:
+        channels: to choose from.
+        patterns: such as `laser/*` or `Odometry`; a slash at the beginning means nothing. None at all: all.
+
+    Returns:
+        The channels, and the patterns that match none.
+    """
+    every = list(channels)
+    if not patterns:
+        return every, []
+    names = {channel.id: display_name(channel) for channel in every}
+    matches = {
+        pattern: {id_ for id_, name in names.items() if fnmatchcase(name, pattern.removeprefix("/"))}
+        for pattern in patterns
+    }
+    chosen = set().union(*matches.values())
+    unmatched = [pattern for pattern, ids in matches.items() if not ids]
+    return [channel for channel in every if channel.id in chosen], unmatched
