@@ -29,8 +29,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         subparsers,
         "diff",
         "compare two logs message by message",
-        "Compare the messages of each channel (topic, type and sender) of two logs in their order, bit for bit. "
-        "When they were published is not compared. Ends with 0 if all are equal, with 1 if not.",
+        "Compare the messages of each channel (topic, type and sender) of two logs in their order, bit for "
+        "bit. When they were published is not compared. Ends with 0 if all are equal, with 1 if not.",
         ["robbie diff first second", "robbie diff first second --topics 'map*' --ignore-stamps --json"],
     )
     add_log_argument(parser, "a")

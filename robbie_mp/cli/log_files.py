@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from robbie_mp.cli import completers
+from robbie_mp.recording.conversion import Conversion
 from robbie_mp.recording.reader import LogChannel
 from robbie_mp.recording.repair import Progress
 from robbie_mp.recording.selection import display_name, select
@@ -54,3 +55,11 @@ def warn_of_unmatched(channels: Iterable[LogChannel], patterns: Sequence[str]) -
     for pattern in select(known, patterns)[1]:
         names = ", ".join(sorted({display_name(channel) for channel in known})) or "none"
         print(f"warning: no topic is like {pattern!r}; there are: {names}", file=sys.stderr)
+
+
+def print_conversion(target: Path, done: Conversion) -> int:
+    """Say what has become of a log that was imported, and return the exit code."""
+    for reason, count in done.left_out.items():
+        print(f"warning: left out {count}: {reason}", file=sys.stderr)
+    print(f"{target}: {done.messages} messages")
+    return 0

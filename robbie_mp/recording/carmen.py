@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 from robbie_mp.recording.errors import LogError
 
+LASER_OFFSET = "robot_frontlaser_offset"
+"""How far in front of the robot's centre the laser is, in m."""
+
 
 class BrokenLine(LogError, ValueError):
     """A line of a log that cannot be read."""
@@ -70,12 +73,14 @@ class CarmenLog:
         skip_broken: Leave out lines that cannot be read, and count them, rather than raise.
         broken_lines: How many lines the last reading left out.
         parameters: `PARAM` lines read so far, such as `robot_frontlaser_offset`.
+        bytes_read: How far the last reading has come.
     """
 
     path: Path
     skip_broken: bool = False
     broken_lines: int = 0
     parameters: dict[str, str] = field(default_factory=dict)
+    bytes_read: int = 0
 
     def __iter__(self) -> Iterator[Record]:
         """Read the records.
@@ -84,9 +89,10 @@ class CarmenLog:
             BrokenLine: A line cannot be read, and `skip_broken` is not set.
             OSError: The file cannot be read.
         """
-        self.broken_lines = 0
+        self.broken_lines = self.bytes_read = 0
         with Path(self.path).open(encoding="ascii", errors="replace") as lines:
             for number, line in enumerate(lines, start=1):
+                self.bytes_read += len(line)
                 try:
                     record = self._read(line)
                 except (ValueError, IndexError) as error:
@@ -113,6 +119,8 @@ class CarmenLog:
         if not fields:
             return None
         if fields[0] == "PARAM" and len(fields) >= 3:
+            if fields[1] == LASER_OFFSET:
+                _numbers(fields[2:3])
             self.parameters[fields[1]] = fields[2]
         reader = _READERS.get(fields[0])
         return reader(fields) if reader else None

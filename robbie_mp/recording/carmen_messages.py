@@ -16,9 +16,8 @@ from robbie_mp.messages import (
     TwistWithCovariance,
     Vector3,
 )
-from robbie_mp.recording.carmen import LaserRecord, OdometryRecord
+from robbie_mp.recording.carmen import LASER_OFFSET, LaserRecord, OdometryRecord
 
-LASER_OFFSET = "robot_frontlaser_offset"
 NO_RETURN_M = 81.0  # CARMEN's way to say it
 
 

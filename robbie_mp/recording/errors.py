@@ -29,3 +29,7 @@ class LogNotWritten(LogError, OSError):
 
 class RepairFailed(LogError, RuntimeError):
     """What a repair has written is not what it should be."""
+
+
+class BagUnreadable(LogError, ValueError):
+    """A bag of ROS, or a message in it, cannot be read."""

@@ -68,6 +68,7 @@ def test_beams_begin_at_minus_90_degrees_and_are_as_far_apart_as_the_scanner_has
         ("FLASER 2 1 -2 1 2 3 1 2 3 5 host 6", "negative range, -2.0"),
         ("FLASER 2 1 inf 1 2 3 1 2 3 5 host 6", "'inf' is not a finite number"),
         ("FLASER 999999999999 1", "number of beams"),
+        ("PARAM robot_frontlaser_offset far nohost 0", "'far' is not a number"),
         ("ODOM \ufffd 2 3 0 0 0 1 host 1", "is not a number"),
     ],
 )

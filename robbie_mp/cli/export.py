@@ -1,0 +1,148 @@
+"""`robbie export FILE OUT`: the messages of a log as CSV or numpy files, one for each channel."""
+
+import argparse
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+from zipfile import ZipFile
+
+import numpy as np
+
+from robbie_mp.cli.log_files import add_log_argument, add_topics_argument, progress_bar, warn_of_unmatched
+from robbie_mp.cli.message_text import FieldPath, flat, to_csv
+from robbie_mp.cli.parser import add_command
+from robbie_mp.messages import Message
+from robbie_mp.messages.errors import DecodeError, SchemaError
+from robbie_mp.recording.columns import Columns, columns
+from robbie_mp.recording.decoding import logged_type
+from robbie_mp.recording.errors import LogNotWritten, NotDecodable
+from robbie_mp.recording.reader import Log, LogChannel, open_log
+from robbie_mp.recording.repair import Progress
+from robbie_mp.recording.selection import display_name, select
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+LEFT_OUT = 1
+UNSAFE = re.compile(r"[^\w.-]")
+"""What names of files had better not contain."""
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `export` to the commands."""
+    parser = add_command(
+        subparsers,
+        "export",
+        "write the messages of a log as CSV or numpy files",
+        "Write a file for each channel of a log into a folder, with a line for each message: when it was "
+        "published, its place in the run's order, and a column for each number and text in it. Lists are one "
+        "column, as JSON. For numpy, lists of all messages are one array, and NAME.lengths parts them again.",
+        [
+            "robbie export logs/monday tables",
+            "robbie export monday.mcap arrays --npz --topics odom 'laser/*'",
+        ],
+    )
+    add_log_argument(parser)
+    parser.add_argument("folder", metavar="OUT", type=Path, help="the folder; it is made if there is none")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--csv", action="store_true", help="write CSV; so it is without any option")
+    form.add_argument("--npz", action="store_true", help="write .npz files of numpy")
+    add_topics_argument(parser)
+    parser.set_defaults(command=export)
+
+
+def export(arguments: argparse.Namespace) -> int:
+    """Write the files."""
+    write, suffix = (_write_npz, ".npz") if arguments.npz else (_write_csv, ".csv")
+    is_whole = True
+    with open_log(arguments.log) as log:
+        warn_of_unmatched(log.channels, arguments.topics)
+        chosen, _ = select(log.channels, arguments.topics)
+        for channel, name in file_names(chosen).items():
+            try:
+                message_type = logged_type(channel)
+            except (NotDecodable, SchemaError) as error:
+                print(f"warning: {error}; left out", file=sys.stderr)
+                is_whole = False
+                continue
+            path: Path = arguments.folder / (name + suffix)
+            with progress_bar(f"writing {path}") as progress, _new_file(path) as file:
+                rows = _Rows(log, channel, message_type, progress)
+                write(message_type, rows, file)
+            is_whole = is_whole and not rows.broken
+            if rows.broken:
+                print(f"warning: {path}: {rows.broken} messages cannot be read; left out", file=sys.stderr)
+        for line in log.damage:
+            print(f"warning: {line}; only what is whole was exported", file=sys.stderr)
+    return 0 if is_whole else LEFT_OUT
+
+
+def file_names(channels: Sequence[LogChannel]) -> dict[LogChannel, str]:
+    """Return a name for each channel: of its topic, and as much more as makes it the only one."""
+    names: dict[LogChannel, str] = {}
+    for channel in channels:
+        words = [display_name(channel), channel.type_name.rpartition("/")[2], channel.sender, str(channel.id)]
+        longer = (UNSAFE.sub("_", "-".join(words[:count])) for count in range(1, len(words) + 1))
+        names[channel] = next(name for name in longer if name not in names.values())
+    return names
+
+
+@contextmanager
+def _new_file(path: Path) -> Iterator[BinaryIO]:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("xb") as file:
+            yield file
+    except OSError as error:
+        raise LogNotWritten(f"{path} cannot be written: {error.strerror}") from error
+
+
+class _Rows:
+    """The messages of a channel: time in ns, sequence, message.
+
+    Attributes:
+        broken: how many could not be decoded.
+    """
+
+    def __init__(self, log: Log, channel: LogChannel, message_type: type[Message], progress: Progress):
+        self._log = log
+        self._channel = channel
+        self._type = message_type
+        self._progress = progress
+        self.broken = 0
+
+    def __iter__(self) -> Iterator[tuple[int, int, Message]]:
+        total = self._log.counts[self._channel]
+        for done, logged in enumerate(self._log.messages(channels=[self._channel]), start=1):
+            self._progress(done, total)
+            try:
+                message = self._type.decode(logged.data)
+            except DecodeError:
+                self.broken += 1
+            else:
+                yield logged.time_ns, logged.sequence, message
+
+
+def _write_csv(message_type: type[Message], rows: _Rows, file: BinaryIO) -> None:
+    whole = FieldPath(message_type, "")
+    headings = ["time_ns", "sequence", *(name for name, _ in flat(whole.value(message_type())))]
+    file.write(f"{to_csv(headings)}\n".encode())
+    for time_ns, sequence, message in rows:
+        cells = [time_ns, sequence, *(cell for _, cell in flat(whole.value(message)))]
+        file.write(f"{to_csv(cells)}\n".encode())
+
+
+def _write_npz(message_type: type[Message], rows: _Rows, file: BinaryIO) -> None:
+    found = list(rows)
+    arrays: Columns = {
+        "time_ns": np.array([time_ns for time_ns, _, _ in found], np.int64),
+        "sequence": np.array([sequence for _, sequence, _ in found], np.uint32),
+        **columns(message_type, (message for _, _, message in found)),
+    }
+    with ZipFile(file, "w") as archive:  # not by numpy.savez, for a column may be called `file`
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)

@@ -1,0 +1,38 @@
+"""`robbie import-carmen IN OUT`: make a log of a CARMEN log."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from robbie_mp.cli.log_files import print_conversion, progress_bar
+from robbie_mp.cli.parser import add_command
+from robbie_mp.recording.carmen_import import import_carmen as convert
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `import-carmen` to the commands."""
+    parser = add_command(
+        subparsers,
+        "import-carmen",
+        "make a log of a CARMEN log",
+        "Make a log of odometry and laser scans in CARMEN's text format, in which many public data sets are.",
+        ["robbie import-carmen intel.clf intel.mcap"],
+    )
+    parser.add_argument("source", metavar="IN", type=Path, help="a log in CARMEN's format")
+    parser.add_argument("target", metavar="OUT", type=Path, help="the new log, an MCAP file")
+    parser.add_argument(
+        "--skip-broken", action="store_true", help="leave out lines that cannot be read, and count them"
+    )
+    parser.set_defaults(command=import_carmen)
+
+
+def import_carmen(arguments: argparse.Namespace) -> int:
+    """Convert the log."""
+    with progress_bar(f"importing {arguments.source.name}") as progress:
+        done = convert(
+            arguments.source, arguments.target, skip_broken=arguments.skip_broken, progress=progress
+        )
+    return print_conversion(arguments.target, done)

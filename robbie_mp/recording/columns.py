@@ -1,0 +1,45 @@
+"""The messages of a channel as columns, one for each number or text in them, as numpy keeps them."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from robbie_mp.messages import Message
+from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Primitive, Text, fields_of
+
+Columns = dict[str, np.ndarray[Any, Any]]
+LENGTHS = ".lengths"
+
+
+def columns(message_type: type[Message], messages: Iterable[Message]) -> Columns:
+    """Return the fields of N messages by dotted names, as `header.stamp.sec` and `ranges`.
+
+    A number or text is an array of N; an array of fixed length L is (N, L). An array of other lengths is one
+    column of all elements of all messages, one behind the other, with their numbers in `NAME.lengths`; so are
+    lists of texts and of messages, the latter with a column for each field: `transforms.child_frame_id`.
+    `numpy.split(ranges, numpy.cumsum(lengths)[:-1])` parts them again.
+    """
+    found: Columns = {}
+    _add(found, Nested(message_type), list(messages), "")
+    return found
+
+
+def _add(found: Columns, kind: FieldType, values: list[Any], name: str) -> None:
+    match kind:
+        case Nested():
+            for field in fields_of(kind.message):
+                inner = f"{name}.{field.schema_name}" if name else field.schema_name
+                _add(found, field.type, [getattr(value, field.name) for value in values], inner)
+        case Primitive():
+            found[name] = np.array(values, kind.dtype)
+        case Text():
+            found[name] = np.array(values, np.str_)
+        case Numbers(length=int(length)):
+            found[name] = np.array(values, kind.element.dtype).reshape(len(values), length)
+        case Numbers():
+            found[name] = np.concatenate([np.empty(0, kind.element.dtype), *values])
+            found[name + LENGTHS] = np.array([len(value) for value in values], np.int64)
+        case Items():
+            _add(found, kind.element, [item for value in values for item in value], name)
+            found[name + LENGTHS] = np.array([len(value) for value in values], np.int64)

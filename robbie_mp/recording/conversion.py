@@ -1,0 +1,104 @@
+"""Writes a log of messages that were recorded elsewhere, in another format."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+from mcap.writer import Writer
+
+from robbie_mp.recording.errors import LogError, LogNotWritten
+from robbie_mp.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
+
+LIBRARY = "robbie import"
+"""Not that of recordings, which make room for others when the disk is full."""
+IMPORT_METADATA = "robbie_import"
+"""Name of the metadata record that tells from where messages come."""
+
+
+class NewChannel(NamedTuple):
+    """A channel as the new log will have it."""
+
+    topic: str
+    """With a leading slash."""
+    type_name: str
+    schema: str
+
+
+class Conversion:
+    """The new log, and what was written to it. `converted_log` makes one.
+
+    Attributes:
+        messages: how many were written.
+        left_out: how many could not be read or converted, and why: by reason.
+    """
+
+    def __init__(self, writer: Writer):
+        self.messages = 0
+        self.left_out: dict[str, int] = {}
+        self._writer = writer
+        self._schemas: dict[tuple[str, str], int] = {}
+        self._channels: dict[NewChannel, int] = {}
+
+    def add(self, channel: NewChannel, metadata: dict[str, str], time_ns: int, data: bytes) -> None:
+        """Write a message.
+
+        Args:
+            channel: its channel.
+            metadata: of the channel, with its first message.
+            time_ns: when it was published.
+            data: its encoding.
+        """
+        if channel not in self._channels:
+            self._channels[channel] = self._open(channel, metadata)
+        self.messages += 1
+        sequence = self.messages & 0xFFFFFFFF
+        self._writer.add_message(self._channels[channel], time_ns, data, time_ns, sequence)
+
+    def _open(self, channel: NewChannel, metadata: dict[str, str]) -> int:
+        schema = (channel.type_name, channel.schema)
+        if schema not in self._schemas:
+            self._schemas[schema] = self._writer.register_schema(
+                channel.type_name, SCHEMA_ENCODING, channel.schema.encode()
+            )
+        return self._writer.register_channel(channel.topic, MESSAGE_ENCODING, self._schemas[schema], metadata)
+
+    def leave_out(self, reason: str) -> None:
+        """Count what cannot be taken over."""
+        self.left_out[reason] = self.left_out.get(reason, 0) + 1
+
+
+@contextlib.contextmanager
+def converted_log(target: Path, source: Path) -> Iterator[Conversion]:
+    """Make a log of what is added inside of this context; none is left if that fails.
+
+    Args:
+        target: the new file.
+        source: from where messages come, for the log's metadata.
+
+    Raises:
+        LogNotWritten: the target exists, or cannot be written.
+    """
+    try:
+        file = target.open("xb")
+    except OSError as error:
+        raise LogNotWritten(f"{target} cannot be written: {error.strerror}") from error
+    try:
+        with file:
+            writer = Writer(file)
+            writer.start(PROFILE, LIBRARY)
+            writer.add_metadata(IMPORT_METADATA, {"source": source.name})
+            yield Conversion(writer)
+            _finish(writer, file)
+    except BaseException as error:
+        target.unlink()
+        if isinstance(error, OSError) and not isinstance(error, LogError):
+            raise LogNotWritten(f"{target} cannot be written: {error.strerror}") from error
+        raise
+
+
+def _finish(writer: Writer, file: BinaryIO) -> None:
+    writer.finish()  # type: ignore[no-untyped-call]
+    file.flush()
+    os.fsync(file.fileno())

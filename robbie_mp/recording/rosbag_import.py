@@ -1,0 +1,134 @@
+"""Makes a log of a bag of ROS 1 or ROS 2, which the library rosbags reads."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from robbie_mp.messages import TypeRegistry, message_type_from_schema, schema_text, stock_registry
+from robbie_mp.messages.errors import MessageError
+from robbie_mp.messages.schema import layout
+from robbie_mp.recording.conversion import Conversion, NewChannel, converted_log
+from robbie_mp.recording.errors import BagUnreadable
+from robbie_mp.recording.repair import Progress
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
+    from rosbags.typesys.store import Typestore
+
+LITTLE_ENDIAN = b"\0\1"
+RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+"""What ROS 2 calls a type that ROS 1 calls otherwise."""
+HEADER = "std_msgs/msg/Header"
+
+
+def import_rosbag(source: Path, target: Path, *, progress: Progress) -> Conversion:
+    """Write a log with the messages of a bag, published when the bag says they were recorded.
+
+    Types that we have get our schemas if they lay out alike; others keep their definitions.
+
+    Args:
+        source: a `.bag` of ROS 1, or the folder of a bag of ROS 2.
+        target: the new file.
+        progress: counts messages.
+
+    Raises:
+        BagUnreadable: the source is no bag, or damaged, or the library is missing.
+        LogNotWritten: the target exists, or cannot be written.
+    """
+    with _Bag(source) as bag, converted_log(target, source) as conversion:
+        for done, (connection, time_ns, data) in enumerate(bag.messages(), start=1):
+            try:
+                conversion.add(bag.channel(connection), {}, time_ns, bag.cdr(connection, data))
+            except BagUnreadable as error:
+                conversion.leave_out(str(error))
+            progress(done, bag.message_count)
+    return conversion
+
+
+class _Bag:
+    """A bag that is open, with what goes wrong in the library as one error of ours."""
+
+    def __init__(self, path: Path):
+        try:
+            from rosbags.highlevel import AnyReader  # noqa: PLC0415 - an extra
+            from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+        except ImportError as error:
+            raise BagUnreadable(
+                "reading bags needs the library rosbags: pip install 'robbie-mp[ros]'"
+            ) from error
+        self._path = path
+        try:
+            self._reader: AnyReader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+            self._reader.open()
+            self._types: Typestore = self._reader.typestore if self._reader.is2 else self._ros2_types()
+        except Exception as error:  # of a damaged bag the library raises whatever comes up
+            raise BagUnreadable(f"{path} cannot be read as a bag of ROS: {error!r}") from error
+        self._stock = stock_registry()
+        self._channels: dict[int, NewChannel] = {}
+
+    @property
+    def message_count(self) -> int:
+        """Messages in the bag."""
+        return self._reader.message_count
+
+    def messages(self) -> Iterator["tuple[Connection, int, bytes]"]:
+        """Yield connection, time in ns, and bytes of each message, in the order of their times."""
+        try:
+            yield from self._reader.messages()
+        except Exception as error:
+            raise BagUnreadable(f"{self._path} is damaged: {error!r}") from error
+
+    def channel(self, connection: "Connection") -> NewChannel:
+        """Return what becomes of a connection."""
+        if connection.id not in self._channels:
+            type_name = RENAMED.get(connection.msgtype, connection.msgtype)
+            schema = self._schema(connection, type_name)
+            self._channels[connection.id] = NewChannel(connection.topic, type_name, schema)
+        return self._channels[connection.id]
+
+    def cdr(self, connection: "Connection", data: bytes) -> bytes:
+        """Return a message as little-endian CDR."""
+        name = connection.msgtype
+        try:
+            if not self._reader.is2:
+                return bytes(self._types.ros1_to_cdr(data, name))
+            if data[:2] == LITTLE_ENDIAN:
+                return bytes(data)
+            message = self._types.deserialize_cdr(data, name)
+            return bytes(self._types.serialize_cdr(message, name, little_endian=True))
+        except Exception as error:
+            raise BagUnreadable(f"messages of {connection.topic} that are no {name}") from error
+
+    def _schema(self, connection: "Connection", type_name: str) -> str:
+        try:
+            text, _ = self._types.generate_msgdef(connection.msgtype, ros_version=2)
+        except Exception as error:
+            raise BagUnreadable(f"messages of {connection.topic}, whose type is not known") from error
+        return _our_schema(self._stock, type_name, text)
+
+    def _ros2_types(self) -> "Typestore":
+        """Return the bag's types with the header of ROS 2, into which rosbags converts that of ROS 1."""
+        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+
+        header = get_typestore(Stores.ROS2_HUMBLE).fielddefs[HEADER]
+        types = get_typestore(Stores.EMPTY)
+        types.register({**self._reader.typestore.fielddefs, HEADER: header})
+        return types
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._reader.close()
+
+
+def _our_schema(stock: TypeRegistry, type_name: str, schema: str) -> str:
+    """Return our schema of a type if we have it and it lays out like the given one, else that one."""
+    if type_name not in stock:
+        return schema
+    ours = stock.get(type_name)
+    try:
+        theirs = message_type_from_schema(type_name, schema)
+    except MessageError:
+        return schema
+    return schema_text(ours) if layout(theirs) == layout(ours) else schema

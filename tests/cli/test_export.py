@@ -1,0 +1,172 @@
+"""`robbie export`, `diff` and the imports: a log in other forms, and two logs side by side."""
+
+import csv
+import json
+import os
+import pty
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robbie_mp.cli import main
+from robbie_mp.messages import Message, TFMessage, TransformStamped, float64, schema_text
+from tests.recording.logs import START_NS, STEP_NS, LogFile, scan, write_log
+from tests.recording.test_imports import CARMEN, write_bag
+
+
+class Tricky(Message, name="team_msgs/msg/Tricky", version=1):
+    file: float64
+
+
+@pytest.fixture
+def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return write_log(tmp_path / "a.mcap", 30)
+
+
+def test_csv_has_a_line_for_each_message_and_a_column_for_each_number(log: Path) -> None:
+    assert main(["export", str(log), "out"]) == 0
+    assert {path.name for path in Path("out").iterdir()} == {"laser_front.csv", "odom.csv", "LaserScan.csv"}
+    with Path("out/laser_front.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 10
+    assert list(rows[0])[:5] == [
+        "time_ns", "sequence", "header.stamp.sec", "header.stamp.nanosec", "header.frame_id"]  # fmt: skip
+    assert (rows[1]["time_ns"], rows[1]["sequence"]) == (str(START_NS + 3 * STEP_NS), "4")
+    assert json.loads(rows[1]["ranges"]) == [3.0] * 8
+    with Path("out/odom.csv").open() as file:
+        assert [row["child_frame_id"] for row in csv.DictReader(file)][:2] == ["base 1", "base 4"]
+
+
+def test_numpy_files_hold_the_same(log: Path) -> None:
+    with LogFile(Path("b.mcap")) as file:
+        for number in range(3):
+            file.add(scan(number, rays=number), "scan", time_ns=START_NS + number)
+            file.add(TFMessage(transforms=[TransformStamped(child_frame_id=f"f{number}")] * number), "tf")
+            file.add(Tricky(file=number / 2), "tricky")
+    assert main(["export", "b.mcap", "out", "--npz"]) == 0
+    with np.load("out/scan.npz") as scans:
+        assert scans["time_ns"].tolist() == [START_NS, START_NS + 1, START_NS + 2]
+        assert scans["ranges"].dtype == np.float32 and scans["ranges"].tolist() == [1, 2, 2]
+        assert scans["ranges.lengths"].tolist() == [0, 1, 2]
+        assert scans["header.frame_id"].tolist() == ["laser"] * 3
+    with np.load("out/tf.npz") as transforms:
+        assert transforms["transforms.child_frame_id"].tolist() == ["f1", "f2", "f2"]
+        assert transforms["transforms.lengths"].tolist() == [0, 1, 2]
+        assert transforms["transforms.transform.rotation.w"].tolist() == [1, 1, 1]
+    with np.load("out/tricky.npz") as tricky:
+        assert tricky["file"].tolist() == [0, 0.5, 1]
+    with LogFile(Path("c.mcap")) as file:
+        file.channel(Tricky.type_name, schema_text(Tricky), 1, "none", "")
+    assert main(["export", "c.mcap", "out", "--npz"]) == 0
+    with np.load("out/none.npz") as none:
+        assert none["file"].shape == (0,)
+
+
+def test_arrays_of_fixed_length_are_rows(log: Path) -> None:
+    assert main(["export", str(log), "out", "--npz", "--topics", "odo*"]) == 0
+    assert [path.name for path in Path("out").iterdir()] == ["odom.npz"]
+    with np.load("out/odom.npz") as odometry:
+        assert odometry["pose.covariance"].shape == (10, 36)
+
+
+def test_pattern_that_matches_nothing_is_a_warning(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", str(log), "out", "--topics", "odom", "lidar"]) == 0
+    error = capsys.readouterr().err
+    assert error == "warning: no topic is like 'lidar'; there are: LaserScan, laser/front, odom\n"
+    assert main(["diff", str(log), str(log), "--topics", "lidar"]) == 0
+    assert "no topic is like 'lidar'" in capsys.readouterr().err
+
+
+def test_what_cannot_be_read_is_left_out_with_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with LogFile(Path("a.mcap")) as file:
+        tricky = file.channel(Tricky.type_name, schema_text(Tricky), 1, "tricky", "")
+        file.add_bytes(tricky, b"\0\1\0\0short", 1)
+        file.add(Tricky(file=2), "tricky", sender="")
+        odd = file.channel("team_msgs/msg/Odd", "wstring x", 1, "odd", "")
+        file.add_bytes(odd, b"", 1)
+    assert main(["export", "a.mcap", "out"]) == 1
+    error = capsys.readouterr().err
+    assert "wstring is not supported; left out" in error
+    assert "out/tricky.csv: 1 messages cannot be read; left out" in error
+    assert len(Path("out/tricky.csv").read_text().splitlines()) == 2
+
+
+def test_diff_prints_how_channels_differ(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["diff", str(log), str(log)]) == 0
+    assert "equal: 30 messages" in capsys.readouterr().out
+    with LogFile(Path("b.mcap")) as file:
+        for number in range(0, 30, 3):
+            if number != 12:
+                time_ns = START_NS + number * STEP_NS
+                file.add(scan(number + (number == 6), time_ns), "laser/front", "laser", time_ns=time_ns)
+    assert main(["diff", str(log), "b.mcap", "--topics", "laser/*"]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].split() == ["laser/front", "sensor_msgs/msg/LaserScan", "laser", "8", "1", "1", "0"]
+    assert lines[2] == "laser/front: message 2: ranges[0]: 6.0 in A, 7.0 in B"
+    assert main(["diff", str(log), "b.mcap", "--json"]) == 1
+    found = {one["topic"]: one for one in json.loads(capsys.readouterr().out)}
+    assert found["odom"]["only_in_a"] == 10 and found["odom"]["first_difference"] is None
+    assert found["laser/front"]["first_difference"] == {
+        "index": 2, "time_ns": START_NS + 6 * STEP_NS, "field": "ranges[0]", "a": "6.0", "b": "7.0"}  # fmt: skip
+
+
+def test_damaged_logs_are_compared_and_exported_as_far_as_they_are_whole(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("cut.mcap").write_bytes(log.read_bytes()[:-6000])
+    assert main(["diff", str(log), "cut.mcap"]) == 1
+    assert "only what is whole was compared" in capsys.readouterr().err
+    assert main(["export", "cut.mcap", "out"]) == 0
+    assert "only what is whole was exported" in capsys.readouterr().err
+
+
+def test_imports_say_what_they_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a.clf").write_text(CARMEN)
+    assert main(["import-carmen", "a.clf", "a.mcap", "--skip-broken"]) == 0
+    said = capsys.readouterr()
+    assert said.out == "a.mcap: 4 messages\n" and said.err == "warning: left out 1: broken lines\n"
+    write_bag(tmp_path, "ROS 1")
+    assert main(["import-rosbag", "a.bag", "b.mcap"]) == 0
+    assert capsys.readouterr().out == "b.mcap: 3 messages\n"
+    assert main(["info", "b.mcap", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["messages"] == 3
+
+
+def test_a_terminal_sees_how_far_it_is(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    controller, terminal = pty.openpty()
+    with os.fdopen(terminal, "w") as stderr, os.fdopen(controller, "rb"):
+        monkeypatch.setattr("sys.stderr", stderr)
+        assert main(["export", str(log), "out", "--topics", "odom"]) == 0
+        shown = os.read(controller, 10_000).decode()
+    assert "writing out/odom.csv" in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "what"),
+    [
+        (["export", "none.mcap", "out"], "none.mcap cannot be read: No such file or directory"),
+        (["export", "a.mcap", "a.mcap"], "cannot be written: File exists"),
+        (["diff", "a.mcap", "none.mcap"], "none.mcap cannot be read: No such file or directory"),
+        (["import-carmen", "none.clf", "b.mcap"], "none.clf cannot be read: No such file or directory"),
+        (["import-carmen", "a.clf", "b.mcap"], "a.clf:4: FLASER must be followed by its number of beams"),
+        (["import-carmen", "good.clf", "a.mcap"], "a.mcap cannot be written: File exists"),
+        (["import-rosbag", "a.clf", "b.mcap"], "a.clf cannot be read as a bag of ROS"),
+    ],
+)
+def test_bad_input_is_an_error_of_one_line(
+    log: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], what: str
+) -> None:
+    Path("a.clf").write_text(CARMEN)
+    Path("good.clf").write_text("")
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert what in error and error.count("\n") == 1
+    assert not Path("b.mcap").exists()
