@@ -72,3 +72,15 @@ def logs(prefix: str, **_: object) -> list[str]:
     from argcomplete.completers import FilesCompleter  # noqa: PLC0415
 
     return list(FilesCompleter(("mcap",))(prefix))
+
+
+def log_topics(parsed_args: argparse.Namespace, **_: object) -> list[str]:
+    """What patterns of topics in the log that is meant may be."""
+    from robbie_mp.recording.reader import open_log  # noqa: PLC0415
+    from robbie_mp.recording.selection import channel_name  # noqa: PLC0415
+
+    try:
+        with open_log(getattr(parsed_args, "log", None) or parsed_args.a) as log:
+            return [channel_name(channel) for channel in log.channels]
+    except (RobbieError, OSError, AttributeError, TypeError):
+        return []

@@ -21,7 +21,7 @@ from robbie_mp.recording.decoding import logged_type
 from robbie_mp.recording.errors import LogNotWritten, NotDecodable
 from robbie_mp.recording.reader import Log, LogChannel, open_log
 from robbie_mp.recording.repair import Progress
-from robbie_mp.recording.selection import display_name, select
+from robbie_mp.recording.selection import channel_name, select
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -84,7 +84,7 @@ def file_names(channels: Sequence[LogChannel]) -> dict[LogChannel, str]:
     """Return a name for each channel: of its topic, and as much more as makes it the only one."""
     names: dict[LogChannel, str] = {}
     for channel in channels:
-        words = [display_name(channel), channel.type_name.rpartition("/")[2], channel.sender, str(channel.id)]
+        words = [channel_name(channel), channel.type_name.rpartition("/")[2], channel.sender, str(channel.id)]
         longer = (UNSAFE.sub("_", "-".join(words[:count])) for count in range(1, len(words) + 1))
         names[channel] = next(name for name in longer if name not in names.values())
     return names

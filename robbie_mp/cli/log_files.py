@@ -10,7 +10,7 @@ from robbie_mp.cli import completers
 from robbie_mp.recording.conversion import Conversion
 from robbie_mp.recording.reader import LogChannel
 from robbie_mp.recording.repair import Progress
-from robbie_mp.recording.selection import display_name, select
+from robbie_mp.recording.selection import channel_name, select
 
 
 def add_log_argument(parser: argparse.ArgumentParser, name: str = "log", nargs: str | None = None) -> None:
@@ -40,20 +40,21 @@ def progress_bar(text: str) -> Iterator[Progress]:
 
 def add_topics_argument(parser: argparse.ArgumentParser) -> None:
     """Add the option by which commands take patterns of topics in a log."""
-    parser.add_argument(
+    topics = parser.add_argument(
         "--topics",
         nargs="+",
         default=[],
         metavar="PATTERN",
-        help="only channels whose topic, or type if they have none, is like one of these: 'laser/*' Odometry",
+        help="shell patterns; for messages without a topic, of the last part of their type",
     )
+    topics.completer = completers.log_topics  # type: ignore[attr-defined]
 
 
 def warn_of_unmatched(channels: Iterable[LogChannel], patterns: Sequence[str]) -> None:
     """Say which patterns match no channel."""
     known = list(channels)
     for pattern in select(known, patterns)[1]:
-        names = ", ".join(sorted({display_name(channel) for channel in known})) or "none"
+        names = ", ".join(sorted({channel_name(channel) for channel in known})) or "none"
         print(f"warning: no topic is like {pattern!r}; there are: {names}", file=sys.stderr)
 
 

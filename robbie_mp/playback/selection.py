@@ -5,15 +5,11 @@ from fnmatch import fnmatchcase
 
 from robbie_mp.messages import PlaybackControl, PlaybackState, TimeJump
 from robbie_mp.recording.reader import LogChannel
+from robbie_mp.recording.selection import channel_name
 
 NEVER = {PlaybackControl.type_name, PlaybackState.type_name, TimeJump.type_name}
 """What an earlier playback said and was told; it would steer or contradict the one that plays it."""
 ENCODING = "cdr"
-
-
-def channel_name(channel: LogChannel) -> str:
-    """Return what patterns are compared with: the topic, or for want of one the type's last part."""
-    return channel.topic or channel.type_name.rpartition("/")[2]
 
 
 def of_topics(channels: Iterable[LogChannel], patterns: Sequence[str]) -> list[LogChannel]:

@@ -6,7 +6,7 @@ from fnmatch import fnmatchcase
 from robbie_mp.recording.reader import LogChannel
 
 
-def display_name(channel: LogChannel) -> str:
+def channel_name(channel: LogChannel) -> str:
     """Return what a channel goes by: its topic, or without one the last part of its type."""
     return channel.topic or channel.type_name.rpartition("/")[2]
 
@@ -24,7 +24,7 @@ def select(channels: Iterable[LogChannel], patterns: Sequence[str]) -> tuple[lis
     every = list(channels)
     if not patterns:
         return every, []
-    names = {channel.id: display_name(channel) for channel in every}
+    names = {channel.id: channel_name(channel) for channel in every}
     matches = {
         pattern: {id_ for id_, name in names.items() if fnmatchcase(name, pattern.removeprefix("/"))}
         for pattern in patterns

@@ -112,7 +112,12 @@ def test_diff_prints_how_channels_differ(log: Path, capsys: pytest.CaptureFixtur
     found = {one["topic"]: one for one in json.loads(capsys.readouterr().out)}
     assert found["odom"]["only_in_a"] == 10 and found["odom"]["first_difference"] is None
     assert found["laser/front"]["first_difference"] == {
-        "index": 2, "time_ns": START_NS + 6 * STEP_NS, "field": "ranges[0]", "a": "6.0", "b": "7.0"}  # fmt: skip
+        "index": 2,
+        "time_ns": START_NS + 6 * STEP_NS,
+        "field": "ranges[0]",
+        "a": "6.0",
+        "b": "7.0",
+    }
 
 
 def test_damaged_logs_are_compared_and_exported_as_far_as_they_are_whole(

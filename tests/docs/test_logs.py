@@ -1,0 +1,79 @@
+"""What docs/logs.md shows does what the page says."""
+
+import shlex
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robbie_mp.cli import main
+from tests.docs.pages import block
+from tests.recording.logs import write_log
+from tests.recording.test_imports import CARMEN, write_bag
+
+PAGE = "docs/logs.md"
+
+
+@pytest.fixture(autouse=True)
+def monday(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A recording of two parts, of which the first was cut."""
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "monday"
+    folder.mkdir()
+    write_log(folder / "monday_0001.mcap", 60)
+    part = write_log(folder / "monday_0000.mcap", 60)
+    part.write_bytes(part.read_bytes()[:-8000])
+    return folder
+
+
+def run(mark: str) -> list[int]:
+    lines = [shlex.split(line, comments=True) for line in block(PAGE, mark).splitlines()]
+    assert all(words[0] == "robbie" for words in lines)
+    return [main(words[1:]) for words in lines]
+
+
+def python(mark: str) -> dict[str, Any]:
+    names: dict[str, Any] = {}
+    exec(block(PAGE, mark), names)
+    return names
+
+
+def test_look() -> None:
+    assert run("look") == [0, 0]
+
+
+def test_repair(monday: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copy(monday / "monday_0000.mcap", "cut.mcap")
+    assert run("repair") == [0, 0]
+    capsys.readouterr()
+    assert main(["info", str(monday), "whole.mcap"]) == 0
+    assert capsys.readouterr().out.count("complete") > 2
+    assert (monday / "monday_0000.repaired.mcap").exists()
+
+
+def test_compare(monday: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    monday.rename("first")
+    shutil.copytree("first", "second")
+    assert run("compare") == [0, 0]
+    assert "no topic is like 'map*'" in capsys.readouterr().err
+
+
+def test_export_and_what_to_do_with_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("export") == [0, 0]
+    assert {path.suffix for path in Path("tables").iterdir()} == {".csv"}
+    ranges = python("part the scans")["ranges"]
+    assert len(ranges) > 20 and {part.shape for part in ranges} == {(8,)}
+
+
+def test_import(tmp_path: Path) -> None:
+    Path("intel.clf").write_text(CARMEN.replace("FLASER broken\n", ""))
+    write_bag(tmp_path, "ROS 1").rename("drive.bag")
+    assert run("import") == [0, 0]
+
+
+def test_read(capsys: pytest.CaptureFixture[str]) -> None:
+    python("read")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split()[1:] == ["laser", "12.0"]
+    assert "monday_0000.mcap: byte" in lines[-1]
