@@ -15,6 +15,7 @@ from robbie_mp.playback.tape import Tape
 from robbie_mp.playback.translation import RunTypes, Translation, translation_of
 from robbie_mp.recording.errors import LogError
 from robbie_mp.recording.reader import Log, LogChannel, open_log
+from robbie_mp.recording.selection import channel_name
 from robbie_mp.run_clock import MAX_RATE, ClockWriter
 from robbie_mp.services.playback_outlet import LockstepOutlet, PacedOutlet
 from robbie_mp.settings import REQUIRED, SettingError
@@ -71,7 +72,7 @@ class Playback(Module):
             if end_s is not None and end_s < start_s:
                 raise SettingError(f"end_s is {end_s:g}, before start_s, {start_s:g}", "end_s")
             if not selection.of_topics(log.channels, settings["topics"]):
-                names = ", ".join(sorted(set(map(selection.channel_name, log.channels)))) or "nothing"
+                names = ", ".join(sorted(set(map(channel_name, log.channels)))) or "nothing"
                 patterns = ", ".join(settings["topics"]) or "no pattern"
                 raise SettingError(f"{log.path} has nothing that fits {patterns}; it has {names}", "topics")
 
