@@ -42,6 +42,7 @@ def profile(recorder: str, settings: Mapping[str, Any]) -> dict[str, Any]:
             "class": CLASSES[recorder],
             "settings": own,
             "queue": {"messages": 20_000, "bytes": 1 << 28},
+            "stop_grace_s": 30.0,
         }
     modules["viewer"] = {"class": f"{MODULES}:Viewer"}
     for number in range(PAIRS):
@@ -53,7 +54,7 @@ def profile(recorder: str, settings: Mapping[str, Any]) -> dict[str, Any]:
     return {"modules": modules}
 
 
-def measure(recorder: str, settings: Mapping[str, Any], seconds: float) -> Result:
+def measure(recorder: str, settings: Mapping[str, Any], seconds: float, settle_s: float = SETTLE_S) -> Result:
     """Run the robot for a while and return figures of that while, and of its log as a whole."""
     with work_folder() as (_, folder):
         (folder / "profiles").mkdir()
@@ -61,7 +62,7 @@ def measure(recorder: str, settings: Mapping[str, Any], seconds: float) -> Resul
         robot = Robot(folder, folder, "load")
         try:
             robot.wait_until_running()
-            time.sleep(SETTLE_S)
+            time.sleep(settle_s)
             assert robot.observer is not None
             before, written = robot.observer.read(), _written_bytes(robot)
             time.sleep(seconds)
