@@ -8,12 +8,15 @@ from typing import Generic, TypeVar
 from robbie_mp.scene_graph.errors import NeverPlaced, TooNew, TooOld
 
 Value = TypeVar("Value")
+REFUSALS_IN_A_ROW = 10
+"""After so many values that are too old, it is the newest one whose time was wrong."""
 
 
 class History(Generic[Value]):
     """The values of the last seconds, by time; what lies between two of them is interpolated.
 
-    It is bounded by time and by number, whichever comes first.
+    It is bounded by time and by number, whichever comes first. One value from the future, as of a sensor whose
+    clock was not set yet, makes all others too old; so if many in a row are, it begins anew with them.
 
     Args:
         owner: whose it is, for the texts of errors.
@@ -32,6 +35,7 @@ class History(Generic[Value]):
         self._limit = limit
         self._times: list[int] = []
         self._values: list[Value] = []
+        self._refused = 0
 
     def __len__(self) -> int:
         return len(self._times)
@@ -61,16 +65,22 @@ class History(Generic[Value]):
         if not times or time_ns > times[-1]:
             times.append(time_ns)
             values.append(value)
+            self._refused = 0
             self._forget_old()
             return
         too_old_ns = times[-1] - self._keep_ns - time_ns
         if too_old_ns > 0:
+            self._refused += 1
+            if self._refused >= REFUSALS_IN_A_ROW:
+                self.forget()
+                self.add(time_ns, value)
+                return
             raise TooOld(
                 f"{self.owner} is given for {seconds(time_ns)}, {too_old_ns / 1e9:.3f} s more than the "
-                f"{self._keep_s:g} s that are remembered before its newest, {seconds(times[-1])}; "
-                f"if time has jumped back, forget everything first",
+                f"{self._keep_s:g} s that are remembered before its newest, {seconds(times[-1])}",
                 too_old_ns / 1e9,
             )
+        self._refused = 0
         place = bisect_left(times, time_ns)
         if times[place] == time_ns:
             values[place] = value

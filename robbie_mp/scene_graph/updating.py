@@ -37,15 +37,11 @@ class SceneUpdater:
         self._waiting: dict[str, PoseStamped] = {}
         self.moved: dict[tuple[str, int], None] = {}
         """What has moved and has not been taken yet: names of nodes, and times (ns)."""
-        self.corrections: dict[str, RigidTransform] = {}
-        """Poses of the nodes that were moved to make map poses come true; they hold until the next one."""
+        self.corrections: dict[str, tuple[str, RigidTransform]] = {}
+        """For each robot's prefix, the node that was moved to make map poses come true, and its pose."""
 
     def take_moved(self) -> list[tuple[str, int]]:
-        """Return what has moved since the last time; corrections, too, up to the newest of these times."""
-        newest_ns = max((time_ns for _, time_ns in self.moved), default=None)
-        for name, pose in self.corrections.items():
-            if newest_ns is not None and newest_ns > (self._graph.newest_ns(name) or 0):
-                self._move(name, newest_ns, pose)
+        """Return what has moved since the last time."""
         taken = list(self.moved)
         self.moved.clear()
         return taken
@@ -81,6 +77,9 @@ class SceneUpdater:
             if hangs_on != parent:
                 raise Disconnected(f"node {name!r} hangs on {hangs_on!r}, not on {parent!r}")
             self._move(name, odometry.header.stamp.nanoseconds, from_pose(odometry.pose.pose))
+            if prefix in self.corrections:
+                corrected, pose = self.corrections[prefix]
+                self._move(corrected, odometry.header.stamp.nanoseconds, pose)
         except SceneGraphError as error:
             self._warnings.ignore(f"odometry on {topic!r}", error)
             return
@@ -101,10 +100,10 @@ class SceneUpdater:
         except SceneGraphError as error:
             self._warnings.ignore(f"a map pose on {topic!r}", error)
 
-    def hold(self, name: str, since_ns: int, pose: RigidTransform) -> None:
-        """Move a node to stay there until the next map pose."""
+    def correct(self, prefix: str, name: str, since_ns: int, pose: RigidTransform) -> None:
+        """Move a node to stay there, at each time of the robot's odometry, until the next map pose."""
         self._move(name, since_ns, pose)
-        self.corrections[name] = pose
+        self.corrections[prefix] = (name, pose)
 
     def _correct(self, prefix: str, pose: PoseStamped) -> None:
         time_ns = pose.header.stamp.nanoseconds
@@ -117,7 +116,9 @@ class SceneUpdater:
             return
         X_MC = X_MB @ self._graph.pose(base, corrected, time_ns)
         # What has been told of the past stays as it was told: the correction counts from now on.
-        self.hold(corrected, max(time_ns, self._graph.newest_ns(corrected) or time_ns), X_MC)
+        known_ns, told_ns = self._graph.newest_ns(base), self._graph.newest_ns(corrected)
+        now_ns = time_ns if known_ns is None or told_ns is None else min(known_ns, told_ns)
+        self.correct(prefix, corrected, max(time_ns, now_ns), X_MC)
 
     def _child_on_the_way(self, ancestor: str, name: str) -> str:
         """Return the child of `ancestor` that is, or bears, the node `name`."""

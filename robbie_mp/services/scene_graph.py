@@ -53,9 +53,9 @@ class SceneGraphService(Module):
         self.next_s = {"tf": 0.0, "state": 0.0, "repeat": 0.0}
         self.state_changed = True
         self.updates = 0
-        for name, (since_ns, *pose) in (self.restored or {}).items():
+        for prefix, (name, since_ns, *pose) in (self.restored or {}).items():
             if name in self.graph and self.graph.node(name).joint_type is JointType.FLOATING:
-                self.updater.hold(name, since_ns, RigidTransform(*pose))
+                self.updater.correct(prefix, name, since_ns, RigidTransform(*pose))
         self.subscribe(JointState, self.on_joint_state)
         self.subscribe(TimeJump, self.on_time_jump)
         floating = [node.name for node in self.graph if node.joint_type is JointType.FLOATING]
@@ -116,7 +116,8 @@ class SceneGraphService(Module):
 
     def _remember(self) -> None:
         state: dict[str, Any] = {
-            name: [self.graph.newest_ns(name), *pose] for name, pose in self.updater.corrections.items()
+            prefix: [name, self.graph.newest_ns(name), *pose]
+            for prefix, (name, pose) in self.updater.corrections.items()
         }
         self.checkpoint(state)
 

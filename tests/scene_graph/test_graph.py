@@ -154,6 +154,17 @@ def test_the_past_is_bounded_by_time_and_number() -> None:
     assert graph.pose("world", "base").x == 1.0
 
 
+def test_one_time_from_the_future_does_not_stop_a_node_for_good() -> None:
+    graph = SceneGraph([Node("world"), Node("base", "world", joint=FLOATING)])
+    graph.move("base", 3600 * SECOND, at_x(0.0))
+    for second in range(9):
+        with pytest.raises(TooOld):
+            graph.move("base", second * SECOND, at_x(second))
+    graph.move("base", 9 * SECOND, at_x(9.0))
+    graph.move("base", 10 * SECOND, at_x(10.0))
+    assert graph.pose("world", "base").x == 10.0
+
+
 def test_a_joint_follows_another() -> None:
     finger = Joint(JointType.PRISMATIC, "left", axis=(0.0, 2.0, 0.0))
     mirrored = Joint(JointType.PRISMATIC, "right", axis=(0.0, 1.0, 0.0), mimic=Mimic("left", -1.0, 0.01))

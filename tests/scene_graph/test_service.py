@@ -236,6 +236,17 @@ def test_after_a_jump_of_time_nothing_is_known_of_before(file: Path) -> None:
             scene.pose("map", "base_link")
 
 
+def test_odometry_from_the_future_does_not_stop_the_robot_for_good(file: Path) -> None:
+    with serve(file) as harness:
+        harness.send(odometry(1.0, 1.0), topic="odom")
+        harness.send(map_pose(1.0, 5.0, 0.0, 0.0), topic="map_pose")
+        harness.send(odometry(9999.0, 1.0), topic="odom")
+        for step in range(40):
+            harness.send(odometry(2.0 + step, 2.0), topic="odom")
+            harness.send(map_pose(2.0 + step, 7.0, 0.0, 0.0), topic="map_pose")
+        assert harness.module.graph.pose("map", "base_link", 41 * SECOND).x == pytest.approx(7.0)
+
+
 @pytest.mark.parametrize(
     ("message", "topic", "said"),
     [
