@@ -15,8 +15,8 @@ REFUSALS_IN_A_ROW = 10
 class History(Generic[Value]):
     """The values of the last seconds, by time; what lies between two of them is interpolated.
 
-    It is bounded by time and by number, whichever comes first. One value from the future, as of a sensor whose
-    clock was not set yet, makes all others too old; so if many in a row are, it begins anew with them.
+    It is bounded by time and by number, whichever comes first. One value from the future, as a sensor gives
+    whose clock is not set yet, makes all others too old; so if many in a row are, it begins anew with them.
 
     Args:
         owner: whose it is, for the texts of errors.
