@@ -61,8 +61,9 @@ class Ledger:
         self._write_handle = row_writer(tables.words, 9)
         self._write_reference = row_writer(tables.words, 4)
         self._handles_at, self._references_at = tables.handle(0), tables.reference(0)
-        self._free_handles = tables.free_handles
-        self._free_references = tables.free_references
+        self._free_handles = list(range(tables.sizes.handles - 1, -1, -1))
+        """Rows; the last one is taken next."""
+        self._free_references = list(range(tables.sizes.references - 1, -1, -1))
         self._give_back = give_back
         self._handles: list[Handle] = [Handle(0, 0, 0, 0, 0, 0, 0)] * tables.sizes.handles
         self._holders = [0] * tables.sizes.handles

@@ -1,4 +1,4 @@
-"""The core's tables in shared memory: where each row lies, and which rows are free."""
+"""The core's tables in shared memory: where each row lies."""
 
 from dataclasses import dataclass
 
@@ -27,8 +27,7 @@ class CoreTables:
 
     Attributes:
         words: the segment.
-        free_handles: indices of free handle rows; the last one is taken next.
-        free_references: likewise.
+        sizes: rows of each table.
     """
 
     def __init__(self, words: Words, sizes: TableSizes):
@@ -39,8 +38,6 @@ class CoreTables:
         self._subscriptions = self._channels + sizes.channels * layout.CHANNEL_WORDS
         self._handles = self._subscriptions + sizes.subscriptions * layout.SUBSCRIPTION_WORDS
         self._references = self._handles + sizes.handles * layout.HANDLE_WORDS
-        self.free_handles = list(range(sizes.handles - 1, -1, -1))
-        self.free_references = list(range(sizes.references - 1, -1, -1))
 
     @classmethod
     def create(cls, words: Words, sizes: TableSizes) -> "CoreTables":
