@@ -4,10 +4,11 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from importlib import import_module, metadata
+from importlib import import_module
 
 from robbie_mp.cli.parser import BAD_USAGE, Parser
 from robbie_mp.errors import RobbieError
+from robbie_mp.version import installed_version
 
 COMMANDS = (
     "run",
@@ -89,15 +90,8 @@ def _parser(first: Sequence[str]) -> argparse.ArgumentParser:
         description="Run a robot whose every module is a process, and look into it.",
         epilog="`robbie COMMAND --help` tells more about a command.",
     )
-    parser.add_argument("--version", action="version", version=f"robbie {_version()}")
+    parser.add_argument("--version", action="version", version=f"robbie {installed_version()}")
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in first if first and first[0] in COMMANDS else COMMANDS:
         import_module(f"robbie_mp.cli.{command.replace('-', '_')}").add_parser(subparsers)
     return parser
-
-
-def _version() -> str:
-    try:
-        return metadata.version("robbie-mp")
-    except metadata.PackageNotFoundError:
-        return "(not installed)"

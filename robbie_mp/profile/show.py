@@ -94,6 +94,12 @@ def to_lines(tree: Mapping[str, Any], origins: Mapping[KeyPath, str], path: KeyP
             yield Line(f"{indent}{inline(key)}: {inline(value)}", origins[here])
 
 
+def as_profile(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> str:
+    """Return the text of a profile without parents that says the same; arguments as for `as_tree`."""
+    tree = as_tree(profile, settings)
+    return "".join(f"{line.text}\n" for line in to_lines(tree, origins(profile, tree)))
+
+
 def _dump(value: object, *, allow_unicode: bool) -> str:
     text: str = yaml.dump(
         value,

@@ -111,7 +111,7 @@ class ChunkQueue:
     def _forget_old(self, now_ns: int) -> None:
         """Forget the oldest chunk as soon as the next one goes back far enough."""
         oldest_ns = now_ns - round(self._limits.keep_s * 1e9)
-        while len(self._kept) > 1 and self._kept[1].opened_ns < oldest_ns:
+        while len(self._kept) > 1 and self._kept[1].opened_ns <= oldest_ns:
             self._bytes -= len(self._kept.popleft().data)
 
     def written(self, chunk: Chunk) -> None:

@@ -11,13 +11,14 @@ from pathlib import Path
 from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.observe import ModuleFigures, RunObserver
 from robbie_mp.profile.model import Profile
+from robbie_mp.profile.show import as_profile
 from robbie_mp.supervisor.attached_tools import AttachedTools
 from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.control import ControlServer
 from robbie_mp.supervisor.memory import SUPERVISOR, RunMemory
 from robbie_mp.supervisor.output import Listener, OutputStore
 from robbie_mp.supervisor.plan import CORE, RunPlan
-from robbie_mp.supervisor.run_directory import RunDirectory
+from robbie_mp.supervisor.run_directory import PROFILE_FILE, RunDirectory
 from robbie_mp.supervisor.spares import SpareCommand
 from robbie_mp.supervisor.states import StateChange
 from robbie_mp.supervisor.sweep import sweep
@@ -92,6 +93,7 @@ def run_profile(
             types,
         )
         plan.save(directory.folder)
+        (directory.folder / PROFILE_FILE).write_text(as_profile(profile, settings))
         return _run(plan, profile, directory.folder, listener, connections)
 
 

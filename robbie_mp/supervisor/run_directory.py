@@ -29,6 +29,8 @@ from robbie_mp.proc import ProcessIdentity
 RUN_ID = re.compile(r"[0-9a-f]{8}")
 UNFINISHED_PREFIX = "new-"
 RECORD_NAME = "run.json"
+PROFILE_FILE = "profile.yaml"
+"""The profile as merged, for who records the run."""
 
 
 class UnsafeRunFolder(RobbieError, PermissionError):

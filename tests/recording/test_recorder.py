@@ -1,0 +1,154 @@
+"""Messages wait in memory for the disk, within a bound; whoever records them never waits."""
+
+import logging
+import threading
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.recording import recorder as recorder_module
+from robbie_mp.recording.chunk_queue import BufferLimits, ChunkQueue
+from robbie_mp.recording.compression import Compression
+from robbie_mp.recording.disk_budget import DiskBudget
+from robbie_mp.recording.log_writer import LogWriter, Split
+from robbie_mp.recording.reader import open_log
+from robbie_mp.recording.recorder import Recorder, RecordingFailed
+from tests.recording.recording import CHANNELS, RUN
+
+KEY, OTHER = CHANNELS[1].key, CHANNELS[2].key
+LIMITS = BufferLimits(chunk_bytes=1000, buffer_bytes=5000, close_after_s=3600.0)
+LOG = logging.getLogger("test")
+
+
+class Disk(LogWriter):
+    """A writer whose disk may be full, or slow, or its code wrong."""
+
+    def __init__(self, folder: Path, dropped):
+        super().__init__(folder, Compression.NONE, RUN, Split(), DiskBudget(folder.parent, 0), dropped)
+        self.free = threading.Event()
+        self.free.set()
+        self.refuse: Exception | None = None
+        self.refused = threading.Event()
+
+    def write(self, chunk, channels):
+        assert self.free.wait(60)
+        if self.refuse is not None:
+            self.refused.set()
+            raise self.refuse
+        super().write(chunk, channels)
+
+
+def record(recorder: Recorder, numbers: range, size: int = 100) -> list[int]:
+    """Record messages on one channel; return those that were taken."""
+    channel = recorder.channel(KEY, "")
+    return [n for n in numbers if recorder.record(channel, n, n, n.to_bytes(4, "little") + bytes(size - 4))]
+
+
+def recorded(folder: Path) -> list[int]:
+    with open_log(folder) as log:
+        return [message.sequence for message in log.messages()]
+
+
+@pytest.fixture
+def recorder(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, "RETRY_S", 0.001)
+    return Recorder(lambda dropped: Disk(tmp_path / "log", dropped), LIMITS, LOG)
+
+
+def test_slow_disk_costs_messages_beyond_the_buffer_and_each_is_counted_in_the_log(recorder, tmp_path):
+    recorder.writer.free.clear()
+    taken = record(recorder, range(100))
+    assert taken == list(range(len(taken)))
+    assert 30 < len(taken) < 40
+    assert recorder.waiting_bytes <= LIMITS.buffer_bytes
+    assert recorder.counts() == {KEY: (0, 100 - len(taken))}
+    recorder.count_dropped(OTHER, 5)
+    recorder.writer.free.set()
+    recorder.close()
+    assert recorded(tmp_path / "log") == taken
+    assert recorder.counts() == {KEY: (len(taken), 100 - len(taken)), OTHER: (0, 5)}
+    assert recorder.waiting_bytes == 0
+
+
+def test_message_larger_than_the_buffer_is_taken_when_it_is_alone(recorder, tmp_path):
+    assert record(recorder, range(1), size=20_000) == [0]
+    recorder.close()
+    assert recorded(tmp_path / "log") == [0]
+
+
+def test_full_disk_is_an_error_and_recording_goes_on_when_there_is_room_again(recorder, tmp_path, caplog):
+    recorder.writer.refuse = OSError(28, "No space left on device")
+    taken = record(recorder, range(20))
+    assert recorder.writer.refused.wait(60)
+    recorder.writer.refused.clear()
+    assert recorder.writer.refused.wait(60)  # it tries again
+    assert recorder.error == "No space left on device"
+    recorder.writer.refuse = None
+    recorder.close()
+    assert recorded(tmp_path / "log") == taken == list(range(20))
+    assert recorder.error == ""
+    texts = [entry.getMessage() for entry in caplog.records if entry.levelno >= logging.WARNING]
+    assert len(texts) == 2, texts
+    assert "No space left" in texts[0]
+
+
+def test_what_a_full_disk_refuses_at_the_end_is_counted(recorder):
+    recorder.writer.refuse = OSError(28, "No space left on device")
+    record(recorder, range(20))
+    recorder.close()
+    assert recorder.counts() == {KEY: (0, 20)}
+
+
+def test_writer_that_breaks_is_no_silent_loss(recorder):
+    recorder.writer.refuse = ZeroDivisionError()
+    record(recorder, range(20))
+    with pytest.raises(RecordingFailed):
+        recorder.close()
+    with pytest.raises(RecordingFailed):
+        record(recorder, range(1))
+
+
+class Clock:
+    """The machine's clock, turned by hand."""
+
+    def __init__(self):
+        self.now_ns = 0
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+
+def test_chunk_is_handed_out_so_long_after_its_first_message():
+    clock = Clock()
+    queue = ChunkQueue(BufferLimits(1 << 20, 1 << 20, close_after_s=2.0), clock)
+    queue.add(1, 1, 1, b"first")
+    clock.now_ns = 1_999_999_999
+    assert queue.take(until_ns=0) is None
+    queue.add(1, 2, 2, b"second")
+    clock.now_ns = 2_000_000_000
+    assert queue.take(until_ns=None).messages == 2
+    assert queue.take(until_ns=0) is None
+
+
+def test_snapshot_keeps_the_last_seconds_within_the_buffer_and_is_handed_out_on_demand():
+    clock = Clock()
+    queue = ChunkQueue(BufferLimits(1 << 20, 3000, close_after_s=0.5, keep_s=4.0), clock)
+
+    def let_pass(numbers: range, size: int) -> None:
+        for number in numbers:
+            clock.now_ns = number * 1_000_000_000
+            assert queue.take(until_ns=0) is None
+            assert queue.add(1, number, number, bytes(size))
+
+    let_pass(range(20), 10)
+    assert 4.0 <= queue.kept_s() <= 5.0
+    queue.write_kept()
+    sequences = [chunk.first_sequence for chunk in iter(lambda: queue.take(until_ns=0), None)]
+    assert sequences == [15, 16, 17, 18, 19]
+    queue.write_kept()
+    assert queue.take(until_ns=0) is None
+    let_pass(range(20, 40), 1200)
+    assert queue.waiting_bytes <= 3000
+    assert queue.kept_s() == 1.0
+    queue.end()
+    assert queue.take(until_ns=None) is None

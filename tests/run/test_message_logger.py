@@ -1,0 +1,171 @@
+"""The message logger in a run: what is in the log, what is said to be missing, and what kills leave of it."""
+
+import os
+import signal
+from itertools import pairwise
+from pathlib import Path
+
+import psutil
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from robbie_mp.messages import LaserScan, Odometry
+from robbie_mp.recording.format import ChannelCount, ChannelKey, RunMetadata, counts_from_metadata
+from robbie_mp.recording.reader import open_log
+from tests.run.robot import Ended, Robot, is_running, kill, wait_until
+
+MODULES = '''
+from robbie_mp.messages import LaserScan, Odometry
+from robbie_mp.module import Module
+
+
+class Source(Module):
+    """Publishes numbered scans, as many odometries, and as many of what nobody wants."""
+
+    period_s = 0.002
+
+    def setup(self):
+        self.number = 0
+
+    def tick(self):
+        number = float(self.number)
+        if self.publish(LaserScan(angle_min=number, ranges=[number, 0.5, 1.5]), topic="front"):
+            self.number += 1  # it may be refused while a core is down for long
+            self.publish(LaserScan(angle_min=number), topic="rear")
+            self.publish(Odometry(child_frame_id=str(number)))
+
+
+class Listener(Module):
+    """Wants everything that the source says."""
+
+    def setup(self):
+        self.subscribe(LaserScan, lambda _: None)
+        self.subscribe(Odometry, lambda _: None)
+'''
+PROFILE = """
+modules:
+  logger:
+    class: robbie_mp.services.message_logger:MessageLogger
+    settings: {settings}
+    queue: {{messages: {queue}}}
+    restart: {{backoff_s: 0.01}}
+    stop_grace_s: 60
+  listener: {{class: "source:Listener"}}
+  source: {{class: "source:Source"}}
+"""
+QUEUE = 20
+WAITING = QUEUE + 64
+"""Messages that may wait for the logger in queue and ring: so far shares of topics may be off."""
+FRONT = ChannelKey(LaserScan.type_name, 1, "front", "source")
+ODOMETRY = ChannelKey(Odometry.type_name, 1, "", "source")
+
+
+def start(robot: Robot, settings: str, queue: int):
+    (robot.folder / "source.py").write_text(MODULES)
+    robot.write_profile(PROFILE.format(settings=settings, queue=queue))
+    return robot.start()
+
+
+def parts(robot: Robot) -> list[Path]:
+    return sorted(robot.output.glob("*/*.mcap"))
+
+
+def recorded(robot: Robot) -> list[int]:
+    """Numbers of the scans in front that are in whole chunks of the log."""
+    if not parts(robot):
+        return []
+    with open_log(parts(robot)[0].parent) as log:
+        front = [channel for channel in log.channels if channel.topic == "front"]
+        return [round(LaserScan.decode(m.data).angle_min) for m in log.messages(channels=front)]
+
+
+def test_what_the_queue_could_not_hold_is_counted_by_topic_and_all_else_is_in_the_log(robot):
+    settings = "{types: [LaserScan, nav_msgs/*, no_msgs/msg/Type], exclude: [re*], sync_s: 0.02}"
+    process = start(robot, settings, queue=QUEUE)
+    robot.until(lambda modules: modules["logger"]["handled"] > 100)
+    logger = robot.top()["logger"]["pid"]
+    os.kill(logger, signal.SIGSTOP)
+    robot.until(lambda modules: sum(s["dropped"] for s in modules["logger"]["subscriptions"]) > 10 * WAITING)
+    os.kill(logger, signal.SIGCONT)
+    handled = robot.top()["logger"]["handled"]
+    robot.until(lambda modules: modules["logger"]["handled"] > handled + 300)
+    process.send_signal(signal.SIGINT)
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    published = ended.modules["source"]["published"] // 3
+    (path,) = parts(robot)
+    with open_log(path) as log:
+        assert log.is_complete
+        (run,) = log.metadata("robbie_run")
+        counts = counts_from_metadata(log.metadata("robbie_counts")[-1])
+        in_log = {(c.topic, c.sender): number for c, number in log.counts.items()}
+    assert RunMetadata.from_metadata(run).profile == "robot"
+    assert "robbie_mp.services.message_logger:MessageLogger" in run["profile_yaml"]
+    assert set(counts) == {FRONT, ODOMETRY}
+    for key in (FRONT, ODOMETRY):
+        assert counts[key].recorded == in_log[key.topic, key.sender]
+    missing = sum(count.dropped for count in counts.values())
+    assert sum(counts[key].recorded for key in counts) + missing == pytest.approx(
+        2 * published, abs=missing // 10
+    )
+    check_with_other_readers(path, counts)
+    log_text = robot.log("logger")
+    assert "nothing was recorded in this run for type 'no_msgs/msg/Type', topic '*'" in log_text
+    assert "messages are missing: sensor_msgs/msg/LaserScan on topic 'front'" in log_text
+
+
+def check_with_other_readers(path: Path, counts: dict[ChannelKey, ChannelCount]) -> None:
+    """See that the mcap library and rosbags find what we find, field by field."""
+    with open_log(path) as log:
+        ours = list(log.messages())
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()], validate_crcs=True)
+        theirs = list(reader.iter_decoded_messages(log_time_order=False))
+        statistics = reader.get_summary().statistics
+    assert statistics.message_count == len(theirs) == len(ours) == sum(c.recorded for c in counts.values())
+    for own, (_, _, record, decoded) in zip(ours, theirs, strict=True):
+        assert (own.sequence, own.time_ns) == (record.sequence, record.log_time)
+        if own.channel.type_name == LaserScan.type_name:
+            scan = LaserScan.decode(own.data)
+            assert (scan.angle_min, scan.ranges.tolist()) == (decoded.angle_min, list(decoded.ranges))
+        else:
+            assert Odometry.decode(own.data).child_frame_id == decoded.child_frame_id
+    sequences = [message.sequence for message in ours]
+    assert sequences == sorted(set(sequences))
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
+        data = {bytes(raw) for _, _, raw in bag.messages()}
+    assert data == {message.data for message in ours}
+
+
+def test_kills_of_core_logger_and_supervisor_cost_no_message_that_was_synced(robot):
+    process = start(robot, "{sync_s: 0.05, compression: none}", queue=100_000)
+    robot.until(lambda modules: len(recorded(robot)) > 50)
+
+    kill(robot.top()["core"]["pid"])
+    robot.until(lambda modules: modules["core"]["restarts"] == 1 and modules["core"]["state"] == "RUNNING")
+    enough = len(recorded(robot)) + 100
+    wait_until(lambda: len(recorded(robot)) > enough)
+    before = recorded(robot)
+    assert before == list(range(before[0], before[-1] + 1))  # the core's death cost nothing
+
+    kill(robot.top()["logger"]["pid"])
+    wait_until(lambda: len(parts(robot)) == 2 and len(recorded(robot)) > len(before) + 100)
+    after = recorded(robot)
+    assert after[: len(before)] == before
+    gaps = [number for one, number in pairwise(after) if number != one + 1]
+    assert len(gaps) <= 1  # what was in memory; what waited in the core's queue is there
+    assert after == sorted(after)
+
+    pids = [module["pid"] for module in robot.top().values() if module["pid"]]
+    kill(process.pid)
+    process.wait(60)
+    wait_until(lambda: not any(is_running(pid) for pid in pids if psutil.pid_exists(pid)))
+    at_the_end = recorded(robot)
+    assert at_the_end[: len(after)] == after
+    with open_log(parts(robot)[0].parent) as log:
+        assert not log.is_complete
+        assert all(part.contents.message_count for part in log.parts)
+    assert robot.command("clean").returncode == 0
