@@ -3,13 +3,13 @@
 import json
 import math
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import Any
 
 from hw.arena_file import read_arena
 from hw.drive import DriveCommandError, DriveState
 from hw.pose import Pose as Pose2D
 from hw.simulated_drive import SimulatedDrive, WorldState
+from modules.simulated_world import SimulatedDevice
 from robbie_mp.messages import (
     BatteryState,
     DriveCommand,
@@ -26,14 +26,13 @@ from robbie_mp.messages import (
     TwistWithCovariance,
     Vector3,
 )
-from robbie_mp.module import MessageHandling, Module, setting
-from robbie_mp.settings import REQUIRED
+from robbie_mp.module import MessageHandling, setting
 from workers.planar_pose import relative
 
 MANUAL_TOPIC = "manual"
 
 
-class SimulatedBase(Module):
+class SimulatedBase(SimulatedDevice):
     """The base of a simulated robot. It also tells where the robot really is, on topic `ground_truth`.
 
     The map frame is where the robot started, as for a real robot's odometry.
@@ -47,7 +46,6 @@ class SimulatedBase(Module):
     arena has obstacles that come and go, `SimulatedWorld` on `ground_truth`.
     """
 
-    arena: Path = setting(REQUIRED, "the world the robot drives in (YAML)", must_exist=True)
     seed: int = setting(0, "of the wheels' slip")
     period_s: float = setting(0.05, "time between odometry messages", minimum=0.005)
     manual_hold_s: float = setting(

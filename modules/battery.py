@@ -1,23 +1,20 @@
 """The robot's battery."""
 
 import math
-from pathlib import Path
 
 from hw.drive import DriveState
 from hw.simulated_battery import BatteryModel, SimulatedBattery
-from modules.simulated_world import SharedWorld
+from modules.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp.messages import BatteryState, Header
-from robbie_mp.module import Module, setting
-from robbie_mp.settings import REQUIRED
+from robbie_mp.module import setting
 
 
-class SimulatedBatteryModule(Module):
+class SimulatedBatteryModule(SimulatedDevice):
     """A simulated battery that time and motion drain; publishes `BatteryState` on topic `battery`.
 
     A restarted one holds what it held.
     """
 
-    arena: Path = setting(REQUIRED, "the world the robot drives in (YAML)", must_exist=True)
     capacity_ah: float = setting(5.0, "what it holds when full", minimum=0.001)
     first_charge: float = setting(1.0, "what it holds at first, as a ratio", minimum=0.0, maximum=1.0)
     period_s: float = setting(1.0, "time between messages", minimum=0.05)

@@ -1,18 +1,14 @@
 """The robot's bumper."""
 
-from pathlib import Path
-
 from hw.simulated_bumper import SimulatedBumper
-from modules.simulated_world import SharedWorld
+from modules.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp.messages import Bumper, Header
-from robbie_mp.module import Module, setting
-from robbie_mp.settings import REQUIRED
+from robbie_mp.module import setting
 
 
-class SimulatedBumperModule(Module):
+class SimulatedBumperModule(SimulatedDevice):
     """A simulated bumper; publishes `Bumper` on topic `bumper`, whether it touches something or not."""
 
-    arena: Path = setting(REQUIRED, "the world the robot drives in (YAML)", must_exist=True)
     period_s: float = setting(0.1, "time between messages", minimum=0.01)
 
     def setup(self) -> None:

@@ -1,26 +1,23 @@
 """The robot's cameras."""
 
 import math
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
 from hw.camera import CameraGeometry
 from hw.simulated_camera import SimulatedCamera, SimulatedThermalCamera
-from modules.simulated_world import SharedWorld
+from modules.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp.messages import CameraInfo, Header, Image, JointState
-from robbie_mp.module import MessageHandling, Module, setting
-from robbie_mp.settings import REQUIRED
+from robbie_mp.module import MessageHandling, setting
 
 
-class SimulatedCameraModule(Module):
+class SimulatedCameraModule(SimulatedDevice):
     """A simulated camera on the pan-tilt unit; publishes `Image` and `CameraInfo` on topic `camera`.
 
     Without a pan-tilt unit it looks straight ahead.
     """
 
-    arena: Path = setting(REQUIRED, "the world the robot drives in (YAML)", must_exist=True)
     width: int = setting(320, "columns of an image", minimum=16, maximum=1280)
     height: int = setting(240, "rows of an image", minimum=16, maximum=1024)
     field_of_view_rad: float = setting(1.047, "horizontal", minimum=0.1, maximum=2.0)

@@ -1,24 +1,20 @@
 """The robot's inertial measurement unit."""
 
-from pathlib import Path
-
 import numpy as np
 
 from hw.drive import DriveState
 from hw.simulated_imu import SimulatedImu
-from modules.simulated_world import SharedWorld
+from modules.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp.messages import Header, Imu, Vector3
-from robbie_mp.module import Module, setting
-from robbie_mp.settings import REQUIRED
+from robbie_mp.module import setting
 
 # How ROS says that a message has no orientation.
 NO_ORIENTATION = np.array([-1.0] + [0.0] * 8)
 
 
-class SimulatedImuModule(Module):
+class SimulatedImuModule(SimulatedDevice):
     """A simulated IMU: a sample for each true pose that the simulated base tells; on topic `imu`."""
 
-    arena: Path = setting(REQUIRED, "the world the robot drives in (YAML)", must_exist=True)
     seed: int = setting(0, "of noise and biases")
 
     def setup(self) -> None:

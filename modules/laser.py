@@ -1,19 +1,15 @@
 """The robot's laser range finder."""
 
-from pathlib import Path
-
 from hw.laser import LaserGeometry
 from hw.simulated_laser import SimulatedLaser
-from modules.simulated_world import SharedWorld
+from modules.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp.messages import Header, LaserScan
-from robbie_mp.module import Module, setting
-from robbie_mp.settings import REQUIRED
+from robbie_mp.module import setting
 
 
-class SimulatedLaserRangeFinder(Module):
+class SimulatedLaserRangeFinder(SimulatedDevice):
     """A simulated laser; it learns from the simulated base where the robot really is."""
 
-    arena: Path = setting(REQUIRED, "the world the robot drives in (YAML)", must_exist=True)
     seed: int = setting(0, "of the noise")
     noise_m: float = setting(0.01, "standard deviation of a range", minimum=0.0)
     range_max_m: float = setting(10.0, "farther things are not measured", minimum=0.1)

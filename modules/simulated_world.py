@@ -1,13 +1,30 @@
-"""What the modules of simulated devices learn of the world they share."""
+"""What the modules of simulated devices have in common: the world they share."""
 
 from collections.abc import Callable
 from pathlib import Path
 
-from hw.arena_file import read_arena
+from hw.arena_file import ArenaError, read_arena
 from hw.drive import DriveState
 from hw.pose import Pose
 from robbie_mp.messages import Odometry, SimulatedWorld, Time
-from robbie_mp.module import MessageHandling, Module
+from robbie_mp.module import MessageHandling, Module, setting
+from robbie_mp.settings import REQUIRED, SettingError
+
+
+class SimulatedDevice(Module):
+    """A module whose device lives in an arena."""
+
+    arena: Path = setting(REQUIRED, "the world the robot drives in (YAML)", must_exist=True)
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Read the arena, so that a mistake in it is an error before anything starts."""
+        file = settings["arena"]
+        assert isinstance(file, Path)
+        try:
+            read_arena(file)
+        except (ArenaError, OSError) as error:
+            raise SettingError(str(error), "arena") from error
 
 
 class SharedWorld:

@@ -31,6 +31,7 @@ from robbie_mp.messages import (
     PanTiltCommand,
     SimulatedWorld,
 )
+from robbie_mp.settings import SettingError
 
 # A corridor along x; the robot starts at (0.75, 0.75). A box comes in front of it after 2 s, before a victim.
 ARENA = """\
@@ -155,6 +156,15 @@ def test_box_that_comes_stops_the_robot_and_laser_bumper_and_camera_notice(base,
     images = [image.data.reshape(240, 320, 3).astype(int) for _, _, image in seen]
     assert np.abs(images[0] - images[1]).max() > 100
     assert seen[-1][2].header.stamp == truth.header.stamp
+
+
+@pytest.mark.parametrize(
+    "module", [SimulatedBase, SimulatedLaserRangeFinder, SimulatedCameraModule, SimulatedBatteryModule]
+)
+def test_mistake_in_the_arena_is_found_before_anything_starts(module, tmp_path):
+    (tmp_path / "broken.yaml").write_text(ARENA.replace("tag: 5", "tag: 99"))
+    with pytest.raises(SettingError, match=r"broken\.yaml:6: tag must be"):
+        ModuleHarness(module, {"arena": tmp_path / "broken.yaml"})
 
 
 def test_base_tells_of_obstacles_only_where_there_are_any(base, tmp_path):
