@@ -189,6 +189,19 @@ def test_several_robots_in_one_world() -> None:
     assert graph.pose("red/base", "blue/base", 0).x == 4.0
 
 
+def test_a_node_is_hung_elsewhere_with_all_that_hangs_on_it(graph: SceneGraph) -> None:
+    graph.hang(Node("island", "camera", at_x(1.0)))
+    assert graph.pose("pan", "island").x == pytest.approx(1.1)
+    graph.hang(Node("island", "odom", joint=FLOATING))
+    with pytest.raises(NeverPlaced):
+        graph.pose("odom", "island")
+    assert graph.pose("world", "base", SECOND).x == 11.0
+    with pytest.raises(NotMovable, match="'pan' cannot be hung elsewhere: it moves by a joint"):
+        graph.hang(Node("pan", "world"))
+    with pytest.raises(NodeCycle):
+        graph.hang(Node("world", "camera"))
+
+
 def test_what_is_fixed_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     row = [Node("n0"), *(Node(f"n{number}", f"n{number - 1}", at_x(1.0)) for number in range(1, 100))]
     row[50] = Node("n50", "n49", at_x(1.0), Joint(JointType.PRISMATIC, "j", (1.0, 0.0, 0.0)))
