@@ -101,11 +101,14 @@ class TickSchedule:
 
     Args:
         start_ns: the time of everybody's first tick.
+
+    Attributes:
+        due_ns: when each module's next tick is due, by its name.
     """
 
     def __init__(self, start_ns: int):
         self._start_ns = start_ns
-        self._due_ns: dict[str, int] = {}
+        self.due_ns: dict[str, int] = {}
         self._periods: dict[str, int] = {}
 
     def update(self, periods: Mapping[str, int], now_ns: int) -> None:
@@ -116,19 +119,19 @@ class TickSchedule:
             now_ns: whoever wants ticks for the first time has the first one now.
         """
         self._periods = dict(periods)
-        self._due_ns = {name: self._due_ns.get(name, max(now_ns, self._start_ns)) for name in periods}
+        self.due_ns = {name: self.due_ns.get(name, max(now_ns, self._start_ns)) for name in periods}
 
     def next(self) -> tuple[int, str] | None:
         """Time (ns) and module of the next tick; None if nobody wants any."""
-        if not self._due_ns:
+        if not self.due_ns:
             return None
-        name = min(self._due_ns, key=self._due_ns.__getitem__)  # the first of those due at the same time
-        return self._due_ns[name], name
+        name = min(self.due_ns, key=self.due_ns.__getitem__)  # the first of those due at the same time
+        return self.due_ns[name], name
 
     def granted(self, name: str) -> None:
         """Note that a module has had its tick."""
-        self._due_ns[name] += self._periods[name]
+        self.due_ns[name] += self._periods[name]
 
     def restart(self, now_ns: int) -> None:
         """Have everybody's next tick now: the time has been set to another one."""
-        self._due_ns = dict.fromkeys(self._due_ns, now_ns)
+        self.due_ns = dict.fromkeys(self.due_ns, now_ns)

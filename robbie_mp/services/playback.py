@@ -128,7 +128,9 @@ class Playback(Module):
 
     def _make_outlet(self, translations: dict[int, Translation]) -> PacedOutlet | LockstepOutlet:
         if self.lockstep is not None:
-            return LockstepOutlet(self, translations, self._remember, self.lockstep, self._run_ns)
+            outlet = LockstepOutlet(self, translations, self._remember, self.lockstep, self._run_ns)
+            outlet.schedule.due_ns |= self.restored["due_ns"] if self.restored else {}
+            return outlet
         return PacedOutlet(self, translations, self._remember, self.outstanding_limit, self.outstanding_bytes)
 
     def _make_player(self, channels: list[LogChannel], outlet: Outlet) -> Player:
@@ -171,6 +173,7 @@ class Playback(Module):
         except ControlRefused as refusal:
             self.error = str(refusal)
             self.log.error("refused %s from %s: %s", control.command, self.envelope.sender, refusal)
+        self._remember()
 
     def tick(self) -> None:
         """Play what is due; end after the last message was handled."""
@@ -221,17 +224,18 @@ class Playback(Module):
             f"{'paused' if time.paused else pace}"
         )
 
-    def _remember(self) -> None:
-        """Keep what the next incarnation goes on from, should this one be killed right after."""
+    def _remember(self, sent: int = 0) -> None:
+        """Keep what the next incarnation goes on from; `sent`: messages that the player does not know of."""
         player = self.player
         self.checkpoint(
             {
                 "sought_ns": player.tape.sought_ns,
-                "taken": player.tape.taken + 1,
+                "taken": player.tape.taken + sent,
                 "rate": player.time.rate,
                 "paused": player.time.paused,
-                "played": player.played + 1,
+                "played": player.played + sent,
                 "jumps": player.jumps,
+                "due_ns": self.outlet.schedule.due_ns if isinstance(self.outlet, LockstepOutlet) else {},
             }
         )
 

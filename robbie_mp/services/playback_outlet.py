@@ -21,13 +21,16 @@ class BusOutlet:
     Args:
         module: who publishes.
         translations: how, by the id of the channel.
-        remember: is called right before a message is published.
+        remember: is called right before a message is published, with 1, and after whatever else happened,
+            with 0: so many messages are more done with than the player knows.
 
     Attributes:
         skipped: messages that could not be published.
     """
 
-    def __init__(self, module: Module, translations: Mapping[int, Translation], remember: Callable[[], None]):
+    def __init__(
+        self, module: Module, translations: Mapping[int, Translation], remember: Callable[[int], None]
+    ):
         self._module = module
         self._translations = translations
         self._remember = remember
@@ -39,7 +42,7 @@ class BusOutlet:
         translation = self._translations[channel.id]
         try:
             data = translation.translate(message.data)
-            self._remember()
+            self._remember(1)
             return self._module.publish_encoded(
                 channel.type_name, translation.version, data, topic=channel.topic
             )
@@ -53,6 +56,7 @@ class BusOutlet:
         """Tell that the time has jumped."""
         before, after = Time.from_nanoseconds(before_ns), Time.from_nanoseconds(after_ns)
         self._module.publish(TimeJump(before=before, after=after, reason=reason))
+        self._remember(0)
 
 
 class PacedOutlet(BusOutlet):
@@ -68,7 +72,7 @@ class PacedOutlet(BusOutlet):
         self,
         module: Module,
         translations: Mapping[int, Translation],
-        remember: Callable[[], None],
+        remember: Callable[[int], None],
         limit: int,
         limit_bytes: int,
     ):
@@ -131,14 +135,14 @@ class LockstepOutlet(BusOutlet):
         self,
         module: Module,
         translations: Mapping[int, Translation],
-        remember: Callable[[], None],
+        remember: Callable[[int], None],
         lockstep: Lockstep,
         now_ns: Callable[[], int],
     ):
         super().__init__(module, translations, remember)
         self._lockstep = lockstep
         self._now_ns = now_ns
-        self._schedule = TickSchedule(now_ns())
+        self.schedule = TickSchedule(now_ns())
 
     def has_room(self, _size: int) -> bool:
         """Whether all that came of the last message or tick is over."""
@@ -154,18 +158,20 @@ class LockstepOutlet(BusOutlet):
 
     def next_tick(self) -> DueTick | None:
         """Return the tick that is to be granted next."""
-        self._schedule.update(self._lockstep.periods(), self._now_ns())
-        following = self._schedule.next()
+        self.schedule.update(self._lockstep.periods(), self._now_ns())
+        following = self.schedule.next()
         return DueTick(*following) if following else None
 
     def send_tick(self, tick: DueTick) -> bool:
         """Grant a tick; False if there is no room for it now."""
-        if not self._module.publish(Tick(due=Time.from_nanoseconds(tick.due_ns)), topic=tick.module):
-            return False
-        self._schedule.granted(tick.module)
-        return True
+        self.schedule.granted(tick.module)
+        self._remember(0)
+        if self._module.publish(Tick(due=Time.from_nanoseconds(tick.due_ns)), topic=tick.module):
+            return True
+        self.schedule.due_ns[tick.module] = tick.due_ns
+        return False
 
     def announce(self, before_ns: int, after_ns: int, reason: str) -> None:
         """Tell that the time has jumped; everybody has the next tick right then."""
+        self.schedule.restart(after_ns)
         super().announce(before_ns, after_ns, reason)
-        self._schedule.restart(after_ns)

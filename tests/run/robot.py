@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -51,11 +51,16 @@ class Robot:
         )
 
     def start(
-        self, *arguments: str, profile: str = "robot", output: Path | None = None
+        self,
+        *arguments: str,
+        profile: str = "robot",
+        output: Path | None = None,
+        command: Sequence[str] = ("run",),
     ) -> subprocess.Popen[str]:
         """Start a run and return at once."""
+        options = ["--json", "--output", str(output or self.output)]
         process = subprocess.Popen(
-            [*COMMAND, "run", profile, "--json", "--output", str(output or self.output), *arguments],
+            [*COMMAND, *command, profile, *options, *arguments],
             cwd=self.folder,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

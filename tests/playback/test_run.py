@@ -1,0 +1,142 @@
+"""A log played into a robot whose modules are processes, steered and killed on the way."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robbie_mp.cli.playback import give_order
+from robbie_mp.cli.runs import live_runs
+from robbie_mp.messages import PlaybackState
+from robbie_mp.playback.player import ControlRefused
+from tests.playback.battery_log import write_battery_log
+from tests.recording.logs import START_NS, STEP_NS
+from tests.run.robot import Ended, Robot, kill, wait_until
+
+COUNT = 60
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return write_battery_log(tmp_path / "log.mcap", COUNT)
+
+
+def start(robot: Robot, log: Path, *options: str) -> Any:
+    return robot.start(*options, command=("play", str(log)))
+
+
+def witnessed(robot: Robot, *kinds: str) -> list[list[str]]:
+    """Lines of the witness: words, without those of other kinds."""
+    file = robot.output / "witness.txt"
+    lines = [line.split() for line in file.read_text().splitlines()] if file.exists() else []
+    return [words for words in lines if not kinds or words[1] in kinds]
+
+
+def numbers(robot: Robot) -> list[int]:
+    return [round(float(words[2])) for words in witnessed(robot, "command")]
+
+
+class Steered:
+    """Gives orders to the playback of the one run there is."""
+
+    def __init__(self, robot: Robot):
+        self._robot = robot
+        robot.until(lambda modules: modules["playback"]["state"] == "RUNNING")
+
+    def __call__(self, order: str, value: float = 0.0) -> PlaybackState:
+        (run,) = [run for run in live_runs() if run.folder.is_relative_to(self._robot.folder.parent)]
+        return give_order(run, order, value)
+
+    def step(self) -> None:
+        """Play one message, and wait until it has been handled."""
+        before = len(witnessed(self._robot, "command", "battery"))
+        self("step")
+        wait_until(lambda: len(witnessed(self._robot, "command", "battery")) > before)
+
+
+def test_playback_is_steered_and_killed_and_no_message_is_lost_or_doubled(
+    player_robot: Robot, log: Path
+) -> None:
+    process = start(player_robot, log, "--paused", "--topics", "DriveCommand", "battery", "nothing/*")
+    steer = Steered(player_robot)
+    for number in (1, 2, 3):
+        steer.step()
+        assert numbers(player_robot) == list(range(1, number + 1))
+    state = steer("pause")
+    assert (state.position.nanoseconds, state.messages) == (START_NS + 2 * STEP_NS, 3)
+    with pytest.raises(ControlRefused, match=r"0 to 5\.9 s"):
+        steer("seek", 100.0)
+
+    pid = player_robot.top()["playback"]["pid"]
+    kill(pid)
+    player_robot.until(lambda modules: modules["playback"]["restarts"] == 1 and modules["playback"]["pid"])
+    steer.step()
+    assert numbers(player_robot) == [1, 2, 3, 4]
+
+    assert steer("seek", 4.95).jumps == 1
+    steer.step()
+    steer("rate", float("inf"))
+    steer("resume")
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    assert numbers(player_robot) == [1, 2, 3, 4, *range(51, COUNT + 1)]
+    assert [words[2:] for words in witnessed(player_robot, "battery")] == [["50", "4"]] * 2
+    assert [words[2:] for words in witnessed(player_robot, "jump")] == [["seek"]]
+    assert clock_went_back(player_robot) == []
+    assert "nothing in" in player_robot.log("playback")
+    assert "refused seek" in player_robot.log("playback")
+    assert ended.modules["playback"]["refused"] == ended.modules["witness"]["dropped"] == 0
+
+
+def clock_went_back(robot: Robot) -> list[tuple[int, int]]:
+    """Where the run's time went back without a jump; messages bear the log's times."""
+    found, before_ns = [], 0
+    for words in witnessed(robot):
+        now_ns = int(words[0])
+        if words[1] == "jump":
+            before_ns = 0
+        if now_ns < before_ns:
+            found.append((before_ns, now_ns))
+        before_ns = now_ns
+        if words[1] == "command":
+            assert now_ns >= START_NS + (round(float(words[2])) - 1) * STEP_NS
+    return found
+
+
+def test_runs_in_lockstep_are_the_same_also_when_the_playback_is_killed(
+    player_robot: Robot, log: Path
+) -> None:
+    options = ["--lockstep", "--rate", "max", "--topics", "DriveCommand", "battery"]
+    ended = Ended.wait_for(start(player_robot, log, *options))
+    assert ended.exit_code == 0, ended.stderr
+    first = witnessed(player_robot)
+    assert [round(float(words[2])) for words in first if words[1] == "command"] == list(range(1, COUNT + 1))
+    assert [int(words[0]) - START_NS for words in first if words[1] == "command"] == [
+        number * STEP_NS for number in range(COUNT)
+    ]
+    ticks = [int(words[0]) - START_NS for words in first if words[1] == "tick"]
+    assert ticks == [number * STEP_NS for number in range(COUNT)]
+    player_robot.output = player_robot.folder / "killed"
+    process = start(player_robot, log, *options, "--paused")
+    steer = Steered(player_robot)
+    for _ in range(7):
+        steer.step()
+    kill(player_robot.top()["playback"]["pid"])
+    player_robot.until(lambda modules: modules["playback"]["restarts"] == 1 and modules["playback"]["pid"])
+    steer("resume")
+    assert Ended.wait_for(process).exit_code == 0
+    assert witnessed(player_robot) == first
+
+
+def test_what_cannot_be_played_is_refused_before_any_process_starts(
+    player_robot: Robot, tmp_path: Path, log: Path
+) -> None:
+    newer = write_battery_log(tmp_path / "newer.mcap", 5, battery_version=4)
+    refused = player_robot.command("play", str(newer), "robot")
+    assert refused.returncode == 2
+    assert "test_msgs/msg/Battery: version 4 was written, 3 is the newest here" in refused.stderr
+    player_robot.write_profile('modules: {witness: {class: "crew.modules:Witness"}}', "real")
+    refused = player_robot.command("play", str(log), "real")
+    assert refused.returncode == 2
+    assert "no module 'playback', only witness" in refused.stderr
+    assert not (player_robot.folder / "output").exists()
