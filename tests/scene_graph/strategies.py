@@ -2,10 +2,13 @@
 
 import math
 
+from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 from robbie_mp.scene_graph import Joint, JointType, Node, RigidTransform
 
+# A busy machine takes its time, and no test keeps anything in a fixture from one example to the next.
+PATIENT = settings(deadline=None, suppress_health_check=list(HealthCheck))
 LENGTHS = st.floats(-10.0, 10.0)
 ANGLES = st.floats(-math.pi, math.pi)
 DIRECTIONS = st.tuples(LENGTHS, LENGTHS, LENGTHS).filter(lambda axis: math.hypot(*axis) > 0.1)

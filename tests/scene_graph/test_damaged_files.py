@@ -3,11 +3,12 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.scene_graph import SceneFileError, SceneGraph, read_scene
 
+from .strategies import PATIENT
 from .test_scene_file import ROBOT
 from .test_urdf import ARM
 
@@ -18,7 +19,7 @@ PATCHES = st.lists(
 
 @pytest.mark.parametrize(("text", "name"), [(ROBOT, "scene.yaml"), (ARM, "arm.urdf")])
 @given(patches=PATCHES)
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(PATIENT, max_examples=60)
 def test_damaged_files_are_read_or_refused(
     tmp_path: Path, text: str, name: str, patches: list[tuple[float, int, bytes]]
 ) -> None:

@@ -14,9 +14,9 @@ from pytransform3d.transform_manager import TransformManager
 from robbie_mp.scene_graph import JointType, Node, RigidTransform, SceneGraph
 from robbie_mp.scene_graph.rigid_transform import interpolate
 
-from .strategies import ANGLES, LENGTHS, poses, trees
+from .strategies import ANGLES, LENGTHS, PATIENT, poses, trees
 
-FEW = settings(max_examples=30, deadline=None)
+FEW = settings(PATIENT, max_examples=30)
 EXACT = {"rtol": 0.0, "atol": 1e-9}
 
 
