@@ -36,7 +36,7 @@ class NavigationGrid:
         self.unknown = cropped < 0
         occupied = cropped >= OCCUPIED_PERCENT
         self.free = ~self.unknown & ~occupied
-        self.obstacle_distance_m = _distance_cells(occupied) * resolution_m
+        self.obstacle_distance_m = distance_cells(occupied) * resolution_m
         # Half a cell: an obstacle reaches from the middle of its cell to the edge.
         self.drivable = self.free & (self.obstacle_distance_m >= clearance_m + resolution_m / 2)
 
@@ -50,6 +50,11 @@ class NavigationGrid:
         column, row = np.floor((np.asarray(xy_m, float)[:2] - self._corner) / self.resolution_m).astype(int)
         height, width = self.free.shape
         return int(np.clip(row, 0, height - 1)), int(np.clip(column, 0, width - 1))
+
+    def holds(self, xy_m: ArrayLike) -> bool:
+        """Say whether a point, m, map frame, lies on the grid."""
+        column, row = (np.asarray(xy_m, float)[:2] - self._corner) / self.resolution_m
+        return bool(0 <= row < self.free.shape[0] and 0 <= column < self.free.shape[1])
 
     def middles_m(self, cells: ArrayLike) -> NDArray[np.float64]:
         """Return the middles `(..., 2)`, m, map frame, of cells `(..., 2)` given as (row, column)."""
@@ -83,7 +88,8 @@ def _cropped(cells: NDArray[np.int8]) -> tuple[NDArray[np.int8], NDArray[np.floa
     return np.pad(known, MARGIN_CELLS, constant_values=-1), shift
 
 
-def _distance_cells(occupied: NDArray[np.bool_]) -> NDArray[np.float64]:
+def distance_cells(occupied: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return how many cells it is from each cell to the nearest occupied one: +inf where there is none."""
     if not occupied.any():
         return np.full(occupied.shape, np.inf)
     distance: NDArray[np.float64] = ndimage.distance_transform_edt(~occupied)

@@ -45,10 +45,10 @@ class FollowerSettings:
 
 
 class PathFollower:
-    """Steers along the newest path; a new path may be given at any time."""
+    """Steers along the newest path; a new path may be given at any time, and new settings, too."""
 
     def __init__(self, settings: FollowerSettings | None = None) -> None:
-        self._settings = settings or FollowerSettings()
+        self.settings = settings or FollowerSettings()
         self._path: NDArray[np.float64] = np.empty((0, 2))
         self._turning = False
 
@@ -70,7 +70,15 @@ class PathFollower:
         """Say whether the path's end is reached; without a path it is not."""
         if len(self._path) == 0:
             return False
-        return float(np.hypot(*(self._path[-1] - np.asarray(pose, float)[:2]))) <= self._settings.arrived_m
+        return float(np.hypot(*(self._path[-1] - np.asarray(pose, float)[:2]))) <= self.settings.arrived_m
+
+    def way_left_m(self, pose: ArrayLike) -> float:
+        """Return how far it is along the path to its end; without a path 0."""
+        return self._target(np.asarray(pose, float)[:2])[1] if len(self._path) else 0.0
+
+    def target_xy_m(self, pose: ArrayLike) -> NDArray[np.float64]:
+        """Return the point of the path, m, map frame, that the robot steers for; there must be a path."""
+        return self._target(np.asarray(pose, float)[:2])[0]
 
     def velocity(self, pose: ArrayLike) -> Velocity:
         """Return the speeds that lead along the path.
@@ -84,15 +92,15 @@ class PathFollower:
         target, way_m = self._target(np.asarray(pose, float)[:2])
         ahead, left, _ = relative(pose, [*target, 0.0])
         aside_rad = math.atan2(left, ahead)
-        limit = self._settings.drive_below_rad if self._turning else self._settings.turn_above_rad
+        limit = self.settings.drive_below_rad if self._turning else self.settings.turn_above_rad
         self._turning = abs(aside_rad) > limit
         if self._turning:
-            return 0.0, self._within(self._settings.turn_gain_per_s * aside_rad)
+            return 0.0, self._within(self.settings.turn_gain_per_s * aside_rad)
         return self._arc(aside_rad, math.hypot(ahead, left), way_m)
 
     def _arc(self, aside_rad: float, distance_m: float, way_m: float) -> Velocity:
         """Return speeds on the arc through the target, slower in curves and towards the end."""
-        settings = self._settings
+        settings = self.settings
         curvature = 2 * math.sin(aside_rad) / max(distance_m, 0.05)
         linear = min(
             settings.max_linear_m_per_s * math.cos(aside_rad),
@@ -107,9 +115,9 @@ class PathFollower:
         nearest = int(np.argmin(distances))
         ahead = self._path[nearest:]
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ahead, axis=0).T))])
-        index = min(int(np.searchsorted(along, self._settings.lookahead_m)), len(ahead) - 1)
+        index = min(int(np.searchsorted(along, self.settings.lookahead_m)), len(ahead) - 1)
         return ahead[index], float(along[-1] + distances[nearest])
 
     def _within(self, angular: float) -> float:
-        limit = self._settings.max_angular_rad_per_s
+        limit = self.settings.max_angular_rad_per_s
         return max(-limit, min(limit, angular))

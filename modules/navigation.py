@@ -1,0 +1,208 @@
+"""Navigation: drives the robot to goals."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from modules.planar_messages import angles_rad, laser_mount, map_cells, planar, pose_stamped
+from robbie_mp.messages import (
+    DriveCommand,
+    Duration,
+    EmergencyStop,
+    Header,
+    LaserScan,
+    NavigationState,
+    OccupancyGrid,
+    Path,
+    Pose,
+    PoseStamped,
+    TFMessage,
+    Time,
+)
+from robbie_mp.module import MessageHandling, Module, setting
+from workers.collision_guard import CollisionGuard
+from workers.laser_sweep import LaserSweep
+from workers.navigator import Navigator
+from workers.navigator_states import RESTING, NavigatorSettings, NavigatorState
+from workers.path_follower import FollowerSettings, PathFollower
+
+MAP_FRAMES = ("map", "")
+
+
+class Navigation(Module):
+    """Drives to the poses that come on topic `goal`, by map, pose and laser.
+
+    Publishes `DriveCommand`, which expires, only while it has a goal; the planned way as `Path` on topic
+    `path`; and `NavigationState` on each change and every now and then. A new goal takes the place of the
+    old one; a restarted navigation goes on to the goal it had.
+    """
+
+    period_s: float = setting(0.06, "time between drive commands", minimum=0.01)
+    command_valid_for_s: float = setting(0.3, "the drive stops when no newer command comes", minimum=0.01)
+    max_linear_m_per_s: float = setting(0.5, "fastest speed ahead", minimum=0.05, changeable=True)
+    clearance_m: float = setting(0.27, "planned ways keep the robot's centre this far off", minimum=0.05)
+    tolerance_m: float = setting(0.25, "a goal counts as reached from so near to it", minimum=0.01)
+    heading_tolerance_rad: float = setting(0.15, "how exactly; pi: any heading will do", minimum=0.02)
+    stale_s: float = setting(0.6, "pose or laser silent for so long: the robot stands", minimum=0.05)
+    max_recoveries: int = setting(6, "attempts to get free before a goal is given up", minimum=0)
+    state_period_s: float = setting(0.5, "time between messages of its state", minimum=0.05)
+
+    def setup(self) -> None:
+        """Listen; the first scan tells the laser's geometry, and only then it can drive."""
+        self.navigator: Navigator | None = None
+        self.laser_pose = np.zeros(3)
+        self.grid: OccupancyGrid | None = None
+        self.goal: Sequence[float] | None = self.restored
+        self.told: tuple[str, str] = ("", "")
+        self.told_s = -np.inf
+        self.path = np.empty((0, 2))
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(PoseStamped, self.on_goal, topic="goal")
+        self.subscribe(OccupancyGrid, self.on_map, newest)
+        self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
+        self.subscribe(LaserScan, self.on_scan, newest)
+        self.subscribe(TFMessage, self.on_transforms, topic="tf_static")
+        self.subscribe(EmergencyStop, self.on_emergency_stop, newest, topic="emergency_stop_state")
+
+    def on_goal(self, goal: PoseStamped) -> None:
+        """Drive somewhere else from now on."""
+        self.goal = planar(goal.pose)
+        if goal.header.frame_id not in MAP_FRAMES:
+            self._refuse(f"a goal must be given in the frame 'map', not {goal.header.frame_id!r}")
+        elif not np.isfinite(self.goal).all():
+            self._refuse(f"a goal must have finite coordinates, not {self.goal}")
+        else:
+            self.log.info("goal: %.2f m, %.2f m, %.2f rad, from %s", *self.goal, self.envelope.sender)
+            if self.navigator is not None:
+                self.navigator.go_to(self.goal)
+            self.checkpoint(list(self.goal))
+
+    def on_map(self, grid: OccupancyGrid) -> None:
+        """Plan on a new map."""
+        self.grid = grid
+        if self.navigator is not None:
+            self.navigator.see_map(*map_cells(grid))
+
+    def on_pose(self, pose: PoseStamped) -> None:
+        """Learn where the robot is."""
+        if self.navigator is not None:
+            stamp_s = pose.header.stamp.nanoseconds / 1e9
+            self.navigator.see_pose(planar(pose.pose), stamp_s, self._published_s())
+
+    def on_transforms(self, message: TFMessage) -> None:
+        """Learn where the laser sits on the robot."""
+        mount = laser_mount(message)
+        if mount is None or np.array_equal(mount, self.laser_pose):
+            return
+        if self.navigator is not None and self.navigator.state in RESTING:
+            self.goal = None
+        self.laser_pose, self.navigator = mount, None
+
+    def on_scan(self, scan: LaserScan) -> None:
+        """Look around; the first scan tells the laser's geometry."""
+        if self.navigator is None:
+            self._begin(scan)
+        sweep = LaserSweep.from_ranges(
+            scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
+        )
+        self.navigator.see_sweep(sweep, scan.ranges, scan.header.stamp.nanoseconds / 1e9, self._published_s())
+
+    def on_emergency_stop(self, message: EmergencyStop) -> None:
+        """Wait while the drive is in an emergency stop."""
+        if self.navigator is not None:
+            self.navigator.see_emergency_stop((message.reason or "no reason given") * message.engaged)
+
+    def setting_changed(self, name: str) -> None:
+        """Drive faster or slower."""
+        if self.navigator is not None:
+            self.navigator.follower.settings = self._follower_settings()
+
+    def tick(self) -> None:
+        """Command the drive, and say how far it is."""
+        if self.navigator is None:
+            waits = NavigatorState.IDLE if self.goal is None else NavigatorState.STOPPED_NO_LASER
+            self._tell(waits.name, "no scan has come yet", None)
+            self.status = "waits for the laser"
+            return
+        speeds = self.navigator.drive()
+        if speeds is not None:
+            self.publish(
+                DriveCommand(
+                    header=Header(stamp=self._now(), frame_id="base_link"),
+                    linear_m_per_s=speeds[0],
+                    angular_rad_per_s=speeds[1],
+                    valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
+                )
+            )
+        if self.navigator.path is not self.path:
+            self._publish_path()
+        if self.navigator.state in RESTING and self.told[0] != self.navigator.state.name:
+            self.checkpoint(None)
+            self.log.info("%s: %s", self.navigator.state.name, self.navigator.machine.reason)
+        self._tell(self.navigator.state.name, self.navigator.machine.reason, self.navigator.distance_left_m)
+        self.status = self.navigator.status
+
+    def _begin(self, scan: LaserScan) -> None:
+        """Make the navigator for a laser's geometry."""
+        settings = NavigatorSettings(
+            clearance_m=self.clearance_m,
+            tolerance_m=self.tolerance_m,
+            heading_tolerance_rad=self.heading_tolerance_rad,
+            stale_s=self.stale_s,
+            max_recoveries=self.max_recoveries,
+        )
+        guard = CollisionGuard(angles_rad(scan), self.laser_pose)
+        follower = PathFollower(self._follower_settings())
+        self.navigator = Navigator(self._time_s, guard, follower, settings, self.laser_pose)
+        if self.grid is not None:
+            self.navigator.see_map(*map_cells(self.grid))
+        if self.goal is not None:
+            self.navigator.go_to(self.goal)
+
+    def _refuse(self, reason: str) -> None:
+        self.log.error("%s", reason)
+        self.goal = None
+        self.checkpoint(None)
+        if self.navigator is None:
+            self._tell(NavigatorState.UNREACHABLE.name, reason, None)
+        else:
+            self.navigator.refuse(reason)
+
+    def _publish_path(self) -> None:
+        self.path = self.navigator.path
+        header = Header(stamp=self._now(), frame_id="map")
+        ahead = np.diff(self.path, axis=0, append=self.path[-1:])
+        headings = np.arctan2(ahead[:, 1], ahead[:, 0])
+        poses = [
+            pose_stamped([*xy, heading], header) for xy, heading in zip(self.path, headings, strict=True)
+        ]
+        self.publish(Path(header=header, poses=poses), topic="path")
+
+    def _tell(self, state: str, reason: str, left_m: float | None) -> None:
+        if self.told == (state, reason) and self._time_s() - self.told_s < self.state_period_s:
+            return
+        self.told, self.told_s = (state, reason), self._time_s()
+        self.show_state(state)
+        header = Header(stamp=self._now(), frame_id="map")
+        goal = Pose() if self.goal is None else pose_stamped(self.goal, header).pose
+        self.publish(
+            NavigationState(
+                header=header,
+                state=state,
+                reason=reason,
+                goal=goal,
+                distance_left_m=-1.0 if left_m is None else left_m,
+            )
+        )
+
+    def _follower_settings(self) -> FollowerSettings:
+        return FollowerSettings(max_linear_m_per_s=self.max_linear_m_per_s)
+
+    def _now(self) -> Time:
+        return Time.from_nanoseconds(self.clock.now_ns())
+
+    def _time_s(self) -> float:
+        return self.clock.monotonic_ns() / 1e9
+
+    def _published_s(self) -> float:
+        return self.envelope.published_ns / 1e9
