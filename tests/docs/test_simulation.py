@@ -1,0 +1,35 @@
+"""What docs/simulation.md shows works, and its table names the modules of the profile `simulation`."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from hw import generate_arena
+from hw.arena_file import read_arena
+from robbie_mp.profile.load import load_profile
+from robbie_mp.profile.preflight import preflight
+from tests.docs.pages import ROOT, block
+
+PAGE = (ROOT / "docs" / "simulation.md").read_text()
+
+
+def test_arena_of_the_page_is_read(tmp_path: Path) -> None:
+    (tmp_path / "arena.yaml").write_text(block("docs/simulation.md", "arena"))
+    arena = read_arena(tmp_path / "arena.yaml")
+    assert (len(arena.victims), len(arena.signs), len(arena.appearing)) == (2, 1, 2)
+
+
+def test_command_of_the_page_writes_an_arena(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (words,) = re.findall(r"^    python -m hw.generate_arena (.*) > arena.yaml", PAGE, re.MULTILINE)
+    assert generate_arena.main(words.split()) == 0
+    (tmp_path / "arena.yaml").write_text(capsys.readouterr().out)
+    assert read_arena(tmp_path / "arena.yaml").victims
+
+
+def test_table_names_the_devices_of_the_profile_which_may_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    profile = load_profile("simulation")
+    assert not preflight(profile, timeout_s=60.0).failures
+    named = re.findall(r"^\| [^|]+ \| `(modules\.\w+:\w+)`", PAGE, re.MULTILINE)
+    assert sorted(module.class_path for module in profile.modules) == sorted(named)
