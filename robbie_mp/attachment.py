@@ -22,7 +22,7 @@ from robbie_mp.supervisor.plan import TOOL_MEMORY_BYTES, RunPlan
 from robbie_mp.supervisor.run_directory import KnownRun
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
-from robbie_mp.transport.endpoint import Delivery, Endpoint
+from robbie_mp.transport.endpoint import ChannelName, Delivery, Endpoint
 from robbie_mp.transport.layout import LINE_WORDS, Activity, SegmentKind
 from robbie_mp.transport.outbox import Outbox
 from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling, Outbound
@@ -233,7 +233,6 @@ class Attachment:
                 found.append(at)
         return found
 
-    def passed(self, type_name: str, version: int, topic: str) -> int:
-        """Messages of a type, on a topic or on all, that the core has ever routed."""
-        counts = self._counters.read(type_name, version, topic)
-        return sum(count.messages for count in counts.values())
+    def passed(self) -> dict[ChannelName, int]:
+        """Return how many messages the core has ever routed through each channel."""
+        return self._counters.messages()

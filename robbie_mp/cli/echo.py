@@ -17,6 +17,7 @@ from robbie_mp.declarations import read_declarations
 from robbie_mp.message_stream import MessageStream
 from robbie_mp.messages import DecodeError, Message
 from robbie_mp.supervisor.run_directory import KnownRun
+from robbie_mp.transport.endpoint import ChannelName
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -76,7 +77,7 @@ def echo(arguments: argparse.Namespace) -> int:
     purpose = f"robbie echo {name}{on_topic}"
     if not arguments.once:
         _say_if_nobody_publishes(run, name, arguments.topic)
-    with closing(MessageStream(run, name, version, arguments.topic, purpose)) as stream:
+    with closing(MessageStream(run, [ChannelName(name, version, arguments.topic)], purpose)) as stream:
         return _Echo(message_type, field, arguments).print_all(stream)
 
 

@@ -47,6 +47,11 @@ def info(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def print_log(path: Path) -> None:
+    """Tell people what is in a log."""
+    _print(_describe(path))
+
+
 def _describe(path: Path) -> LogInfo:
     with open_log(path) as log:
         return describe(log)

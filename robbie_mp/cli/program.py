@@ -12,6 +12,7 @@ from robbie_mp.version import installed_version
 
 COMMANDS = (
     "run",
+    "record",
     "play",
     "playback",
     "list",

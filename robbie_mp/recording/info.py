@@ -152,12 +152,13 @@ def part_data(part: LogPart) -> dict[str, Any]:
 def _dropped(parts: list[LogPart]) -> dict[ChannelKey, int]:
     dropped: dict[ChannelKey, int] = {}
     for part in parts:
-        for key, count in _last_counts(part).items():
+        for key, count in last_counts(part).items():
             dropped[key] = dropped.get(key, 0) + count.dropped
     return dropped
 
 
-def _last_counts(part: LogPart) -> dict[ChannelKey, ChannelCount]:
+def last_counts(part: LogPart) -> dict[ChannelKey, ChannelCount]:
+    """Return what the last record `robbie_counts` of a file says; {} without any."""
     for record in reversed(part.contents.metadata):
         if record.name == COUNTS_METADATA:
             with contextlib.suppress(ValueError):

@@ -50,7 +50,7 @@ class RecordedChannel:
     id: int
     key: ChannelKey
     schema: str
-    """The ros2msg text of its type."""
+    """The ros2msg text of its type; '' if that is not known."""
 
 
 class PartWriter:
@@ -119,7 +119,10 @@ class PartWriter:
             if schema is None:
                 number = len(self._schemas) + len(schemas) + 1
                 schema = schemas[wanted] = Schema(
-                    id=number, name=wanted[0], encoding=SCHEMA_ENCODING, data=wanted[1].encode()
+                    id=number,
+                    name=wanted[0],
+                    encoding=SCHEMA_ENCODING if wanted[1] else "",  # so MCAP says that there is none
+                    data=wanted[1].encode(),
                 )
             records.append(
                 Channel(

@@ -6,8 +6,8 @@ from collections import defaultdict
 from contextlib import closing
 from pathlib import Path
 
-from robbie_mp.books import BookReader
 from robbie_mp.bus import EncodedMessage
+from robbie_mp.channel_counters import ChannelCounters, messages_missed
 from robbie_mp.messages import ModuleState
 from robbie_mp.module import Module, setting
 from robbie_mp.recording.chunk_queue import BufferLimits
@@ -16,9 +16,9 @@ from robbie_mp.recording.disk_budget import DiskBudget
 from robbie_mp.recording.format import ChannelKey
 from robbie_mp.recording.log_writer import LogWriter, Split
 from robbie_mp.recording.recorder import Recorder
-from robbie_mp.services.queue_drops import QueueDrops
+from robbie_mp.services.queue_drops import QueueDrops, key_of_missing
 from robbie_mp.services.recorded_run import RecordedRun
-from robbie_mp.services.selection import Selection, matches, type_pattern
+from robbie_mp.services.selection import Pair, Selection, type_pattern
 from robbie_mp.settings import SettingError
 from robbie_mp.supervisor.run_directory import list_runs
 from robbie_mp.transport import names
@@ -28,7 +28,7 @@ from robbie_mp.transport.segment import Segment
 
 WARN_UNMATCHED_AFTER_S = 10.0
 CRASHED = ("BACKOFF", "FAILED")
-MODULE_STATES = (ModuleState.type_name, "*")
+MODULE_STATES = Pair(ModuleState.type_name, "*")
 MEGABYTE = 1e6
 
 
@@ -75,18 +75,19 @@ class MessageLogger(Module):
     def setup(self) -> None:
         """Begin the recording, or go on with it, and subscribe."""
         self.run = RecordedRun(next(run.folder for run in list_runs() if run.run_id == self.run_id))
-        self.selection = Selection(self.types, self.topics, self.exclude)
-        self.triggers = [(type_pattern(self.trigger), self.trigger_topic)] if self.trigger else []
+        self.selection = Selection.by_types_and_topics(self.types, self.topics, self.exclude)
+        self.triggers = [Pair(type_pattern(self.trigger), self.trigger_topic)] if self.trigger else []
         self.channels: dict[ChannelKey, _Channel] = {}
         self.received: defaultdict[ChannelName, int] = defaultdict(int)
         self.bytes = 0
         pairs = self.selection.pairs + ([*self.triggers, MODULE_STATES] if self.snapshot_s else [])
         for type_of, topic in dict.fromkeys(pairs):
             self.subscribe_encoded(type_of, self.on_message, topic=topic)
-        segment = Segment.attach(names.core(self.run_id), SegmentKind.CORE)
-        books = BookReader(segment.words, self.run.plan.names.index(self.name))
+        self.core = Segment.attach(names.core(self.run_id), SegmentKind.CORE).words
+        self.slot = self.run.plan.names.index(self.name)
+        self.counters = ChannelCounters(self.core)
         self.drops = QueueDrops(
-            books, lambda name: self.selection.is_subscribed(name.type_name, name.topic), self.restored or 0
+            lambda: messages_missed(self.core, self.slot), self._passed, self.restored or 0
         )
         root = self.folder or self.output_directory
         recording = self.run.recording_folder(root, self.name)
@@ -139,7 +140,9 @@ class MessageLogger(Module):
                 )
             id_ = self.recorder.channel(key, schema)
         states = bool(self.snapshot_s) and key.type_name == ModuleState.type_name
-        triggers = bool(self.snapshot_s) and any(matches(p, key.type_name, key.topic) for p in self.triggers)
+        triggers = bool(self.snapshot_s) and any(
+            pair.matches(key.type_name, key.topic) for pair in self.triggers
+        )
         channel = self.channels[key] = _Channel(key, id_, triggers=triggers, tells_states=states)
         return channel
 
@@ -157,21 +160,27 @@ class MessageLogger(Module):
             self._warn_unmatched("so far")
         self._show(now_ns)
 
+    def _passed(self) -> dict[ChannelName, int]:
+        is_subscribed = self.selection.is_subscribed
+        return {
+            name: passed
+            for name, passed in self.counters.messages().items()
+            if is_subscribed(name.type_name, name.topic)
+        }
+
     def _count_queue_drops(self) -> None:
         """Count what the core dropped, so that a later process of this module does not count it again."""
         before = self.drops.missed
         for name, missing in self.drops.look(self.received).items():
             if self.selection.wants(name.type_name, name.topic):
-                senders = [key.sender for key, one in self.channels.items() if one.name == name]
-                sender = senders[0] if len(senders) == 1 else ""
-                self.recorder.count_dropped(ChannelKey(*name, sender), missing)
+                self.recorder.count_dropped(key_of_missing(name, self.channels), missing)
         if self.drops.missed != before:
             self.checkpoint(self.drops.missed)
 
     def _warn_unmatched(self, when: str) -> None:
         self.warned = True
-        for pair in self.selection.unmatched:
-            self.log.warning("nothing was recorded %s for %s: does anybody publish it?", when, pair)
+        for patterns in self.selection.unmatched:
+            self.log.warning("nothing was recorded %s for %s: does anybody publish it?", when, patterns)
 
     def _show(self, now_ns: int) -> None:
         recorder, writer = self.recorder, self.recorder.writer

@@ -1,8 +1,8 @@
 """Messages that the core dropped because a recorder's queue was full, told by channel."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
-from robbie_mp.books import BookReader
+from robbie_mp.recording.format import ChannelKey
 from robbie_mp.transport.endpoint import ChannelName
 
 
@@ -14,16 +14,21 @@ class QueueDrops:
     before.
 
     Args:
-        books: of the recorder's subscriptions.
-        is_subscribed: whether messages of a channel come here.
+        total: says how many messages the core has dropped altogether.
+        passed: says how many messages have passed through each channel that is subscribed to.
         missed_before: what an earlier process of this recorder has accounted for.
     """
 
-    def __init__(self, books: BookReader, is_subscribed: Callable[[ChannelName], bool], missed_before: int):
-        self._books = books
-        self._is_subscribed = is_subscribed
+    def __init__(
+        self,
+        total: Callable[[], int],
+        passed: Callable[[], Mapping[ChannelName, int]],
+        missed_before: int = 0,
+    ):
+        self._total = total
+        self._passed = passed
         self._missed = missed_before
-        self._passed_before = books.channels()
+        self._passed_before = passed()
         self._told: dict[ChannelName, int] = {}
 
     @property
@@ -37,13 +42,12 @@ class QueueDrops:
         Args:
             received: how many came since the beginning, of each channel.
         """
-        new = self._books.missed() - self._missed
+        new = self._total() - self._missed
         if new <= 0:
             return {}
         gaps = {
             name: passed - self._passed_before.get(name, 0) - received.get(name, 0) - self._told.get(name, 0)
-            for name, passed in self._books.channels().items()
-            if self._is_subscribed(name)
+            for name, passed in self._passed().items()
         }
         shares = share_out(
             new, {name: gap for name, gap in gaps.items() if gap > 0} or dict.fromkeys(gaps, 1)
@@ -52,6 +56,12 @@ class QueueDrops:
         for name, share in shares.items():
             self._told[name] = self._told.get(name, 0) + share
         return shares
+
+
+def key_of_missing(name: ChannelName, seen: Iterable[ChannelKey]) -> ChannelKey:
+    """Return the channel of a log to which missing messages belong: their sender is known if there is one."""
+    senders = {key.sender for key in seen if key[:3] == name}
+    return ChannelKey(*name, senders.pop() if len(senders) == 1 else "")
 
 
 def share_out(total: int, weights: Mapping[ChannelName, int]) -> dict[ChannelName, int]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
+from typing import NamedTuple, Self
 
 from robbie_mp.messages.registry import full_name
 
@@ -15,48 +16,64 @@ def type_pattern(text: str) -> str:
     return full_name(text)
 
 
+class Pair(NamedTuple):
+    """Shell patterns for the full name of a type and for a topic, both of which have to match."""
+
+    type: str
+    topic: str
+
+    def matches(self, type_name: str, topic: str) -> bool:
+        """Whether type and topic of a message are such."""
+        return fnmatchcase(type_name, self.type) and fnmatchcase(topic, self.topic)
+
+
 class Selection:
-    """Types and topics that are wanted, by shell patterns, and what is left out of them.
+    """Types and topics that are wanted, and what is left out of them.
 
     Args:
-        types: patterns for full type names; short names stand for their types.
-        topics: patterns for topics; '' is a message without a topic.
-        exclude: patterns of either kind.
+        wanted: pairs of patterns, by what a user calls them: one of each is enough.
+        exclude: patterns for either types or topics.
     """
 
-    def __init__(self, types: Sequence[str], topics: Sequence[str], exclude: Sequence[str]):
-        self._pairs = [(type_pattern(one), topic) for one in types for topic in topics]
-        self._exclude_types = [type_pattern(one) for one in exclude]
-        self._exclude_topics = list(exclude)
-        self._unmatched = dict.fromkeys(self._pairs)
+    def __init__(self, wanted: dict[str, list[Pair]], exclude: Sequence[str]):
+        self._wanted = wanted
+        self._excluded = _either(exclude)
+        self.unmatched = dict.fromkeys(wanted)
+        """What has not matched anything that was asked for yet."""
+
+    @classmethod
+    def by_types_and_topics(cls, types: Sequence[str], topics: Sequence[str], exclude: Sequence[str]) -> Self:
+        """Select messages of some types on some topics."""
+        pairs = [(one, topic) for one in types for topic in topics]
+        wanted = {f"type {one!r}, topic {topic!r}": [Pair(type_pattern(one), topic)] for one, topic in pairs}
+        return cls(wanted, exclude)
+
+    @classmethod
+    def by_either(cls, patterns: Sequence[str], exclude: Sequence[str]) -> Self:
+        """Select messages whose type or topic is one of some."""
+        return cls({repr(pattern): _either([pattern]) for pattern in patterns}, exclude)
 
     @property
-    def pairs(self) -> list[tuple[str, str]]:
-        """Patterns of type and topic to subscribe to."""
-        return list(self._pairs)
-
-    @property
-    def unmatched(self) -> list[str]:
-        """Pairs of patterns that have not matched anything yet, for people."""
-        return [f"type {one!r}, topic {topic!r}" for one, topic in self._unmatched]
+    def pairs(self) -> list[Pair]:
+        """What to subscribe to."""
+        return list(dict.fromkeys(pair for pairs in self._wanted.values() for pair in pairs))
 
     def is_subscribed(self, type_name: str, topic: str) -> bool:
         """Whether messages of a type on a topic come, even if they are excluded then."""
-        return any(matches(pair, type_name, topic) for pair in self._pairs)
+        return any(pair.matches(type_name, topic) for pair in self.pairs)
 
     def wants(self, type_name: str, topic: str) -> bool:
         """Whether messages of a type on a topic are to be recorded."""
-        matching = [pair for pair in self._pairs if matches(pair, type_name, topic)]
-        for pair in matching:
-            self._unmatched.pop(pair, None)
-        return bool(matching) and not self._excludes(type_name, topic)
+        matching = [
+            name
+            for name, pairs in self._wanted.items()
+            if any(pair.matches(type_name, topic) for pair in pairs)
+        ]
+        for name in matching:
+            self.unmatched.pop(name, None)
+        return bool(matching) and not any(pair.matches(type_name, topic) for pair in self._excluded)
 
-    def _excludes(self, type_name: str, topic: str) -> bool:
-        return any(fnmatchcase(type_name, one) for one in self._exclude_types) or any(
-            fnmatchcase(topic, one) for one in self._exclude_topics
-        )
 
-
-def matches(pair: tuple[str, str], type_name: str, topic: str) -> bool:
-    """Whether a type and a topic match a pair of patterns."""
-    return fnmatchcase(type_name, pair[0]) and fnmatchcase(topic, pair[1])
+def _either(patterns: Sequence[str]) -> list[Pair]:
+    """Return pairs of which one matches if a pattern is one for the type, or for the topic."""
+    return [pair for one in patterns for pair in (Pair(type_pattern(one), "*"), Pair("*", one))]

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 from robbie_mp.messages import LaserScan, Odometry
 from robbie_mp.recording.format import ChannelCount, ChannelKey, RunMetadata, counts_from_metadata
 from robbie_mp.recording.reader import open_log
-from tests.run.robot import Ended, Robot, is_running, kill, wait_until
+from tests.run.robot import COMMAND, Ended, Robot, is_running, kill, wait_until
 
 MODULES = '''
 from robbie_mp.messages import LaserScan, Odometry
@@ -86,6 +87,7 @@ def test_what_the_queue_could_not_hold_is_counted_by_topic_and_all_else_is_in_th
     settings = "{types: [LaserScan, nav_msgs/*, no_msgs/msg/Type], exclude: [re*], sync_s: 0.02}"
     process = start(robot, settings, queue=QUEUE)
     robot.until(lambda modules: modules["logger"]["handled"] > 100)
+    taken = taken_by_robbie_record(robot)
     logger = robot.top()["logger"]["pid"]
     os.kill(logger, signal.SIGSTOP)
     robot.until(lambda modules: sum(s["dropped"] for s in modules["logger"]["subscriptions"]) > 10 * WAITING)
@@ -112,9 +114,33 @@ def test_what_the_queue_could_not_hold_is_counted_by_topic_and_all_else_is_in_th
         2 * published, abs=missing // 10
     )
     check_with_other_readers(path, counts)
+    with open_log(path) as log:
+        assert taken <= {(message.sequence, message.data) for message in log.messages()}
     log_text = robot.log("logger")
     assert "nothing was recorded in this run for type 'no_msgs/msg/Type', topic '*'" in log_text
     assert "messages are missing: sensor_msgs/msg/LaserScan on topic 'front'" in log_text
+
+
+def taken_by_robbie_record(robot: Robot) -> set[tuple[int, bytes]]:
+    """Record what passes with the command for a while; return what it has recorded."""
+    folder = robot.folder / "recorded"
+    command = [*COMMAND, "record", "front", "Nothing", "-o", str(folder)]
+    process = subprocess.Popen(
+        command, cwd=robot.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    wait_until(lambda: any(path.stat().st_size > 2000 for path in folder.glob("*")))
+    process.send_signal(signal.SIGINT)
+    said, noted = process.communicate(timeout=60)
+    assert process.returncode == 0, noted
+    assert "nothing was recorded for 'Nothing'" in noted
+    with open_log(folder) as log:
+        assert log.is_complete
+        assert [(channel.topic, channel.sender) for channel in log.channels] == [("front", "source")]
+        messages = {(message.sequence, message.data) for message in log.messages()}
+    assert str(len(messages)) in said
+    refused = robot.command("record", "-o", str(folder))
+    assert (refused.returncode, "exists already" in refused.stderr) == (1, True)
+    return messages
 
 
 def check_with_other_readers(path: Path, counts: dict[ChannelKey, ChannelCount]) -> None:

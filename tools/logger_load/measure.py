@@ -11,7 +11,7 @@ import yaml
 
 from robbie_mp.observe.figures import ModuleFigures, RunReading
 from robbie_mp.observe.rates import rates_between
-from robbie_mp.recording.format import counts_from_metadata
+from robbie_mp.recording.info import last_counts
 from robbie_mp.recording.reader import open_log
 from robbie_mp.transport.histogram import Histogram
 from tools.bench.contender import work_folder
@@ -133,7 +133,7 @@ def _log_figures(output: Path) -> Result:
     """What the log says of itself, and what is in it."""
     files = sorted(output.rglob("*.mcap"))
     with open_log(files[0] if len(files) == 1 else files[0].parent) as log:
-        counts = counts_from_metadata(log.metadata("robbie_counts")[-1]).values()
+        counts = [count for part in log.parts for count in last_counts(part).values()]
         return {
             "log_mb": sum(file.stat().st_size for file in files) / MEGABYTE,
             "log_messages": sum(log.counts.values()),
