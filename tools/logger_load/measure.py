@@ -58,7 +58,9 @@ def measure(recorder: str, settings: Mapping[str, Any], seconds: float, settle_s
     """Run the robot for a while and return figures of that while, and of its log as a whole."""
     with work_folder() as (_, folder):
         (folder / "profiles").mkdir()
-        (folder / "profiles" / "load.yaml").write_text(yaml.safe_dump(profile(recorder, settings)))
+        (folder / "profiles" / "load.yaml").write_text(
+            yaml.safe_dump(profile(recorder, settings), sort_keys=False)
+        )
         robot = Robot(folder, folder, "load")
         try:
             robot.wait_until_running()
