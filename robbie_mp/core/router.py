@@ -170,7 +170,11 @@ class Router:
         if index is None:
             return
         nth = self._ledger.row(index, layout.HANDLE_PUBLISHER_ROUTED)
-        if self._ledger.row(index, layout.HANDLE_SEQUENCE):
+        sequence = self._ledger.row(index, layout.HANDLE_SEQUENCE)
+        if 0 < sequence < self._sequence:
+            # Cut short under an earlier core, which found the ring destroyed: others have come since.
+            link.outbound.take()
+        elif sequence:
             channel = self._directory.by_index(self._ledger.handle(index).channel)
             slot.routed = nth - 1
             channel.messages = self._ledger.row(index, layout.HANDLE_CHANNEL_MESSAGES) - 1

@@ -115,6 +115,23 @@ def test_name_that_is_no_text_is_refused() -> None:
     siege.end()
 
 
+def test_order_goes_on_though_a_record_that_was_destroyed_is_there_again_under_the_next_core() -> None:
+    for stores in range(60):
+        siege = Siege()
+        siege.behave()
+        head = siege.hostile.out[layout.OUT_HEAD]
+        siege.core_dies(stores, layout.OUT_HEAD, head + 2 * RING_RECORDS)
+        siege.core()
+        for _ in range(2):
+            siege.publish()
+            siege.core()
+        siege.scribble(layout.OUT_HEAD, head)
+        siege.run.restart_core()
+        siege.publish()
+        siege.core()
+        siege.end()
+
+
 def test_order_goes_on_after_a_message_cut_short_whose_record_is_destroyed() -> None:
     for stores in range(60):
         siege = Siege()

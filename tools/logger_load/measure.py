@@ -41,7 +41,7 @@ def profile(recorder: str, settings: Mapping[str, Any]) -> dict[str, Any]:
         modules[LOGGER] = {
             "class": CLASSES[recorder],
             "settings": own,
-            "queue": {"messages": 20_000, "bytes": 1 << 28},
+            "queue": {"messages": 20_000, "bytes": 1 << 27},
             "stop_grace_s": 30.0,
         }
     modules["viewer"] = {"class": f"{MODULES}:Viewer"}
