@@ -4,7 +4,7 @@ import argparse
 import json
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 from rich.text import Text
@@ -14,6 +14,7 @@ from robbie_mp.cli.figures import console
 from robbie_mp.cli.log_files import add_log_argument
 from robbie_mp.cli.parser import add_command
 from robbie_mp.recording.info import LogInfo, describe, part_data
+from robbie_mp.recording.part import LogPart
 from robbie_mp.recording.reader import open_log
 
 if TYPE_CHECKING:
@@ -89,6 +90,8 @@ def _lines(info: LogInfo) -> list[tuple[str, Text]]:
 
 
 def _state(info: LogInfo) -> Text:
+    if info.is_being_written:
+        return Text("still being written; this is what is whole by now", "yellow")
     if not info.damage:
         return Text("complete")
     advice = f"; `robbie log-repair {info.path}` makes a whole log of it"
@@ -131,13 +134,20 @@ def _parts(info: LogInfo) -> Table:
     table.add_column("is", no_wrap=True)
     for part in info.parts:
         data = part_data(part)
-        state = "repaired" if data["is_repaired"] else "complete" if data["is_complete"] else "cut or damaged"
         table.add_row(
             part.path.name,
             str(data["bytes"]),
             str(data["messages"]),
             str(data["chunks"]),
             f"{(data['end_ns'] - data['start_ns']) / 1e9:.3f} s",
-            state,
+            _part_state(part, data),
         )
     return table
+
+
+def _part_state(part: LogPart, data: dict[str, Any]) -> str:
+    if part.is_being_written:
+        return "being written"
+    if data["is_repaired"]:
+        return "repaired"
+    return "complete" if data["is_complete"] else "cut or damaged"

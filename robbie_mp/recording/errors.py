@@ -23,6 +23,10 @@ class NotDecodable(LogError, ValueError):
     """Messages of a log are encoded in a way that is not known here, or their schema is missing."""
 
 
+class LogIncomplete(LogError, BlockingIOError):
+    """A log is still being written, so nothing should be done to it yet."""
+
+
 class LogNotWritten(LogError, OSError):
     """A log cannot be written: it exists already, its folder may not be written, or the disk is full."""
 

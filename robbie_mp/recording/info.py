@@ -88,6 +88,11 @@ class LogInfo:
         return sum(channel.messages for channel in self.channels)
 
     @property
+    def is_being_written(self) -> bool:
+        """Whether a logger is writing its last part."""
+        return any(part.is_being_written for part in self.parts)
+
+    @property
     def compressions(self) -> list[str]:
         """How chunks are compressed."""
         return sorted({name or "none" for part in self.parts for name in part.contents.compressions})
@@ -97,6 +102,7 @@ class LogInfo:
         return {
             "path": str(self.path),
             "is_complete": not self.damage,
+            "is_being_written": self.is_being_written,
             "damage": self.damage,
             "start_ns": self.start_ns,
             "end_ns": self.end_ns,

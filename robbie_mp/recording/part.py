@@ -1,5 +1,6 @@
 """One file of a log."""
 
+import fcntl
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, Self
@@ -36,7 +37,7 @@ class LogPart:
         path: the file.
         size: its bytes.
         contents: what is where in it.
-        is_complete: whether it was written to its end, and no damage was found so far.
+        is_being_written: whether a logger is writing it.
     """
 
     def __init__(self, path: Path, *, trust_summary: bool = True):
@@ -56,6 +57,7 @@ class LogPart:
             self.size = self._file.seek(0, 2)
             _check_magic(path, self._file)
             self.contents = self._look(trust_summary)
+            self.is_being_written = not self.is_complete and _is_locked(self._file)
         except BaseException:
             self._file.close()
             raise
@@ -126,6 +128,18 @@ def _open(path: Path) -> BinaryIO:
         return path.open("rb")
     except OSError as error:
         raise LogUnreadable(f"{path} cannot be read: {error.strerror}") from error
+
+
+def _is_locked(file: BinaryIO) -> bool:
+    """Whether somebody writes a file that has begun: loggers keep it locked from before its first byte."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # a file system without locks
+        return False
+    fcntl.flock(file, fcntl.LOCK_UN)
+    return False
 
 
 def _check_magic(path: Path, file: BinaryIO) -> None:

@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from robbie_mp.recording.contents import Contents
-from robbie_mp.recording.errors import LogNotWritten, RepairFailed
+from robbie_mp.recording.errors import LogIncomplete, LogNotWritten, RepairFailed
 from robbie_mp.recording.part import LogPart
 from robbie_mp.recording.reader import REPAIRED_SUFFIX
 
@@ -55,10 +55,13 @@ def repair(source: Path, target: Path, progress: Progress) -> Repair:
 
     Raises:
         LogUnreadable, NotALog: as for `open_log`.
+        LogIncomplete: the source is still being written.
         LogNotWritten: the target exists, or cannot be written.
         RepairFailed: reading it again has not given what was written.
     """
     with LogPart(source, trust_summary=False) as part:
+        if part.is_being_written:
+            raise LogIncomplete(f"{source} is still being written; repair it when the recording has ended")
         try:
             file = target.open("x+b")
         except OSError as error:

@@ -63,7 +63,7 @@ def _summary(file: BinaryIO, size: int) -> tuple[int, bytes]:
     tail = file.read(FOOTER_BYTES + len(MAGIC))
     opcode, length = RECORD_HEAD.unpack_from(tail.ljust(RECORD_HEAD.size, b"\0"))
     if end < len(MAGIC) or (opcode, length) != (Opcode.FOOTER, 20) or not tail.endswith(MAGIC):
-        raise LogDamaged(f"the file has no end: it was cut at byte {size}, or is still being written")
+        raise LogDamaged(f"the file has no end: it was cut at byte {size}")
     footer = parse(Footer, tail[RECORD_HEAD.size :])
     if footer.summary_start == 0:
         return end, b""

@@ -1,5 +1,6 @@
 """`robbie info` and `robbie log-repair`: what is in a log, as other readers see it too."""
 
+import fcntl
 import json
 import shutil
 from pathlib import Path
@@ -86,6 +87,21 @@ def test_of_a_cut_log_info_says_what_to_do_and_repair_does_it(
     assert log.read_bytes() == cut
     assert main(["log-repair", str(log.parent)]) == 0
     assert "all parts" in capsys.readouterr().out
+
+
+def test_a_log_that_is_being_written_is_told_from_one_that_was_cut(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log.write_bytes(log.read_bytes()[:-6000])
+    with log.open("ab") as writer:
+        fcntl.flock(writer, fcntl.LOCK_EX)
+        (ours,) = told(capsys, log)
+        assert ours["is_being_written"] and not ours["is_complete"] and ours["messages"] > 10
+        assert main(["info", str(log)]) == 0
+        assert "still being written" in capsys.readouterr().out
+        assert main(["log-repair", str(log)]) == 2
+        assert "is still being written; repair it when" in capsys.readouterr().err
+    assert main(["log-repair", str(log)]) == 0
 
 
 def test_repair_that_fails_its_check_is_no_success(

@@ -8,10 +8,13 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
 
-from robbie_mp.messages import LaserScan, stock_registry
+from robbie_mp.messages import LaserScan
+from robbie_mp.recording.decoding import LogDecoder
 from robbie_mp.recording.errors import LogUnreadable, NotALog
 from robbie_mp.recording.reader import Log, open_log
+from tests.messages.rosbags_bridge import assert_same
 from tests.recording.logs import START_NS, STEP_NS, LogFile, scan, traffic, write_log
 
 FORMS = {
@@ -103,19 +106,18 @@ def test_schemas_are_those_of_the_log(tmp_path: Path) -> None:
         assert channel.schema.startswith("std_msgs/Header header\nfloat32 angle_min\n")
 
 
-def test_mcap_ros2_support_reads_the_same_fields(tmp_path: Path) -> None:
+def test_mcap_ros2_support_and_rosbags_read_the_same_fields(tmp_path: Path) -> None:
     path = write_log(tmp_path / "a.mcap")
-    types = stock_registry()
+    with open_log(path) as log:
+        ours = list(map(LogDecoder().decode, log.messages()))
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        theirs = [found.decoded_message for found in reader.iter_decoded_messages(log_time_order=False)]
-    with open_log(path) as log:
-        for ours, their in zip(log.messages(), theirs, strict=True):
-            message = types.get(ours.channel.type_name).decode(ours.data)
-            if isinstance(message, LaserScan):
-                assert message.ranges.tolist() == their.ranges
-            else:
-                assert message.child_frame_id == their.child_frame_id
+        by_mcap = [found.decoded_message for found in reader.iter_decoded_messages(log_time_order=False)]
+    with AnyReader([path]) as bag:
+        by_rosbags = [bag.deserialize(data, connection.msgtype) for connection, _, data in bag.messages()]
+    for mine, *theirs in zip(ours, by_mcap, by_rosbags, strict=True):
+        for its in theirs:
+            assert_same(mine, its)
 
 
 def test_of_a_log_that_others_wrote_the_topic_and_the_layout_tell(tmp_path: Path) -> None:
