@@ -56,7 +56,7 @@ def _is_of_another_run(name: str) -> bool:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Let a test that tries many cases try all of them."""
-    parser.addoption("--exhaustive", action="store_true", help="kill the core before every store; cut logs at 2,000 bytes")
+    parser.addoption("--exhaustive", action="store_true", help="all kill points, 2,000 cuts of a log")
 
 
 @pytest.fixture(autouse=True, scope="session")
