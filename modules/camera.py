@@ -1,6 +1,7 @@
 """The robot's cameras."""
 
 import math
+from collections import deque
 from typing import ClassVar
 
 import numpy as np
@@ -9,7 +10,10 @@ from hw.camera import CameraGeometry
 from hw.simulated_camera import SimulatedCamera, SimulatedThermalCamera
 from modules.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp.messages import CameraInfo, Header, Image, JointState
-from robbie_mp.module import MessageHandling, setting
+from robbie_mp.module import setting
+
+# At 20 a second the pan-tilt unit's last second.
+REMEMBERED_JOINTS = 20
 
 
 class SimulatedCameraModule(SimulatedDevice):
@@ -36,14 +40,18 @@ class SimulatedCameraModule(SimulatedDevice):
         self.camera = self.camera_class(self.world.arena, geometry, self.noise, self.seed)
         self.projection = projection(geometry)
         self.images = 0
-        self.subscribe(JointState, self.on_joints, MessageHandling.KEEP_ONLY_NEWEST, topic="pan_tilt")
+        self.joints: deque[tuple[float, float, float]] = deque(maxlen=REMEMBERED_JOINTS)
+        self.subscribe(JointState, self.on_joints, topic="pan_tilt")
 
-    def on_joints(self, joints: JointState) -> None:
-        """Turn with the pan-tilt unit."""
-        angles = dict(zip(joints.name, joints.position.tolist(), strict=False))
+    def on_joints(self, message: JointState) -> None:
+        """Remember where the pan-tilt unit looked."""
+        angles = dict(zip(message.name, message.position.tolist(), strict=False))
         pan, tilt = angles.get("pan", math.nan), angles.get("tilt", math.nan)
+        stamp_s = message.header.stamp.nanoseconds / 1e9
         if math.isfinite(pan) and math.isfinite(tilt):
-            self.camera.look(pan, tilt)
+            if self.joints and stamp_s <= self.joints[-1][0]:
+                self.joints.clear()  # time has begun anew
+            self.joints.append((stamp_s, pan, tilt))
 
     def tick(self) -> None:
         """Publish an image."""
@@ -53,6 +61,7 @@ class SimulatedCameraModule(SimulatedDevice):
             return
         self.camera.arena = self.world.arena
         self.camera.place(truth.pose, truth.stamp_s)
+        self.camera.look(*self._direction(truth.stamp_s))
         pixels = self.camera.capture().pixels
         header = Header(stamp=self.world.stamp, frame_id=f"{self.topic}_optical")
         self.publish(
@@ -72,6 +81,13 @@ class SimulatedCameraModule(SimulatedDevice):
         )
         self.images += 1
         self.status = f"{self.images} images"
+
+    def _direction(self, stamp_s: float) -> tuple[float, float]:
+        """Return pan and tilt at a moment, or what is known of the time nearest to it."""
+        if not self.joints:
+            return 0.0, 0.0
+        stamps, pans, tilts = np.array(self.joints).T
+        return float(np.interp(stamp_s, stamps, pans)), float(np.interp(stamp_s, stamps, tilts))
 
 
 class SimulatedThermalCameraModule(SimulatedCameraModule):
