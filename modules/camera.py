@@ -1,19 +1,15 @@
 """The robot's cameras."""
 
-import math
-from collections import deque
 from typing import ClassVar
 
 import numpy as np
 
 from hw.camera import CameraGeometry
 from hw.simulated_camera import SimulatedCamera, SimulatedThermalCamera
+from modules.pan_tilt_history import PanTiltHistory
 from modules.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp.messages import CameraInfo, Header, Image, JointState
 from robbie_mp.module import setting
-
-# At 20 a second the pan-tilt unit's last second.
-REMEMBERED_JOINTS = 20
 
 
 class SimulatedCameraModule(SimulatedDevice):
@@ -40,18 +36,8 @@ class SimulatedCameraModule(SimulatedDevice):
         self.camera = self.camera_class(self.world.arena, geometry, self.noise, self.seed)
         self.projection = projection(geometry)
         self.images = 0
-        self.joints: deque[tuple[float, float, float]] = deque(maxlen=REMEMBERED_JOINTS)
-        self.subscribe(JointState, self.on_joints, topic="pan_tilt")
-
-    def on_joints(self, message: JointState) -> None:
-        """Remember where the pan-tilt unit looked."""
-        angles = dict(zip(message.name, message.position.tolist(), strict=False))
-        pan, tilt = angles.get("pan", math.nan), angles.get("tilt", math.nan)
-        stamp_s = message.header.stamp.nanoseconds / 1e9
-        if math.isfinite(pan) and math.isfinite(tilt):
-            if self.joints and stamp_s <= self.joints[-1][0]:
-                self.joints.clear()  # time has begun anew
-            self.joints.append((stamp_s, pan, tilt))
+        self.directions = PanTiltHistory()
+        self.subscribe(JointState, self.directions.add, topic="pan_tilt")
 
     def tick(self) -> None:
         """Publish an image."""
@@ -61,7 +47,7 @@ class SimulatedCameraModule(SimulatedDevice):
             return
         self.camera.arena = self.world.arena
         self.camera.place(truth.pose, truth.stamp_s)
-        self.camera.look(*self._direction(truth.stamp_s))
+        self.camera.look(*self.directions.at(truth.stamp_s))
         pixels = self.camera.capture().pixels
         header = Header(stamp=self.world.stamp, frame_id=f"{self.topic}_optical")
         self.publish(
@@ -81,13 +67,6 @@ class SimulatedCameraModule(SimulatedDevice):
         )
         self.images += 1
         self.status = f"{self.images} images"
-
-    def _direction(self, stamp_s: float) -> tuple[float, float]:
-        """Return pan and tilt at a moment, or what is known of the time nearest to it."""
-        if not self.joints:
-            return 0.0, 0.0
-        stamps, pans, tilts = np.array(self.joints).T
-        return float(np.interp(stamp_s, stamps, pans)), float(np.interp(stamp_s, stamps, tilts))
 
 
 class SimulatedThermalCameraModule(SimulatedCameraModule):

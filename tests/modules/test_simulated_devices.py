@@ -213,18 +213,34 @@ def test_cameras_follow_the_pan_tilt_unit_and_tell_their_projection(base, settin
     np.testing.assert_allclose(info.p.reshape(3, 4)[:, :3].ravel(), info.k)
 
 
-def test_image_is_taken_in_the_direction_of_its_stamp(base, settings):
+@pytest.mark.parametrize(
+    ("told", "pan"),
+    [
+        ([(-0.05, 0.1, 2.0), (0.05, 0.3, 2.0), (0.09, 0.9, 0.0)], 0.2),
+        ([(-0.15, 0.0, 2.0), (-0.05, 0.1, 2.0)], 0.2),
+        ([(-5.0, 0.0, 2.0)], 0.2),
+        ([(-5.0, 0.2, 0.0)], 0.2),
+    ],
+    ids=["between", "turning on", "long ago", "at rest"],
+)
+def test_image_is_taken_in_the_direction_of_its_stamp(base, settings, told, pan):
     base.advance(0.1)
     with ModuleHarness(SimulatedCameraModule, settings | {"noise": 0.0}) as camera:
         truth = tell(base, camera)
-        for before_ns, pan in [(50_000_000, 0.1), (-50_000_000, 0.3), (-90_000_000, 0.9)]:
-            stamp = Time.from_nanoseconds(truth.header.stamp.nanoseconds - before_ns)
-            joints = JointState(header=Header(stamp=stamp), name=["pan", "tilt"], position=[pan, 0.0])
-            camera.send(joints, topic="pan_tilt")
+        for after_s, position, rate in told:
+            stamp = Time.from_nanoseconds(truth.header.stamp.nanoseconds + round(after_s * 1e9))
+            at = {"position": [0.0, position], "velocity": [0.0, rate]}
+            camera.send(JointState(header=Header(stamp=stamp), name=["tilt", "pan"], **at), topic="pan_tilt")
+        for name, position in [
+            (["wheel"], [1.0]),
+            (["pan", "tilt"], [math.nan, 0.0]),
+            (["pan", "tilt"], [1.0]),
+        ]:
+            camera.send(JointState(name=name, position=position), topic="pan_tilt")
         camera.advance(0.0)
         (image,) = camera.take(Image, "camera")
-        there = SimulatedCamera(read_arena(settings["arena"]), CameraGeometry(320, 240, 1.047), noise=0.0)
-    there.look(0.2, 0.0)
+    there = SimulatedCamera(read_arena(settings["arena"]), CameraGeometry(320, 240, 1.047), noise=0.0)
+    there.look(pan, 0.0)
     there.place(Pose(0.75, 0.75, 0.0), 0.0)
     difference = np.abs(there.capture().pixels.ravel().astype(int) - image.data)
     assert (difference > 0).mean() < 0.01
