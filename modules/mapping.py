@@ -19,6 +19,7 @@ from robbie_mp.messages import (
     Pose,
     TFMessage,
     Time,
+    TimeJump,
 )
 from robbie_mp.module import MessageHandling, Module, setting
 from workers.grid_mapper import GridMapper
@@ -47,19 +48,31 @@ class Mapping(Module):
 
     def setup(self) -> None:
         """Start with an empty map, or the one there was."""
-        self.mapper = GridMapper(resolution_m=self.resolution_m, max_range_m=self.max_range_m)
-        self.odometry_messages = 0
-        self.scans = 0
-        self.true_path: list[tuple[float, float]] = []
+        self._forget()
         if self.restored is not None:
             self._restore(self.restored)
-        self.drawn_scans = 0
         self.next_checkpoint_s = 0.0
+        self.subscribe(TimeJump, self.on_time_jump)
         self.subscribe(Odometry, self.on_odometry, topic="odom")
         self.subscribe(LaserScan, self.on_scan)
         self.subscribe(TFMessage, self.on_transforms, topic="tf_static")
         if self.draw_truth:
             self.subscribe(Odometry, self.on_truth, MessageHandling.KEEP_ONLY_NEWEST, topic="ground_truth")
+
+    def _forget(self) -> None:
+        self.mapper = GridMapper(resolution_m=self.resolution_m, max_range_m=self.max_range_m)
+        self.odometry_messages = 0
+        self.scans = 0
+        self.drawn_scans = 0
+        self.true_path: list[tuple[float, float]] = []
+
+    def on_time_jump(self, jump: TimeJump) -> None:
+        """Begin a new map: the robot is elsewhere all of a sudden; but the laser sits where it sat."""
+        laser_pose = self.mapper.laser_pose
+        self._forget()
+        self.mapper.laser_pose = laser_pose
+        self._remember()
+        self.log.info("begins a new map, because time has jumped (%s)", jump.reason)
 
     def on_transforms(self, message: TFMessage) -> None:
         """Learn where the laser sits on the robot."""
@@ -141,6 +154,7 @@ class Mapping(Module):
         self.odometry_messages = state["odometry_messages"]
         self.scans = state["scans"]
         self.true_path = [(x_m, y_m) for x_m, y_m in state["true_path"].tolist()]
+        self.log.info("goes on after %d odometry messages and %d scans", self.odometry_messages, self.scans)
 
     def teardown(self) -> None:
         """Write the results."""

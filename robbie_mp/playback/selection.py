@@ -3,25 +3,23 @@
 from collections.abc import Collection, Iterable, Sequence
 from fnmatch import fnmatchcase
 
-from robbie_mp.messages import PlaybackControl, PlaybackState, TimeJump
+from robbie_mp.messages import PlaybackControl, PlaybackState, Tick, TimeJump
+from robbie_mp.recording.format import MESSAGE_ENCODING
 from robbie_mp.recording.reader import LogChannel
-from robbie_mp.recording.selection import channel_name
+from robbie_mp.recording.selection import select
 
-NEVER = {PlaybackControl.type_name, PlaybackState.type_name, TimeJump.type_name}
-"""What an earlier playback said and was told; it would steer or contradict the one that plays it."""
-ENCODING = "cdr"
+NEVER = {kind.type_name for kind in (PlaybackControl, PlaybackState, Tick, TimeJump)}
+"""What an earlier run said of its own time; it would contradict that of the run it is played into."""
 
 
 def of_topics(channels: Iterable[LogChannel], patterns: Sequence[str]) -> list[LogChannel]:
-    """Return the channels that fit one of the shell patterns, and that can be published."""
-    bare = [pattern.removeprefix("/") for pattern in patterns]
-    return [
-        channel
-        for channel in channels
-        if channel.type_name not in NEVER
-        and channel.encoding == ENCODING
-        and any(fnmatchcase(channel_name(channel), pattern) for pattern in bare)
-    ]
+    """Return the channels that fit one of the patterns (see `select`), and that can be played."""
+    return [channel for channel in select(channels, patterns)[0] if _is_played(channel)]
+
+
+def unmatched(channels: Iterable[LogChannel], patterns: Sequence[str]) -> list[str]:
+    """Return the patterns that nothing fits that can be played."""
+    return select(filter(_is_played, channels), patterns)[1]
 
 
 def of_senders(
@@ -39,11 +37,14 @@ def of_senders(
     return [channel for channel in channels if any(fnmatchcase(channel.sender, sender) for sender in senders)]
 
 
-def unmatched(channels: Sequence[LogChannel], patterns: Sequence[str]) -> list[str]:
-    """Return the patterns that no channel of a log fits."""
-    return [pattern for pattern in patterns if not of_topics(channels, [pattern])]
-
-
 def unplayable(channels: Iterable[LogChannel]) -> list[LogChannel]:
     """Return the channels whose messages are encoded in a way that nobody here reads."""
-    return [channel for channel in channels if channel.encoding != ENCODING or not channel.type_name]
+    return [channel for channel in channels if not _is_readable(channel)]
+
+
+def _is_readable(channel: LogChannel) -> bool:
+    return channel.encoding == MESSAGE_ENCODING and channel.type_name != ""
+
+
+def _is_played(channel: LogChannel) -> bool:
+    return _is_readable(channel) and channel.type_name not in NEVER

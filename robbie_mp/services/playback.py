@@ -51,7 +51,7 @@ class Playback(Module):
     loop: bool = setting(False, "begin again at the end")
     paused: bool = setting(False, "wait for an order to play")
     topics: list[str] = setting(
-        ["*"], "shell patterns of the topics to play; where there is no topic, of the type's last part"
+        [], "patterns of the topics to play, of the type's last part where there is no topic; none: all"
     )
     senders: list[str] | None = setting(
         None, "shell patterns of the modules whose messages to play; null: all that do not run in this run"
@@ -73,8 +73,8 @@ class Playback(Module):
                 raise SettingError(f"end_s is {end_s:g}, before start_s, {start_s:g}", "end_s")
             if not selection.of_topics(log.channels, settings["topics"]):
                 names = ", ".join(sorted(set(map(channel_name, log.channels)))) or "nothing"
-                patterns = ", ".join(settings["topics"]) or "no pattern"
-                raise SettingError(f"{log.path} has nothing that fits {patterns}; it has {names}", "topics")
+                wanted = f"fits {', '.join(settings['topics'])}" if settings["topics"] else "can be played"
+                raise SettingError(f"{log.path} has nothing that {wanted}; it has {names}", "topics")
 
     @classmethod
     def further_types(cls, settings: dict[str, Any], others: Collection[str]) -> Iterable[TypeDescription]:

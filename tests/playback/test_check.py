@@ -34,7 +34,6 @@ def settings_for(file: Path, **given: object) -> dict[str, Any]:
             "topics",
             r"nothing that fits odom, /camera/\*; it has DriveCommand",
         ),
-        ({"topics": []}, "topics", "no pattern"),
     ],
 )
 def test_settings_that_do_not_fit_the_log_are_refused(

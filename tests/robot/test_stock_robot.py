@@ -28,15 +28,16 @@ needs_intel = pytest.mark.skipif(not INTEL.exists(), reason=f"the Intel log is n
 class StockRobot:
     """Runs profiles of the project, with everything they write in a temporary folder."""
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder: Path, workspace: Path = PROJECT):
         self.output = folder / "out"
+        self._workspace = workspace
         self._environment = dict(os.environ, XDG_RUNTIME_DIR=str(folder), PYTHONPATH=str(PROJECT))
         self._process: subprocess.Popen[str] | None = None
 
-    def start(self, *arguments: str) -> None:
+    def start(self, *arguments: str, command: str = "run") -> None:
         self._process = subprocess.Popen(
-            [*COMMAND, "run", *arguments, "--json", "--output", str(self.output)],
-            cwd=PROJECT,
+            [*COMMAND, command, *arguments, "--json", "--output", str(self.output)],
+            cwd=self._workspace,
             env=self._environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -53,6 +54,12 @@ class StockRobot:
     def run(self, *arguments: str, timeout_s: float = 120.0) -> tuple[int, dict[str, dict], str]:
         self.start(*arguments)
         return self.wait(timeout_s)
+
+    def play(self, log: Path, *arguments: str) -> tuple[int, dict[str, dict], str]:
+        """Play a log; the output is in another folder then."""
+        self.output = self.output.with_name(f"{log.stem}-{arguments[0]}")
+        self.start(str(log), *arguments, command="play")
+        return self.wait(300.0)
 
     def top(self) -> dict[str, dict]:
         answer = subprocess.run(
