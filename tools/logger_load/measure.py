@@ -78,7 +78,7 @@ def measure(recorder: str, settings: Mapping[str, Any], seconds: float, settle_s
             result["disk_mb_per_s"] = (written_now - written) / MEGABYTE / took_s
             result |= _books(summary)
         if recorder == MESSAGE_LOGGER:
-            result |= _log_figures(robot.output)
+            result |= _log_figures(Path(settings.get("folder") or robot.output))
         return result
 
 
