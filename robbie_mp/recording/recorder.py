@@ -132,6 +132,7 @@ class Recorder:
     def _turn(self) -> bool:
         """Write a chunk or sync what was written; False at the end."""
         queue = self._queue
+        had_ended = queue.ended  # it may end while the disk syncs, when one more message has just come
         chunk = queue.take(self._sync_due_ns)
         if chunk is not None:
             self._write(chunk)
@@ -142,7 +143,7 @@ class Recorder:
             self._attempt(self.writer.sync)
         if chunk is None and self._limits.keep_s:
             self._attempt(self.writer.end_part)
-        return chunk is not None or not queue.ended
+        return chunk is not None or not had_ended
 
     def _write(self, chunk: Chunk) -> None:
         """Write a chunk, however often it takes; at the end once more, and else it is lost."""

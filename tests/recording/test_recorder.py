@@ -92,6 +92,23 @@ def test_full_disk_is_an_error_and_recording_goes_on_when_there_is_room_again(re
     assert "No space left" in texts[0]
 
 
+def test_message_that_comes_right_before_the_end_while_the_disk_syncs_is_recorded(tmp_path):
+    """A full chunk was written; while the disk syncs it, the robot says its last word and is stopped."""
+    limits = BufferLimits(chunk_bytes=1000, buffer_bytes=5000, close_after_s=0.5)
+
+    class SlowToSync(Disk):
+        def sync(self):
+            if not recorder._queue.ended:
+                record(recorder, range(8, 9))
+                recorder._queue.end()
+            super().sync()
+
+    recorder = Recorder(lambda dropped: SlowToSync(tmp_path / "log", dropped), limits, LOG)
+    record(recorder, range(8))
+    recorder._thread.join(60)
+    assert recorded(tmp_path / "log") == list(range(9))
+
+
 def test_what_a_full_disk_refuses_at_the_end_is_counted(recorder):
     recorder.writer.refuse = OSError(28, "No space left on device")
     record(recorder, range(20))
