@@ -130,19 +130,17 @@ class Recorder:
             self._log.exception("the log cannot be written")
 
     def _turn(self) -> bool:
-        """Write a chunk or sync what was written; False at the end."""
-        queue = self._queue
+        """Write a chunk, or sync what was written; False at the end."""
+        queue, keeps = self._queue, bool(self._limits.keep_s)
         had_ended = queue.ended  # it may end while the disk syncs, when one more message has just come
         chunk = queue.take(self._sync_due_ns)
         if chunk is not None:
             self._write(chunk)
             queue.written(chunk)
         due = self._sync_due_ns
-        if due is not None and (chunk is None or time.monotonic_ns() >= due):
+        if due is not None and (chunk is None or (not keeps and time.monotonic_ns() >= due)):
             self._sync_due_ns = None
-            self._attempt(self.writer.sync)
-        if chunk is None and self._limits.keep_s:
-            self._attempt(self.writer.end_part)
+            self._attempt(self.writer.end_part if keeps else self.writer.sync)
         return chunk is not None or not had_ended
 
     def _write(self, chunk: Chunk) -> None:
@@ -155,7 +153,9 @@ class Recorder:
             self._queue.sleep(RETRY_S)
         for id_, count in chunk.counts().items():
             self.recorded[id_] += count
-        if self._sync_due_ns is None:
+        if self._limits.keep_s:
+            self._sync_due_ns = 0  # as soon as all of the snapshot is written, and that ends the part
+        elif self._sync_due_ns is None:
             self._sync_due_ns = chunk.opened_ns + round(self._limits.close_after_s * 1e9)
 
     def _attempt(self, step: Callable[[], None]) -> bool:

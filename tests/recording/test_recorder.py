@@ -14,6 +14,7 @@ from robbie_mp.recording.log_writer import LogWriter, Split
 from robbie_mp.recording.reader import open_log
 from robbie_mp.recording.recorder import Recorder, RecordingFailed
 from tests.recording.recording import CHANNELS, RUN
+from tests.run.robot import wait_until
 
 KEY, OTHER = CHANNELS[1].key, CHANNELS[2].key
 LIMITS = BufferLimits(chunk_bytes=1000, buffer_bytes=5000, close_after_s=3600.0)
@@ -123,6 +124,23 @@ def test_writer_that_breaks_is_no_silent_loss(recorder):
         recorder.close()
     with pytest.raises(RecordingFailed):
         record(recorder, range(1))
+
+
+def test_each_snapshot_is_a_whole_part_as_soon_as_it_is_written(tmp_path):
+    limits = BufferLimits(chunk_bytes=1000, buffer_bytes=1 << 20, close_after_s=0.0001, keep_s=3600.0)
+    recorder = Recorder(lambda dropped: Disk(tmp_path / "log", dropped), limits, LOG)
+
+    def whole_parts() -> int:
+        paths = tmp_path.glob("log/*")
+        return sum(path.read_bytes().endswith(b"\x89MCAP0\r\n") for path in paths if path.stat().st_size > 99)
+
+    for snapshot in (1, 2):
+        record(recorder, range(snapshot * 100, snapshot * 100 + 50))
+        recorder.write_kept()
+        wait_until(lambda wanted=snapshot: whole_parts() == wanted)
+    record(recorder, range(50))
+    recorder.close()
+    assert recorded(tmp_path / "log") == [*range(100, 150), *range(200, 250)]
 
 
 class Clock:

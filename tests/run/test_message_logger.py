@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,9 +14,12 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from robbie_mp.messages import LaserScan, Odometry
+from robbie_mp.messages import LaserScan, ModuleState, Odometry
+from robbie_mp.recording.errors import NotALog
 from robbie_mp.recording.format import ChannelCount, ChannelKey, RunMetadata, counts_from_metadata
-from robbie_mp.recording.reader import open_log
+from robbie_mp.recording.reader import Log, open_log
+from robbie_mp.services.message_logger import MessageLogger
+from robbie_mp.settings import SettingError, check_settings
 from tests.run.robot import COMMAND, Ended, Robot, is_running, kill, wait_until
 
 MODULES = '''
@@ -57,6 +61,14 @@ modules:
   listener: {{class: "source:Listener"}}
   source: {{class: "source:Source"}}
 """
+SNAPSHOTS = """
+  snapshots:
+    class: robbie_mp.services.message_logger:MessageLogger
+    settings: {folder: snapshots, snapshot_s: 3600, types: [LaserScan, ModuleState]}
+    queue: {messages: 100000}
+"""
+NOT_RUNNING = ("core", "logger", "logger")
+"""Who was killed, restarted by hand, and killed."""
 QUEUE = 20
 WAITING = QUEUE + 64
 """Messages that may wait for the logger in queue and ring: so far shares of topics may be off."""
@@ -64,9 +76,9 @@ FRONT = ChannelKey(LaserScan.type_name, 1, "front", "source")
 ODOMETRY = ChannelKey(Odometry.type_name, 1, "", "source")
 
 
-def start(robot: Robot, settings: str, queue: int):
+def start(robot: Robot, settings: str, queue: int, more: str = ""):
     (robot.folder / "source.py").write_text(MODULES)
-    robot.write_profile(PROFILE.format(settings=settings, queue=queue))
+    robot.write_profile(PROFILE.format(settings=settings, queue=queue) + more)
     return robot.start()
 
 
@@ -74,11 +86,18 @@ def parts(robot: Robot) -> list[Path]:
     return sorted(robot.output.glob("*/*.mcap"))
 
 
+def opened(path: Path) -> Log:
+    """Open a log that is just being written; a part that has just been made is empty for a moment."""
+    while True:
+        with suppress(NotALog):
+            return open_log(path)
+
+
 def recorded(robot: Robot) -> list[int]:
     """Numbers of the scans in front that are in whole chunks of the log."""
     if not parts(robot):
         return []
-    with open_log(parts(robot)[0].parent) as log:
+    with opened(parts(robot)[0].parent) as log:
         front = [channel for channel in log.channels if channel.topic == "front"]
         return [round(LaserScan.decode(m.data).angle_min) for m in log.messages(channels=front)]
 
@@ -167,8 +186,9 @@ def check_with_other_readers(path: Path, counts: dict[ChannelKey, ChannelCount])
 
 
 def test_kills_of_core_logger_and_supervisor_cost_no_message_that_was_synced(robot):
-    process = start(robot, "{sync_s: 0.05, compression: none}", queue=100_000)
+    process = start(robot, "{sync_s: 0.05, compression: none}", queue=100_000, more=SNAPSHOTS)
     robot.until(lambda modules: len(recorded(robot)) > 50)
+    assert not snapshots(robot)  # nothing has happened yet
 
     kill(robot.top()["core"]["pid"])
     robot.until(lambda modules: modules["core"]["restarts"] == 1 and modules["core"]["state"] == "RUNNING")
@@ -177,14 +197,20 @@ def test_kills_of_core_logger_and_supervisor_cost_no_message_that_was_synced(rob
     before = recorded(robot)
     assert before == list(range(before[0], before[-1] + 1))  # the core's death cost nothing
 
-    kill(robot.top()["logger"]["pid"])
+    assert robot.command("module", "restart", "logger").returncode == 0
     wait_until(lambda: len(parts(robot)) == 2 and len(recorded(robot)) > len(before) + 100)
+    before = recorded(robot)
+    assert before == list(range(before[0], before[-1] + 1))  # what waited for it was written, too
+
+    kill(robot.top()["logger"]["pid"])
+    wait_until(lambda: len(parts(robot)) == 3 and len(recorded(robot)) > len(before) + 100)
     after = recorded(robot)
     assert after[: len(before)] == before
     gaps = [number for one, number in pairwise(after) if number != one + 1]
     assert len(gaps) <= 1  # what was in memory; what waited in the core's queue is there
     assert after == sorted(after)
 
+    wait_until(lambda: len(snapshots(robot)) == len(NOT_RUNNING))
     pids = [module["pid"] for module in robot.top().values() if module["pid"]]
     kill(process.pid)
     process.wait(60)
@@ -192,6 +218,45 @@ def test_kills_of_core_logger_and_supervisor_cost_no_message_that_was_synced(rob
     at_the_end = recorded(robot)
     assert at_the_end[: len(after)] == after
     with open_log(parts(robot)[0].parent) as log:
-        assert not log.is_complete
+        assert [part.is_complete for part in log.parts] == [True, False, False]
         assert all(part.contents.message_count for part in log.parts)
+    check_snapshots_of_the_crashes(robot)
     assert robot.command("clean").returncode == 0
+
+
+def snapshots(robot: Robot) -> list[Path]:
+    """Snapshots that are written to their ends."""
+    found = []
+    for path in sorted((robot.folder / "snapshots").glob("*/*")):
+        with opened(path) as log:
+            found += [path] * log.is_complete
+    return found
+
+
+def check_snapshots_of_the_crashes(robot: Robot) -> None:
+    """See that each is a log of its own, of what came before, up to the news of the crash."""
+    sequences = []
+    for path, name in zip(snapshots(robot), NOT_RUNNING, strict=True):
+        with open_log(path) as log:
+            messages = list(log.messages())
+        state = ModuleState.decode(messages[-1].data)
+        assert (state.module, state.state) == (name, "BACKOFF")
+        assert {message.channel.topic for message in messages} == {"front", "rear", ""}
+        sequences += [message.sequence for message in messages]
+    assert sequences == sorted(set(sequences))
+    assert len(sequences) > 300
+
+
+@pytest.mark.parametrize(
+    ("settings", "complaint"),
+    [
+        ({"budget_bytes": 1000, "split_bytes": 600}, "at most half as many"),
+        ({"budget_bytes": 1000, "split_bytes": 0}, "at most half as many"),
+        ({"folder": "/dev/null/logs"}, "/dev/null is no folder"),
+        ({"compression": "gzip"}, "zstd"),
+    ],
+)
+def test_what_cannot_be_recorded_is_refused_before_the_run_starts(settings, complaint):
+    with pytest.raises(SettingError, match=complaint):
+        MessageLogger.check(check_settings(MessageLogger, settings))
+    MessageLogger.check(check_settings(MessageLogger, {"folder": "/tmp/not/there/yet"}))
