@@ -25,6 +25,7 @@ from robbie_mp.module import MessageHandling, Module, setting
 from workers.grid_mapper import GridMapper
 from workers.map_file import write_map
 from workers.map_picture import draw_map
+from workers.row_log import RowLog
 
 
 class Mapping(Module):
@@ -64,7 +65,7 @@ class Mapping(Module):
         self.odometry_messages = 0
         self.scans = 0
         self.drawn_scans = 0
-        self.true_path: list[tuple[float, float]] = []
+        self.true_path = RowLog(2, self.mapper.limits.odometry)
 
     def on_time_jump(self, jump: TimeJump) -> None:
         """Begin a new map: the robot is elsewhere all of a sudden; but the laser sits where it sat."""
@@ -103,7 +104,7 @@ class Mapping(Module):
 
     def on_truth(self, truth: Odometry) -> None:
         """Note where the simulated robot really is."""
-        self.true_path.append(planar(truth.pose.pose)[:2])
+        self.true_path.add(planar(truth.pose.pose)[:2])
 
     def tick(self) -> None:
         """Publish the map if it has changed."""
@@ -133,7 +134,7 @@ class Mapping(Module):
             "mapper": self.mapper.state(),
             "odometry_messages": self.odometry_messages,
             "scans": self.scans,
-            "true_path": np.array(self.true_path).reshape(-1, 2),
+            "true_path": self.true_path.state(),
         }
         try:
             self.checkpoint(state)
@@ -153,7 +154,7 @@ class Mapping(Module):
         self.mapper = GridMapper.from_state(state["mapper"])
         self.odometry_messages = state["odometry_messages"]
         self.scans = state["scans"]
-        self.true_path = [(x_m, y_m) for x_m, y_m in state["true_path"].tolist()]
+        self.true_path.restore(state["true_path"])
         self.log.info("goes on after %d odometry messages and %d scans", self.odometry_messages, self.scans)
 
     def teardown(self) -> None:
@@ -168,12 +169,13 @@ class Mapping(Module):
             corner_m,
             resolution_m,
             estimated_path=trajectory[:, 1:3],
-            true_path=np.array(self.true_path) if self.true_path else None,
+            true_path=self.true_path.rows if len(self.true_path) else None,
         )
         counted = {
             "odometry_messages": self.odometry_messages,
             "scans": self.scans,
             "loops_closed": self.mapper.loops_closed,
             "refused": dict(self.mapper.refused),
+            "thinned": self.mapper.thinned,
         }
         (self.output_directory / "mapping.json").write_text(json.dumps(counted, indent=2) + "\n")

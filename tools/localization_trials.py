@@ -156,11 +156,13 @@ class Drive:
 
     def way_until_sure(self, limit_m: float) -> float | None:
         """Drive until the localizer is sure and right; None if it is not, or sure of a wrong place."""
-        begin_m, lost = self.way_m, not self._converged
+        begin_m, was_sure = self.way_m, self._converged
         for truth in self.steps(limit_m):
-            lost = lost or not self._converged or not self.is_right(truth)
-            if self._converged and (self.is_right(truth) or begin_m == 0.0):
-                return self.way_m - begin_m if self.is_right(truth) else None
+            if self._converged and self.is_right(truth):
+                return self.way_m - begin_m
+            if self._converged and not was_sure:
+                return None
+            was_sure = self._converged
         return None
 
     @property

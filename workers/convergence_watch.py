@@ -15,7 +15,8 @@ class ConvergenceSettings:
         spread_rad: ... and this, ...
         agreement: ... and so many returns lie on the map's obstacles, ...
         lasting_m: ... all of it over so much of the way.
-        lost_weight: Who has been sure is so no more when the cluster has less, ...
+        lost_jump_m: Who has been sure is so no more when the estimate jumps farther, ...
+        lost_weight: ... when the cluster has less of all weight, ...
         lost_agreement: ... or fewer returns lie on the map's obstacles.
     """
 
@@ -24,6 +25,7 @@ class ConvergenceSettings:
     spread_rad: float = 0.12
     agreement: float = 0.75
     lasting_m: float = 1.0
+    lost_jump_m: float = 0.5
     lost_weight: float = 0.5
     lost_agreement: float = 0.5
 
@@ -40,17 +42,19 @@ class ConvergenceWatch:
         self._settings = settings or ConvergenceSettings()
         self._since_m: float | None = None
 
-    def judge(self, best: Cluster, agreement: float, travelled_m: float) -> bool:
+    def judge(self, best: Cluster, jump_m: float, agreement: float, travelled_m: float) -> bool:
         """Tell whether an estimate is sure.
 
         Args:
             best: Where most particles are.
+            jump_m: How far that is from where the last estimate and odometry put the robot.
             agreement: Share of the newest sweep's returns that lie on the map's obstacles.
             travelled_m: How far the robot has come.
         """
         settings = self._settings
         if self.converged:
-            lost = best.weight < settings.lost_weight or agreement < settings.lost_agreement
+            lost = jump_m > settings.lost_jump_m or best.weight < settings.lost_weight
+            lost |= agreement < settings.lost_agreement
             self.converged, self._since_m = not lost, None
             return self.converged
         sure = (

@@ -22,12 +22,14 @@ from workers.map_renderer import MapRenderer
 from workers.occupancy_grid import OccupancyGrid
 from workers.odometry_track import OdometryTrack, Place
 from workers.planar_pose import compose, relative, rotated_information
+from workers.redundancy import redundant
 from workers.row_log import RowLog
 from workers.scan_tracker import ScanTracker
 
 HARDLY_M, HARDLY_RAD = 0.05, 0.03  # a sweep taken nearer to the last one tells nothing new
 KEY_M, KEY_RAD = 0.25, 0.2  # from one key sweep to the next
 FEWEST_HITS = 20
+THINNED = 0.1  # share of the key sweeps that make room at a time
 MOST_WAITING = 10  # sweeps whose odometry has not come yet
 PATIENCE = 5  # odometry messages a sweep waits for one at its own stamp
 NOWHERE = np.zeros(3)
@@ -35,17 +37,19 @@ NOWHERE = np.zeros(3)
 
 @dataclass(frozen=True)
 class Limits:
-    """What the mapper may grow to; beyond it things are left out, and counted in `GridMapper.refused`.
+    """What the mapper may grow to; what then is left out is counted in `GridMapper.refused`.
 
     Attributes:
         cells: Of the grid (8 bytes each).
-        key_sweeps: Of the map (some 10 kB each with 360 beams).
-        odometry: Entries of the trajectory (32 bytes each); the older half is forgotten.
+        key_sweeps: Of the map (some 15 kB each with 360 beams). At the limit those that show what others
+            show, too, make room.
+        odometry: Entries of the trajectory (32 bytes each, and 64 for each matched sweep); the older half is
+            forgotten.
     """
 
     cells: int = 16_000_000
-    key_sweeps: int = 20_000
-    odometry: int = 1_000_000
+    key_sweeps: int = 4_000
+    odometry: int = 400_000
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,7 @@ class GridMapper:
 
     Attributes:
         refused: What was left out so far, by reason.
+        thinned: Key sweeps that have made room for others so far.
     """
 
     def __init__(
@@ -81,6 +86,7 @@ class GridMapper:
         self.max_range_m = max_range_m
         self.laser_pose = np.asarray(laser_pose, float)
         self.refused: Counter[str] = Counter()
+        self.thinned = 0
         self._keys = KeySweeps()
         self._tracker = ScanTracker(self._keys)
         self._closer = LoopCloser(self._keys)
@@ -173,6 +179,7 @@ class GridMapper:
             },
             "limits": asdict(self.limits),
             "refused": dict(self.refused),
+            "thinned": self.thinned,
             "odometry": self._odometry.log.state(),
             "anchors": self._anchors.state(),
             "keys": self._keys.state(),
@@ -189,6 +196,7 @@ class GridMapper:
         """Make a mapper that goes on just as the one whose `state` this is; ranges were kept as float32."""
         mapper = GridMapper(**state["settings"], limits=Limits(**state["limits"]))
         mapper.refused.update(state["refused"])
+        mapper.thinned = state.get("thinned", 0)
         mapper._odometry.log.restore(state["odometry"])
         mapper._anchors.restore(state["anchors"])
         mapper._keys.restore(state["keys"])
@@ -222,7 +230,10 @@ class GridMapper:
         step = relative(last[1:4], odometry)
         if place.position < last[0] or (np.hypot(step[0], step[1]) < HARDLY_M and abs(step[2]) < HARDLY_RAD):
             return
-        if len(self._keys) == self.limits.key_sweeps:
+        if len(self._keys) >= self.limits.key_sweeps:
+            self._thin()
+            last = self._anchors.rows[-1]
+        if len(self._keys) >= self.limits.key_sweeps:
             self.refused["sweeps beyond the limit of key sweeps"] += 1
             return
         match = self._tracker.match(sweep, self._corrected(last), step)
@@ -237,6 +248,25 @@ class GridMapper:
         self._anchor(place, odometry, key, NOWHERE)
         self._closer.look()
         self._tracker.forget()
+
+    def _thin(self) -> None:
+        """Make room: take out key sweeps that show what others show, too."""
+        self._closer.settle()
+        self._tracker.forget()
+        count = max(1, int(THINNED * self.limits.key_sweeps))
+        numbers = redundant(self._keys.poses, self._keys.travelled_m, count)
+        if not numbers:
+            return
+        self._renderer.forget(numbers)
+        poses = self._keys.poses
+        heirs = self._keys.remove(numbers)
+        anchors = self._anchors.rows
+        keys = anchors[:, 4].astype(int)
+        offsets = compose(relative(poses[heirs[keys]], poses[keys]), anchors[:, 5:8])
+        moved = heirs[keys] != keys
+        anchors[moved, 5:8] = offsets[moved]
+        anchors[:, 4] = heirs[keys] - np.searchsorted(numbers, heirs[keys])
+        self.thinned += len(numbers)
 
     def _anchor(
         self, place: Place, odometry: NDArray[np.float64], key: int, offset: NDArray[np.float64]

@@ -1,11 +1,12 @@
 """The sweeps a map is made of, each with its pose in a pose graph."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from workers.graph_thinning import without
 from workers.laser_sweep import LaserSweep
 from workers.planar_pose import wrap_angle
 from workers.pose_graph import PoseGraph
@@ -43,6 +44,18 @@ class KeySweeps:
         self._travelled.append(float(so_far))
         self.sweeps.append(sweep)
         return self.graph.add_pose(pose)
+
+    def remove(self, numbers: Sequence[int]) -> NDArray[np.int64]:
+        """Take sweeps out of the map, whose graph must be settled; the others are numbered anew.
+
+        Returns:
+            For each sweep there was `(N,)`, which one stands for it, by the old numbers: itself or its heir.
+        """
+        self.graph, heirs = without(self.graph, numbers)
+        gone = set(numbers)
+        self.sweeps = [sweep for number, sweep in enumerate(self.sweeps) if number not in gone]
+        self._travelled = [metres for number, metres in enumerate(self._travelled) if number not in gone]
+        return heirs
 
     def state(self) -> dict[str, Any]:
         """Return all there is to know, as arrays and a dict of arrays."""

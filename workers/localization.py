@@ -132,6 +132,7 @@ class Localizer:
         self._waiting: deque[_Beams] = deque(maxlen=MOST_WAITING)
         self._cloud: ParticleCloud | None = None
         self._at: NDArray[np.float64] | None = None  # odometry's pose at the last sweep that counted
+        self._expected: NDArray[np.float64] | None = None
         self._convergence = ConvergenceWatch()
         self._travelled_m = 0.0
         self._slow = self._fast = 1.0
@@ -228,6 +229,7 @@ class Localizer:
         if self._cloud is not None:
             self._cloud.move(step, self._noise, self._random)
         self._at = odometry
+        self._expected = None if self.newest is None else compose(self.newest.pose, step)
         self._travelled_m += way_m
         return True
 
@@ -246,7 +248,8 @@ class Localizer:
         """Say where the robot is, and whether that is sure."""
         best = cloud.heaviest_cluster()
         agreement = float((self.field.distances_m(best.pose, beams.ends) < AGREES_M).mean())
-        converged = self._convergence.judge(best, agreement, self._travelled_m)
+        jump_m = 0.0 if self._expected is None else float(np.hypot(*(best.pose - self._expected)[:2]))
+        converged = self._convergence.judge(best, jump_m, agreement, self._travelled_m)
         spread_m, spread_rad = cloud.spread(best.pose)
         return Localization(beams.stamp_s, best.pose, converged, spread_m, spread_rad, agreement, len(cloud))
 

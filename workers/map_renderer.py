@@ -1,6 +1,6 @@
 """Draw key sweeps into an occupancy grid, and draw again those whose poses have moved since."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -49,6 +49,15 @@ class MapRenderer:
             except GridFull:
                 continue
         self.left_out = int(np.isnan(self._drawn[:, 0]).sum())
+
+    def forget(self, numbers: Sequence[int]) -> None:
+        """Take out sweeps that are about to be removed from the key sweeps."""
+        for number in numbers:
+            if number < len(self._drawn) and np.isfinite(self._drawn[number, 0]):
+                self.grid.remove(*self._sweep(number, self._drawn[number]))
+        self._drawn = np.delete(
+            self._drawn, [number for number in numbers if number < len(self._drawn)], axis=0
+        )
 
     def state(self) -> dict[str, Any]:
         """Return what is drawn and where; arrays that the next `update` may change."""

@@ -51,6 +51,10 @@ class PoseGraph:
         self._information.append(np.asarray(information, float))
         self._robust.append(closes_loop)
 
+    def settled(self) -> None:
+        """Take the poses for those that fit the edges best, as after `optimise`."""
+        self._settled_edges = len(self._ends)
+
     def state(self) -> dict[str, NDArray[Any]]:
         """Return all there is to know, as arrays; `optimise` may change them."""
         return {
@@ -103,7 +107,7 @@ class PoseGraph:
             if doubt == DOUBT and np.abs(step).max() < SETTLED_M:
                 break
             doubt = max(DOUBT, doubt / DOUBT_GROWTH)
-        self._settled_edges = len(self._ends)
+        self.settled()
         return float(np.hypot(*(self.poses - before)[:, :2].T).max())
 
     def _step(self, edges: "_Edges", doubt: float) -> NDArray[np.float64]:
@@ -111,9 +115,9 @@ class PoseGraph:
         error = edges.errors(self.poses)
         trust = np.minimum(1.0, 2 * doubt / (doubt + edges.squared_errors(self.poses))) ** 2
         trust = np.where(edges.doubtful, trust, 1.0)
-        jacobians = _jacobians(self.poses[edges.ends[:, 0]], self.poses[edges.ends[:, 1]])
-        weighted = np.einsum("eaji,ejk->eaik", jacobians, edges.information * trust[:, None, None])
-        blocks = np.einsum("eaij,ebjk->eabik", weighted, jacobians)
+        derivatives = jacobians(self.poses[edges.ends[:, 0]], self.poses[edges.ends[:, 1]])
+        weighted = np.einsum("eaji,ejk->eaik", derivatives, edges.information * trust[:, None, None])
+        blocks = np.einsum("eaij,ebjk->eabik", weighted, derivatives)
         rights = -np.einsum("eaij,ej->eai", weighted, error)
         variables = edges.ends[:, :, None] * 3 + np.arange(3)
         rows = np.broadcast_to(variables[:, :, None, :, None], blocks.shape)
@@ -145,7 +149,7 @@ class _Edges:
         return np.asarray(np.einsum("ei,eij,ej->e", error, self.information, error))
 
 
-def _jacobians(base: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArray[np.float64]:
+def jacobians(base: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArray[np.float64]:
     """Derivatives of `relative(base, seen)` by both, `(E, 2, 3, 3)`."""
     cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])
     dx, dy = seen[:, 0] - base[:, 0], seen[:, 1] - base[:, 1]

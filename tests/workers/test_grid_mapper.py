@@ -145,6 +145,28 @@ def test_key_sweeps_beyond_the_limit_are_refused_and_counted(drive):
     assert np.isfinite(mapper.trajectory()).all()
 
 
+def test_endless_drive_in_a_room_keeps_its_memory_and_its_accuracy():
+    drive = Drive.around_the_pillar(3.4 * LAP_S)
+    mapper = GridMapper(limits=Limits(key_sweeps=90))
+    sizes = []
+    for begin in range(0, len(drive.odometry), 100):
+        run(mapper, drive, begin=begin, end=min(begin + 100, len(drive.odometry)))
+        if begin % 500 == 0:
+            mapper.grid()
+        keys = mapper.state()["keys"]
+        sizes.append((len(keys["beams"]), len(keys["graph"]["ends"])))
+    assert mapper.thinned > 20
+    assert not mapper.refused["sweeps beyond the limit of key sweeps"]
+    assert max(keys for keys, _ in sizes) <= 90
+    assert max(edges for _, edges in sizes) <= 90 * 4
+    off_m, off_rad = errors(drive, mapper.trajectory()[:, 1:])
+    assert off_m.mean() < 0.05
+    assert off_rad.mean() < 0.02
+    second = GridMapper.from_state(deepcopy(mapper.state()))
+    assert np.array_equal(second.grid()[0], mapper.grid()[0])
+    assert np.array_equal(second.trajectory(), mapper.trajectory())
+
+
 def test_sweeps_beyond_the_grid_are_left_out_and_counted(drive):
     mapper = run(GridMapper(limits=Limits(cells=1000)), drive, end=300)
     assert mapper.grid()[0].size <= 1000
