@@ -102,10 +102,10 @@ def write_log(path: Path, count: int = 30, **options: Any) -> Path:
 
 
 def write_small_log(path: Path, **options: Any) -> Path:
-    """Write 8 messages of 5 bytes, on two channels, a chunk for every two or three."""
-    with LogFile(path, chunk_size=70, **options) as log:
+    """Write 5 messages of 5 bytes, on two channels, in two or three chunks."""
+    with LogFile(path, chunk_size=130, **options) as log:
         log.writer.add_metadata("about", {"a": "b"})
-        for number in range(8):
+        for number in range(5):
             channel = log.channel("a/msg/B", "uint8 x", 1, "even" if number % 2 else "odd", "s")
             log.add_bytes(channel, b"\0\1\0\0" + bytes([200 + number]), START_NS + number)
     return path

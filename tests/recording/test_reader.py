@@ -29,6 +29,8 @@ FORMS = {
         "use_summary_offsets": False,
     },
     "without message indexes": {"index_types": IndexType.CHUNK | IndexType.METADATA},
+    "without an index": {"index_types": IndexType.NONE},
+    "without channels in its summary": {"repeat_channels": False},
     "without chunks": {"use_chunking": False},
     "without checksums": {"enable_crcs": False},
 }
@@ -137,11 +139,11 @@ def test_of_a_log_that_others_wrote_the_topic_and_the_layout_tell(tmp_path: Path
     ]
 
 
-@pytest.mark.parametrize("form", ["plain", "zstd", "without chunks"])
+@pytest.mark.parametrize("form", ["zstd", "without chunks"])
 def test_of_a_file_cut_anywhere_what_was_written_whole_is_read(tmp_path: Path, form: str) -> None:
     whole = write_log(tmp_path / "a.mcap", 9, **FORMS[form]).read_bytes()
     cut, messages, last = tmp_path / "cut.mcap", expected(9), 0
-    for size in range(1, len(whole), 37):
+    for size in range(1, len(whole), 61):
         cut.write_bytes(whole[:size])
         with open_log(cut) as log:
             found = told(log)
@@ -168,7 +170,7 @@ def test_a_damaged_chunk_is_left_out_and_the_ones_behind_it_are_found(tmp_path: 
         assert 30 > len(found) > 20
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_whatever_bytes_are_changed_reading_ends_without_another_error(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

@@ -26,7 +26,7 @@ def repaired(source: Path, target: Path) -> Repair:
 
 
 def read_by_mcap(path: Path) -> Told:
-    """All messages, by the library, which checks the index and all checksums."""
+    """All messages, by the library, which uses the index and checks all checksums."""
     with path.open("rb") as file:
         return [
             (channel.topic, message.sequence, message.log_time, message.publish_time, message.data)
@@ -63,7 +63,8 @@ def quick_disk(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("quick_disk")
 @pytest.mark.parametrize(
-    ("form", "step"), [("zstd", 1), ("without chunks", 1), ("plain", 7), ("lz4", 7), ("without checksums", 7)]
+    ("form", "step"),
+    [("zstd", 1), ("without chunks", 3), ("plain", 11), ("lz4", 11), ("without checksums", 11)],
 )
 def test_of_a_log_cut_at_any_byte_all_of_every_whole_chunk_is_kept(
     tmp_path: Path, form: str, step: int
@@ -102,13 +103,13 @@ def test_of_a_big_log_cut_at_random_bytes_all_of_every_whole_chunk_is_kept(
 
 
 @pytest.mark.usefixtures("quick_disk")
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_whatever_bytes_are_changed_a_repair_is_valid_or_leaves_nothing(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
     folder = tmp_path_factory.mktemp("logs")
-    form = data.draw(st.sampled_from(sorted(FORMS)))
+    form = data.draw(st.sampled_from(sorted(set(FORMS) - {"without channels in its summary"})))
     source, target = write_log(folder / "a.mcap", 9, **FORMS[form]), folder / "b.mcap"
     content, messages = bytearray(source.read_bytes()), read_by_mcap(source)
     changes = st.tuples(st.integers(0, len(content) - 1), st.integers(0, 255))
@@ -141,6 +142,62 @@ def test_messages_behind_a_damaged_chunk_are_kept(tmp_path: Path) -> None:
         assert len(done.damage) == 1 and str(block.frame.start - 9) in done.damage[0]
         assert read_by_mcap(tmp_path / "b.mcap") == [one for one in messages if one[1] not in lost]
         (tmp_path / "b.mcap").unlink()
+
+
+def test_messages_of_a_channel_whose_description_is_lost_are_left_out_and_counted(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "a.mcap", 30)
+    messages, whole = read_by_mcap(path), path.read_bytes()
+    with open_log(path) as log:
+        part = log.parts[0]
+        first, *others = ([m.sequence for m in part._messages_of(b)] for b in part.contents.blocks)
+        at = part.contents.blocks[0].frame.start + 100
+    damaged = whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :]
+    path.write_bytes(damaged)  # the summary describes them, too
+    assert repaired(path, tmp_path / "b.mcap").messages == 30 - len(first)
+    path.write_bytes(damaged[:-1])
+    done = repaired(path, tmp_path / "c.mcap")
+    kept = {one[1] for one in read_by_mcap(tmp_path / "c.mcap")}
+    assert done.messages == len(kept) < 30 - len(first) == sum(map(len, others))
+    lost = 30 - len(first) - len(kept)
+    assert done.damage[-1] == f"{lost} messages are of channels whose description is lost"
+    assert {one[1] for one in messages} > kept
+
+
+def test_a_chunk_that_nobody_takes_for_one_is_missed_if_the_summary_counts_its_messages(
+    tmp_path: Path,
+) -> None:
+    path = write_log(tmp_path / "a.mcap", 30)
+    with open_log(path) as log:
+        at = log.parts[0].contents.blocks[4].frame.start - 9
+    content = bytearray(path.read_bytes())
+    content[at] |= 0x80  # a record that anybody may add
+    path.write_bytes(content)
+    done = repaired(path, tmp_path / "b.mcap")
+    assert done.damage == [f"the summary tells of 30 messages, there are {done.messages}"]
+
+
+def test_long_rows_of_messages_outside_of_chunks_are_read_in_pieces(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("robbie_mp.recording.scan.ROW_BYTES", 1000)
+    path = write_log(tmp_path / "a.mcap", 30, use_chunking=False)
+    with open_log(path) as log:
+        assert max(block.frame.length for block in log.parts[0].contents.blocks) < 2000
+        assert len(list(log.messages())) == 30
+
+
+def test_damaged_attachment_is_left_out(tmp_path: Path) -> None:
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_attachment(1, 2, "note.txt", "text/plain", b"hello")
+        writer.finish()
+    content = (tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "a.mcap").write_bytes(content.replace(b"hello", b"hullo"))
+    done = repaired(tmp_path / "a.mcap", tmp_path / "b.mcap")
+    assert "'note.txt' has another checksum" in done.damage[0]
+    with (tmp_path / "b.mcap").open("rb") as file:
+        assert not list(make_reader(file).iter_attachments())
 
 
 def test_metadata_attachments_and_channels_without_messages_are_kept(tmp_path: Path) -> None:
