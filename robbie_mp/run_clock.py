@@ -31,10 +31,20 @@ class _Row(NamedTuple):
     rate: int
     limit_ns: int
     jumps: int
+    smooth_since_ns: int
 
     def at(self, machine_ns: int) -> int:
-        """The run's time at a moment of the machine's monotonic time."""
-        return min(self.run_ns + ((machine_ns - self.machine_ns) * self.rate >> 32), self.limit_ns)
+        """The run's time at a moment of the machine's monotonic time.
+
+        For moments before it went at this rate, as of messages from before the time has begun, that is the
+        time from which on it has: going back at the rate of now would lead anywhere, even below 0.
+        """
+        run_ns = self.run_ns + ((machine_ns - self.machine_ns) * self.rate >> 32)
+        return max(self.smooth_since_ns, min(run_ns, self.limit_ns))
+
+    def goes_on_smoothly(self, machine_ns: int, rate: int) -> bool:
+        """Whether time that goes on at a rate has gone at the same one until then, without a stop."""
+        return rate == self.rate and self.at(machine_ns) < self.limit_ns
 
 
 class _Rows:
@@ -80,6 +90,8 @@ class RunClock:
     def __init__(self, segment: Segment):
         self._segment = segment
         self._rows = _Rows(segment.words)
+        self._latest = 0, 0
+        """Jumps and time as they were told last."""
 
     @classmethod
     def attach(cls, run_id: str) -> "RunClock":
@@ -98,14 +110,25 @@ class RunClock:
         return row.jumps if row else 0
 
     def now_ns(self) -> int:
-        """Nanoseconds since the epoch; before the run's time has begun, 0."""
-        return self.at(time.monotonic_ns())
+        """Nanoseconds since the epoch; before the run's time has begun, 0.
+
+        Who turns the clock may stop it at a time that has just passed: it looks at the machine's clock a little
+        before its row counts. Nobody is told an earlier time for that.
+        """
+        row = self._rows.read()
+        if row is None:
+            return 0
+        latest = self._latest = max(self._latest, (row.jumps, row.at(time.monotonic_ns())))
+        return latest[1]
 
     monotonic_ns = now_ns
     """Likewise; goes back by a jump, and never else."""
 
     def at(self, machine_ns: int) -> int:
-        """The run's time at a recent moment of the machine's monotonic time."""
+        """The run's time at a recent moment of the machine's monotonic time.
+
+        If the clock was turned since, this is the time at which it was.
+        """
         row = self._rows.read()
         return row.at(machine_ns) if row else 0
 
@@ -175,9 +198,12 @@ class ClockWriter:
     def _write(self, at_ns: int, rate: int, limit_ns: int, *, is_jump: bool) -> None:
         before, machine_ns = self._rows.read(), time.monotonic_ns()
         jumps = before.jumps if before else 0
+        since_ns = at_ns
         if before and not is_jump:
-            at_ns = max(at_ns, before.at(machine_ns))
-        self._rows.write(_Row(machine_ns, at_ns, rate, max(limit_ns, at_ns), jumps + is_jump))
+            since_ns = at_ns = max(at_ns, before.at(machine_ns))
+            if before.goes_on_smoothly(machine_ns, rate):
+                since_ns = before.smooth_since_ns
+        self._rows.write(_Row(machine_ns, at_ns, rate, max(limit_ns, at_ns), jumps + is_jump, since_ns))
 
     def close(self) -> None:
         """Unmap it."""

@@ -71,6 +71,48 @@ def test_time_goes_back_by_counted_jumps_only(clocks: tuple[ClockWriter, RunCloc
     assert (clock.now_ns(), clock.jumps) == (BEGIN_NS - 5, 1)
 
 
+def test_time_of_what_was_before_the_clock_was_turned_is_no_earlier_than_that(
+    clocks: tuple[ClockWriter, RunClock, list[int]],
+) -> None:
+    """As of messages that were published before the run's time began, or while it stood still."""
+    writer, clock, machine_ns = clocks
+    writer.pause(BEGIN_NS)
+    early_ns = machine_ns[0]
+    machine_ns[0] += 1000
+    for _ in range(3):  # it goes on, and who turns it says so now and then
+        writer.play(clock.now_ns(), 1e6, BEGIN_NS + 10**10)
+        machine_ns[0] += 100
+    assert clock.now_ns() == BEGIN_NS + 300 * 10**6
+    assert clock.at(early_ns) == clock.at(early_ns + 1000) == BEGIN_NS
+    assert clock.at(machine_ns[0] - 250) == BEGIN_NS + 50 * 10**6
+    machine_ns[0] += 10**6  # who turns it was dead for a while: it stood at its limit
+    writer.play(BEGIN_NS, 1e6)
+    assert clock.at(machine_ns[0] - 500) == BEGIN_NS + 10**10
+    writer.play(BEGIN_NS, 1.0)
+    assert clock.at(machine_ns[0] - 500) == clock.now_ns() == BEGIN_NS + 10**10
+
+
+def test_who_was_told_a_time_is_never_told_an_earlier_one_when_the_clock_is_stopped(
+    clocks: tuple[ClockWriter, RunClock, list[int]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Somebody reads the clock between the writer's look at the machine's clock and its row."""
+    writer, clock, machine_ns = clocks
+    writer.play(BEGIN_NS)
+    write, told = writer._rows.write, []
+
+    def delayed(row: object) -> None:
+        machine_ns[0] += 1000
+        told.append(clock.now_ns())
+        write(row)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(writer._rows, "write", delayed)
+    writer.pause(BEGIN_NS)
+    assert told == [BEGIN_NS + 1000]
+    assert clock.now_ns() == BEGIN_NS + 1000
+    writer.jump(BEGIN_NS - 5)
+    assert clock.now_ns() == BEGIN_NS - 5
+
+
 @pytest.mark.parametrize("rate", [-1.0, math.nan, math.inf, 1e7])
 def test_impossible_rate_is_refused(clocks: tuple[ClockWriter, RunClock, list[int]], rate: float) -> None:
     with pytest.raises(InvalidRate, match="give a rate"):

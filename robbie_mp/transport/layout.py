@@ -15,7 +15,7 @@ Change anything here and raise `LAYOUT_VERSION`: it is stamped in every segment 
 
 from enum import IntEnum
 
-LAYOUT_VERSION = 4
+LAYOUT_VERSION = 5
 MAGIC = int.from_bytes(b"ROBBIEMP", "little")
 
 
@@ -206,6 +206,7 @@ CLOCK_RUN_NS = 1  # ... it was this time in the run
 CLOCK_RATE = 2  # s of the run in each s of the machine, times 2^32
 CLOCK_LIMIT_NS = 3  # the run's time does not pass this
 CLOCK_JUMPS = 4  # so often it has been set to another time
+CLOCK_SMOOTH_SINCE_NS = 5  # the run's time has gone on at this rate, without a stop, since it was this
 CLOCK_ROW_WORDS = 8
 CLOCK_WORDS = CLOCK_ROWS + 2 * CLOCK_ROW_WORDS
 
