@@ -126,9 +126,13 @@ class SimulatedBase(SimulatedDevice):
         )
 
     def teardown(self) -> None:
-        """Stop the robot; write into `base.json` how often it hit something or got no new command in time."""
+        """Stop the robot; write into `base.json` what it hit, how often no new command came, where it is."""
         self.drive.stop()
-        counted = {"collisions": self.drive.collisions, "expired_commands": self.drive.expired_commands}
+        counted = {
+            "collisions": self.drive.collisions,
+            "expired_commands": self.drive.expired_commands,
+            "from_start_m": math.dist(self.drive.ground_truth().pose[:2], self.start[:2]),
+        }
         (self.output_directory / "base.json").write_text(json.dumps(counted) + "\n")
 
     def _time_s(self) -> float:

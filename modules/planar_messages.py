@@ -13,6 +13,7 @@ from robbie_mp.messages import (
     Pose,
     PoseStamped,
     Quaternion,
+    SearchedWalls,
     TFMessage,
 )
 
@@ -37,7 +38,7 @@ def pose_stamped(pose: ArrayLike, header: Header) -> PoseStamped:
     return PoseStamped(header=header, pose=place)
 
 
-def map_cells(grid: OccupancyGrid) -> MapCells:
+def map_cells(grid: OccupancyGrid | SearchedWalls) -> MapCells:
     """Return the cells of a map and where they lie."""
     corner = grid.info.origin.position
     cells = grid.data.reshape(grid.info.height, grid.info.width)

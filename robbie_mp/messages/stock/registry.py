@@ -35,6 +35,7 @@ def stock_registry() -> TypeRegistry:
             robbie_msgs.ModuleState,
             robbie_msgs.NavigationState,
             robbie_msgs.PanTiltCommand,
+            robbie_msgs.SearchedWalls,
             robbie_msgs.SettingChange,
             robbie_msgs.SettingChanged,
             robbie_msgs.SimulatedWorld,

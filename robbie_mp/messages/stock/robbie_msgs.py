@@ -4,9 +4,10 @@ from typing import ClassVar
 
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
-from robbie_mp.messages.primitives import Array, float32, float64, uint8, uint32, uint64
+from robbie_mp.messages.primitives import Array, float32, float64, int8, uint8, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
 from robbie_mp.messages.stock.geometry_msgs import Pose
+from robbie_mp.messages.stock.nav_msgs import MapMetaData
 from robbie_mp.messages.stock.sensor_msgs import Image
 from robbie_mp.messages.stock.std_msgs import Header
 
@@ -127,6 +128,14 @@ class VictimFound(Message, name="robbie_msgs/msg/VictimFound", version=1):
     views: uint32 = DEFAULT  # images it is in
     state: uint8 = SUSPECTED
     image: Image = DEFAULT  # the part that shows it best; empty: there is none
+
+
+class SearchedWalls(Message, name="robbie_msgs/msg/SearchedWalls", version=1):
+    """Where a victim could hang on a wall, and whether the camera has seen well that none does."""
+
+    header: Header = DEFAULT  # frame_id: of the map
+    info: MapMetaData = DEFAULT  # of the grid
+    data: Array[int8] = DEFAULT  # (height * width,) 100: searched, 0: not, -1: no wall is here
 
 
 class VictimConfirmation(Message, name="robbie_msgs/msg/VictimConfirmation", version=1):

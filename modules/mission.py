@@ -1,0 +1,203 @@
+"""Application control of the rescue robot: explores, searches for victims, has them confirmed, comes home."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modules.planar_messages import map_cells, planar, pose_stamped
+from robbie_mp.messages import (
+    BatteryState,
+    CameraInfo,
+    Header,
+    NavigationState,
+    OccupancyGrid,
+    PanTiltCommand,
+    PoseStamped,
+    SearchedWalls,
+    Time,
+    VictimFound,
+)
+from robbie_mp.module import MessageHandling, Module, setting
+from workers.look_around import LookAround
+from workers.mission import Mission
+from workers.mission_states import MissionSettings, MissionState
+from workers.mission_targets import SearchedGrid
+from workers.mission_victims import VictimReport
+from workers.rescue_report import MissionFigures, write_report
+from workers.victim_map import VictimState
+
+CANNOT_DRIVE = ("STOPPED_", "EMERGENCY_")
+REPEAT_S = 2.0
+"""A goal that navigation does not have after so long is sent again."""
+
+
+class RescueMission(Module):
+    """Sends goals to navigation and directions to the pan-tilt unit until the mission has ended.
+
+    At the end it writes the report: a map with victims and path in the manner of RoboCup Rescue
+    (`NAME_map.png`), the victims as `NAME_victims.csv`, and figures in `mission.json`.
+
+    Restarted, it goes on: it still knows where home is, what it has found, how much of its time it has used,
+    and whether it was on its way back.
+    """
+
+    period_s: float = setting(0.2, "time between decisions", minimum=0.02)
+    time_limit_s: float = setting(600.0, "the robot is home again by then", minimum=10.0)
+    reserve: float = setting(0.15, "the battery is not used below this ratio", minimum=0.0, maximum=1.0)
+    report_name: str = setting("rescue", "beginning of the names of the report's files")
+    ends_after_s: float = setting(
+        1.0, "the mission's end is shown so long before the module ends", minimum=0.0
+    )
+
+    def setup(self) -> None:
+        """Make the mission; hear map, pose, navigation, victims, camera and battery."""
+        settings = MissionSettings(time_limit_s=self.time_limit_s, reserve=self.reserve)
+        self.mission = Mission(self._time_s, settings, self._state_changed)
+        if self.restored is not None:
+            self.mission.remember(self.restored)
+        self.show_state(self.mission.state)
+        self.look = LookAround()
+        self.pose: tuple[float, float, float] | None = None
+        self.goal: NDArray[np.float64] | None = None
+        self.sent_s = -math.inf
+        self.judged = True
+        self.is_known = False
+        self.stands = False
+        self.pan_rad = math.nan
+        self.map: OccupancyGrid | None = None
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(OccupancyGrid, self.on_map, newest)
+        self.subscribe(SearchedWalls, self.on_searched, newest)
+        self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
+        self.subscribe(NavigationState, self.on_navigation)
+        self.subscribe(VictimFound, self.on_victim)
+        self.subscribe(CameraInfo, self.on_camera, newest, topic="camera")
+        self.subscribe(BatteryState, self.on_battery, newest, topic="battery")
+
+    def on_map(self, grid: OccupancyGrid) -> None:
+        """Take a new map."""
+        self.map = grid
+        self.mission.see_map(*map_cells(grid))
+
+    def on_searched(self, grid: SearchedWalls) -> None:
+        """Learn which walls were searched."""
+        self.mission.see_searched(SearchedGrid(*map_cells(grid)))
+
+    def on_pose(self, message: PoseStamped) -> None:
+        """Learn where the robot is."""
+        self.pose = planar(message.pose)
+        self.mission.see_pose(self.pose)
+
+    def on_camera(self, _camera: CameraInfo) -> None:
+        """Learn that the camera works."""
+        self.mission.see_camera()
+
+    def on_battery(self, battery: BatteryState) -> None:
+        """Learn what is left in the battery."""
+        self.mission.limits.see_battery(battery.percentage)
+
+    def on_victim(self, victim: VictimFound) -> None:
+        """Learn of a victim."""
+        position = victim.pose.position
+        report = VictimReport(
+            id=victim.id,
+            name=victim.name,
+            x_m=position.x,
+            y_m=position.y,
+            z_m=position.z,
+            facing_rad=victim.pose.orientation.yaw,
+            found_s=victim.header.stamp.nanoseconds / 1e9,
+            confidence=victim.confidence,
+            state=VictimState(victim.state),
+        )
+        self.mission.victims.see(report)
+
+    def on_navigation(self, state: NavigationState) -> None:
+        """Learn how far the robot is on its way to the goal."""
+        self.mission.see_stopped(
+            f"{state.state}: {state.reason}" if state.state.startswith(CANNOT_DRIVE) else None
+        )
+        self.is_known = self.goal is not None and self._is_goal(state)
+        if self.judged or not self.is_known:
+            return
+        if state.state in ("ARRIVED", "UNREACHABLE"):
+            self.judged = True
+            self.log.debug("goal %s: %s %s", self.goal.round(2), state.state, state.reason)
+            if state.state == "ARRIVED":
+                self.mission.arrived()
+            else:
+                self.mission.unreachable(state.reason)
+
+    def tick(self) -> None:
+        """Think, and tell the others what to do."""
+        orders = self.mission.step()
+        if self.pose is not None and self.mission.state is not MissionState.WAIT:
+            self._send_goal(orders.goal)
+            self._turn_camera(orders.look_at_xy_m)
+        self.status = self.mission.status
+        self.checkpoint(self.mission.memory())
+        if self.mission.machine.is_final and self.mission.machine.time_in_state_s >= self.ends_after_s:
+            self.log.info("the mission has ended: %s", self.status)
+            self.stop()
+
+    def teardown(self) -> None:
+        """Write the report."""
+        mission = self.mission
+        for note in mission.notes:
+            self.log.warning("%s", note)
+        figures = MissionFigures(
+            state=mission.state.name,
+            reason=mission.machine.reason,
+            duration_s=mission.limits.used_s,
+            battery=mission.limits.battery,
+            notes=mission.notes,
+        )
+        write_report(
+            self.output_directory,
+            self.report_name,
+            figures,
+            None if self.map is None else map_cells(self.map),
+            mission.searched,
+            list(mission.victims.reports.values()),
+            mission.path_m,
+            mission.home,
+        )
+
+    def _state_changed(self, state: MissionState) -> None:
+        self.show_state(state)
+        self.log.info("%s (%s)", state.name, self.mission.machine.reason)
+
+    def _send_goal(self, wanted: NDArray[np.float64] | None) -> None:
+        """Send a goal if it is another one, or if navigation has lost it; to stand is to go where one is."""
+        if wanted is not None:
+            goal = wanted
+        else:
+            goal = self.goal if self.stands and self.goal is not None else np.array(self.pose)
+        self.stands = wanted is None
+        now_s = self._time_s()
+        is_new = self.goal is None or not np.array_equal(goal, self.goal)
+        is_wanted_again = self.judged and wanted is not None
+        if not is_new and (now_s - self.sent_s < REPEAT_S or (self.is_known and not is_wanted_again)):
+            return
+        self.goal, self.sent_s = goal, now_s
+        self.is_known = self.judged = False
+        self.publish(pose_stamped(goal, self._header("map")), topic="goal")
+
+    def _is_goal(self, state: NavigationState) -> bool:
+        """Say whether a state is about the goal that was sent last."""
+        assert self.goal is not None
+        return math.dist(planar(state.goal)[:2], self.goal[:2].tolist()) < 1e-6
+
+    def _turn_camera(self, look_at_xy_m: NDArray[np.float64] | None) -> None:
+        assert self.pose is not None
+        pan_rad = self.look.pan_rad(self._time_s(), self.pose, look_at_xy_m)
+        if not abs(pan_rad - self.pan_rad) < 0.02:
+            self.pan_rad = pan_rad
+            self.publish(PanTiltCommand(header=self._header("base_link"), pan_rad=pan_rad))
+
+    def _header(self, frame: str) -> Header:
+        return Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id=frame)
+
+    def _time_s(self) -> float:
+        return self.clock.monotonic_ns() / 1e9

@@ -1,0 +1,16 @@
+"""The state machine of docs/rescue.md does what the page says."""
+
+import pytest
+
+from tests.docs.pages import block
+from workers.state_machine import IllegalTransition
+
+
+def test_example_of_a_state_machine_gets_stuck_and_stays_so(capsys: pytest.CaptureFixture[str]) -> None:
+    names: dict = {"__name__": __name__}
+    exec(block("docs/rescue.md", "machine"), names)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "STUCK nothing came of it in 5 s"
+    assert "    OPENING --> STUCK: after 5 s" in lines
+    with pytest.raises(IllegalTransition):
+        names["machine"].go(names["Door"].SHUT, "slammed")

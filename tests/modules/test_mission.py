@@ -1,0 +1,158 @@
+"""The module of the mission: what it hears becomes goals and directions, and at the end a report."""
+
+import csv
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image as Picture
+
+from modules.mission import RescueMission
+from robbie_mp.harness import ModuleHarness
+from robbie_mp.messages import (
+    BatteryState,
+    CameraInfo,
+    MapMetaData,
+    NavigationState,
+    OccupancyGrid,
+    PanTiltCommand,
+    Point,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    SearchedWalls,
+    VictimFound,
+)
+from tests.workers.exploration_world import RESOLUTION_M, drawn_cells
+from workers.searched_walls import WallFronts, WallMemory
+
+HALL = """
+################
+#..............#
+#..............#
+#..............#
+#..............#
+#..............#
+################
+"""
+CELLS = drawn_cells(HALL)
+FRONTS = WallFronts(CELLS, RESOLUTION_M, (0.0, 0.0))
+INFO = MapMetaData(resolution=RESOLUTION_M, width=CELLS.shape[1], height=CELLS.shape[0])
+START = (1.0, 0.8, 0.5)
+
+
+class Robot:
+    """What the module's robot tells it; navigation reaches each goal at once."""
+
+    def __init__(self, harness: ModuleHarness[RescueMission]) -> None:
+        self.harness = harness
+        self.pose = START
+        self.searched = WallMemory()
+        self.navigates = True
+
+    def go_on(self, seconds: float) -> list[PoseStamped]:
+        """Let time pass; return the goals that came."""
+        goals = []
+        for _ in range(round(seconds / 0.5)):
+            if self.harness.module.stop_requested:
+                break
+            self.tell()
+            self.harness.advance(0.5)
+            for goal in self.harness.take(PoseStamped, "goal"):
+                goals.append(goal)
+                if self.navigates:
+                    place = goal.pose.position
+                    self.pose = (place.x, place.y, goal.pose.orientation.yaw)
+                    self.searched.look(FRONTS, self.pose, 0.7)
+                    self.tell_navigation("ARRIVED", goal)
+        return goals
+
+    def tell(self) -> None:
+        x, y, heading = self.pose
+        pose = Pose(position=Point(x=x, y=y), orientation=Quaternion.from_yaw(heading))
+        self.harness.send(OccupancyGrid(info=INFO, data=CELLS.ravel()))
+        self.harness.send(PoseStamped(pose=pose), topic="map_pose")
+        self.harness.send(CameraInfo(), topic="camera")
+        self.harness.send(SearchedWalls(info=INFO, data=self.searched.grid(FRONTS).ravel()))
+
+    def tell_navigation(self, state: str, goal: PoseStamped | None = None, reason: str = "") -> None:
+        pose = Pose() if goal is None else goal.pose
+        self.harness.send(NavigationState(state=state, reason=reason, goal=pose))
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[Robot]:
+    with ModuleHarness(RescueMission, output_directory=tmp_path) as harness:
+        made = Robot(harness)
+        made.tell_navigation("IDLE")
+        yield made
+
+
+def test_whole_mission_ends_at_home_and_leaves_its_report(robot: Robot, tmp_path: Path) -> None:
+    robot.go_on(2.0)
+    place = Pose(position=Point(x=3.75, y=0.9, z=0.35), orientation=Quaternion.from_yaw(math.pi))
+    for number, state in ((7, VictimFound.CONFIRMED), (8, VictimFound.REJECTED)):
+        robot.harness.send(VictimFound(id=number, name=f"tag {number}", pose=place, state=state))
+    robot.harness.send(BatteryState(percentage=0.8), topic="battery")
+    robot.go_on(300.0)
+    assert robot.harness.module.stop_requested
+    assert robot.pose[:2] == pytest.approx(START[:2])
+    robot.harness.module.teardown()
+    figures = json.loads((tmp_path / "mission.json").read_text())
+    assert (figures["state"], figures["reason"]) == ("DONE", "is home")
+    assert figures["battery"] == pytest.approx(0.8)
+    assert figures["travelled_m"] > 1.0
+    assert figures["mapped_m2"] == pytest.approx(CELLS.size * RESOLUTION_M**2)
+    with (tmp_path / "rescue_victims.csv").open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["id"], row["x"], row["y"], row["z"]) == ("7", "3.750", "0.900", "0.350")
+    picture = np.asarray(Picture.open(tmp_path / "rescue_map.png"))
+    for colour in ((0, 40, 120), (240, 10, 10), (120, 0, 140), (255, 200, 0)):  # walls, victim, path, start
+        assert (picture == colour).all(axis=-1).any()
+
+
+def test_camera_looks_around_on_the_way_and_at_the_wall_to_be_searched(robot: Robot) -> None:
+    robot.navigates = False
+    robot.go_on(1.0)
+    (goal,) = robot.go_on(4.0)[:1] or [None]
+    module = robot.harness.module
+    about = module.mission.step().look_at_xy_m
+    x, y, heading = robot.pose
+    expected = math.remainder(math.atan2(about[1] - y, about[0] - x) - heading, math.tau)
+    assert robot.harness.take(PanTiltCommand)[-1].pan_rad == pytest.approx(expected)
+    assert goal is None or goal.header.frame_id == "map"
+
+
+def test_goal_that_navigation_has_lost_is_sent_again(robot: Robot) -> None:
+    robot.navigates = False
+    (first, *_) = robot.go_on(1.5)
+    robot.tell_navigation("IDLE")  # it was restarted, and knows nothing
+    again = robot.go_on(4.0)
+    assert [goal.pose for goal in again][:1] == [first.pose]
+    robot.tell_navigation("DRIVE", first)
+    assert robot.go_on(4.0) == []
+
+
+def test_silent_laser_makes_the_robot_stand_and_is_in_the_report(robot: Robot, tmp_path: Path) -> None:
+    robot.navigates = False
+    robot.go_on(1.5)
+    robot.tell_navigation("STOPPED_NO_LASER", reason="the laser is silent for 0.7 s")
+    (stand,) = robot.go_on(1.5)
+    assert (stand.pose.position.x, stand.pose.position.y) == START[:2]
+    robot.harness.module.teardown()
+    notes = json.loads((tmp_path / "mission.json").read_text())["notes"]
+    assert notes == ["stopped: STOPPED_NO_LASER: the laser is silent for 0.7 s"]
+
+
+def test_restarted_module_goes_on_with_its_mission(robot: Robot) -> None:
+    robot.go_on(3.0)
+    with ModuleHarness(RescueMission, restored=robot.harness.checkpoint) as again:
+        restarted = Robot(again)
+        restarted.pose, restarted.searched = robot.pose, robot.searched
+        restarted.tell_navigation("IDLE")
+        restarted.go_on(300.0)
+        assert again.module.stop_requested
+        assert restarted.pose[:2] == pytest.approx(START[:2])

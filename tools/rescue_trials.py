@@ -1,0 +1,226 @@
+"""Rescue missions in random arenas, judged by the ground truth.
+
+    python -m tools.rescue_trials --seeds 20 --json FILE [--kill] [--first 0] [--profile rescue-fast]
+
+Each seed makes an arena (`hw.generate_arena`), and the profile runs in it, in lockstep, until its mission has
+ended. With `--kill` every module is killed once, at a random moment of the mission.
+"""
+
+import argparse
+import csv
+import json
+import math
+import random
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hw.arena import Arena
+from hw.arena_file import read_arena
+from hw.arena_generator import ArenaWishes
+from hw.generate_arena import generate_arena
+from hw.reachable_area import reachable_area
+from robbie_mp.run_clock import RunClock
+from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
+from workers.map_file import read_map
+from workers.planar_pose import relative, transform_points
+
+DEVICES = ("base", "laser", "camera", "battery")
+NOISY = ("base", "laser", "camera")
+PLACED_M, HOME_M = 0.2, 0.5
+WISHES = ArenaWishes(width_m=8.0, height_m=6.0, victims=4, signs=2, obstacles=6)
+RUN_LIMIT_S = 900.0
+BEGIN_S, KILL_SPAN_S = 5.0, 120.0
+"""Kills come in this time of the mission, if it is as long."""
+
+
+@dataclass
+class Outcome:
+    """How one mission went, by the ground truth.
+
+    Attributes:
+        mapped: share of the reachable area that is on the map.
+        victims: in the arena.
+        found: of them, confirmed and placed within 0.2 m.
+        placed_m: how far each confirmed victim is from the true one.
+        invented: confirmed victims that do not exist.
+        collisions: of the robot with anything.
+        from_start_m: where it stood at the end.
+        is_home: whether it came back to the start in time.
+        simulated_s: how long the mission took.
+        wall_s: how long that took on this machine.
+        restarts: of modules that were killed.
+        trouble: what went wrong with the run itself; '' if nothing did.
+    """
+
+    seed: int
+    mapped: float = 0.0
+    victims: int = 0
+    found: int = 0
+    placed_m: dict[int, float] = field(default_factory=dict)
+    invented: int = 0
+    collisions: int = 0
+    from_start_m: float = math.inf
+    is_home: bool = False
+    reason: str = ""
+    simulated_s: float = 0.0
+    wall_s: float = 0.0
+    restarts: dict[str, int] = field(default_factory=dict)
+    trouble: str = ""
+
+
+def run_mission(seed: int, folder: Path, profile: str, kill: bool) -> Outcome:
+    """Run one mission and judge it."""
+    folder.mkdir(parents=True)
+    file = folder / "arena.yaml"
+    file.write_text(generate_arena(seed, WISHES))
+    arena = read_arena(file)
+    words = [profile]
+    outcome = Outcome(seed, victims=len(arena.victims))
+    words += [word for name in DEVICES for word in ("--set", f"{name}.arena={file}")]
+    words += [word for name in NOISY for word in ("--set", f"{name}.seed={seed}")]
+    began_s = time.monotonic()
+    robot = Robot(folder / "run", REPOSITORY, *words)
+    try:
+        robot.wait_until_running()
+        _watch(robot, _kills(robot, seed) if kill else [])
+        summary = robot.wait_for_end()
+        outcome.restarts = {each["name"]: each["restarts"] for each in summary["modules"] if each["restarts"]}
+    except RobotTrouble as trouble:
+        outcome.trouble = str(trouble)
+    finally:
+        robot.close()
+    outcome.wall_s = round(time.monotonic() - began_s, 1)
+    if not outcome.trouble:
+        judge(outcome, arena, robot.output)
+    return outcome
+
+
+def _kills(robot: Robot, seed: int) -> list[tuple[float, str]]:
+    """Choose a moment, s since the beginning, for the death of each module."""
+    chance = random.Random(seed)
+    names = [name for name in robot.figures() if name != "core"]
+    return sorted((chance.uniform(BEGIN_S, KILL_SPAN_S), name) for name in names)
+
+
+def _watch(robot: Robot, kills: list[tuple[float, str]]) -> None:
+    """Kill what is to be killed, and wait for the end."""
+    clock = RunClock.attach(robot.run_id)
+    limit_s = time.monotonic() + RUN_LIMIT_S
+    began_ns = clock.now_ns()
+    try:
+        while robot.is_up and time.monotonic() < limit_s:
+            passed_s = (clock.now_ns() - began_ns) / 1e9
+            if kills and passed_s >= kills[0][0]:
+                figures = robot.figures()[kills[0][1]]
+                if figures.pid and robot.send(figures.pid, signal.SIGKILL):
+                    kills.pop(0)
+            time.sleep(0.02)
+    finally:
+        clock.close()
+    if robot.is_up:
+        raise RobotTrouble(f"the mission did not end in {RUN_LIMIT_S} s")
+
+
+def judge(outcome: Outcome, arena: Arena, output: Path) -> None:
+    """Compare what a mission has left with the ground truth."""
+    mission = json.loads((output / "mission.json").read_text())
+    base = json.loads((output / "base.json").read_text())
+    outcome.reason = "; ".join([mission["reason"], *mission["notes"]])
+    outcome.simulated_s = round(mission["duration_s"], 1)
+    outcome.collisions = base["collisions"]
+    outcome.from_start_m = round(base["from_start_m"], 3)
+    outcome.is_home = mission["reason"] == "is home" and outcome.from_start_m <= HOME_M
+    outcome.mapped = round(mapped_share(arena, output / "map.yaml"), 4)
+    true_places = {victim.tag: _in_map(arena, victim.spot.x_m, victim.spot.y_m) for victim in arena.victims}
+    heights = {victim.tag: victim.spot.height_m for victim in arena.victims}
+    with (output / "rescue_victims.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["confirmed"] == "yes"]
+    for row in rows:
+        tag = int(row["id"])
+        if tag not in true_places:
+            outcome.invented += 1
+            continue
+        true_place = (*true_places[tag], heights[tag])
+        away_m = math.dist((float(row["x"]), float(row["y"]), float(row["z"])), true_place)
+        outcome.placed_m[tag] = round(away_m, 3)
+    outcome.found = sum(away_m <= PLACED_M for away_m in outcome.placed_m.values())
+
+
+def _in_map(arena: Arena, x_m: float, y_m: float) -> tuple[float, float]:
+    """Carry a place from the arena's frame into the map's, whose origin is the robot's start."""
+    x, y, _ = relative(arena.start, (x_m, y_m, 0.0)).tolist()
+    return x, y
+
+
+def mapped_share(arena: Arena, map_file: Path) -> float:
+    """Return which share of the area that can be reached is known on a map."""
+    area = reachable_area(arena)
+    made = read_map(map_file)
+    rows, columns = np.nonzero(area.free)
+    places = (np.stack([columns, rows], axis=1) + 0.5) * area.resolution_m
+    start = np.array(arena.start)
+    in_map = transform_points(relative(start, np.zeros(3)), places)
+    column, row = np.floor((in_map - made.corner_xy_m) / made.resolution_m).astype(int).T
+    inside = (row >= 0) & (row < made.cells.shape[0]) & (column >= 0) & (column < made.cells.shape[1])
+    known = made.cells[np.where(inside, row, 0), np.where(inside, column, 0)] >= 0
+    return float((inside & known).mean())
+
+
+def summary(outcomes: list[Outcome]) -> dict[str, Any]:
+    """Return the figures of all missions together."""
+    victims = sum(outcome.victims for outcome in outcomes)
+    placed = [away_m for outcome in outcomes for away_m in outcome.placed_m.values()]
+    return {
+        "missions": len(outcomes),
+        "mapped_mean": round(float(np.mean([outcome.mapped for outcome in outcomes])), 4),
+        "mapped_least": min(outcome.mapped for outcome in outcomes),
+        "victims": victims,
+        "found": sum(outcome.found for outcome in outcomes),
+        "found_share": round(sum(outcome.found for outcome in outcomes) / max(victims, 1), 4),
+        "placed_median_m": round(float(np.median(placed)), 3) if placed else None,
+        "placed_worst_m": max(placed, default=None),
+        "invented": sum(outcome.invented for outcome in outcomes),
+        "collisions": sum(outcome.collisions for outcome in outcomes),
+        "home": sum(outcome.is_home for outcome in outcomes),
+        "simulated_s_mean": round(float(np.mean([outcome.simulated_s for outcome in outcomes])), 1),
+        "trouble": sum(bool(outcome.trouble) for outcome in outcomes),
+    }
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; the exit code is 0 if every run came to its end, else 1."""
+    parser = argparse.ArgumentParser(prog="python -m tools.rescue_trials", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=20, help="so many arenas")
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--profile", default="rescue-fast")
+    parser.add_argument("--kill", action="store_true", help="kill every module once")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="where the figures go")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="a new folder for what the missions write")
+    options = parser.parse_args(arguments)
+    folder = options.keep or Path(tempfile.mkdtemp(prefix="robbie-rescue-"))
+    outcomes = []
+    try:
+        for seed in range(options.first, options.first + options.seeds):
+            outcomes.append(run_mission(seed, folder / str(seed), options.profile, options.kill))
+            print(json.dumps(asdict(outcomes[-1])), flush=True)
+            report = {"summary": summary(outcomes), "missions": [asdict(each) for each in outcomes]}
+            if options.json:
+                options.json.write_text(json.dumps(report, indent=2) + "\n")
+    finally:
+        if options.keep is None:
+            shutil.rmtree(folder, ignore_errors=True)
+    print(json.dumps(summary(outcomes), indent=2))
+    return int(any(outcome.trouble for outcome in outcomes))
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive this program
+    sys.exit(main())
