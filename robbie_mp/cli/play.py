@@ -3,12 +3,14 @@
 import argparse
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robbie_mp.cli import completers
 from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.profile import add_set_argument
 from robbie_mp.cli.run import add_output_arguments, run_robot
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.model import ClockSettings, ModuleSpec, Profile
@@ -62,6 +64,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         action="store_true",
         help="the next message only when all is over that came of the last: the same results every time",
     )
+    add_set_argument(parser)
     add_output_arguments(parser)
     parser.set_defaults(command=play)
 
@@ -77,7 +80,12 @@ def rate(text: str) -> float:
 def play(arguments: argparse.Namespace) -> int:
     """Play a log."""
     settings = _settings(arguments)
-    profile = _robot(arguments.profile, settings) if arguments.profile else _alone(settings)
+    if arguments.profile:
+        profile = _robot(arguments.profile, settings, arguments.overrides)
+    elif arguments.overrides:
+        raise refuse("--set changes a profile; name one behind the log")
+    else:
+        profile = _alone(settings)
     if arguments.lockstep:
         profile = replace(profile, clock=replace(profile.clock, lockstep=True))
     return run_robot(profile, preflight(profile), arguments)
@@ -104,7 +112,7 @@ def _alone(settings: dict[str, Any]) -> Profile:
     return Profile("play", (playback,), clock=ClockSettings(source=PLAYBACK), workspace=workspace)
 
 
-def _robot(name: str, settings: dict[str, Any]) -> Profile:
+def _robot(name: str, settings: dict[str, Any], overrides: Sequence[str]) -> Profile:
     """Return the robot's profile with what its playback is to play.
 
     Raises:
@@ -116,6 +124,5 @@ def _robot(name: str, settings: dict[str, Any]) -> Profile:
             f"profile {name!r} has no module {PLAYBACK!r}, only {', '.join(sorted(modules))}; a profile that "
             "plays logs has `parents: [playback]` and null for the modules that the log stands in for"
         )
-    return load_profile(
-        name, overrides=[f"{PLAYBACK}.{key}={json.dumps(value)}" for key, value in settings.items()]
-    )
+    given = [f"{PLAYBACK}.{key}={json.dumps(value)}" for key, value in settings.items()]
+    return load_profile(name, overrides=[*given, *overrides])

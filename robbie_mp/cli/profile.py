@@ -37,6 +37,11 @@ def add_profile_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments by which every command takes a profile: `profile` and `overrides`."""
     name = parser.add_argument("profile", help="name of a profile in profiles/, or path of its file")
     name.completer = completers.profiles  # type: ignore[attr-defined]
+    add_set_argument(parser)
+
+
+def add_set_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option that changes a profile: `overrides`."""
     parser.add_argument(
         "--set",
         dest="overrides",

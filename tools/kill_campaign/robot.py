@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,10 +34,11 @@ class Robot:
     Args:
         folder: an empty or new folder for everything it writes.
         workspace: where the profile is.
-        arguments: of `robbie run`, the profile first.
+        arguments: of the command, the profile first.
+        command: what starts it.
     """
 
-    def __init__(self, folder: Path, workspace: Path, *arguments: str):
+    def __init__(self, folder: Path, workspace: Path, *arguments: str, command: Sequence[str] = ("run",)):
         self.output = folder / "output"
         runtime = folder / "runtime"
         runtime.mkdir(parents=True, mode=0o700)
@@ -46,7 +47,7 @@ class Robot:
         self._stdout = (folder / "stdout").open("w+")
         self._stderr = (folder / "stderr").open("w+")
         self.supervisor = subprocess.Popen(
-            [*COMMAND, "run", *arguments, "--json", "--output", str(self.output)],
+            [*COMMAND, *command, *arguments, "--json", "--output", str(self.output)],
             cwd=workspace,
             env=self.environment,
             stdout=self._stdout,

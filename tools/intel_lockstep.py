@@ -1,0 +1,221 @@
+"""Plays the Intel log in lockstep, again and again: the trajectory is the same, bit for bit.
+
+    python -m tools.intel_lockstep [--messages N] [--data DIR] [--keep DIR] [--json]
+
+Five runs: three undisturbed, one while every processor is busy, one in which mapping is killed half way and
+goes on from its checkpoint. The first four must give the same trajectory.txt. The fifth must give that of a
+sixth run, of a log without the messages that mapping had handled since its last checkpoint, or had in its
+hands.
+"""
+
+import argparse
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from robbie_mp.messages import LaserScan, Odometry
+from robbie_mp.recording.carmen_import import import_carmen
+from robbie_mp.recording.conversion import NewChannel, converted_log
+from robbie_mp.recording.format import ChannelKey, TopicNames
+from robbie_mp.recording.reader import LoggedMessage, open_log
+from tools.kill_campaign.__main__ import as_text
+from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
+
+DATA = REPOSITORY.parent / "shared" / "data"
+RUN_LIMIT_S = 1800.0
+GOES_ON = re.compile(r"goes on after (\d+) odometry messages and (\d+) scans")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What mapping has made of a log."""
+
+    duration_s: float
+    trajectory: bytes
+    odometry: int
+    scans: int
+    dropped: int
+    restarts: int
+    restored: tuple[int, int] | None
+    """Odometry messages and scans that its checkpoint had in it when it was restarted."""
+
+
+def play(folder: Path, log: Path, kill_at: int = 0) -> Outcome:
+    """Play a log in lockstep, as fast as it goes.
+
+    Args:
+        folder: a new one, for all that the run writes.
+        log: what to play.
+        kill_at: after so many messages mapping is killed; 0: it is not.
+
+    Raises:
+        RobotTrouble: the run does not come to its end, or fails.
+    """
+    options = ("--rate", "max", "--lockstep", "--set", "mapping.checkpoint_share=1.0")
+    began_s = time.monotonic()
+    robot = Robot(folder, REPOSITORY, "mapping-playback", *options, command=("play", str(log)))
+    try:
+        if kill_at:
+            robot.wait_until_running()
+            robot.wait_for(
+                lambda: robot.figures()["mapping"].total("delivered") >= kill_at,
+                f"mapping has not handled {kill_at} messages",
+                RUN_LIMIT_S,
+            )
+            robot.send(robot.figures()["mapping"].pid, signal.SIGKILL)
+        summary = robot.wait_for_end(RUN_LIMIT_S)
+    finally:
+        robot.close()
+    if summary["exit_code"]:
+        raise RobotTrouble(f"a run has failed: {summary['reason']}")
+    mapping = next(module for module in summary["modules"] if module["name"] == "mapping")
+    counted = json.loads((robot.output / "mapping.json").read_text())
+    told = GOES_ON.search((robot.output / "log" / "mapping.jsonl").read_text())
+    return Outcome(
+        duration_s=round(time.monotonic() - began_s, 1),
+        trajectory=(robot.output / "trajectory.txt").read_bytes(),
+        odometry=counted["odometry_messages"],
+        scans=counted["scans"],
+        dropped=mapping["dropped"],
+        restarts=mapping["restarts"],
+        restored=(int(told[1]), int(told[2])) if told else None,
+    )
+
+
+@contextmanager
+def busy_processors() -> Iterator[None]:
+    """Keep every processor busy, twice over."""
+    busy = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * (os.cpu_count() or 1))
+    ]
+    try:
+        yield
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+
+
+def without_lost(messages: Iterable[LoggedMessage], killed: Outcome, calm: Outcome) -> list[LoggedMessage]:
+    """Leave out of a log what a killed mapping has forgotten.
+
+    In lockstep those messages follow one another: from its last checkpoint on, as many of each kind as are
+    missing in what it has counted.
+    """
+    restored = killed.restored or (0, 0)
+    left = {Odometry.type_name: restored[0], LaserScan.type_name: restored[1]}
+    lost = {
+        Odometry.type_name: calm.odometry - killed.odometry,
+        LaserScan.type_name: calm.scans - killed.scans,
+    }
+    kept = []
+    for message in messages:
+        kind = message.channel.type_name
+        if kind in left and left[kind] > 0:
+            left[kind] -= 1
+        elif kind in lost and lost[kind] > 0:
+            lost[kind] -= 1
+            continue
+        kept.append(message)
+    return kept
+
+
+def write_log(path: Path, source: Path, messages: Iterable[LoggedMessage]) -> Path:
+    """Write messages of a log into a new one."""
+    topics = TopicNames()
+    with converted_log(path, source) as log:
+        for message in messages:
+            channel = message.channel
+            key = ChannelKey(channel.type_name, channel.version, channel.topic, channel.sender)
+            new = NewChannel(topics.of(key), channel.type_name, channel.schema)
+            log.add(new, key.metadata(), message.time_ns, message.data)
+    return path
+
+
+def violations(same: Sequence[Outcome], killed: Outcome, less: Outcome) -> list[str]:
+    """Return what was promised and not kept.
+
+    Args:
+        same: runs that must be the same.
+        killed: the one in which mapping was killed.
+        less: that of the log without what was lost.
+    """
+    found = [
+        f"run {number} differs" for number, run in enumerate(same) if run.trajectory != same[0].trajectory
+    ]
+    found += [f"{run.dropped} messages dropped" for run in (*same, killed, less) if run.dropped]
+    if killed.restarts != 1 or killed.restored is None:
+        found.append(f"mapping was restarted {killed.restarts} times, and restored {killed.restored}")
+    if killed.trajectory != less.trajectory:
+        found.append("the run with a kill is not that of the log without the lost messages")
+    return found
+
+
+def campaign(folder: Path, log: Path) -> dict[str, object]:
+    """Make all runs and compare them."""
+    calm = [play(folder / f"calm{number}", log) for number in range(3)]
+    with busy_processors():
+        loaded = play(folder / "loaded", log)
+    killed = play(folder / "killed", log, kill_at=(calm[0].odometry + calm[0].scans) // 2)
+    with open_log(log) as opened:
+        shorter = write_log(folder / "less.mcap", log, without_lost(opened.messages(), killed, calm[0]))
+    less = play(folder / "less", shorter)
+    runs = {
+        "undisturbed": calm,
+        "busy processors": [loaded],
+        "mapping killed": [killed],
+        "log with less": [less],
+    }
+    return {
+        "runs": {name: [_described(run) for run in outcomes] for name, outcomes in runs.items()},
+        "lost in the run with a kill": calm[0].odometry + calm[0].scans - killed.odometry - killed.scans,
+        "violations": violations([*calm, loaded], killed, less),
+    }
+
+
+def _described(run: Outcome) -> dict[str, object]:
+    return asdict(run) | {"trajectory": f"{len(run.trajectory.splitlines())} lines"}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; the exit code is 0 if there is no violation, else 1, or 2 without the data."""
+    parser = argparse.ArgumentParser(prog="python -m tools.intel_lockstep", description=__doc__)
+    parser.add_argument("--messages", type=int, default=None, help="only the first so many of the log")
+    parser.add_argument("--data", type=Path, default=DATA, help="folder of intel.clf")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="a new folder for what all runs write")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    options = parser.parse_args(arguments)
+    source = options.data / "intel.clf"
+    if not source.exists():
+        print(f"intel_lockstep: {options.data} has no intel.clf", file=sys.stderr)
+        return 2
+    folder = options.keep or Path(tempfile.mkdtemp(prefix="robbie-lockstep-"))
+    folder.mkdir(exist_ok=True)
+    try:
+        whole = folder / "intel.mcap"
+        import_carmen(source, whole, skip_broken=False, progress=lambda _done, _all: None)
+        with open_log(whole) as opened:
+            part = write_log(folder / "part.mcap", whole, list(opened.messages())[: options.messages])
+        report = campaign(folder, part)
+    except RobotTrouble as trouble:
+        report = {"violations": [str(trouble)]}
+    finally:
+        if options.keep is None:
+            shutil.rmtree(folder, ignore_errors=True)
+    print(json.dumps(report, indent=2) if options.json else as_text(report))
+    return 1 if report["violations"] else 0
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive this program
+    sys.exit(main())
