@@ -66,7 +66,7 @@ def stale_names(traces: Traces, run_id: str, modules: Mapping[str, ModuleFigures
     """Names of a run at rest that no living process of it needs."""
     slots = {slot: module.incarnation for slot, module in enumerate(modules.values(), start=1)}
     slots[0] = 1  # the supervisor
-    kept = {names.board(run_id), names.core(run_id), f"sem.{names.core_wakeup(run_id)}"}
+    kept = {names.board(run_id), names.clock(run_id), names.core(run_id), f"sem.{names.core_wakeup(run_id)}"}
     data = []
     for slot, incarnation in slots.items():
         kept |= {names.outbound(run_id, slot, incarnation), names.inbound(run_id, slot, incarnation)}
