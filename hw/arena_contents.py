@@ -97,12 +97,11 @@ class AppearingObstacle:
         return box_segments(np.array([self.shape_m] if len(self.shape_m) == 4 else []).reshape(-1, 4))
 
     def distance_m(self, x_m: float, y_m: float) -> float:
-        """Return how far a point is from the obstacle; negative within it."""
+        """Return how far a point is from the obstacle; not positive within it."""
         if len(self.shape_m) == 3:
             x, y, radius = self.shape_m
             return math.hypot(x_m - x, y_m - y) - radius
         x1, y1, x2, y2 = self.shape_m
         beside_x = abs(x_m - (x1 + x2) / 2) - abs(x2 - x1) / 2
         beside_y = abs(y_m - (y1 + y2) / 2) - abs(y2 - y1) / 2
-        outside = math.hypot(max(beside_x, 0.0), max(beside_y, 0.0))
-        return outside + min(max(beside_x, beside_y), 0.0)
+        return math.hypot(max(beside_x, 0.0), max(beside_y, 0.0))

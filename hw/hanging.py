@@ -25,11 +25,11 @@ class Hanging:
 
     Attributes:
         spot: where its anchor is.
-        levels: the picture, its half, the half of that, ….
+        texture: what it shows.
     """
 
     spot: WallSpot
-    levels: tuple[Texture, ...]
+    texture: Texture
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class HangingView:
         if window is None:
             return
         towards, distance, aside, above = self._on_plane(spot, before_m, window)
-        texture = self._level(hanging)
+        texture = hanging.texture
         rows, columns = texture.opaque.shape
         row = np.floor(texture.anchor_row - above / texture.texel_m).astype(np.intp)
         column = np.floor(columns / 2 + aside / texture.texel_m).astype(np.intp)
@@ -92,13 +92,6 @@ class HangingView:
         above = distance * self.rays.slope[window] + np.float32(eye_above)
         return towards, distance, aside, above
 
-    def _level(self, hanging: Hanging) -> Texture:
-        """Return the picture in a size that fits the pixels."""
-        distance = math.dist(self.eye[:2], (hanging.spot.x_m, hanging.spot.y_m))
-        texels_per_pixel = distance / self.geometry.focal_length_px / hanging.levels[0].texel_m
-        level = math.floor(math.log2(max(texels_per_pixel, 1.0)))
-        return hanging.levels[min(level, len(hanging.levels) - 1)]
-
     def _window(self, hanging: Hanging) -> tuple[slice, slice] | None:
         """Return rows and columns of the image around a picture; None if it is out of sight."""
         geometry = self.geometry
@@ -118,7 +111,7 @@ class HangingView:
 
 def _corners(hanging: Hanging, eye: Pose) -> NDArray[np.float64]:
     """Return the corners of a picture, ahead and left of the eye and above the floor: (3, 4), m."""
-    spot, texture = hanging.spot, hanging.levels[0]
+    spot, texture = hanging.spot, hanging.texture
     rows, columns = texture.opaque.shape
     half_m = columns / 2 * texture.texel_m
     aside = np.array([-half_m, half_m, -half_m, half_m])

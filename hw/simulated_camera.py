@@ -12,7 +12,6 @@ from hw.hanging import Hanging
 from hw.panel_textures import centikelvin, sign_texture, victim_heat, victim_textures
 from hw.pose import Pose
 from hw.renderer import Paint, Renderer
-from hw.texture import halvings
 
 WAVE_S = 0.5
 """A victim that waves changes its picture so often."""
@@ -86,10 +85,8 @@ class SimulatedCamera(Camera):
         return ColourPaint()
 
     def _hang(self, phase: int) -> list[Hanging]:
-        signs = [Hanging(sign.spot, halvings(sign_texture(sign))) for sign in self.arena.signs]
-        return signs + [
-            Hanging(victim.spot, halvings(victim_textures(victim)[phase])) for victim in self.arena.victims
-        ]
+        signs = [Hanging(sign.spot, sign_texture(sign)) for sign in self.arena.signs]
+        return signs + [Hanging(victim.spot, victim_textures(victim)[phase]) for victim in self.arena.victims]
 
 
 class SimulatedThermalCamera(SimulatedCamera):
@@ -103,7 +100,7 @@ class SimulatedThermalCamera(SimulatedCamera):
 
     def _hang(self, phase: int) -> list[Hanging]:
         warm = [victim for victim in self.arena.victims if victim.kind is not VictimKind.COLD]
-        return [Hanging(victim.spot, halvings(victim_heat(victim)[phase])) for victim in warm]
+        return [Hanging(victim.spot, victim_heat(victim)[phase]) for victim in warm]
 
 
 class ColourPaint:

@@ -1,6 +1,7 @@
 """The driver of Hokuyo's lasers understands what they send, and notices what they may not send."""
 
 import math
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -82,6 +83,18 @@ def test_damaged_sweeps_are_left_out(device):
     laser = opened(device)
     np.testing.assert_allclose(laser.scan().ranges_m, np.array(RAMP[::-1]) / 1000, rtol=1e-6)
     laser.close()
+
+
+def test_newest_of_several_sweeps_is_returned():
+    device = FakeHokuyo(PARAMETERS | {"AMAX": "100"})
+    device.to_send = [sweep("MD0044010001000", [distance] * 57) for distance in (1000, 2000, 3000)]
+    laser = opened(device)
+    waiting, give_up_s = sum(map(len, device.to_send)), time.monotonic() + 60.0
+    while laser._port.in_waiting < waiting:
+        assert time.monotonic() < give_up_s
+    assert set(laser.scan().ranges_m) == {3.0}
+    laser.close()
+    device.close()
 
 
 def test_laser_that_only_sends_damage_is_at_fault(device):

@@ -127,6 +127,17 @@ def test_victim_is_not_seen_from_behind():
     np.testing.assert_array_equal(image(there, robot), image(arena, robot))
 
 
+def test_picture_beside_the_camera_is_seen_where_it_is_ahead():
+    # Its middle is 0.12 m ahead of the eye and 0.25 m to its right: its far corner is seen, its near one
+    # is behind the eye.
+    robot = Pose(5.75, 1.78, math.pi / 2)
+    sign = HazardSign(SignKind.OXIDIZER, EAST)
+    seen = image(replace(ROOM, signs=(sign,)), robot, pan=-0.4)
+    place = pixel((6.0, 2.1, 0.35), robot, pan=-0.4)
+    assert 0 <= place[1] < 320
+    np.testing.assert_allclose(seen[place], SIGN_COLOURS[SignKind.OXIDIZER], atol=5)
+
+
 def test_only_a_victim_that_moves_moves():
     for kind, moves in [(VictimKind.STILL, False), (VictimKind.MOVING, True), (VictimKind.COLD, False)]:
         arena = replace(ROOM, victims=(replace(VICTIM, kind=kind),))

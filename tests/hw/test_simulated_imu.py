@@ -62,12 +62,12 @@ def test_noise_falls_with_the_root_of_the_time_that_is_averaged(period_s):
 
 def test_bias_begins_and_walks_as_declared():
     errors = SensorErrors(noise_density=0.0, first_bias=0.3, bias_walk=0.05)
-    states = [DriveState(n * 1.0, ORIGIN, 0.0, 0.0) for n in range(17)]
+    states = [DriveState(n * 0.25, ORIGIN, 0.0, 0.0) for n in range(65)]
     runs = [samples(SimulatedImu(seed, gyroscopes=errors), states) for seed in range(150)]
     begin = np.array([run[0].turn_rad_per_s for run in runs])
-    assert begin.std() == pytest.approx(math.hypot(0.3, 0.05), rel=0.15)
+    assert begin.std() == pytest.approx(math.hypot(0.3, 0.05 / 2), rel=0.15)
     walked = np.array([run[-1].turn_rad_per_s for run in runs]) - begin
-    assert walked.std() == pytest.approx(0.05 * math.sqrt(15), rel=0.15)
+    assert walked.std() == pytest.approx(0.05 * math.sqrt(63 * 0.25), rel=0.15)
 
 
 def test_same_seed_gives_the_same_samples_and_another_does_not():
