@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Iterator
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -67,12 +68,11 @@ def test_sweep_is_what_the_laser_measures_and_its_errors_are_no_returns(device):
 
 
 def test_stream_that_another_process_left_on_is_ended():
-    device = FakeHokuyo(greeting=sweep(REQUEST, RAMP)[37:])
-    device.to_send = [sweep(REQUEST, RAMP)]
-    laser = opened(device)
-    np.testing.assert_allclose(laser.scan().ranges_m, np.array(RAMP) / 1000, rtol=1e-6)
-    laser.close()
-    device.close()
+    with closing(FakeHokuyo(greeting=sweep(REQUEST, RAMP)[37:])) as device:
+        device.to_send = [sweep(REQUEST, RAMP)]
+        laser = opened(device)
+        np.testing.assert_allclose(laser.scan().ranges_m, np.array(RAMP) / 1000, rtol=1e-6)
+        laser.close()
 
 
 def test_damaged_sweeps_are_left_out(device):
@@ -86,15 +86,14 @@ def test_damaged_sweeps_are_left_out(device):
 
 
 def test_newest_of_several_sweeps_is_returned():
-    device = FakeHokuyo(PARAMETERS | {"AMAX": "100"})
-    device.to_send = [sweep("MD0044010001000", [distance] * 57) for distance in (1000, 2000, 3000)]
-    laser = opened(device)
-    waiting, give_up_s = sum(map(len, device.to_send)), time.monotonic() + 60.0
-    while laser._port.in_waiting < waiting:
-        assert time.monotonic() < give_up_s
-    assert set(laser.scan().ranges_m) == {3.0}
-    laser.close()
-    device.close()
+    with closing(FakeHokuyo(PARAMETERS | {"AMAX": "100"})) as device:
+        device.to_send = [sweep("MD0044010001000", [distance] * 57) for distance in (1000, 2000, 3000)]
+        laser = opened(device)
+        waiting, give_up_s = sum(map(len, device.to_send)), time.monotonic() + 60.0
+        while laser._port.in_waiting < waiting:
+            assert time.monotonic() < give_up_s
+        assert set(laser.scan().ranges_m) == {3.0}
+        laser.close()
 
 
 def test_laser_that_only_sends_damage_is_at_fault(device):
@@ -125,10 +124,8 @@ def test_laser_that_falls_silent_is_noticed(device):
     "parameters", [{}, PARAMETERS | {"ARES": "0"}, PARAMETERS | {"AMIN": "first"}, PARAMETERS | {"SCAN": "0"}]
 )
 def test_laser_that_tells_no_geometry_is_refused(parameters):
-    device = FakeHokuyo(parameters)
-    with pytest.raises(LaserFault, match="geometry"):
+    with closing(FakeHokuyo(parameters)) as device, pytest.raises(LaserFault, match="geometry"):
         opened(device)
-    device.close()
 
 
 def test_port_that_is_not_there_is_told():
