@@ -73,11 +73,20 @@ def messages_missed(words: Words, slot: int) -> int:
         words: the core segment.
         slot: of the module.
     """
-    tables, missed = CoreTables.attach(words), 0
+    return sum(dropped + lost for _, _, _, dropped, lost in _books(words, slot))
+
+
+def messages_waiting(words: Words, slot: int) -> int:
+    """Return how many messages wait for the module in a slot, or are in its hands; arguments as above."""
+    return sum(routed - sum(ended) for routed, *ended in _books(words, slot))
+
+
+def _books(words: Words, slot: int) -> Iterator[list[int]]:
+    """Yield for each subscription of a module what was routed, delivered, replaced, dropped and lost."""
+    tables = CoreTables.attach(words)
     for index in range(tables.sizes.subscriptions):
         at = tables.subscription(index)
         if not words[at + layout.SUBSCRIPTION_STATE]:
             break
         if words[at + layout.SUBSCRIPTION_SLOT] == slot:
-            missed += words[at + layout.SUBSCRIPTION_DROPPED] + words[at + layout.SUBSCRIPTION_LOST]
-    return missed
+            yield [words[at + layout.SUBSCRIPTION_ROUTED + column] for column in range(5)]

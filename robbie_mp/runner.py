@@ -24,6 +24,10 @@ _ACTIVITY = layout.OUT_ACTIVITY
 _ACTIVITY_AT = layout.OUT_ACTIVITY_SINCE_NS * WORD_BYTES
 
 
+LONGEST_IDLE = 10
+"""So many times a module that is to stop waits for messages that the core does not bring."""
+
+
 class InvalidPeriod(RobbieError, ValueError):
     """A module wants to tick every 0 s, or less."""
 
@@ -39,6 +43,7 @@ class ModuleRunner:
         may_go: whether every module of the run is ready.
         changes: of its settings while it runs.
         ticks: when its ticks are due.
+        something_waits: whether messages wait for it in the core.
         lockstep: what it knows of the others, if it turns the clock of a run in lockstep.
     """
 
@@ -53,6 +58,7 @@ class ModuleRunner:
         may_go: Callable[[], bool],
         changes: SettingChanges,
         ticks: Ticks,
+        something_waits: Callable[[], bool],
         lockstep: Lockstep | None = None,
     ):
         self._module = module
@@ -67,6 +73,7 @@ class ModuleRunner:
         self._stopping = False
         self._messages = WorkFigures(words, layout.OUT_MESSAGE_FIGURES)
         self._ticks = ticks
+        self._something_waits = something_waits
         self._lockstep = lockstep
 
     def request_stop(self) -> None:
@@ -130,16 +137,22 @@ class ModuleRunner:
         self._messages.record(begun_ns - delivery.stamp_ns, time.monotonic_ns() - begun_ns)
 
     def _handle_the_rest(self) -> None:
-        """Handle what was published before the stop: it was not taken yet because this module is patient."""
-        begun_ns = time.monotonic_ns()
-        stamp_ns = 0
-        while stamp_ns <= begun_ns:
+        """Handle what was published before the stop: it was not taken yet because this module is patient.
+
+        The core may be late with it, and rings do not come in the order in which they were written. So this
+        goes on a little beyond the stop, and for as long as the core says that something waits.
+        """
+        until_ns = time.monotonic_ns() + round(LONGEST_WAIT_S * 1e9)
+        stamp_ns = idle = 0
+        while stamp_ns <= until_ns and idle < LONGEST_IDLE:
             delivery = self._inbox.take()
             if delivery is not None:
-                stamp_ns = delivery.stamp_ns
+                stamp_ns, idle = delivery.stamp_ns, 0
                 self._handle(delivery)
             elif not self._wakeup.wait(LONGEST_WAIT_S):
-                return
+                if not self._something_waits():
+                    return
+                idle += 1
 
     def _wait(self) -> None:
         woken = self._wakeup.wait(self._ticks.wait_s())

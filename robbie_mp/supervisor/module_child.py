@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from robbie_mp.bus import Envelope
+from robbie_mp.channel_counters import messages_waiting
 from robbie_mp.channel_names import ChannelNames
 from robbie_mp.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.checkpoint.file import checkpoint_file
@@ -48,7 +49,8 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     limits = planned.memory
     blocks = make_block_store(plan.run_id, slot, incarnation, limits.segment_bytes, limits.limit_bytes)
     outbox = Outbox(endpoint, blocks, words, SystemClock())
-    channel_name = ChannelNames(Segment.attach(names.core(plan.run_id), SegmentKind.CORE).words)
+    core = Segment.attach(names.core(plan.run_id), SegmentKind.CORE).words
+    channel_name = ChannelNames(core)
     inbox = Inbox(endpoint, make_views(plan.run_id), words, channel_name)
     board = Board(Segment.attach(names.board(plan.run_id), SegmentKind.BOARD).words)
     if (process_bytes := planned.memory.process_bytes) is not None:
@@ -88,7 +90,17 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         longest_s = LONGEST_WAIT_BY_RUN_CLOCK_S if isinstance(clock, RunClock) else LONGEST_WAIT_S
         ticks = TimedTicks(module, clock, words, longest_s)
     runner = ModuleRunner(
-        module, endpoint, inbox, outbox, wakeup, words, lambda: board.may_go, changes, ticks, lockstep
+        module,
+        endpoint,
+        inbox,
+        outbox,
+        wakeup,
+        words,
+        lambda: board.may_go,
+        changes,
+        ticks,
+        lambda: messages_waiting(core, slot) > 0,
+        lockstep,
     )
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
     gc.freeze()  # what is imported stays, so there is no need to look through it again and again

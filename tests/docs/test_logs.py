@@ -1,14 +1,18 @@
 """What docs/logs.md shows does what the page says."""
 
+import re
 import shlex
 import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from robbie_mp.cli import main
-from tests.docs.pages import block
+from robbie_mp.services.message_logger import MessageLogger
+from robbie_mp.settings import check_settings, settings_of
+from tests.docs.pages import ROOT, block
 from tests.recording.logs import write_log
 from tests.recording.test_imports import CARMEN, write_bag
 
@@ -77,3 +81,15 @@ def test_read(capsys: pytest.CaptureFixture[str]) -> None:
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split()[1:] == ["laser", "12.0"]
     assert "monday_0000.mcap: byte" in lines[-1]
+
+
+def test_profile_with_a_logger_is_what_the_logger_takes() -> None:
+    (logger,) = yaml.safe_load(block(PAGE, "profile"))["modules"].values()
+    MessageLogger.check(check_settings(MessageLogger, logger["settings"]))
+    assert logger["class"] == f"{MessageLogger.__module__}:{MessageLogger.__name__}"
+
+
+def test_every_setting_of_the_logger_is_on_the_page() -> None:
+    table = (ROOT / PAGE).read_text().partition("| setting |")[2].partition("\n\n")[0]
+    named = {name for row in table.splitlines()[2:] for name in re.findall(r"`(\w+)`", row.split("|")[1])}
+    assert named == set(settings_of(MessageLogger))
