@@ -112,8 +112,8 @@ class RunClock:
     def now_ns(self) -> int:
         """Nanoseconds since the epoch; before the run's time has begun, 0.
 
-        Who turns the clock may stop it at a time that has just passed: it looks at the machine's clock a little
-        before its row counts. Nobody is told an earlier time for that.
+        Who turns the clock may stop it at a time that has just passed, for it looks at the machine's clock a
+        little before its row counts. Nobody is told an earlier time for that.
         """
         row = self._rows.read()
         if row is None:

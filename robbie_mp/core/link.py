@@ -81,7 +81,9 @@ class Link:
 
         As long as it has more to handle, half of what it has is soon enough.
         """
-        want = max(1, self.inbound.head - len(self.pushed) // 2) if wanted else 0
+        # Notices behind the last message are not waited for: they are taken when it has been released.
+        end = next(reversed(self.pushed.values())) + 1 if self.pushed else self.inbound.head
+        want = max(1, end - len(self.pushed) // 2) if wanted else 0
         if want == self._want_release:
             return False
         self.in_words[layout.IN_WANT_RELEASE] = want

@@ -53,7 +53,14 @@ class LockstepQueues(Queues):
         return not self._is_anyone_busy() and not any(slot.waiting for slot in self._in_step)
 
     def _is_anyone_busy(self) -> bool:
-        return any(slot.link is not None and slot.link.pushed for slot in self._in_step)
+        return any(slot.link is not None and self._is_busy(slot.link) for slot in self._in_step)
+
+    def _is_busy(self, link: Link) -> bool:
+        """Whether a module has a message that it still wants.
+
+        One that was given up, because it hangs in the kernel and cannot be killed, has it for good.
+        """
+        return any(self._ledger.reference(reference)[2].type_name for reference in link.pushed)
 
     def _hand_out(self) -> None:
         waiting = [slot for slot in self._in_step if slot.waiting]

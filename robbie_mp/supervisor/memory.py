@@ -34,6 +34,7 @@ SUPERVISOR = "supervisor"
 SUPERVISOR_SLOT = 0
 SUPERVISOR_SEGMENT_BYTES = 64 << 10
 SUPERVISOR_LIMIT_BYTES = 1 << 20
+_FAILED = STATES.index(ChildState.FAILED) + 1
 
 
 class RunMemory:
@@ -128,6 +129,8 @@ class RunMemory:
             if slot != SUPERVISOR_SLOT:
                 is_dead = slot in self._dying
                 self._endpoint.send(Outbound.MODULE_DOWN if is_dead else Outbound.MODULE_UP, slot, of_slot)
+                if self.board.read(slot).state == _FAILED:  # it hangs in the kernel, connected for good
+                    self._endpoint.send(Outbound.MODULE_GONE, slot, 0)
 
     def started(self, name: str, incarnation: int, pid: int) -> None:
         """Write a child's pid on the board."""

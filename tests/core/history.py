@@ -25,8 +25,9 @@ class History:
         handles: int = 24,
         fuses: dict[int, Fuse] | None = None,
         by_patterns: bool = False,
+        lockstep: bool = False,
     ) -> None:
-        self.run = SimulatedRun(queue_messages=queue_messages, handles=handles)
+        self.run = SimulatedRun(queue_messages=queue_messages, handles=handles, lockstep=lockstep)
         self.run.fuse.stores = 0
         self.run.fuse.deaths = list(deaths)
         self.fuses = fuses or {}
@@ -37,6 +38,8 @@ class History:
         self.incarnations = dict.fromkeys(SLOTS, 0)
         self.seen: dict[int, list[int]] = {2: [], 3: []}
         self.seen_values: dict[int, list[int]] = {2: [], 3: []}
+        self.taken: list[int] = []
+        """Sequences in the order in which anybody began to handle them."""
         self.died_with = {2: 0, 3: 0}
         self.published: list[int] = []
         self.kept: dict[int, list] = {2: [], 3: []}
@@ -100,6 +103,7 @@ class History:
             delivery = module.take()
             if delivery is None:
                 return None
+            self.taken.append(delivery.sequence)
             respond = module.endpoint.release if answer is Outbound.RELEASE else module.endpoint.done
             respond(delivery)
         except Died:
@@ -139,6 +143,9 @@ class History:
             counts = self.run.counts(index)
             ended = counts["delivered"] + counts["replaced"] + counts["dropped"] + counts["lost"]
             assert counts["routed"] == ended + self.run.waiting(slot), f"slot {slot}: {counts}"
+        if self.run.lockstep:
+            assert self.taken == sorted(self.taken), "not in the one order of all modules"
+            assert sum(map(self.run.in_hands, SLOTS)) <= 1, "two have a message at a time"
 
     def finish(self) -> None:
         """Bring everyone back, let everything be handled, and compare the books with the journals."""
@@ -152,6 +159,7 @@ class History:
                 self.handle(slot)
         self.run.run_core()
         self.check_books()
+        assert not self.run.lockstep or self.run.is_settled
         assert self.run.reports == []
         assert self.run.live_handles() == self.run.live_references() == 0, "not everything was freed"
         for slot, module in list(self.alive.items()):

@@ -263,6 +263,15 @@ class SimulatedRun:
         at = self.tables.publisher(slot)
         return self.words[at + layout.PUBLISHER_WAITING] + self.words[at + layout.PUBLISHER_IN_FLIGHT]
 
+    def in_hands(self, slot: int) -> int:
+        """Messages that the core has sent to a module and has not heard of since."""
+        return self.words[self.tables.publisher(slot) + layout.PUBLISHER_IN_FLIGHT]
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the core says, in lockstep, that nothing is left to handle."""
+        return self.words[layout.CORE_SETTLED] == self.words[layout.CORE_LAST_SEQUENCE]
+
     def live_handles(self) -> int:
         return sum(self.words[self.tables.handle(i)] != 0 for i in range(self.tables.sizes.handles))
 

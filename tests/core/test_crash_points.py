@@ -113,8 +113,10 @@ def play(
     settings: dict[str, int],
     deaths: tuple[int, ...],
     fuses: dict[int, Fuse] | None = None,
+    *,
+    lockstep: bool = False,
 ) -> History:
-    history = History(deaths, fuses=fuses, **settings)
+    history = History(deaths, fuses=fuses, lockstep=lockstep, **settings)
     scenario(history)
     history.finish()
     return history
@@ -155,3 +157,13 @@ def test_module_may_die_before_any_store(scenario: Scenario, slot: int) -> None:
         history = play(scenario, SETTINGS[0], (), {slot: fuse})
         assert history.incarnations[slot] > 1 or slot not in history.alive
     print(f"{scenario.__name__}, module {slot}: {undisturbed.stores} crash points, 0 violations")
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_core_in_lockstep_may_die_before_any_store(scenario: Scenario, pytestconfig: pytest.Config) -> None:
+    stores = play(scenario, SETTINGS[0], (), lockstep=True).run.fuse.stores
+    deaths = range(0, stores, 1 if pytestconfig.getoption("--exhaustive") else STRIDE)
+    for death in deaths:
+        history = play(scenario, SETTINGS[0], (death, death % 50), lockstep=True)  # and again soon after
+        assert history.run.crashes > 0
+    print(f"{scenario.__name__} in lockstep: {len(deaths)} crash points of {stores}, 0 violations")

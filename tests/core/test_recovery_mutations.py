@@ -8,6 +8,8 @@ from robbie_mp.core import router as router_module
 from robbie_mp.core.directory import Channel, Directory, Subscription
 from robbie_mp.core.ledger import Ledger
 from robbie_mp.core.link import Link
+from robbie_mp.core.lockstep_queues import LockstepQueues
+from robbie_mp.core.queues import Queues
 from robbie_mp.core.router import Router
 from tests.core.test_crash_points import SCENARIOS, SETTINGS, play
 
@@ -35,6 +37,12 @@ MUTATIONS: dict[str, tuple[object, str, Callable[..., object]]] = {
     "counters are not read again": (router_module, "restore_slot", nothing),
 }  # fmt: skip
 
+MUTATIONS_OF_LOCKSTEP: dict[str, tuple[object, str, Callable[..., object]]] = {
+    "several modules have a message at a time": (LockstepQueues, "_is_anyone_busy", lambda _queues: False),
+    "a module is sent all its messages at once": (LockstepQueues, "pump", Queues.pump),
+    "a new core does not say that all is settled": (Router, "_say_if_settled", nothing),
+}  # fmt: skip
+
 
 @pytest.mark.parametrize("mutation", MUTATIONS)
 def test_broken_recovery_is_noticed(mutation: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -43,12 +51,19 @@ def test_broken_recovery_is_noticed(mutation: str, monkeypatch: pytest.MonkeyPat
     assert _violated(), "no crash point noticed it"
 
 
-def _violated() -> bool:
+@pytest.mark.parametrize("mutation", MUTATIONS_OF_LOCKSTEP)
+def test_broken_lockstep_is_noticed(mutation: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    owner, name, replacement = MUTATIONS_OF_LOCKSTEP[mutation]
+    monkeypatch.setattr(owner, name, replacement)
+    assert _violated(lockstep=True), "no crash point noticed it"
+
+
+def _violated(*, lockstep: bool = False) -> bool:
     for scenario in SCENARIOS:
         for settings in SETTINGS:
             for death in range(0, 400, 3):
                 try:
-                    play(scenario, settings, (death,))
+                    play(scenario, settings, (death,), lockstep=lockstep)
                 except (AssertionError, KeyError, IndexError, AttributeError):
                     return True
     return False

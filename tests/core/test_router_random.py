@@ -21,11 +21,11 @@ def test_any_history_keeps_order_and_books(steps: list[tuple[str, int]]) -> None
 
 
 @settings(max_examples=400, deadline=None)
-@given(STEPS, DEATHS, st.booleans())
+@given(STEPS, DEATHS, st.booleans(), st.booleans())
 def test_any_history_survives_any_deaths_of_the_core(
-    steps: list[tuple[str, int]], deaths: list[int], by_patterns: bool
+    steps: list[tuple[str, int]], deaths: list[int], by_patterns: bool, lockstep: bool
 ) -> None:
-    history = History(tuple(deaths), by_patterns=by_patterns)
+    history = History(tuple(deaths), by_patterns=by_patterns, lockstep=lockstep)
     for action, slot in steps:
         getattr(history, action)(slot)
     history.finish()
