@@ -47,7 +47,7 @@ class Imu:
 def test_device_in_a_thread_publishes_and_its_failure_ends_the_module(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    add_device(monkeypatch, "imu", Imu=Imu)
+    add_device(monkeypatch, "my_imu", MyImu=Imu)
     with ModuleHarness(run("imu")["ImuModule"]) as harness:
         harness.module.thread.join(5.0)
         assert [turn.twist.angular.z for turn in harness.take(TwistStamped)] == [0.5, -0.25]
@@ -62,7 +62,7 @@ def test_camera_fills_images_in_place(monkeypatch: pytest.MonkeyPatch) -> None:
         def read_into(self, data: Any) -> None:
             data[:] = 7
 
-    add_device(monkeypatch, "camera", open_camera=Device)
+    add_device(monkeypatch, "my_camera", open_camera=Device)
     with ModuleHarness(run("camera")["Camera"]) as harness:
         harness.advance(0.0)
         (image,) = harness.take(Image)
