@@ -93,6 +93,7 @@ def write_log(path: Path, count: int = 30, **options: Any) -> Path:
     with LogFile(path, **options) as log:
         about = {"run_id": "0123abcd", "profile": "demo", "host": "h", "part": "0"}
         log.writer.add_metadata("robbie_run", about)
+        log.writer.add_metadata("robbie_counts", {"channels": "[]"})
         for message, topic, sender, time_ns in traffic(count):
             log.add(message, topic, sender, time_ns=time_ns)
         counts = [{"type": "sensor_msgs/msg/LaserScan", "version": 1, "topic": "laser/front",

@@ -75,7 +75,7 @@ def test_file_order_is_kept_where_times_go_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize("form", ["plain", "without message indexes", "without chunks"])
 def test_messages_of_some_channels_and_times_are_the_ones_that_mcap_finds(tmp_path: Path, form: str) -> None:
     path = write_log(tmp_path / "a.mcap", 60, **FORMS[form])
-    start_ns, end_ns = START_NS + 7 * STEP_NS, START_NS + 33 * STEP_NS
+    start_ns, end_ns = START_NS + 7 * STEP_NS, START_NS + 34 * STEP_NS
     with path.open("rb") as file:
         theirs = make_reader(file).iter_messages(
             topics=["/odom"], starting_at=start_ns, ending_before=end_ns, log_time_order=False

@@ -1,5 +1,6 @@
 """A repair gives a valid file with every message of every whole chunk, or fails and leaves none."""
 
+import errno
 import os
 import random
 from collections.abc import Callable
@@ -274,8 +275,26 @@ def test_what_does_not_read_as_it_was_written_is_removed(
     assert not target.exists()
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
-def test_full_disk_and_folders_that_cannot_be_written_are_named(tmp_path: Path) -> None:
+def test_what_is_valid_but_not_the_same_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, target = write_log(tmp_path / "a.mcap", 12), tmp_path / "b.mcap"
+    monkeypatch.setattr(Writer, "add_message", lambda *_: None)
+    with pytest.raises(RepairFailed, match="does not hold what was written to it"):
+        repaired(path, target)
+    assert not target.exists()
+
+
+def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_fd: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    path = write_log(tmp_path / "a.mcap", 6)
+    with pytest.raises(LogNotWritten, match="No space left on device"):
+        repaired(path, tmp_path / "b.mcap")
+    assert not (tmp_path / "b.mcap").exists()
+
+
+def test_folders_that_cannot_be_written_and_empty_files_are_named(tmp_path: Path) -> None:
     path = write_log(tmp_path / "a.mcap", 6)
     with pytest.raises(LogNotWritten, match="No such file or directory"):
         repaired(path, tmp_path / "none" / "b.mcap")
