@@ -56,6 +56,7 @@ class RescueMission(Module):
         self.mission = Mission(self._time_s, settings, self._state_changed)
         if self.restored is not None:
             self.mission.remember(self.restored)
+        self.notes_told = len(self.mission.notes)
         self.show_state(self.mission.state)
         self.look = LookAround()
         self.pose: tuple[float, float, float] | None = None
@@ -135,6 +136,9 @@ class RescueMission(Module):
         if self.pose is not None and self.mission.state is not MissionState.WAIT:
             self._send_goal(orders.goal)
             self._turn_camera(orders.look_at_xy_m)
+        for note in self.mission.notes[self.notes_told :]:
+            self.log.warning("%s", note)
+        self.notes_told = len(self.mission.notes)
         self.status = self.mission.status
         self.checkpoint(self.mission.memory())
         if self.mission.machine.is_final and self.mission.machine.time_in_state_s >= self.ends_after_s:
@@ -144,8 +148,6 @@ class RescueMission(Module):
     def teardown(self) -> None:
         """Write the report."""
         mission = self.mission
-        for note in mission.notes:
-            self.log.warning("%s", note)
         figures = MissionFigures(
             state=mission.state.name,
             reason=mission.machine.reason,

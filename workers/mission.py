@@ -125,7 +125,7 @@ class Mission:
 
     def see_stopped(self, reason: str | None) -> None:
         """Learn why the robot cannot drive; None: it can."""
-        if reason is not None and reason != self._stopped:
+        if reason is not None and self._stopped is None:
             self._note(f"stopped: {reason}")
         self._stopped = reason
 

@@ -136,11 +136,15 @@ def test_goal_that_navigation_has_lost_is_sent_again(robot: Robot) -> None:
     assert robot.go_on(4.0) == []
 
 
-def test_silent_laser_makes_the_robot_stand_and_is_in_the_report(robot: Robot, tmp_path: Path) -> None:
+def test_silent_laser_makes_the_robot_stand_and_is_in_the_report(
+    robot: Robot, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     robot.navigates = False
     robot.go_on(1.5)
     robot.tell_navigation("STOPPED_NO_LASER", reason="the laser is silent for 0.7 s")
     (stand,) = robot.go_on(1.5)
+    warnings = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert warnings == ["stopped: STOPPED_NO_LASER: the laser is silent for 0.7 s"]
     assert (stand.pose.position.x, stand.pose.position.y) == START[:2]
     robot.harness.module.teardown()
     notes = json.loads((tmp_path / "mission.json").read_text())["notes"]
