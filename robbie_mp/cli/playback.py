@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from robbie_mp.attachment import Attachment
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.play import rate
+from robbie_mp.cli.playback_keys import steer_with_keys
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.declarations import read_declarations
 from robbie_mp.errors import RobbieError
@@ -57,6 +58,11 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     for name, order in orders.choices.items():
         order.set_defaults(command=steer, order=name)
+    keys = add_command(
+        orders, "keys", "steer with single keys", "Steer with single keys.", ["robbie playback keys"]
+    )
+    keys.set_defaults(command=steer_by_keys)
+    add_run_argument(keys)
     for order in (seek, pace):
         add_run_argument(order)
 
@@ -66,6 +72,11 @@ def steer(arguments: argparse.Namespace) -> int:
     state = give_order(choose_run(arguments.run), arguments.order, getattr(arguments, "value", 0.0))
     print(describe(state))
     return 0
+
+
+def steer_by_keys(arguments: argparse.Namespace) -> int:
+    """Take orders from the keyboard."""
+    return steer_with_keys(choose_run(arguments.run), describe)
 
 
 def give_order(run: KnownRun, order: str, value: float) -> PlaybackState:

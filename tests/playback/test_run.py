@@ -1,5 +1,11 @@
 """A log played into a robot whose modules are processes, steered and killed on the way."""
 
+import os
+import pty
+import select
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +17,7 @@ from robbie_mp.messages import PlaybackState
 from robbie_mp.playback.player import ControlRefused
 from tests.playback.battery_log import write_battery_log
 from tests.recording.logs import START_NS, STEP_NS
-from tests.run.robot import Ended, Robot, kill, wait_until
+from tests.run.robot import COMMAND, LIMIT_S, Ended, Robot, kill, wait_until
 
 COUNT = 60
 
@@ -34,6 +40,27 @@ def witnessed(robot: Robot, *kinds: str) -> list[list[str]]:
 
 def numbers(robot: Robot) -> list[int]:
     return [round(float(words[2])) for words in witnessed(robot, "command")]
+
+
+@contextmanager
+def keyboard(robot: Robot) -> Iterator[Callable[[bytes], int]]:
+    """`robbie playback keys` on a terminal; yields what presses keys."""
+    ours, its = pty.openpty()
+    command = [*COMMAND, "playback", "keys"]
+    process = subprocess.Popen(command, stdin=its, stdout=its, cwd=robot.folder, stderr=subprocess.PIPE)
+    os.close(its)
+    try:
+        shown = b""
+        while b"paused at" not in shown:
+            assert select.select([ours], [], [], LIMIT_S)[0]
+            shown += os.read(ours, 1000)
+        yield lambda keys: os.write(ours, keys)
+        os.write(ours, b"q")
+        assert process.wait(LIMIT_S) == 0
+    finally:
+        process.kill()
+        process.communicate()
+        os.close(ours)
 
 
 class Steered:
@@ -74,7 +101,9 @@ def test_playback_is_steered_and_killed_and_no_message_is_lost_or_doubled(
     assert numbers(player_robot) == [1, 2, 3, 4]
 
     assert steer("seek", 4.95).jumps == 1
-    steer.step()
+    with keyboard(player_robot) as press:
+        press(b".")
+        wait_until(lambda: numbers(player_robot)[-1] == 51)
     steer("rate", float("inf"))
     steer("resume")
     ended = Ended.wait_for(process)

@@ -1,0 +1,88 @@
+"""Measures how long a playback takes to go elsewhere in a long log.
+
+    python -m tools.seek_time [--hours 1] [--rate-hz 60] [--seeks 200] [--json]
+
+A log of laser scans is written, and sought in at random places. A seek is over when the first message from
+there could be sent. More than 0.2 s is a violation.
+"""
+
+import argparse
+import json
+import random
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from robbie_mp.messages import Header, LaserScan, Time, schema_text
+from robbie_mp.playback.tape import Tape
+from robbie_mp.recording.conversion import NewChannel, converted_log
+from robbie_mp.recording.format import ChannelKey, TopicNames
+from robbie_mp.recording.reader import open_log
+from tools.kill_campaign.__main__ import as_text
+
+START_NS = 1_700_000_000_000_000_000
+LIMIT_S = 0.2
+BEAMS = 360
+
+
+def write_scans(path: Path, count: int, rate_hz: float) -> None:
+    """Write a log of so many scans, with noise as a real laser's."""
+    key = ChannelKey(LaserScan.type_name, LaserScan.version, "", "laser")
+    channel = NewChannel(TopicNames().of(key), LaserScan.type_name, schema_text(LaserScan))
+    noise = np.random.default_rng(1).normal(0.0, 0.01, (100, BEAMS)).astype(np.float32)
+    with converted_log(path, path) as log:
+        for number in range(count):
+            at_ns = START_NS + round(number / rate_hz * 1e9)
+            header = Header(stamp=Time.from_nanoseconds(at_ns), frame_id="laser")
+            scan = LaserScan(header=header, range_max=10.0, ranges=np.float32(5.0) + noise[number % 100])
+            log.add(channel, key.metadata(), at_ns, scan.encode())
+
+
+def measure(path: Path, seeks: int) -> dict[str, object]:
+    """Seek at random, and check where that leads."""
+    chance = random.Random(1)
+    took_s, violations = [], []
+    began_s = time.perf_counter()
+    with open_log(path) as log:
+        opened_s = time.perf_counter() - began_s
+        tape = Tape(log, log.channels, log.start_ns, log.end_ns)
+        for _ in range(seeks):
+            to_ns = chance.randint(log.start_ns, log.end_ns)
+            began_s = time.perf_counter()
+            tape.seek(to_ns)
+            took_s.append(time.perf_counter() - began_s)
+            if tape.next is None or not to_ns <= tape.next.time_ns < to_ns + 1e9:
+                violations.append(f"seeking {to_ns} led to {tape.next and tape.next.time_ns}")
+    if max(took_s) > LIMIT_S:
+        violations.append(f"a seek took {max(took_s):.3f} s")
+    return {
+        "log_bytes": path.stat().st_size,
+        "open_ms": round(opened_s * 1e3, 1),
+        "seek_median_ms": round(statistics.median(took_s) * 1e3, 2),
+        "seek_max_ms": round(max(took_s) * 1e3, 2),
+        "violations": violations,
+    }
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; the exit code is 1 if there is a violation."""
+    parser = argparse.ArgumentParser(prog="python -m tools.seek_time", description=__doc__)
+    parser.add_argument("--hours", type=float, default=1.0, help="length of the log")
+    parser.add_argument("--rate-hz", type=float, default=60.0, help="scans a second")
+    parser.add_argument("--seeks", type=int, default=200)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory(prefix="robbie-seek-") as folder:
+        path = Path(folder) / "log.mcap"
+        write_scans(path, round(options.hours * 3600 * options.rate_hz), options.rate_hz)
+        report = measure(path, options.seeks)
+    print(json.dumps(report, indent=2) if options.json else as_text(report))
+    return 1 if report["violations"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
