@@ -1,6 +1,7 @@
 """What a log is, in figures."""
 
 import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -131,8 +132,13 @@ def describe(log: Log) -> LogInfo:
         run=RunMetadata.from_metadata(runs[0]) if runs else None,
         library=log.parts[0].contents.header.library,
         channels=[
-            ChannelInfo(channel, count, count / duration_s if duration_s else 0.0, dropped.get(_key(channel)))
-            for channel, count in log.counts.items()
+            *(
+                ChannelInfo(
+                    channel, count, count / duration_s if duration_s else 0.0, dropped.get(_key(channel))
+                )
+                for channel, count in log.counts.items()
+            ),
+            *_missing_altogether(log, dropped),
         ],
         start_ns=log.start_ns,
         end_ns=log.end_ns,
@@ -170,6 +176,14 @@ def last_counts(part: LogPart) -> dict[ChannelKey, ChannelCount]:
             with contextlib.suppress(ValueError):
                 return counts_from_metadata(record.metadata)
     return {}
+
+
+def _missing_altogether(log: Log, dropped: dict[ChannelKey, int]) -> Iterator[ChannelInfo]:
+    """Yield what was dropped and is no channel of the log: nothing of it came, or its sender is not known."""
+    recorded = {_key(channel) for channel in log.channels}
+    for key, count in dropped.items():
+        if count and key not in recorded:
+            yield ChannelInfo(LogChannel(-1, *key, schema=""), 0, 0.0, count)
 
 
 def _key(channel: LogChannel) -> ChannelKey:

@@ -13,6 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from robbie_mp.recording.compression import Compression
 from robbie_mp.recording.format import RunMetadata, counts_from_metadata, part_path
+from robbie_mp.recording.info import describe
 from robbie_mp.recording.log_writer import Split
 from robbie_mp.recording.reader import open_log
 from tests.recording.recording import (
@@ -98,6 +99,16 @@ def test_parts_end_by_size_and_by_time_and_each_tells_its_own_counts(tmp_path):
         brief.write(chunk_of(range(first, first + 10)), CHANNELS)
     brief.close()
     assert len(list((tmp_path / "brief").iterdir())) == 3
+
+
+def test_what_is_missing_altogether_is_told_as_well(tmp_path):
+    unknown = CHANNELS[1].key._replace(topic="rear", sender="")
+    log = writer(tmp_path / "log", dropped={unknown: 7, CHANNELS[2].key: 2})
+    log.write(chunk_of(range(10)), CHANNELS)
+    log.close()
+    with open_log(tmp_path / "log") as whole:
+        told = {(one.channel.topic, one.messages): one.dropped for one in describe(whole).channels}
+    assert told == {("front", 4): 0, ("", 3): 2, ("front", 3): 0, ("rear", 0): 7}
 
 
 def test_recording_that_is_continued_gets_further_parts(tmp_path):
