@@ -39,6 +39,9 @@ class Incarnations(Protocol):
     def is_ready(self, name: str, incarnation: int) -> bool:
         """Tell whether it has finished its setup; asked every few ms while STARTING, and at its end."""
 
+    def awaits_time(self, name: str) -> bool:
+        """Tell whether it may wait for the run's time, which a module that is being started will set."""
+
     def doing(self, name: str, incarnation: int) -> Doing | None:
         """Tell what it is doing now, None if nothing; asked every turn of the loop while RUNNING."""
 

@@ -35,6 +35,7 @@ SUPERVISOR_SLOT = 0
 SUPERVISOR_SEGMENT_BYTES = 64 << 10
 SUPERVISOR_LIMIT_BYTES = 1 << 20
 _FAILED = STATES.index(ChildState.FAILED) + 1
+_BEING_STARTED = {STATES.index(state) + 1 for state in (ChildState.STARTING, ChildState.BACKOFF)}
 
 
 class RunMemory:
@@ -89,7 +90,7 @@ class RunMemory:
             SUPERVISOR_SLOT, SlotState("", running, os.getpid(), 1, 0, now_ns, "started", Totals())
         )
         clock = Segment.create(names.clock(run_id), layout.CLOCK_WORDS, SegmentKind.CLOCK)
-        made.enter_context(contextlib.closing(clock))
+        self._clock_words = made.enter_context(contextlib.closing(clock)).words
         limits = plan.core
         sizes = TableSizes(rows - 1, limits.channels, limits.subscriptions, limits.handles, limits.references)
         core = Segment.create(names.core(run_id), sizes.words, SegmentKind.CORE)
@@ -144,6 +145,13 @@ class RunMemory:
             return self._core_words[layout.CORE_HEARTBEAT_NS] != self._heartbeat_before
         current, memory = self._incarnations[self._slots[name]]
         return current == incarnation and memory.out.words[layout.OUT_READY] == 1
+
+    def awaits_time(self, name: str) -> bool:
+        """Whether a child may wait for the run's time, which a module that is being started will set."""
+        source = self._plan.clock.source
+        if source in (None, name) or name == CORE or self._clock_words[layout.CLOCK_NUMBER]:
+            return False
+        return self.slot_state(source).state in _BEING_STARTED
 
     def doing(self, name: str, incarnation: int) -> Doing | None:
         """Return what a child is doing now, None if it is idle.

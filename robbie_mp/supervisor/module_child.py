@@ -58,7 +58,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     sys.path.insert(0, plan.workspace)
     module_class = load_class(planned.class_path, Module)
     checkpoints = open_checkpoints(plan, slot, incarnation)
-    clock = run_clock(plan, name, module_class, memory.wakeup)
+    clock = run_clock(plan, name, module_class, memory)
     settings_file = SettingsFile(run_folder, name)
     bus = SharedMemoryBus(outbox, inbox, _Describer(channel_name, board, clock))
     lockstep = None
@@ -108,13 +108,19 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     checkpoints.close()
 
 
-def run_clock(plan: RunPlan, name: str, module_class: type[Module], wakeup: Wakeup) -> SystemClock | RunClock:
+def run_clock(
+    plan: RunPlan, name: str, module_class: type[Module], memory: IncarnationMemory
+) -> SystemClock | RunClock:
     """Return the clock that a module goes by; if that is the run's, wait until its time has begun."""
     if plan.clock.source in (None, name) or not module_class.follows_run_clock:
         return SystemClock()
     clock = RunClock.attach(plan.run_id)
+    if not clock.has_begun:
+        waits = f"waits for the time to begin: {plan.clock.source} has not set it"
+        write_text(memory.out.words, layout.OUT_STATUS, LINE_WORDS, waits)
     while not clock.has_begun:
-        wakeup.wait(LONGEST_WAIT_BY_RUN_CLOCK_S)
+        memory.wakeup.wait(LONGEST_WAIT_BY_RUN_CLOCK_S)
+    write_text(memory.out.words, layout.OUT_STATUS, LINE_WORDS, "")
     return clock
 
 

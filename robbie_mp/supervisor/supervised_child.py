@@ -149,7 +149,9 @@ class SupervisedChild:
             self.kill(self._kill_reason)
         elif self.state is ChildState.STARTING:
             self._check_ready()
-            if self.state is ChildState.STARTING and now_s >= self._due_s:
+            if self._incarnations.awaits_time(self.spec.name):
+                self._due_s = now_s + self.spec.start_deadline_s  # it is not to blame for that
+            elif self.state is ChildState.STARTING and now_s >= self._due_s:
                 self.kill(f"not ready within {self.spec.start_deadline_s:g} s")
         elif self.state is ChildState.RUNNING:
             self._check_hang(now_s)

@@ -3,6 +3,7 @@
 import json
 import os
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -329,3 +330,11 @@ class StandingBase(Module):
 
     def tick(self) -> None:
         self.publish(EmergencyStop(engaged=self.engaged), topic="emergency_stop_state")
+
+
+class LateSource(Module):
+    """Would turn the run's clock, but never gets so far."""
+
+    def setup(self) -> None:
+        while True:
+            time.sleep(0.01)

@@ -39,6 +39,8 @@ class FolderIncarnations:
         self.pids: dict[tuple[str, int], int] = {}
         self.refuses: set[str] = set()
         self.busy: dict[str, Doing] = {}
+        self.time_sources: set[str] = set()
+        """Who has not set the run's time yet; all others wait for that."""
         self.reclaims_at_once = False
         self.closed = 0
         self.times_all_started = 0
@@ -58,6 +60,9 @@ class FolderIncarnations:
 
     def is_ready(self, name: str, incarnation: int) -> bool:
         return (self.folder / f"{name}.{incarnation}.ready").exists()
+
+    def awaits_time(self, name: str) -> bool:
+        return bool(self.time_sources - {name})
 
     def doing(self, name: str, incarnation: int) -> Doing | None:
         assert ("open", name, incarnation) in self.calls

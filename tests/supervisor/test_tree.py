@@ -185,6 +185,27 @@ def test_child_that_is_not_ready_in_time_is_killed_and_restarted(tmp_path: Path)
     assert run.last("is_never_ready").reason.startswith("not ready within 0.05 s: killed by SIGKILL")
 
 
+def test_deadline_of_who_waits_for_the_time_begins_when_its_source_has_set_it(tmp_path: Path) -> None:
+    run = Run(
+        tmp_path,
+        animal(zoo.works, "source"),
+        animal(zoo.is_never_ready, start_deadline_s=0.05, restart=NEVER),
+    )
+    run.incarnations.time_sources.add("source")
+
+    def scenario() -> Scenario:
+        yield lambda: run.is_running("source")
+        later_s = time.monotonic() + 0.2
+        yield lambda: time.monotonic() > later_s
+        assert run.states("is_never_ready") == [STARTING]
+        run.incarnations.time_sources.clear()
+        yield lambda: FAILED in run.states("is_never_ready")
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 1
+    assert run.last("is_never_ready").reason.startswith("not ready within 0.05 s: killed by SIGKILL")
+
+
 def test_child_that_ignores_sigterm_is_killed_after_its_grace(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.works), animal(zoo.ignores_sigterm, stop_grace_s=0.05))
     assert run.play(stop_when_all_run(run)) == 0

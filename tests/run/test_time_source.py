@@ -1,0 +1,26 @@
+"""Modules wait for the run's time; who turns its clock may take long, or never come so far."""
+
+import time
+
+from tests.run.robot import Ended, Robot, wait_until
+
+PROFILE = """
+modules:
+  follows: {class: "zoo.modules:Ticker", start_deadline_s: 0.1, restart: {policy: never}}
+  source: {class: "zoo.modules:LateSource", start_deadline_s: 100.0, stop_grace_s: 0.1}
+clock: {source: source}
+"""
+
+
+def test_who_waits_for_the_time_is_not_blamed_and_stops_at_once(robot: Robot) -> None:
+    robot.write_profile(PROFILE)
+    process = robot.start()
+    waits = "waits for the time to begin: source has not set it"
+    robot.until(lambda modules: modules["follows"]["status"] == waits)
+    since_s = time.monotonic()
+    wait_until(lambda: time.monotonic() > since_s + 0.5)
+    process.terminate()
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    follows = ended.modules["follows"]
+    assert (follows["state"], follows["reason"]) == ("STOPPED", "killed by SIGTERM")
