@@ -22,8 +22,9 @@ from robbie_mp.messages import (
 )
 from robbie_mp.module import MessageHandling, Module, setting
 from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
+from robbie_mp.settings import SettingError
 from workers.searched_walls import CameraView, WallFronts, WallMemory
-from workers.victim_detection import Projection, VictimDetector
+from workers.victim_detection import Projection, VictimDetector, VisionMissing
 from workers.victim_map import Victim, VictimMap, VictimState
 
 TURNED_S, TURNED_RAD = 0.1, 0.02
@@ -50,6 +51,14 @@ class Victims(Module):
     period_s: float = setting(0.1, "time between looks at what has come", minimum=0.01)
     searched_period_s: float = setting(0.5, "time between messages about searched walls", minimum=0.1)
     repeat_s: float = setting(5.0, "each victim is told of again after this time", minimum=0.1)
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Check that there is OpenCV before anything starts."""
+        try:
+            VictimDetector()
+        except VisionMissing as error:
+            raise SettingError(str(error)) from error
 
     def setup(self) -> None:
         """Make the workers; hear camera and operator."""

@@ -33,6 +33,8 @@ from robbie_mp.messages import (
     VictimConfirmation,
     VictimFound,
 )
+from robbie_mp.settings import SettingError
+from workers import victim_detection
 
 GEOMETRY = CameraGeometry(400, 200, 1.4)
 EYE_Z_M = GEOMETRY.mount_m[2]
@@ -113,6 +115,15 @@ class Watching:
 def watching() -> Iterator[Watching]:
     with ModuleHarness(Victims) as harness:
         yield Watching(harness)
+
+
+def test_missing_opencv_is_an_error_before_anything_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise ImportError(name)
+
+    monkeypatch.setattr(victim_detection, "import_module", missing)
+    with pytest.raises(SettingError, match="opencv-python-headless"):
+        Victims.check({})
 
 
 def test_victim_is_placed_in_the_map_and_the_operator_is_asked(watching: Watching) -> None:
