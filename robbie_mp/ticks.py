@@ -1,13 +1,13 @@
 """When a module's `tick()` is due: by the run's clock, or whenever whoever turns it says so."""
 
 import time
-from collections.abc import Callable
 from typing import Protocol
 
 from robbie_mp.messages import Tick
 from robbie_mp.module import Module
 from robbie_mp.transport import layout
 from robbie_mp.transport.histogram import WorkFigures
+from robbie_mp.transport.inbox import Inbox
 from robbie_mp.transport.records import MessageHandling
 from robbie_mp.transport.words import Words
 
@@ -101,14 +101,15 @@ class GrantedTicks:
     Args:
         module: whose ticks they are.
         words: the module's out segment, where its period is shown.
-        subscribe: has the messages of its name handled.
+        inbox: has the messages of its name handled.
     """
 
-    def __init__(self, module: Module, words: Words, subscribe: Callable[..., None]):
+    def __init__(self, module: Module, words: Words, inbox: Inbox):
         self._module = module
         self._words = words
         self._ticks = 0
-        subscribe(Tick, self._on_tick, MessageHandling.ALWAYS_DELIVER, module.name)
+        inbox.subscribe(Tick, self._on_tick, MessageHandling.ALWAYS_DELIVER, module.name)
+        inbox.before_release = self.begin  # any handler may have changed it
 
     def begin(self) -> None:
         """Show how often there are to be ticks."""
@@ -120,7 +121,6 @@ class GrantedTicks:
             self._module.tick()
             self._ticks += 1
             self._words[layout.OUT_TICKS] = self._ticks
-        self.begin()
 
     def expedite(self) -> None:
         """Do nothing: a tick comes when it is granted."""

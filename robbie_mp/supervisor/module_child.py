@@ -85,7 +85,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     apply_scheduling(planned.scheduling, module.log)
     ticks: Ticks
     if plan.clock.lockstep and isinstance(clock, RunClock):
-        ticks = GrantedTicks(module, words, inbox.subscribe)
+        ticks = GrantedTicks(module, words, inbox)
     else:
         longest_s = LONGEST_WAIT_BY_RUN_CLOCK_S if isinstance(clock, RunClock) else LONGEST_WAIT_S
         ticks = TimedTicks(module, clock, words, longest_s)

@@ -62,6 +62,8 @@ class Inbox:
         self._pinned_bytes = 0
         self._handled = 0
         self.current: Delivery | None = None
+        self.before_release: Callable[[], None] | None = None
+        """Called when a message has been handled, before anybody else can know that."""
 
     def subscribe(
         self,
@@ -147,6 +149,8 @@ class Inbox:
         self.current = None
         self._handled += 1
         self._words[layout.OUT_HANDLED] = self._handled
+        if self.before_release is not None:
+            self.before_release()
         if pin is None or self._is_let_go(delivery.reference):
             self._endpoint.release(delivery)
         else:

@@ -18,6 +18,7 @@ modules:
     settings: {{die_at: {die_at}}}
   fast: {{class: "zoo.modules:Ticker", settings: {{period_s: 0.05}}}}
   slow: {{class: "zoo.modules:Ticker", settings: {{period_s: 0.1}}}}
+  sleeper: {{class: "zoo.modules:Sleeper"}}
   first: {{class: "zoo.modules:Relay"}}
   second: {{class: "zoo.modules:Relay"}}
 clock: {{source: time, lockstep: true}}
@@ -45,7 +46,7 @@ def test_runs_are_the_same_bit_for_bit_also_under_load_and_after_crashes(robot: 
     assert stamps == sorted(stamps)
     assert stamps[0] == 1_000_000_000_000
     assert 5.9e9 <= stamps[-1] - stamps[0] <= 6e9
-    assert len(undisturbed) == pytest.approx(6 * (30 * 3 + 1 / 0.3), abs=5)
+    assert len(undisturbed) == pytest.approx(6 * (32 * 3 + 1 / 0.3), abs=5)
     assert all(line.split()[0] == line.split()[-1] for line in undisturbed if not line.endswith("tick"))
 
     spinning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]

@@ -269,6 +269,19 @@ class Ticker(Journal):
         self.publish(DriveCommand(header=Header(stamp=now, frame_id=self.name), linear_m_per_s=self.number))
 
 
+class Sleeper(Ticker):
+    """Ticks only after it has heard something."""
+
+    period_s = None
+
+    def setup(self) -> None:
+        super().setup()
+        self.subscribe(DriveCommand, self.on_command, topic="relayed")
+
+    def on_command(self, _command: DriveCommand) -> None:
+        self.period_s = 0.5
+
+
 class Relay(Module):
     """Sends on what it hears, with its own name, at its own time."""
 
