@@ -29,6 +29,7 @@ def test_page_shows_the_processes_and_the_emergency_stop_reaches_the_base_and_la
     process = robot.start()
     address = address_of(robot)
     with browser() as started, page_of(started, address) as page:
+        page.click("#tab-system")
         page.wait_for_selector("#panel-system td:has-text('StandingBase is ready')")
         for name in ("supervisor", "operator", "base", "core"):
             assert page.locator(f"#panel-system td:text-is('{name}')").count() == 1

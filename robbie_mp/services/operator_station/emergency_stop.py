@@ -1,11 +1,17 @@
 """The emergency stop: always in sight, on a key, latched by the base and released on purpose only."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from nicegui import ui
 
 from robbie_mp.messages import EmergencyStop, Header, Time
-from robbie_mp.module import MessageHandling, Module
 from robbie_mp.services.operator_station.access import Role
-from robbie_mp.services.operator_station.panel import Latest, Page
+from robbie_mp.services.operator_station.panel import Page
+
+if TYPE_CHECKING:
+    from robbie_mp.services.operator_station.station import OperatorStation
 
 REQUEST_TOPIC = "emergency_stop"
 STATE_TOPIC = "emergency_stop_state"
@@ -15,12 +21,9 @@ KEY = "Escape"
 class EmergencyStopBar:
     """The button at the top of every page, and what the base has answered."""
 
-    def __init__(self, station: Module):
+    def __init__(self, station: OperatorStation):
         self._station = station
-        self._state: Latest[EmergencyStop] = Latest()
-        station.subscribe(
-            EmergencyStop, self._state.put, MessageHandling.KEEP_ONLY_NEWEST, topic=STATE_TOPIC
-        )
+        self._state = station.newest(EmergencyStop, STATE_TOPIC)
 
     @property
     def is_engaged(self) -> bool:

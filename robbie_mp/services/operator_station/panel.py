@@ -62,7 +62,8 @@ class Panel(ABC):
     """One tab of the page.
 
     Args:
-        station: the module; messages are subscribed to in the constructor, and published from any thread.
+        station: the module; messages are subscribed to in the constructor, as a rule by `station.newest`, and
+            published from any thread.
     """
 
     name: ClassVar[str]

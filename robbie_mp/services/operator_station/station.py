@@ -5,13 +5,15 @@ from typing import Any
 from fastapi import FastAPI
 from nicegui import ui
 
-from robbie_mp.module import Module, setting
+from robbie_mp.bus import MessageType
+from robbie_mp.module import MessageHandling, Module, setting
 from robbie_mp.services.operator_station.access import SHORTEST_TOKEN, Access, DriversSeat, is_loopback
 from robbie_mp.services.operator_station.emergency_stop import EmergencyStopBar
 from robbie_mp.services.operator_station.gate import Gate
 from robbie_mp.services.operator_station.page import build_page
-from robbie_mp.services.operator_station.panel import Page
+from robbie_mp.services.operator_station.panel import Latest, Page
 from robbie_mp.services.operator_station.panels import PANELS
+from robbie_mp.services.operator_station.run_watch import RunWatch
 from robbie_mp.services.operator_station.server import PageServer
 from robbie_mp.settings import SettingError
 
@@ -61,6 +63,8 @@ class OperatorStation(Module):
         self.access = Access(self.operator_token, self.observer_token)
         self.drivers_seat = DriversSeat()
         self.pages: dict[str, Page] = {}
+        self.run_watch = RunWatch(self.run_id)
+        self._newest: dict[tuple[str, str], Latest[Any]] = {}
         titles = self.tabs or dict.fromkeys(PANELS)
         self.panels = [PANELS[name](self) for name in titles]
         titled = [(panel, titles[panel.name] or panel.title) for panel in self.panels]
@@ -80,6 +84,17 @@ class OperatorStation(Module):
         self.address = f"http://{self.host}:{self.server.port}/"
         self.log.info("operator station: %s", self.address)
 
+    def newest(self, message_type: type[MessageType], topic: str = "") -> Latest[MessageType]:
+        """Return what holds the newest message of a type and topic, which all panels share.
+
+        For `setup` and the constructors of panels.
+        """
+        key = (message_type.type_name, topic)
+        if key not in self._newest:
+            self._newest[key] = latest = Latest[MessageType]()
+            self.subscribe(message_type, latest.put, MessageHandling.KEEP_ONLY_NEWEST, topic=topic)
+        return self._newest[key]
+
     def opened(self, page: Page) -> None:
         """Note a page; in the page server's thread."""
         self.pages[page.key] = page
@@ -92,6 +107,8 @@ class OperatorStation(Module):
     def tick(self) -> None:
         """See that the page is served, and do what is done once for all pages."""
         self.server.check()
+        if self.pages:
+            self.run_watch.tick()
         for panel in self.panels:
             panel.tick()
         self.status = f"{self.address}, {len(self.pages)} pages open"
@@ -101,3 +118,4 @@ class OperatorStation(Module):
         self.server.close()
         for panel in self.panels:
             panel.close()
+        self.run_watch.close()

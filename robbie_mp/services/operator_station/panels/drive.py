@@ -11,10 +11,9 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from robbie_mp.messages import DriveCommand, Duration, Header, Odometry, Time
-from robbie_mp.module import MessageHandling
 from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.dead_man import DeadManSwitch
-from robbie_mp.services.operator_station.panel import Latest, Page, Panel
+from robbie_mp.services.operator_station.panel import Page, Panel
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
@@ -41,8 +40,7 @@ class DrivePanel(Panel):
 
     def __init__(self, station: OperatorStation):
         super().__init__(station)
-        self._odometry: Latest[Odometry] = Latest()
-        station.subscribe(Odometry, self._odometry.put, MessageHandling.KEEP_ONLY_NEWEST, topic="odom")
+        self._odometry = station.newest(Odometry, "odom")
 
     def build(self, page: Page) -> None:
         """Make the controls; who may not drive sees how the robot moves."""
@@ -133,5 +131,3 @@ def checked(sent: Any) -> tuple[bool, bool, float, float, float] | None:
         return None
     linear, angular = (max(-1.0, min(1.0, number)) for number in numbers[:2])
     return bool(sent.get("held")), bool(sent.get("begins")), linear, angular, numbers[2]
-
-

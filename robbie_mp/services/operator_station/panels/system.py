@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import time
-from collections import deque
 from typing import TYPE_CHECKING
 
 from nicegui import ui
 
 from robbie_mp.cli.top_tables import MODULE_COLUMNS, module_rows
-from robbie_mp.observe import RunObserver, RunReading, rates_between
 from robbie_mp.services.operator_station.panel import Page, Panel
+from robbie_mp.services.operator_station.run_watch import REFRESH_S
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
-
-REFRESH_S = 1.0
-DESCRIBED_READINGS = 10
-"""Quantiles are of the time since so many readings ago."""
 
 
 class SystemPanel(Panel):
@@ -29,27 +23,19 @@ class SystemPanel(Panel):
 
     def __init__(self, station: OperatorStation):
         super().__init__(station)
-        self._observer = RunObserver(station.run_id)
-        self._readings: deque[RunReading] = deque(maxlen=DESCRIBED_READINGS)
         self._rows: list[dict[str, str]] = []
+        self._described = 0
 
     def tick(self) -> None:
-        """Read the figures, once a second for all pages, if any is open."""
-        readings, now_ns = self._readings, time.monotonic_ns()
-        if (readings and now_ns - readings[-1].at_ns < REFRESH_S * 1e9) or not self.station.pages:
+        """Describe the newest figures."""
+        watch = self.station.run_watch
+        if watch.reading is None or watch.count == self._described:
             return
-        readings.append(self._observer.read())
-        rates = None
-        if len(readings) > 1:
-            rates = rates_between(readings[-2], readings[-1], long_before=readings[0])
+        self._described = watch.count
         self._rows = [
             {column.heading: column.cell(row).plain for column in MODULE_COLUMNS}
-            for row in module_rows(readings[-1], rates)
+            for row in module_rows(watch.reading, watch.rates)
         ]
-
-    def close(self) -> None:
-        """Unmap the run."""
-        self._observer.close()
 
     def build(self, page: Page) -> None:
         """Make the table."""

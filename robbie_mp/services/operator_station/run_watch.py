@@ -1,0 +1,45 @@
+"""The figures of all processes and channels, read once a second for all panels and pages."""
+
+import time
+from collections import deque
+
+from robbie_mp.observe import RunObserver, RunRates, RunReading, rates_between
+
+REFRESH_S = 1.0
+DESCRIBED_READINGS = 10
+"""Quantiles are of the time since so many readings ago."""
+
+
+class RunWatch:
+    """Reads the run that the station is part of.
+
+    Args:
+        run_id: the run.
+
+    Attributes:
+        reading: the newest one; None before the first.
+        rates: from the one before to the newest; None before the second.
+        count: readings so far, so that a page can tell whether it has shown this one.
+    """
+
+    def __init__(self, run_id: str):
+        self._observer = RunObserver(run_id)
+        self._readings: deque[RunReading] = deque(maxlen=DESCRIBED_READINGS)
+        self.reading: RunReading | None = None
+        self.rates: RunRates | None = None
+        self.count = 0
+
+    def tick(self) -> None:
+        """Read the figures if that is due; in the module's thread."""
+        if self.reading is not None and time.monotonic_ns() - self.reading.at_ns < REFRESH_S * 1e9:
+            return
+        before, reading = self.reading, self._observer.read()
+        self._readings.append(reading)
+        if before is not None:
+            self.rates = rates_between(before, reading, long_before=self._readings[0])
+        self.reading = reading
+        self.count += 1
+
+    def close(self) -> None:
+        """Unmap the run."""
+        self._observer.close()
