@@ -95,6 +95,7 @@ class SimulatedBase(SimulatedDevice):
         else:
             self.drive.release()
             self.log.info("emergency stop released by %s: %s", self.envelope.sender, request.reason)
+        self._confirm()
 
     def on_battery(self, battery: BatteryState) -> None:
         """Stand when there is no power to drive with."""
@@ -113,17 +114,23 @@ class SimulatedBase(SimulatedDevice):
         header = Header(stamp=stamp, frame_id="base_link")
         if self.changes:
             self.publish(SimulatedWorld(header=header, obstacles=self.drive.obstacles), topic="ground_truth")
-        engaged = self.drive.is_emergency_stopped
-        self.publish(
-            EmergencyStop(header=header, engaged=engaged, reason=self.stop_reason),
-            topic="emergency_stop_state",
-        )
-        self.checkpoint(state_of(self.drive.world_state()))
+        self._confirm()
         self.status = (
-            f"{'EMERGENCY STOP, ' if engaged else ''}"
+            f"{'EMERGENCY STOP, ' if self.drive.is_emergency_stopped else ''}"
             f"{state.linear_m_per_s:.2f} m/s, {state.angular_rad_per_s:.2f} rad/s, "
             f"{self.drive.collisions} collisions, {self.drive.expired_commands} expired commands"
         )
+
+    def _confirm(self) -> None:
+        """Say whether it is stopped, and remember it and where the robot is: a restart must not forget it."""
+        self.checkpoint(state_of(self.drive.world_state()))
+        stamp = Time.from_nanoseconds(self.clock.now_ns())
+        state = EmergencyStop(
+            header=Header(stamp=stamp, frame_id="base_link"),
+            engaged=self.drive.is_emergency_stopped,
+            reason=self.stop_reason,
+        )
+        self.publish(state, topic="emergency_stop_state")
 
     def teardown(self) -> None:
         """Stop the robot; write into `base.json` what it hit, how often no new command came, where it is."""

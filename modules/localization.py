@@ -12,6 +12,7 @@ from robbie_mp.messages import (
     PoseStamped,
     TFMessage,
     Time,
+    TimeJump,
 )
 from robbie_mp.module import MessageHandling, Module, setting
 from workers.likelihood_field import LikelihoodField
@@ -42,6 +43,7 @@ class MonteCarloLocalization(Module):
             self._take_map(LikelihoodField(there.cells, there.resolution_m, there.corner_xy_m))
         else:
             self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST)
+        self.subscribe(TimeJump, self.on_time_jump)
         self.subscribe(Odometry, self.on_odometry, topic="odom")
         self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST)
         self.subscribe(TFMessage, self.on_transforms, topic="tf_static")
@@ -64,6 +66,12 @@ class MonteCarloLocalization(Module):
         if self.localizer is not None:
             self.localizer.start_at(planar(message.pose))
             self.log.info("begins anew near %.2f m, %.2f m, %.2f rad", *planar(message.pose))
+
+    def on_time_jump(self, jump: TimeJump) -> None:
+        """Look everywhere: the robot is elsewhere all of a sudden."""
+        if self.localizer is not None:
+            self.localizer.start_anywhere()
+        self.checkpoint({})
 
     def on_odometry(self, odometry: Odometry) -> None:
         """Move as the wheels say, and publish where that is."""

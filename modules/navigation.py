@@ -18,6 +18,7 @@ from robbie_mp.messages import (
     PoseStamped,
     TFMessage,
     Time,
+    TimeJump,
 )
 from robbie_mp.module import MessageHandling, Module, setting
 from workers.collision_guard import CollisionGuard
@@ -57,6 +58,7 @@ class Navigation(Module):
         self.told_s = -np.inf
         self.path = np.empty((0, 2))
         newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(TimeJump, self.on_time_jump)
         self.subscribe(PoseStamped, self.on_goal, topic="goal")
         self.subscribe(OccupancyGrid, self.on_map, newest)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
@@ -76,6 +78,11 @@ class Navigation(Module):
             if self.navigator is not None:
                 self.navigator.go_to(self.goal)
             self.checkpoint(list(self.goal))
+
+    def on_time_jump(self, jump: TimeJump) -> None:
+        """Forget the goal, and what the laser saw: nothing of it holds any longer."""
+        self.goal, self.navigator = None, None
+        self.checkpoint(None)
 
     def on_map(self, grid: OccupancyGrid) -> None:
         """Plan on a new map."""

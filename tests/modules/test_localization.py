@@ -21,6 +21,7 @@ from robbie_mp.messages import (
     PoseWithCovariance,
     Quaternion,
     Time,
+    TimeJump,
 )
 from tools.localization_trials import RESOLUTION_M, Conditions, Drive
 from tools.random_rooms import drawn_map
@@ -82,6 +83,16 @@ def test_pose_is_published_once_it_is_sure_and_survives_a_restart(drive: Drive, 
         *_, truth = along(drive, restarted, 0.2)
         assert off_m(restarted.take(PoseStamped, "map_pose")[-1], truth) < 0.15
         assert not restarted.take(PoseStamped, "map_pose_guess")
+
+
+def test_robot_is_looked_for_anew_when_time_jumps(drive: Drive, map_file: Path) -> None:
+    with ModuleHarness(MonteCarloLocalization, {"map_file": str(map_file)}) as harness:
+        list(along(drive, harness, 2.0))
+        assert harness.module.localizer.newest.converged
+        harness.send(TimeJump(reason="loop"))
+        assert harness.module.localizer.pose is None
+        *_, truth = along(drive, harness, 0.3)
+        assert off_m(harness.take(PoseStamped, "map_pose_guess")[-1], truth) < 0.5
 
 
 def test_map_and_first_pose_come_as_messages(drive: Drive) -> None:

@@ -24,6 +24,7 @@ from robbie_mp.messages import (
     PoseStamped,
     Quaternion,
     Time,
+    TimeJump,
 )
 from robbie_mp.messages import Path as PathMessage
 from tools.random_rooms import drawn_map
@@ -168,6 +169,16 @@ def test_restarted_navigation_goes_on_to_its_goal_and_not_to_one_that_is_reached
         again.go_on(20.0)
         assert again.states[-1] == "ARRIVED"
         assert restarted.checkpoint is None
+
+
+def test_goal_is_forgotten_when_time_jumps(robot: Robot) -> None:
+    robot.harness.send(GOAL, topic="goal")
+    robot.go_on(0.5)
+    robot.harness.send(TimeJump(reason="seek"))
+    robot.go_on(0.5)
+    assert robot.states[-1] == "IDLE"
+    assert robot.harness.checkpoint is None
+    assert robot.drive.read().linear_m_per_s == 0.0
 
 
 def test_speed_is_changed_while_it_drives(robot: Robot) -> None:

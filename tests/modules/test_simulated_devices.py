@@ -120,6 +120,14 @@ def test_base_stands_when_the_battery_is_empty(base):
     assert tell(base).pose.pose.position.x == 0.0
 
 
+def test_emergency_stop_is_confirmed_and_kept_before_anything_else_happens(base, settings):
+    base.take(EmergencyStop)
+    base.send(EmergencyStop(engaged=True), topic="emergency_stop")
+    assert base.take(EmergencyStop, "emergency_stop_state")[-1].engaged
+    with ModuleHarness(SimulatedBase, settings, restored=base.checkpoint) as again:
+        assert again.module.drive.is_emergency_stopped
+
+
 def test_emergency_stop_latches_is_told_and_outlives_the_base(base, settings):
     base.send(EmergencyStop(engaged=True, reason="somebody pressed the button"), topic="emergency_stop")
     drive(base, 1.0, 0.3)
