@@ -5,15 +5,15 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 LIKE_M, LIKE_RAD = 0.4, 0.3  # sweeps this far apart are as different as those turned by so much
-NEIGHBOURS = 2
+NEIGHBOURS = 8  # among which an older one is looked for
 RECENT_M = 15.0  # of travel: these are still matched against
 
 
 def redundant(poses: NDArray[np.float64], travelled_m: NDArray[np.float64], count: int) -> list[int]:
-    """Choose up to `count` sweeps that are nearest to others, one after the other.
+    """Choose up to `count` sweeps that are nearest to older ones.
 
-    The first one stays, for it holds the map, and so do the most recent ones. No sweep is chosen in the same
-    round as one of its neighbours, so that one of those that are alike always stays.
+    The older one of two that are alike stays: a map whose old sweeps went, generation after generation, would
+    drift. The first one stays in any case, and so do the most recent ones.
 
     Args:
         poses: Of all sweeps, `(N, 3)`, map frame.
@@ -23,25 +23,34 @@ def redundant(poses: NDArray[np.float64], travelled_m: NDArray[np.float64], coun
     Returns:
         Their numbers, ascending.
     """
-    free = np.flatnonzero(travelled_m < travelled_m[-1] - RECENT_M)
-    left = np.ones(len(poses), dtype=bool)
     places = np.column_stack(
         [poses[:, :2] / LIKE_M, np.cos(poses[:, 2]) / LIKE_RAD, np.sin(poses[:, 2]) / LIKE_RAD]
     )
+    left = np.ones(len(poses), dtype=bool)
+    old = travelled_m < travelled_m[-1] - RECENT_M
+    old[0] = False
     chosen: list[int] = []
-    while len(chosen) < count:
-        numbers = np.flatnonzero(left)
-        if len(numbers) <= NEIGHBOURS:
-            break
-        apart, near = cKDTree(places[numbers]).query(places[numbers], k=NEIGHBOURS + 1)
-        closeness = np.full(len(poses), np.inf)
-        closeness[numbers] = apart[:, 1:].sum(axis=1)
-        neighbours = dict(zip(numbers.tolist(), numbers[near[:, 1:]].tolist(), strict=True))
-        candidates = [number for number in free.tolist() if number and left[number]]
-        if not candidates:
-            break
-        for number in sorted(candidates, key=lambda number: closeness[number]):
-            if len(chosen) < count and left[neighbours[number]].all():
+    while len(chosen) < count and (left & old).any():
+        older, apart = _nearest_older(places, np.flatnonzero(left))
+        for number in sorted(np.flatnonzero(left & old).tolist(), key=lambda number: apart[number]):
+            # Not in one round with the one it is like, so that one of them stays.
+            if len(chosen) < count and left[older[number]]:
                 left[number] = False
                 chosen.append(number)
     return sorted(chosen)
+
+
+def _nearest_older(
+    places: NDArray[np.float64], numbers: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return for each place the older one nearest to it, and how far that is; without one itself, +inf."""
+    older, apart = np.arange(len(places)), np.full(len(places), np.inf)
+    most = min(NEIGHBOURS + 1, len(numbers))
+    distances, near = cKDTree(places[numbers]).query(places[numbers], k=range(1, most + 1))
+    distances[near >= np.arange(len(numbers))[:, None]] = np.inf
+    best = distances.argmin(axis=1)
+    rows = np.arange(len(numbers))
+    found = np.isfinite(distances[rows, best])
+    older[numbers[found]] = numbers[near[rows, best][found]]
+    apart[numbers] = distances[rows, best]
+    return older, apart
