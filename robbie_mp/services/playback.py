@@ -181,7 +181,7 @@ class Playback(Module):
         if self.next_news_ns == 0:
             self._tell()
         player.play()
-        if player.time.held:
+        if player.time.held and not self.outlet.is_empty():
             self.outlet.wake()
         if player.ended and not player.time.paused and self.outlet.is_empty():
             self._tell()

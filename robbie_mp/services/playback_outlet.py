@@ -89,6 +89,7 @@ class PacedOutlet(BusOutlet):
         is_sent = super().send(message)
         if is_sent:
             self._sizes.append(len(message.data))
+            self._last_outstanding = 0
         return is_sent
 
     def has_room(self, size: int) -> bool:
@@ -110,8 +111,7 @@ class PacedOutlet(BusOutlet):
 
     def wake(self) -> None:
         """Have the module's next tick as soon as there is more room."""
-        if outstanding := self._module.outstanding:
-            self._module.wake_after_freed(max(1, outstanding // 2))
+        self._module.wake_after_freed(max(1, self._module.outstanding // 2))
 
     def next_tick(self) -> DueTick | None:
         """None: modules tick by the clock."""

@@ -90,12 +90,22 @@ class OutletRecorder:
 class PlayerRig:
     """A player of a log with everything that it is joined to."""
 
-    def __init__(self, log: Log, rate: float | None = 1.0, *, loop: bool = False, paused: bool = False):
+    def __init__(
+        self,
+        log: Log,
+        rate: float | None = 1.0,
+        *,
+        loop: bool = False,
+        paused: bool = False,
+        lockstep: bool = False,
+    ):
         self.real = ManualClock()
         self.clock = RunClockRecorder(self.real)
         self.outlet = OutletRecorder(self.clock, self.real)
         self.tape = Tape(log, log.channels, log.start_ns, log.end_ns)
-        self.time = LogTime(self.clock, self.real.monotonic_ns, log.start_ns, rate, paused=paused)
+        self.time = LogTime(
+            self.clock, self.real.monotonic_ns, log.start_ns, rate, paused=paused, lockstep=lockstep
+        )
         self.player = Player(
             self.tape, self.time, self.outlet, self.real.monotonic_ns, log.start_ns, loop=loop
         )

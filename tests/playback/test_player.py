@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.playback.player import ControlRefused
+from robbie_mp.playback.player import ControlRefused, DueTick
 from robbie_mp.recording.reader import Log, open_log
-from tests.playback.recorder import SECOND_NS, PlayerRig
+from tests.playback.recorder import SECOND_NS, TICK_NS, PlayerRig
 from tests.recording.logs import START_NS, STEP_NS, write_log
 
 COUNT = 50
@@ -178,6 +178,42 @@ def test_step_at_the_end_is_refused(log: Log) -> None:
     rig.run(0.1)
     with pytest.raises(ControlRefused, match="no message left"):
         rig.player.control("step", 0)
+
+
+def with_ticks(log: Log, rate: float | None, **options: bool) -> PlayerRig:
+    rig = PlayerRig(log, rate, lockstep=True, **options)
+    rig.outlet.ticks = [DueTick(START_NS, "mapping"), DueTick(START_NS + TICK_NS // 2, "base")]
+    return rig
+
+
+@pytest.mark.parametrize("rate", [None, 5.0])
+def test_ticks_are_granted_in_order_among_the_messages_each_at_its_own_time(
+    log: Log, rate: float | None
+) -> None:
+    rig = with_ticks(log, rate)
+    rig.run(LENGTH_S / 5 + 0.1)
+    assert rig.outlet.numbers == ALL
+    assert lateness_s(rig) == [0.0] * COUNT  # for in lockstep the clock stands between what happens
+    ticks = [tick for tick, _ in rig.outlet.ticked]
+    assert [at_ns for _, at_ns in rig.outlet.ticked] == [tick.due_ns for tick in ticks]
+    assert ticks == sorted(ticks)
+    assert sum(tick.module == "mapping" for tick in ticks) == 1 + (log.end_ns - START_NS) // TICK_NS
+
+
+def test_step_in_lockstep_grants_the_ticks_before_the_message_and_then_waits(log: Log) -> None:
+    rig = with_ticks(log, None, paused=True)
+    for _ in range(3):
+        rig.player.control("step", 0)
+    rig.run(1.0)
+    assert rig.outlet.numbers == [1, 2, 3]
+    assert [tick.due_ns - START_NS for tick, _ in rig.outlet.ticked] == [0, TICK_NS // 2]
+
+
+def test_lockstep_waits_for_what_a_tick_has_caused(log: Log) -> None:
+    rig = with_ticks(log, None)
+    rig.outlet.room = 0
+    rig.run(0.1)
+    assert rig.outlet.ticked == rig.outlet.sent == []
 
 
 ORDERS = st.one_of(
