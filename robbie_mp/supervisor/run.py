@@ -106,6 +106,8 @@ def _run(
     memory.before_close = lambda: figures.extend(_without_tools(observer.modules()))
     figures: list[ModuleFigures] = []
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}  # else the last words of who dies are lost
+    if profile.clock.lockstep:
+        environment.setdefault("PYTHONHASHSEED", "0")  # else sets of texts have another order in each process
     try:
         tree = Tree(
             _children(profile, run_folder, environment),

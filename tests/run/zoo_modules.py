@@ -320,7 +320,8 @@ class Chronicle(Module):
         return f"{header.stamp.nanoseconds} {header.frame_id} {command.linear_m_per_s:g} {published_ns}"
 
     def tick(self) -> None:
-        self.write(f"{self.clock.now_ns()} {self.clock.monotonic_ns()} tick")
+        order = "-".join({"a", "set", "of", "some", "texts"})
+        self.write(f"{self.clock.now_ns()} {self.clock.monotonic_ns()} {order} tick")
 
     def write(self, line: str) -> None:
         with open(self.file, "a") as file:
