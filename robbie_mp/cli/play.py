@@ -118,7 +118,12 @@ def _robot(name: str, settings: dict[str, Any], overrides: Sequence[str]) -> Pro
     Raises:
         ProfileError: it has no playback, or something in it is wrong.
     """
-    modules = {module.name for module in load_profile(name).modules}
+    profile = load_profile(name)
+    modules = {module.name for module in profile.modules}
+    if PLAYBACK in modules and profile.clock.source != PLAYBACK:
+        raise refuse(
+            f"profile {name!r} needs `clock: {{source: {PLAYBACK}}}`: who plays a log turns the clock"
+        )
     if PLAYBACK not in modules:
         raise refuse(
             f"profile {name!r} has no module {PLAYBACK!r}, only {', '.join(sorted(modules))}; a profile that "

@@ -84,7 +84,7 @@ class Steered:
 def test_playback_is_steered_and_killed_and_no_message_is_lost_or_doubled(
     player_robot: Robot, log: Path
 ) -> None:
-    process = start(player_robot, log, "--paused", "--topics", "DriveCommand", "battery", "nothing/*")
+    process = start(player_robot, log, "--paused", "--topics", "DriveCommand", "battery", "strange", "no/*")
     steer = Steered(player_robot)
     for number in (1, 2, 3):
         steer.step()
@@ -93,6 +93,7 @@ def test_playback_is_steered_and_killed_and_no_message_is_lost_or_doubled(
     assert (state.position.nanoseconds, state.messages) == (START_NS + 2 * STEP_NS, 3)
     with pytest.raises(ControlRefused, match=r"0 to 5\.9 s"):
         steer("seek", 100.0)
+    assert "float32 number" in player_robot.command("type", "show", "Stranger").stdout  # by the log's schema
 
     pid = player_robot.top()["playback"]["pid"]
     kill(pid)
@@ -168,4 +169,8 @@ def test_what_cannot_be_played_is_refused_before_any_process_starts(
     refused = player_robot.command("play", str(log), "real")
     assert refused.returncode == 2
     assert "no module 'playback', only witness" in refused.stderr
+    player_robot.write_profile('modules: {playback: {class: "robbie_mp.services.playback:Playback"}}', "own")
+    refused = player_robot.command("play", str(log), "own")
+    assert refused.returncode == 2
+    assert "`clock: {source: playback}`" in refused.stderr
     assert not (player_robot.folder / "output").exists()

@@ -1,0 +1,55 @@
+"""What `robbie play` makes of its options."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.cli.play import _alone, _settings, rate
+from robbie_mp.cli.program import _parser
+from robbie_mp.profile.load import load_profile
+from robbie_mp.services.playback import Playback
+from robbie_mp.settings import check_settings
+from tests.playback.battery_log import write_battery_log
+
+PROJECT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return write_battery_log(tmp_path / "log.mcap", 5)
+
+
+def test_options_are_settings_of_the_playback(log: Path) -> None:
+    words = ["--rate", "max", "--start", "0.1", "--end", "0.3", "--loop", "--paused"]
+    words += ["--topics", "battery", "DriveCommand"]
+    arguments = _parser(["play"]).parse_args(["play", str(log), "demo-playback", *words])
+    settings = check_settings(Playback, _settings(arguments))
+    Playback.check(settings)
+    given = ("file", "rate", "start_s", "end_s", "loop", "paused", "topics")
+    assert [settings[name] for name in given] == [
+        log, None, 0.1, 0.3, True, True, ["battery", "DriveCommand"],
+    ]  # fmt: skip
+
+
+def test_what_is_not_given_is_left_to_the_profile_and_alone_a_log_plays_in_real_time(log: Path) -> None:
+    settings = _settings(_parser(["play"]).parse_args(["play", str(log)]))
+    assert settings == {"file": str(log)}
+    alone = _alone(settings)
+    assert alone.modules[0].settings["rate"] == 1.0
+    assert alone.clock.source == alone.modules[0].name
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "nan"])
+def test_impossible_rates_are_refused(text: str) -> None:
+    with pytest.raises(Exception, match="more than 0, or max"):
+        rate(text)
+    assert rate("max") == math.inf
+
+
+@pytest.mark.parametrize("profile", ["demo-playback", "mapping-playback"])
+def test_stock_profiles_that_play_have_a_playback_that_turns_the_clock(profile: str) -> None:
+    loaded = load_profile(profile, PROJECT)
+    names = [module.name for module in loaded.modules]
+    assert sorted(names) == ["mapping", "playback"]
+    assert loaded.clock.source == "playback"
