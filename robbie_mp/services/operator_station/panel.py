@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 
 from nicegui import ui
@@ -22,16 +22,20 @@ class Latest(Generic[MessageType]):
     Attributes:
         message: None before the first one.
         count: how many there have been, so that a page can tell whether it has shown this one.
+        listeners: are called with each one, in the module's thread.
     """
 
     def __init__(self) -> None:
         self.message: MessageType | None = None
         self.count = 0
+        self.listeners: list[Callable[[MessageType], None]] = []
 
     def put(self, message: MessageType) -> None:
         """Take the place of the one before."""
         self.message = message
         self.count += 1
+        for listener in tuple(self.listeners):
+            listener(message)
 
 
 class Page:
@@ -48,12 +52,14 @@ class Page:
         self.tab = ""
         """Name of the panel that is looked at."""
 
-    def every(self, period_s: float, panel: str, update: Callable[[], None]) -> None:
-        """Have something done while a panel is looked at, and not while it is not."""
+    def every(self, period_s: float, panel: str, update: Callable[[], Awaitable[None] | None]) -> None:
+        """Have something done while a panel is looked at, and not while it is not.
 
-        def due() -> None:
-            if self.tab == panel:
-                update()
+        An update that can be awaited, as one that waits for the browser, is over before the next one begins.
+        """
+
+        def due() -> Awaitable[None] | None:
+            return update() if self.tab == panel else None
 
         ui.timer(period_s, due)
 
@@ -74,6 +80,11 @@ class Panel(ABC):
 
     def __init__(self, station: OperatorStation):
         self.station = station
+
+    @property
+    def is_looked_at(self) -> bool:
+        """Whether any page shows it; what nobody looks at need not be prepared."""
+        return any(page.tab == self.name for page in tuple(self.station.pages.values()))
 
     def tick(self) -> None:  # noqa: B027 - most panels have nothing to do
         """Do what is done once for all pages; runs in the module's thread, at each of its ticks."""

@@ -1,12 +1,15 @@
 """The module behind the page."""
 
+from collections.abc import Callable
 from typing import Any
 
 from fastapi import FastAPI
 from nicegui import ui
 
 from robbie_mp.bus import MessageType
+from robbie_mp.messages import TimeJump
 from robbie_mp.module import MessageHandling, Module, setting
+from robbie_mp.scene_graph import SceneGraphListener
 from robbie_mp.services.operator_station.access import SHORTEST_TOKEN, Access, DriversSeat, is_loopback
 from robbie_mp.services.operator_station.emergency_stop import EmergencyStopBar
 from robbie_mp.services.operator_station.gate import Gate
@@ -16,6 +19,7 @@ from robbie_mp.services.operator_station.panels import PANELS
 from robbie_mp.services.operator_station.run_watch import RunWatch
 from robbie_mp.services.operator_station.server import PageServer
 from robbie_mp.settings import SettingError
+from robbie_mp.supervisor.run_directory import list_runs
 
 MESSAGE_HISTORY = 100
 """Messages kept for a page that has lost its connection; one that misses more is loaded anew."""
@@ -64,7 +68,11 @@ class OperatorStation(Module):
         self.drivers_seat = DriversSeat()
         self.pages: dict[str, Page] = {}
         self.run_watch = RunWatch(self.run_id)
+        self.run_folder = next(run.folder for run in list_runs() if run.run_id == self.run_id)
         self._newest: dict[tuple[str, str], Latest[Any]] = {}
+        self._handlers: dict[tuple[str, str], list[Callable[[Any], None]]] = {}
+        self.scene = SceneGraphListener(self, hears_time_jumps=False)
+        self.hear(TimeJump, lambda _jump: self.scene.forget())
         titles = self.tabs or dict.fromkeys(PANELS)
         self.panels = [PANELS[name](self) for name in titles]
         titled = [(panel, titles[panel.name] or panel.title) for panel in self.panels]
@@ -87,13 +95,35 @@ class OperatorStation(Module):
     def newest(self, message_type: type[MessageType], topic: str = "") -> Latest[MessageType]:
         """Return what holds the newest message of a type and topic, which all panels share.
 
-        For `setup` and the constructors of panels.
+        In the module's thread only: in `setup`, constructors of panels, and their ticks.
         """
         key = (message_type.type_name, topic)
         if key not in self._newest:
             self._newest[key] = latest = Latest[MessageType]()
+            if key in self._handlers:
+                self.hear(message_type, latest.put, topic)
+                return latest
             self.subscribe(message_type, latest.put, MessageHandling.KEEP_ONLY_NEWEST, topic=topic)
         return self._newest[key]
+
+    def hear(
+        self, message_type: type[MessageType], handler: Callable[[MessageType], None], topic: str = ""
+    ) -> None:
+        """Have every message of a type and topic handled, before anybody wants it by `newest`.
+
+        Called and handled in the module's thread.
+        """
+        key = (message_type.type_name, topic)
+        if key not in self._handlers:
+            handlers: list[Callable[[MessageType], None]] = []
+            self._handlers[key] = handlers
+
+            def handle(message: MessageType) -> None:
+                for one in handlers:
+                    one(message)
+
+            self.subscribe(message_type, handle, topic=topic)
+        self._handlers[key].append(handler)
 
     def opened(self, page: Page) -> None:
         """Note a page; in the page server's thread."""
