@@ -7,6 +7,7 @@ does not go back but by such a *jump*, which is counted.
 
 import math
 import time
+from bisect import bisect_right
 from typing import NamedTuple
 
 from robbie_mp.errors import RobbieError
@@ -44,11 +45,11 @@ class _Row(NamedTuple):
 
     def goes_on_smoothly(self, machine_ns: int, rate: int) -> bool:
         """Whether time that goes on at a rate has gone at the same one until then, without a stop."""
-        return rate == self.rate and self.at(machine_ns) < self.limit_ns
+        return 0 < rate == self.rate and self.at(machine_ns) < self.limit_ns
 
 
 class _Rows:
-    """The two rows of the clock's segment."""
+    """The rows of the clock's segment, written in turn; the newest counts, the others tell of the past."""
 
     def __init__(self, words: Words):
         self._words = words
@@ -66,6 +67,24 @@ class _Rows:
                 return row
         return None
 
+    def read_at(self, machine_ns: int) -> _Row | None:
+        """Return the row that counted at a moment, or the oldest there is; None as for `read`."""
+        row = self.read()
+        while row is not None and machine_ns < row.machine_ns and row.at(machine_ns) <= row.smooth_since_ns:
+            # Whoever turns the clock may be writing the row after the newest, where the oldest was.
+            newest = self._words[layout.CLOCK_NUMBER]
+            oldest = max(1, newest - layout.CLOCK_ROW_COUNT + 2)
+            after = bisect_right(range(oldest, newest + 1), machine_ns, key=self._machine_ns)
+            number = max(oldest, oldest + after - 1)
+            found = _Row(*self._read(_offset(number)))
+            self._fence()
+            if self._words[layout.CLOCK_NUMBER] - number <= layout.CLOCK_ROW_COUNT - 2:
+                return found
+        return row
+
+    def _machine_ns(self, number: int) -> int:
+        return self._words[_offset(number) // WORD_BYTES]
+
     def write(self, row: _Row) -> None:
         """Make another row the one that counts; one that is half written never does."""
         number = self._words[layout.CLOCK_NUMBER] + 1
@@ -75,7 +94,8 @@ class _Rows:
 
 
 def _offset(number: int) -> int:
-    return (layout.CLOCK_ROWS + number % 2 * layout.CLOCK_ROW_WORDS) * WORD_BYTES
+    place = number % layout.CLOCK_ROW_COUNT
+    return (layout.CLOCK_ROWS + place * layout.CLOCK_ROW_WORDS) * WORD_BYTES
 
 
 class RunClock:
@@ -125,11 +145,11 @@ class RunClock:
     """Likewise; goes back by a jump, and never else."""
 
     def at(self, machine_ns: int) -> int:
-        """The run's time at a recent moment of the machine's monotonic time.
+        """The run's time at a moment of the machine's monotonic time.
 
-        If the clock was turned since, this is the time at which it was.
+        If it has been turned a thousand times since, it is the time after the first of these.
         """
-        row = self._rows.read()
+        row = self._rows.read_at(machine_ns)
         return row.at(machine_ns) if row else 0
 
     def machine_s_until(self, run_ns: int) -> float:

@@ -92,6 +92,50 @@ def test_time_of_what_was_before_the_clock_was_turned_is_no_earlier_than_that(
     assert clock.at(machine_ns[0] - 500) == clock.now_ns() == BEGIN_NS + 10**10
 
 
+def test_time_of_the_past_is_told_though_the_clock_has_been_turned_since(
+    clocks: tuple[ClockWriter, RunClock, list[int]],
+) -> None:
+    """As of messages that waited while a log was played as fast as it can be."""
+    writer, clock, machine_ns = clocks
+    begin_ns = machine_ns[0]
+    steps = layout.CLOCK_ROW_COUNT
+    for step in range(steps + 10):
+        writer.pause(BEGIN_NS + 1000 * step)
+        machine_ns[0] += 10
+    assert clock.at(begin_ns + 10 * 20) == BEGIN_NS + 1000 * 20
+    writer.jump(BEGIN_NS - 5)
+    for step in (20, 21, 500, steps + 9):
+        assert clock.at(begin_ns + 10 * step) == clock.at(begin_ns + 10 * step + 9) == BEGIN_NS + 1000 * step
+    assert clock.at(0) == BEGIN_NS + 1000 * 12
+    assert clock.at(machine_ns[0]) == clock.now_ns() == BEGIN_NS - 5
+
+
+def test_past_that_is_written_over_while_it_is_looked_up_is_looked_up_again(
+    clocks: tuple[ClockWriter, RunClock, list[int]],
+) -> None:
+    writer, clock, machine_ns = clocks
+    begin_ns = machine_ns[0]
+
+    def turn() -> None:
+        for _ in range(layout.CLOCK_ROW_COUNT):
+            machine_ns[0] += 10
+            writer.pause(clock.now_ns() + 1000)
+
+    writer.pause(BEGIN_NS)
+    turn()
+    rows = clock._rows
+    read, disturb = rows._read, iter([False, True])
+
+    def read_while_written(offset_bytes: int) -> tuple[int, ...]:
+        if next(disturb, False):
+            turn()
+        return read(offset_bytes)
+
+    rows._read = read_while_written
+    oldest = layout.CLOCK_ROW_COUNT + 2  # what was asked for is gone by then
+    assert clock.at(begin_ns + 20) == BEGIN_NS + 1000 * oldest
+
+
 def test_who_was_told_a_time_is_never_told_an_earlier_one_when_the_clock_is_stopped(
     clocks: tuple[ClockWriter, RunClock, list[int]], monkeypatch: pytest.MonkeyPatch
 ) -> None:

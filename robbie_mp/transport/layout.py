@@ -15,7 +15,7 @@ Change anything here and raise `LAYOUT_VERSION`: it is stamped in every segment 
 
 from enum import IntEnum
 
-LAYOUT_VERSION = 5
+LAYOUT_VERSION = 6
 MAGIC = int.from_bytes(b"ROBBIEMP", "little")
 
 
@@ -197,8 +197,8 @@ IN_RING = HEADER_WORDS + 16
 CHECKPOINT_SEQUENCE = HEADER_WORDS
 CHECKPOINT_IMAGE = HEADER_WORDS + 8
 
-# clock: which of two rows counts is said by the number of its writing, odd or even; it is 0 until the run's
-# time begins. Whoever has read a row looks whether its number still counts.
+# clock: rows are numbered from 1 on and written in turn; the number of the newest, which counts, is written
+# after it, and is 0 until the run's time has begun
 CLOCK_NUMBER = HEADER_WORDS
 CLOCK_ROWS = HEADER_WORDS + 8
 CLOCK_MACHINE_NS = 0  # the machine's monotonic time at which ...
@@ -208,7 +208,8 @@ CLOCK_LIMIT_NS = 3  # the run's time does not pass this
 CLOCK_JUMPS = 4  # so often it has been set to another time
 CLOCK_SMOOTH_SINCE_NS = 5  # the run's time has gone on at this rate, without a stop, since it was this
 CLOCK_ROW_WORDS = 8
-CLOCK_WORDS = CLOCK_ROWS + 2 * CLOCK_ROW_WORDS
+CLOCK_ROW_COUNT = 1024  # the last ones, in turn: so the time of what was published before can be told
+CLOCK_WORDS = CLOCK_ROWS + CLOCK_ROW_COUNT * CLOCK_ROW_WORDS
 
 RECORD_WORDS = 8
 FREED_RECORDS = 8192
