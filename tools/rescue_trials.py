@@ -2,11 +2,14 @@
 
     python -m tools.rescue_trials --seeds 20 --json FILE [--kill] [--first 0] [--profile rescue-fast]
 
-Each seed makes an arena (`hw.generate_arena`), and the profile runs in it, in lockstep, until its mission has
-ended. With `--kill` every module is killed once, at a random moment of the mission.
+Each seed makes an arena (`hw.generate_arena`), and the profile runs in it until its mission has ended. With
+`--kill` every module is killed once, at a random moment of the mission. In lockstep, as in the profile
+`rescue-fast`, a module that is restarted is waited for; what a death does to a robot that drives on meanwhile
+is seen with `--profile rescue`, at real-time speed.
 """
 
 import argparse
+import contextlib
 import csv
 import json
 import math
@@ -27,12 +30,13 @@ from hw.arena_file import read_arena
 from hw.arena_generator import ArenaWishes
 from hw.generate_arena import generate_arena
 from hw.reachable_area import reachable_area
+from robbie_mp.clock import SystemClock
+from robbie_mp.profile.load import load_profile
 from robbie_mp.run_clock import RunClock
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
 from workers.map_file import read_map
 from workers.planar_pose import relative, transform_points
 
-DEVICES = ("base", "laser", "camera", "battery")
 NOISY = ("base", "laser", "camera")
 PLACED_M, HOME_M = 0.2, 0.5
 WISHES = ArenaWishes(width_m=8.0, height_m=6.0, victims=4, signs=2, obstacles=6)
@@ -82,10 +86,11 @@ def run_mission(seed: int, folder: Path, profile: str, kill: bool) -> Outcome:
     file = folder / "arena.yaml"
     file.write_text(generate_arena(seed, WISHES))
     arena = read_arena(file)
-    words = [profile]
     outcome = Outcome(seed, victims=len(arena.victims))
-    words += [word for name in DEVICES for word in ("--set", f"{name}.arena={file}")]
-    words += [word for name in NOISY for word in ("--set", f"{name}.seed={seed}")]
+    settings = [f"{name}.seed={seed}" for name in NOISY]
+    for spec in load_profile(profile, REPOSITORY).modules:
+        settings += [f"{spec.name}.arena={file}"] if "arena" in spec.settings else []
+    words = [profile, *(word for setting in settings for word in ("--set", setting))]
     began_s = time.monotonic()
     robot = Robot(folder / "run", REPOSITORY, *words)
     try:
@@ -112,19 +117,16 @@ def _kills(robot: Robot, seed: int) -> list[tuple[float, str]]:
 
 def _watch(robot: Robot, kills: list[tuple[float, str]]) -> None:
     """Kill what is to be killed, and wait for the end."""
-    clock = RunClock.attach(robot.run_id)
     limit_s = time.monotonic() + RUN_LIMIT_S
-    began_ns = clock.now_ns()
-    try:
+    with contextlib.closing(RunClock.attach(robot.run_id)) as run_clock:
+        clock = run_clock if run_clock.has_begun else SystemClock()
+        began_ns = clock.now_ns()
         while robot.is_up and time.monotonic() < limit_s:
-            passed_s = (clock.now_ns() - began_ns) / 1e9
-            if kills and passed_s >= kills[0][0]:
+            if kills and (clock.now_ns() - began_ns) / 1e9 >= kills[0][0]:
                 figures = robot.figures()[kills[0][1]]
                 if figures.pid and robot.send(figures.pid, signal.SIGKILL):
                     kills.pop(0)
             time.sleep(0.02)
-    finally:
-        clock.close()
     if robot.is_up:
         raise RobotTrouble(f"the mission did not end in {RUN_LIMIT_S} s")
 

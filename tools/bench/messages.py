@@ -57,9 +57,7 @@ def throughput(options: Options) -> list[Result]:
 
 def _images(options: Options, size_bytes: int, subscribers: int = 1) -> Work:
     count = options.messages(60, 15)
-    return Work(
-        "", Path(), size_bytes, count=count, rate_hz=IMAGE_HZ, subscribers=subscribers, warm_up=5
-    )
+    return Work("", Path(), size_bytes, count=count, rate_hz=IMAGE_HZ, subscribers=subscribers, warm_up=5)
 
 
 def _with_arrays(options: Options) -> list[Series]:
