@@ -15,8 +15,8 @@ HOSTILE_SLOT = 3
 class Siege:
     """An innocent publisher and an innocent subscriber beside a module that writes garbage."""
 
-    def __init__(self) -> None:
-        self.run = SimulatedRun(queue_messages=1000, handles=400)
+    def __init__(self, *, lockstep: bool = False) -> None:
+        self.run = SimulatedRun(queue_messages=1000, handles=400, lockstep=lockstep)
         self.publisher = self.run.start(1)
         self.channel = self.publisher.advertise()
         self.publisher.ready()

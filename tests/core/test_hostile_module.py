@@ -38,9 +38,11 @@ STEP = st.one_of(
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.lists(STEP, max_size=40))
-def test_garbage_of_one_module_harms_nobody_else(steps: list[tuple[str, tuple[int, ...]]]) -> None:
-    siege = Siege()
+@given(st.lists(STEP, max_size=40), st.booleans())
+def test_garbage_of_one_module_harms_nobody_else(
+    steps: list[tuple[str, tuple[int, ...]]], lockstep: bool
+) -> None:
+    siege = Siege(lockstep=lockstep)
     for name, arguments in steps:
         getattr(siege, name)(*arguments)
     siege.end()
