@@ -22,6 +22,8 @@ ARGUMENTS = [
     "--disable-sync",
     "--disable-dev-shm-usage",
 ]
+DRIVER = "GL Driver Message (OpenGL, Performance"
+"""What a machine without a graphics card says of its own drawing."""
 TABLET = {"width": 800, "height": 1280}
 LAPTOP = {"width": 1280, "height": 800}
 
@@ -41,7 +43,7 @@ def page_of(started: Browser, address: str, size: dict[str, int] = LAPTOP) -> It
     said: list[str] = []
     context = started.new_context(viewport=size)  # type: ignore[arg-type]
     page = context.new_page()
-    page.on("console", lambda message: said.append(message.text))
+    page.on("console", lambda message: DRIVER in message.text or said.append(message.text))
     page.on("pageerror", lambda error: said.append(str(error)))
     page.goto(address)
     yield page

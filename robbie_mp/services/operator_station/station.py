@@ -42,6 +42,9 @@ class OperatorStation(Module):
     )
     max_linear_m_per_s: float = setting(0.7, "fastest that may be driven by hand", minimum=0.05)
     max_angular_rad_per_s: float = setting(1.5, "fastest that may be turned by hand", minimum=0.1)
+    robot_size_m: list[float] = setting(
+        [0.45, 0.35, 0.25], "length, width and height of the robot in the 3-D view", minimum=0.01
+    )
     period_s: float = setting(0.2, "time between looks at the page server", minimum=0.01)
 
     @classmethod
@@ -58,6 +61,8 @@ class OperatorStation(Module):
             )
         if settings["observer_token"] and not settings["operator_token"]:
             raise SettingError("with an observer_token there must be an operator_token", "observer_token")
+        if len(settings["robot_size_m"]) != 3:
+            raise SettingError("expected three numbers: length, width and height", "robot_size_m")
         for name in settings["tabs"]:
             if name not in PANELS:
                 raise SettingError(f"there is no panel {name!r}; expected one of {', '.join(PANELS)}", "tabs")

@@ -3,5 +3,13 @@
 from robbie_mp.services.operator_station.panel import Panel
 from robbie_mp.services.operator_station.panels.drive import DrivePanel
 from robbie_mp.services.operator_station.panels.system import SystemPanel
+from robbie_mp.services.operator_station.panels.view import ViewPanel
 
-PANELS: dict[str, type[Panel]] = {panel.name: panel for panel in (DrivePanel, SystemPanel)}
+PANELS: dict[str, type[Panel]] = {
+    panel.name: panel
+    for panel in (
+        DrivePanel,
+        ViewPanel,
+        SystemPanel,
+    )
+}

@@ -1,0 +1,119 @@
+"""The objects of one page's 3-D view."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+
+from nicegui import ui
+from nicegui.elements.scene.scene_object3d import Object3D
+
+from robbie_mp.messages import VictimFound
+from robbie_mp.scene_graph import RigidTransform
+from robbie_mp.services.operator_station.scene_view.objects import FloorPicture, PointSet
+from robbie_mp.services.operator_station.scene_view.surroundings import BASE, SeenVictim, Surroundings
+
+COLORS = {VictimFound.CONFIRMED: "#43a047", VictimFound.REJECTED: "#757575"}
+ASKABLE_COLOR = "#fb8c00"
+LABEL = "color: white; font-size: 0.75rem; text-shadow: 0 0 3px black"
+BEHIND_M, ABOVE_M = 3.0, 3.0
+
+
+class Drawing:
+    """Draws surroundings in a scene, and changes only what has changed.
+
+    Args:
+        scene: where.
+        robot_size_m: length, width and height of the robot's body.
+    """
+
+    def __init__(self, scene: ui.scene, robot_size_m: Sequence[float]):
+        self._scene = scene
+        self._size_m = robot_size_m
+        self._world = ""
+        self._nodes: dict[str, Object3D] = {}
+        self._parents: dict[str, str] = {}
+        self._labels: dict[str, Sequence[Object3D]] = {}
+        self._victims: dict[int, tuple[SeenVictim, Object3D]] = {}
+        with scene:
+            self._floor = FloorPicture()
+            self._points = PointSet()
+            self._points.material("#ff5252")
+            self._path = PointSet(size_px=0)
+            self._path.material("#40c4ff")
+
+    def show(self, now: Surroundings, *, names: bool) -> None:
+        """Draw; with the names of frames and their axes if they are wanted."""
+        self._floor.set_floor(now.floor)
+        self._points.set_points(now.points)
+        self._path.set_points(now.path)
+        is_other_tree = any(now.nodes.get(name, ("",))[0] != was for name, was in self._parents.items())
+        if is_other_tree or now.world != self._world:
+            self._begin_anew(now.world)
+        for name, (parent, pose) in now.nodes.items():
+            if name not in self._nodes:
+                self._add(name, parent)
+            _place(self._nodes[name], pose)
+            for label in self._labels[name]:
+                label.visible(names)
+        for key in [*self._victims]:
+            if now.victims.get(key) != self._victims[key][0]:
+                self._victims.pop(key)[1].delete()
+        for key, victim in now.victims.items():
+            if key not in self._victims:
+                self._victims[key] = (victim, self._marker(victim))
+
+    def follow(self, camera: Mapping[str, float], before: Surroundings | None, now: Surroundings) -> None:
+        """Move the camera as the robot has moved; at first behind it."""
+        if now.robot is None:
+            return
+        x, y, z = map(float, now.robot.translation)
+        if before is None or before.robot is None:
+            self._scene.move_camera(x - BEHIND_M, y, z + ABOVE_M, x, y, z, duration=0)
+            return
+        by = now.robot.translation - before.robot.translation
+        if abs(by).max() > 0:
+            to_x, to_y, to_z = (camera[axis] + float(way) for axis, way in zip("xyz", by, strict=True))
+            self._scene.move_camera(to_x, to_y, to_z, x, y, z, duration=0)
+
+    def _begin_anew(self, world: str) -> None:
+        for name, parent in self._parents.items():
+            if parent == self._world:
+                self._nodes[name].delete()  # with all that hangs on it
+        self._nodes, self._parents, self._labels = {}, {}, {}
+        self._world = world
+
+    def _add(self, name: str, parent: str) -> None:
+        with self._scene, self._nodes.get(parent) or nullcontext():
+            node = ui.scene.group().with_name(name)
+            with node:
+                self._body(name.rpartition("/")[2])
+                self._labels[name] = (ui.scene.axes_helper(0.25), ui.scene.text(name, LABEL))
+        self._nodes[name], self._parents[name] = node, parent
+
+    def _body(self, kind: str) -> None:
+        """Draw what sits at a node, as far as its name tells."""
+        length, width, height = self._size_m
+        if kind == BASE:
+            ui.scene.box(length, width, height).move(z=height / 2).material("#ffb300")
+            nose = ui.scene.box(length / 4, width / 4, height / 4).material("#e65100")
+            nose.move(x=length / 2, z=height)
+        elif "laser" in kind:
+            ui.scene.cylinder(0.05, 0.05, 0.07).rotate(1.5708, 0, 0).material("#263238")
+        elif kind.endswith("optical"):
+            ui.scene.box(0.1, 0.06, 0.05).material("#1565c0")
+
+    def _marker(self, victim: SeenVictim) -> Object3D:
+        name, state, x, y, z = victim
+        with self._scene:
+            marker = ui.scene.group().move(x, y, z)
+            with marker:
+                ui.scene.sphere(0.1).material(COLORS.get(state, ASKABLE_COLOR))
+                ui.scene.text(name, LABEL).move(z=0.2)
+        return marker
+
+
+def _place(node: Object3D, pose: RigidTransform) -> None:
+    x, y, z = map(float, pose.translation)
+    node.move(x, y, z)
+    node.rotate_R(pose.matrix[:3, :3].tolist())

@@ -1,0 +1,93 @@
+"""Copied into the workspace of tests: a robot of which everything is known."""
+
+import numpy as np
+
+from robbie_mp.messages import (
+    Header,
+    LaserScan,
+    MapMetaData,
+    OccupancyGrid,
+    Odometry,
+    Path,
+    PointCloud2,
+    PointField,
+    Pose,
+    PoseStamped,
+    PoseWithCovariance,
+    Quaternion,
+    TFMessage,
+    Time,
+    Transform,
+    TransformStamped,
+    Vector3,
+    VictimFound,
+)
+from robbie_mp.messages import Point as Place
+from robbie_mp.module import Module, setting
+from robbie_mp.settings import SettingError
+
+UPRIGHT = Quaternion(w=1.0)
+
+
+class Stage(Module):
+    """Stands at a place, sees two walls and a victim, and means to drive ahead."""
+
+    x_m: float = setting(1.5, "where it stands", minimum=-5.0, maximum=5.0, changeable=True)
+    color: str = setting("red", "of its light", choices=["red", "green"], changeable=True)
+    fixed: int = setting(7, "what cannot be changed")
+    period_s = 0.1
+
+    def setting_changed(self, name: str) -> None:
+        if name == "x_m" and self.x_m == 3.0:
+            raise SettingError("there is a hole at 3 m", "x_m")
+
+    def tick(self) -> None:
+        stamp = Time.from_nanoseconds(self.clock.now_ns())
+        in_map = Header(stamp=stamp, frame_id="map")
+        self.publish(
+            TFMessage(
+                transforms=[
+                    TransformStamped(
+                        header=in_map,
+                        child_frame_id="base_link",
+                        transform=Transform(translation=Vector3(x=self.x_m, y=-0.5), rotation=UPRIGHT),
+                    )
+                ]
+            ),
+            topic="tf",
+        )
+        laser = TransformStamped(
+            header=Header(stamp=stamp, frame_id="base_link"),
+            child_frame_id="laser",
+            transform=Transform(translation=Vector3(x=0.2, z=0.1), rotation=UPRIGHT),
+        )
+        self.publish(TFMessage(transforms=[laser]), topic="tf_static")
+        self.publish(
+            LaserScan(
+                header=Header(stamp=stamp, frame_id="laser"),
+                angle_min=0.0,
+                angle_increment=0.5,
+                range_min=0.1,
+                range_max=10.0,
+                ranges=np.array([2.0, 0.05, np.inf, 3.0], np.float32),
+            ),
+        )
+        xyz = [PointField(name=name, offset=4 * at, datatype=7, count=1) for at, name in enumerate("xyz")]
+        cloud = np.full((5, 3), 0.5, np.float32)
+        self.publish(
+            PointCloud2(
+                header=in_map, height=1, width=5, fields=xyz, point_step=12, row_step=60,
+                data=cloud.view(np.uint8).ravel(),
+            ),
+            topic="depth",
+        )  # fmt: skip
+        info = MapMetaData(resolution=0.5, width=8, height=4, origin=Pose(position=Place(x=-2.0, y=-1.0)))
+        self.publish(OccupancyGrid(header=in_map, info=info, data=np.zeros(32, np.int8)))
+        way = [PoseStamped(pose=Pose(position=Place(x=self.x_m + ahead))) for ahead in range(3)]
+        self.publish(Path(header=in_map, poses=way), topic="path")
+        self.publish(
+            VictimFound(header=in_map, id=4, name="Anna", pose=Pose(position=Place(x=2.0, y=1.0, z=0.5)))
+        )
+        pose = PoseWithCovariance(pose=Pose(position=Place(x=self.x_m, y=-0.5)))
+        self.publish(Odometry(header=in_map, pose=pose), topic="odom")
+        self.status = f"stands at {self.x_m} m; {self.color}"
