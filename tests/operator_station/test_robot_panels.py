@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Page
 
 from tests.operator_station.browser import browser, needs_chromium, page_of
 from tests.operator_station.test_page import address_of
@@ -25,6 +26,16 @@ POSITION = """() => {
 }"""
 
 
+def set_to(page: Page, value: str, error: str) -> None:
+    """Ask for a value, and see the error that stands beside the field then."""
+    page.fill("#input-stage-x_m", value)
+    page.click("#set-stage-x_m")
+    if error:
+        page.wait_for_selector(f".q-field:has(#input-stage-x_m) [role=alert]:has-text('{error}')")
+    else:
+        page.wait_for_selector(".q-field:has(#input-stage-x_m) [role=alert]", state="detached")
+
+
 def test_panels_show_the_robot_and_change_it(robot: Robot) -> None:
     (robot.folder / "zoo" / "stage.py").write_text((HERE / "stage.py").read_text())
     robot.write_profile(PROFILE)
@@ -38,3 +49,15 @@ def test_panels_show_the_robot_and_change_it(robot: Robot) -> None:
             page.wait_for_function(f"({POSITION.replace('NAME', name)})() === '{place}'")
         page.click("#view-names")
         page.wait_for_selector("#view-scene >> text=laser")
+
+        page.click("#tab-parameters")
+        page.wait_for_selector("#value-stage-x_m:text-is('x_m: 1.5')")
+        set_to(page, "9.0", "at most 5")
+        set_to(page, "'no number'", "number")
+        set_to(page, "3.0", "there is a hole at 3 m")
+        assert robot.top()["stage"]["status"] == "stands at 1.5 m; red"
+        set_to(page, "2.5", "")
+        page.wait_for_selector("#value-stage-x_m:text-is('x_m: 2.5 (changed)')")
+        robot.until(lambda modules: modules["stage"]["status"] == "stands at 2.5 m; red")
+        page.click("#tab-view")
+        page.wait_for_selector("#view-figures:has-text('robot at 2.50 m')")

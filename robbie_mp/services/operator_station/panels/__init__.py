@@ -2,6 +2,7 @@
 
 from robbie_mp.services.operator_station.panel import Panel
 from robbie_mp.services.operator_station.panels.drive import DrivePanel
+from robbie_mp.services.operator_station.panels.parameters import ParametersPanel
 from robbie_mp.services.operator_station.panels.system import SystemPanel
 from robbie_mp.services.operator_station.panels.view import ViewPanel
 
@@ -11,5 +12,6 @@ PANELS: dict[str, type[Panel]] = {
         DrivePanel,
         ViewPanel,
         SystemPanel,
+        ParametersPanel,
     )
 }
