@@ -61,3 +61,25 @@ def test_panels_show_the_robot_and_change_it(robot: Robot) -> None:
         robot.until(lambda modules: modules["stage"]["status"] == "stands at 2.5 m; red")
         page.click("#tab-view")
         page.wait_for_selector("#view-figures:has-text('robot at 2.50 m')")
+
+        page.click("#tab-system")
+        page.wait_for_selector("#panel-system td:has-text('stands at 2.5 m; red')")
+        page.wait_for_selector("#panel-system .nicegui-echart text:text-is('cpu 0')")
+        page.click("#panel-system th:has-text('pid')")
+        pids = sorted(figures["pid"] for figures in robot.top().values())
+        in_order = ".*".join(rf"\b{pid}\b" for pid in pids)
+        page.wait_for_function(
+            "order => RegExp(order, 's').test(document.querySelector('#panel-system tbody').innerText)",
+            arg=in_order,
+        )
+        pid = robot.top()["stage"]["pid"]
+        page.click("#panel-system tr:has(td:text-is('stage')) .q-checkbox")
+        page.click("#order-restart")
+        page.click("text='No'")
+        page.click("#order-restart")
+        page.click("#confirm-order")
+        page.wait_for_selector(".q-notification:has-text('stage')")
+        assert robot.top()["stage"]["pid"] != pid
+        page.click("#order-stop")
+        page.click("#confirm-order")
+        page.wait_for_selector("#panel-system tr:has(td:text-is('stage')) td:text-is('STOPPED')")
