@@ -287,7 +287,7 @@ class Mission:
             "path_m": np.array(self.path_m).reshape(-1, 2),
             "ended": self._ended,
             "notes": list(self.notes),
-            "given_up": self._targets.given_up_xy_m,
+            "given_up": self._targets.memory(),
             "victims": self.victims.memory(),
             "limits": self.limits.memory(),
         }
@@ -298,6 +298,6 @@ class Mission:
         self.path_m = [(x, y) for x, y in memory["path_m"].tolist()]
         self._ended = memory["ended"]
         self.notes = list(memory["notes"])
-        self._targets.given_up_xy_m = memory["given_up"]
+        self._targets.remember(memory["given_up"])
         self.victims.remember(memory["victims"])
         self.limits.remember(memory["limits"])

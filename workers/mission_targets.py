@@ -2,8 +2,9 @@
 
 import math
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,7 @@ from workers.frontiers import find_frontiers
 from workers.mission_states import MissionSettings, MissionState
 from workers.navigation_grid import Cell, NavigationGrid
 from workers.path_planner import PathField
+from workers.planar_pose import wrap_angle
 from workers.search_views import search_views
 from workers.searched_walls import SEARCHED, WallFronts
 
@@ -87,24 +89,21 @@ class MissionTargets:
 
     def __init__(self, settings: MissionSettings) -> None:
         self._settings = settings
-        self._given_up: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
-
-    @property
-    def given_up_xy_m(self) -> list[tuple[float, float]]:
-        """Return what targets given up were about, m, map frame; it can be set."""
-        return list(self._given_up)
-
-    @given_up_xy_m.setter
-    def given_up_xy_m(self, places: Iterable[ArrayLike]) -> None:
-        self._given_up.clear()
-        for place in places:
-            x, y = np.asarray(place, float).tolist()
-            self._given_up.append((x, y))
+        self._given_up: deque[tuple[str, float, float]] = deque(maxlen=REMEMBERED)
 
     def give_up(self, target: Target) -> None:
-        """Do not choose this target again, nor one about almost the same place."""
+        """Do not choose this target again, nor one of its kind about almost the same place."""
         x, y = target.about_xy_m.tolist()
-        self._given_up.append((x, y))
+        self._given_up.append((target.state.name, x, y))
+
+    def memory(self) -> list[list[Any]]:
+        """Return what was given up, as plain data."""
+        return [list(given_up) for given_up in self._given_up]
+
+    def remember(self, memory: Iterable[Sequence[Any]]) -> None:
+        """Take over what `memory` returned."""
+        self._given_up.clear()
+        self._given_up.extend((kind, x, y) for kind, x, y in memory)
 
     def best(
         self,
@@ -167,9 +166,9 @@ class MissionTargets:
         for victim, facing_rad in suspected:
             offset = places - victim
             distance = np.hypot(*offset.T)
-            aside = np.abs(np.arctan2(offset[:, 1], offset[:, 0]) - facing_rad + math.pi) % math.tau - math.pi
+            aside = np.abs(wrap_angle(np.arctan2(offset[:, 1], offset[:, 0]) - facing_rad))
             good = (distance >= VICTIM_FROM_M[0]) & (distance <= VICTIM_FROM_M[1])
-            good &= np.abs(aside) <= VICTIM_SLANT_RAD
+            good &= aside <= VICTIM_SLANT_RAD
             if good.any():
                 cells = reached[good]
                 cell: Cell = tuple(cells[np.argmin(ways.cost_m[tuple(cells.T)])].tolist())
@@ -178,7 +177,10 @@ class MissionTargets:
                 yield Target(MissionState.APPROACH, goal, victim, cost_m)
 
     def _is_given_up(self, target: Target) -> bool:
-        return any(math.dist(target.about_xy_m, place) <= SAME_M for place in self._given_up)
+        return any(
+            kind == target.state.name and math.dist(target.about_xy_m, (x, y)) <= SAME_M
+            for kind, x, y in self._given_up
+        )
 
     def _bonus(self, target: Target, current: Target | None) -> float:
         if current is None or target.state is not current.state:

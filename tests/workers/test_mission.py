@@ -200,6 +200,17 @@ def test_suspected_victim_is_approached_inspected_and_left_when_nothing_comes_of
     assert rescue.drive()[-1] is S.DONE
 
 
+def test_victim_is_approached_also_where_something_else_was_given_up():
+    rescue = Rescue(HALF_KNOWN)
+    rescue.search_everything()
+    rescue.begin()
+    x_m, y_m = rescue.mission._target.about_xy_m
+    rescue.mission.unreachable("no way leads to the goal")
+    rescue.tell(VictimState.SUSPECTED, x_m, y_m + 0.2)
+    rescue.step()
+    assert rescue.state is S.APPROACH
+
+
 def test_robot_looks_at_a_wall_no_longer_than_it_takes():
     rescue = Rescue(HALL)
     rescue.begin()
