@@ -212,6 +212,7 @@ class Victims(Module):
                 confidence=victim.confidence,
                 views=victim.views,
                 state=int(victim.state),
+                answer_within_s=self._answer_within_s(victim),
                 image=Image(
                     header=header,
                     height=rows,
@@ -223,6 +224,11 @@ class Victims(Module):
             )
         )
         self._remember()
+
+    def _answer_within_s(self, victim: Victim) -> float:
+        if victim.state is not VictimState.ASKED:
+            return 0.0
+        return max(0.0, victim.asked_s + self.answer_s - self._now_s())
 
     def _tell_searched(self) -> None:
         assert self.fronts is not None

@@ -130,6 +130,7 @@ def test_victim_is_placed_in_the_map_and_the_operator_is_asked(watching: Watchin
     watching.look(2.8, 1.7)
     found = watching.last()
     assert (found.id, found.state) == (TAG, VictimFound.ASKED)
+    assert found.answer_within_s == pytest.approx(watching.harness.module.answer_s, abs=1.0)
     place = found.pose.position
     assert (place.x, place.y, place.z) == pytest.approx((ROOM_M, 2.0, 0.35), abs=0.1)
     assert abs(found.pose.orientation.yaw) == pytest.approx(math.pi, abs=0.3)

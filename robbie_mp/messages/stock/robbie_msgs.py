@@ -127,6 +127,7 @@ class VictimFound(Message, name="robbie_msgs/msg/VictimFound", version=1):
     confidence: float32 = DEFAULT  # 0 … 1: how sure it is that there is one
     views: uint32 = DEFAULT  # images it is in
     state: uint8 = SUSPECTED
+    answer_within_s: float32 = DEFAULT  # ASKED: so long the operator may still answer; else 0
     image: Image = DEFAULT  # the part that shows it best; empty: there is none
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from nicegui import ui
@@ -17,13 +17,17 @@ if TYPE_CHECKING:
 
 
 def build_page(
-    station: OperatorStation, emergency_stop: EmergencyStopBar, panels: Sequence[tuple[Panel, str]]
+    station: OperatorStation,
+    emergency_stop: EmergencyStopBar,
+    bars: Sequence[Callable[[Page], None]],
+    panels: Sequence[tuple[Panel, str]],
 ) -> None:
     """Make the elements of a page that has just been opened.
 
     Args:
         station: whose page it is.
         emergency_stop: what is always in sight.
+        bars: make what is seen above the tabs when there is reason to.
         panels: each with its title.
     """
     client = ui.context.client
@@ -37,6 +41,8 @@ def build_page(
         ui.badge(role.name.lower()).props("outline id=role color=white")
         ui.space()
         emergency_stop.build(page)
+    for build in bars:
+        build(page)
     with ui.tabs().classes("w-full") as tabs:
         made = {
             panel.name: ui.tab(panel.name, title, panel.icon).props(f"id=tab-{panel.name}")

@@ -16,8 +16,11 @@ from robbie_mp.services.operator_station.gate import Gate
 from robbie_mp.services.operator_station.page import build_page
 from robbie_mp.services.operator_station.panel import Latest, Page
 from robbie_mp.services.operator_station.panels import PANELS
+from robbie_mp.services.operator_station.playback_bar import PlaybackBar
 from robbie_mp.services.operator_station.run_watch import RunWatch
 from robbie_mp.services.operator_station.server import PageServer
+from robbie_mp.services.operator_station.victim_question import VictimQuestion
+from robbie_mp.services.operator_station.victim_watch import VictimWatch
 from robbie_mp.settings import SettingError
 from robbie_mp.supervisor.run_directory import list_runs
 
@@ -78,11 +81,14 @@ class OperatorStation(Module):
         self._handlers: dict[tuple[str, str], list[Callable[[Any], None]]] = {}
         self.scene = SceneGraphListener(self, hears_time_jumps=False)
         self.hear(TimeJump, lambda _jump: self.scene.forget())
+        self.victim_watch = VictimWatch(self)
         titles = self.tabs or dict.fromkeys(PANELS)
         self.panels = [PANELS[name](self) for name in titles]
         titled = [(panel, titles[panel.name] or panel.title) for panel in self.panels]
         emergency_stop = EmergencyStopBar(self)
-        ui.page("/", title="Robbie", response_timeout=10)(lambda: build_page(self, emergency_stop, titled))
+        bars = [PlaybackBar(self).build, VictimQuestion(self).build]
+        page = ui.page("/", title="Robbie", response_timeout=10)
+        page(lambda: build_page(self, emergency_stop, bars, titled))
         application = FastAPI(openapi_url=None)
         ui.run_with(
             application,

@@ -1,9 +1,14 @@
 """The panels, by the names with which profiles arrange them."""
 
 from robbie_mp.services.operator_station.panel import Panel
+from robbie_mp.services.operator_station.panels.cameras import CamerasPanel
 from robbie_mp.services.operator_station.panels.drive import DrivePanel
+from robbie_mp.services.operator_station.panels.map import MapPanel
+from robbie_mp.services.operator_station.panels.messages import MessagesPanel
+from robbie_mp.services.operator_station.panels.mission import MissionPanel
 from robbie_mp.services.operator_station.panels.parameters import ParametersPanel
 from robbie_mp.services.operator_station.panels.system import SystemPanel
+from robbie_mp.services.operator_station.panels.trace import TracePanel
 from robbie_mp.services.operator_station.panels.view import ViewPanel
 
 PANELS: dict[str, type[Panel]] = {
@@ -11,7 +16,12 @@ PANELS: dict[str, type[Panel]] = {
     for panel in (
         DrivePanel,
         ViewPanel,
+        MapPanel,
+        CamerasPanel,
+        MissionPanel,
         SystemPanel,
         ParametersPanel,
+        TracePanel,
+        MessagesPanel,
     )
 }

@@ -1,0 +1,100 @@
+"""The newest image of each camera, as many as the link bears."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+from starlette.responses import Response
+
+from robbie_mp.messages import CompressedImage, Image
+from robbie_mp.module import MessageHandling
+from robbie_mp.services.operator_station.panel import Latest, Page, Panel
+from robbie_mp.services.operator_station.panels.newest_image import NewestImage
+from robbie_mp.services.operator_station.pictures import (
+    NewestPicture,
+    encode_image,
+    no_picture,
+    serve_pictures,
+)
+
+if TYPE_CHECKING:
+    from robbie_mp.services.operator_station.station import OperatorStation
+
+REFRESH_S = 0.1
+"""No page is told of new images more often."""
+MOST_CAMERAS = 12
+ADDRESS = "/pictures/camera/{name:path}"
+
+
+class Camera:
+    """What comes on one topic."""
+
+    def __init__(self) -> None:
+        self.latest: Latest[Image | CompressedImage] = Latest()
+        self.picture = NewestPicture(self.latest, encode_image)
+
+    @property
+    def description(self) -> str:
+        """Size and encoding of the newest image."""
+        image = self.latest.message
+        if isinstance(image, Image):
+            return f"{image.width} x {image.height} {image.encoding}, image {self.latest.count}"
+        return f"{image.format if image else ''}, image {self.latest.count}"
+
+
+class CamerasPanel(Panel):
+    """A picture for each topic on which images come."""
+
+    name = "cameras"
+    title = "Cameras"
+    icon = "photo_camera"
+
+    def __init__(self, station: OperatorStation):
+        super().__init__(station)
+        self.cameras: dict[str, Camera] = {}
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        station.subscribe(Image, self._on_image, newest)
+        station.subscribe(CompressedImage, self._on_image, newest)
+        serve_pictures(ADDRESS, self._answer)
+
+    def _on_image(self, image: Image | CompressedImage) -> None:
+        topic = self.station.envelope.topic or "image"
+        name = topic if isinstance(image, Image) else f"{topic}/compressed"
+        camera = self.cameras.get(name)
+        if camera is None:
+            if len(self.cameras) >= MOST_CAMERAS:
+                return
+            camera = Camera()
+            self.cameras = {**self.cameras, name: camera}  # another one, for pages look at it meanwhile
+        camera.latest.put(image)
+
+    def _answer(self, name: str) -> Response:
+        camera = self.cameras.get(name)
+        return camera.picture.answer() if camera else no_picture("there is no such camera")
+
+    def build(self, page: Page) -> None:
+        """Make a card for each camera; more as they come."""
+        hint = ui.label("no camera has sent an image yet").classes("text-grey")
+        row = ui.row().classes("w-full gap-4")
+        cards: dict[str, tuple[NewestImage, ui.label]] = {}
+
+        def update() -> None:
+            for name, camera in sorted(self.cameras.items()):
+                if name not in cards:
+                    hint.set_visibility(False)
+                    with row, ui.card():
+                        cards[name] = camera_card(name)
+                image, text = cards[name]
+                image.show(camera.latest.count)
+                text.set_text(camera.description)
+
+        page.every(REFRESH_S, self.name, update)
+
+
+def camera_card(name: str) -> tuple[NewestImage, ui.label]:
+    """Make the picture of a camera and the line below it."""
+    ui.label(name).classes("font-bold")
+    image = NewestImage(ADDRESS.replace("{name:path}", name), f"camera {name}")
+    image.classes("w-full").style("min-width: 20rem; max-width: 40rem; image-rendering: pixelated")
+    return image, ui.label("").classes("text-sm")

@@ -1,0 +1,174 @@
+"""The map from above: grid, robot, path, goal and victims; a place to send the robot to."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from nicegui import ui
+from nicegui.element import Element
+from nicegui.events import GenericEventArguments
+
+from robbie_mp.messages import (
+    Header,
+    OccupancyGrid,
+    Path,
+    Point,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    Time,
+    VictimFound,
+)
+from robbie_mp.services.operator_station.access import Role
+from robbie_mp.services.operator_station.map_picture import draw_grid
+from robbie_mp.services.operator_station.panel import Page, Panel
+from robbie_mp.services.operator_station.pictures import NewestPicture, serve_pictures
+
+if TYPE_CHECKING:
+    from robbie_mp.services.operator_station.station import OperatorStation
+
+REFRESH_S = 0.1
+LONGEST_PATH = 500
+"""Of longer paths every second, third … point is shown."""
+MODES = {"": "Move map", "goal": "Set goal", "initial_pose": "Set pose"}
+"""What a press on the map does, by the topic that it is published on."""
+COLOURS = {
+    VictimFound.SUSPECTED: "#ef6c00",
+    VictimFound.ASKED: "#fdd835",
+    VictimFound.CONFIRMED: "#00897b",
+    VictimFound.REJECTED: "#757575",
+}
+
+
+class MapView(Element, component="map_view.js"):
+    """Draws the map and the marks on it."""
+
+
+class MapPanel(Panel):
+    """The map of the robot, on which operators set goals."""
+
+    name = "map"
+    title = "Map"
+    icon = "map"
+
+    def __init__(self, station: OperatorStation):
+        super().__init__(station)
+        self._grid = station.newest(OccupancyGrid)
+        self._pose = station.newest(PoseStamped, "map_pose")
+        self._goal = station.newest(PoseStamped, "goal")
+        self._path = station.newest(Path, "path")
+        serve_pictures("/pictures/map", NewestPicture(self._grid, draw_grid).answer)
+
+    def build(self, page: Page) -> None:
+        """Make the map and its tools."""
+        with ui.row().classes("items-center"):
+            mode = ui.toggle(MODES, value="").props("id=map-mode")
+            mode.set_visibility(page.role is Role.OPERATOR)
+            tools = {
+                name: ui.button(icon=icon).props(f'id=map-{name} aria-label="{label}" title="{label}"')
+                for name, icon, label in (
+                    ("in", "zoom_in", "Zoom in"),
+                    ("out", "zoom_out", "Zoom out"),
+                    ("fit", "fit_screen", "Show the whole map"),
+                    ("save", "save", "Save as picture"),
+                )
+            }
+        view = MapView().props("id=map-view")
+        view.style("width: 100%; height: 60vh; touch-action: none; display: block")
+        text = ui.label("").props("id=map-text")
+        tools["in"].on_click(lambda: view.run_method("zoom", 1.5))
+        tools["out"].on_click(lambda: view.run_method("zoom", 1 / 1.5))
+        tools["fit"].on_click(lambda: view.run_method("fit"))
+        tools["save"].on_click(lambda: view.run_method("save", f"map-{self.station.run_id}.png"))
+        shown: list[Any] = [None]
+
+        def set_mode(topic: str) -> None:
+            view._props["placing"] = topic
+            view.update()
+
+        def placed(event: GenericEventArguments) -> None:
+            if (place := checked(event.args)) is not None:
+                self._publish(*place)
+            mode.set_value("")
+
+        if page.role is Role.OPERATOR:
+            mode.on_value_change(lambda event: set_mode(str(event.value or "")))
+            view.on("placed", placed)
+
+        def update() -> None:
+            counts = self._counts()
+            if counts != shown[0]:
+                shown[0] = counts
+                view.run_method("show", self.marks())
+                text.set_text(self.describe())
+
+        page.every(REFRESH_S, self.name, update)
+
+    def _counts(self) -> tuple[int, ...]:
+        newest = (self._grid, self._pose, self._goal, self._path)
+        return (*(latest.count for latest in newest), self.station.victim_watch.count)
+
+    def marks(self) -> dict[str, Any]:
+        """Return what the page draws; m and rad, map frame."""
+        path = self._path.message
+        poses = path.poses if path else []
+        every = math.ceil(len(poses) / LONGEST_PATH) or 1
+        positions = [one.pose.position for one in (*poses[:-1:every], *poses[-1:])]
+        return {
+            "map": self._grid.count,
+            "robot": planar(self._pose.message),
+            "goal": planar(self._goal.message),
+            "path": [[round(one.x, 3), round(one.y, 3)] for one in positions],
+            "victims": [
+                {
+                    "x": victim.found.pose.position.x,
+                    "y": victim.found.pose.position.y,
+                    "name": victim.found.name,
+                    "colour": COLOURS.get(victim.found.state, COLOURS[VictimFound.SUSPECTED]),
+                }
+                for victim in self.station.victim_watch.victims.values()
+            ],
+        }
+
+    def describe(self) -> str:
+        """Say in a line what is on the map."""
+        grid, path = self._grid.message, self._path.message
+        info = grid.info if grid else None
+        parts = [f"{info.width} x {info.height} cells of {info.resolution:.3g} m" if info else "no map yet"]
+        for name, pose in (("robot", self._pose.message), ("goal", self._goal.message)):
+            if (place := planar(pose)) is not None:
+                x_m, y_m, yaw_rad = place
+                parts.append(f"{name} at {x_m:.2f} m, {y_m:.2f} m, {math.degrees(yaw_rad):.0f}°")
+        if path:
+            parts.append(f"path of {len(path.poses)} points")
+        return "; ".join([*parts, f"{len(self.station.victim_watch.victims)} victims"])
+
+    def _publish(self, topic: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
+        if yaw_rad is None:  # not said: as the robot would look on its straight way there
+            robot = planar(self._pose.message) or [x_m, y_m, 0.0]
+            yaw_rad = math.atan2(y_m - robot[1], x_m - robot[0])
+        pose = Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(yaw_rad))
+        header = Header(stamp=Time.from_nanoseconds(self.station.clock.now_ns()), frame_id="map")
+        if not self.station.publish(PoseStamped(header=header, pose=pose), topic=topic):
+            ui.notify(f"the {topic} was not sent: the robot's memory is full", type="negative")
+
+
+def planar(message: PoseStamped | None) -> list[float] | None:
+    """Return x (m), y (m) and heading (rad) of a pose."""
+    if message is None:
+        return None
+    pose = message.pose
+    return [pose.position.x, pose.position.y, pose.orientation.yaw]
+
+
+def checked(sent: Any) -> tuple[str, float, float, float | None] | None:
+    """Return what was placed where on the map: topic, x, y (m), heading (rad); None if that is nothing."""
+    try:
+        topic, yaw_rad = str(sent["what"]), sent["yaw_rad"]
+        numbers = [float(sent["x_m"]), float(sent["y_m"]), 0.0 if yaw_rad is None else float(yaw_rad)]
+    except (KeyError, TypeError, ValueError):
+        return None
+    if not topic or topic not in MODES or not all(map(math.isfinite, numbers)):
+        return None
+    return topic, numbers[0], numbers[1], None if yaw_rad is None else numbers[2]

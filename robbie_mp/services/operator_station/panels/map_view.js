@@ -1,0 +1,194 @@
+// The map from above: x to the right, y up. Drag moves it, the wheel zooms. While something is to be placed,
+// a press says where, and dragging from there says which way it looks; that is emitted as "placed".
+export default {
+  template: `<canvas class="map-view" tabindex="0" role="img" aria-label="Map"></canvas>`,
+  props: { placing: String },
+  mounted() {
+    this.marks = { map: 0, robot: null, goal: null, path: [], victims: [] };
+    this.shown = 0;
+    this.centre = { x: 0, y: 0 };
+    this.scale = 40; // pixels per m
+    this.fitted = false;
+    this.press = null;
+    const canvas = this.$el;
+    canvas.addEventListener("pointerdown", (event) => this.down(event));
+    canvas.addEventListener("pointermove", (event) => this.move(event));
+    canvas.addEventListener("pointerup", (event) => this.up(event));
+    canvas.addEventListener("pointercancel", () => (this.press = null));
+    canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    this.observer = new ResizeObserver(() => this.redraw());
+    this.observer.observe(canvas);
+  },
+  unmounted() {
+    this.observer.disconnect();
+  },
+  methods: {
+    show(marks) {
+      this.marks = marks;
+      if (marks.map && marks.map !== this.shown) this.fetch_map();
+      this.redraw();
+    },
+    async fetch_map() {
+      if (this.loading) return; // the next `show` comes soon
+      this.loading = true;
+      const count = this.marks.map;
+      try {
+        const answer = await fetch(`/pictures/map?count=${count}`);
+        if (answer.status === 200) {
+          this.place = JSON.parse(answer.headers.get("X-Robbie-Map"));
+          this.picture = await createImageBitmap(await answer.blob());
+          if (!this.fitted) this.fit();
+        }
+        this.shown = count;
+      } catch {
+        // Not connected; the next `show` tries again.
+      } finally {
+        this.loading = false;
+        this.redraw();
+      }
+    },
+    fit() {
+      const { place, $el: canvas } = this;
+      if (!place || !canvas.clientWidth) return;
+      const [cos, sin] = [Math.cos(place.yaw_rad), Math.sin(place.yaw_rad)];
+      const [w, h] = [place.width_m / 2, place.height_m / 2];
+      this.centre = { x: place.x_m + cos * w - sin * h, y: place.y_m + sin * w + cos * h };
+      this.scale = 0.9 * Math.min(canvas.clientWidth / place.width_m, canvas.clientHeight / place.height_m);
+      this.fitted = true;
+      this.redraw();
+    },
+    zoom(factor, at) {
+      const about = at || this.centre;
+      const scale = Math.max(1, Math.min(2000, this.scale * factor));
+      const kept = this.scale / scale;
+      this.centre.x = about.x + (this.centre.x - about.x) * kept;
+      this.centre.y = about.y + (this.centre.y - about.y) * kept;
+      this.scale = scale;
+      this.redraw();
+    },
+    save(name) {
+      this.draw();
+      const link = document.createElement("a");
+      link.download = name;
+      link.href = this.$el.toDataURL("image/png");
+      link.click();
+    },
+    point(event) {
+      const box = this.$el.getBoundingClientRect();
+      return {
+        x: this.centre.x + (event.clientX - box.left - box.width / 2) / this.scale,
+        y: this.centre.y - (event.clientY - box.top - box.height / 2) / this.scale,
+      };
+    },
+    down(event) {
+      if (event.button !== 0) return;
+      this.$el.setPointerCapture(event.pointerId);
+      const at = this.point(event);
+      this.press = { begin: at, at, placing: this.placing };
+    },
+    move(event) {
+      if (!this.press) return;
+      this.press.at = this.point(event);
+      if (!this.press.placing) {
+        this.centre.x += this.press.begin.x - this.press.at.x;
+        this.centre.y += this.press.begin.y - this.press.at.y;
+      }
+      this.redraw();
+    },
+    up() {
+      const press = this.press;
+      this.press = null;
+      this.redraw();
+      if (!press || !press.placing) return;
+      const [x, y] = [press.at.x - press.begin.x, press.at.y - press.begin.y];
+      const dragged = Math.hypot(x, y) * this.scale > 10;
+      this.$emit("placed", {
+        what: press.placing, x_m: press.begin.x, y_m: press.begin.y, yaw_rad: dragged ? Math.atan2(y, x) : null,
+      });
+    },
+    wheel(event) {
+      event.preventDefault();
+      this.zoom(Math.exp(-event.deltaY / 500), this.point(event));
+    },
+    redraw() {
+      if (this.asked) return;
+      this.asked = true;
+      requestAnimationFrame(() => {
+        this.asked = false;
+        this.draw();
+      });
+    },
+    draw() {
+      const canvas = this.$el;
+      const [width, height, ratio] = [canvas.clientWidth, canvas.clientHeight, devicePixelRatio];
+      if (!width || !height) return;
+      if (!this.fitted) this.fit();
+      if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
+      if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
+      const pen = canvas.getContext("2d");
+      pen.setTransform(1, 0, 0, 1, 0, 0);
+      pen.fillStyle = "#aaaaaa";
+      pen.fillRect(0, 0, canvas.width, canvas.height);
+      const scale = this.scale * ratio; // from here on in m, y up
+      pen.setTransform(scale, 0, 0, -scale, canvas.width / 2 - this.centre.x * scale,
+        canvas.height / 2 + this.centre.y * scale);
+      this.draw_picture(pen);
+      this.draw_path(pen);
+      const { robot, goal, victims } = this.marks;
+      if (goal) this.draw_arrow(pen, goal, "#2e7d32");
+      if (robot) this.draw_arrow(pen, robot, "#c62828");
+      for (const victim of victims) this.draw_victim(pen, victim);
+      const press = this.press;
+      if (press && press.placing) {
+        const yaw = Math.atan2(press.at.y - press.begin.y, press.at.x - press.begin.x);
+        this.draw_arrow(pen, [press.begin.x, press.begin.y, yaw], "#1565c0");
+      }
+    },
+    draw_picture(pen) {
+      if (!this.picture) return;
+      const place = this.place;
+      pen.save();
+      pen.imageSmoothingEnabled = false;
+      pen.translate(place.x_m, place.y_m);
+      pen.rotate(place.yaw_rad);
+      pen.scale(1, -1);
+      pen.drawImage(this.picture, 0, -place.height_m, place.width_m, place.height_m);
+      pen.restore();
+    },
+    draw_path(pen) {
+      pen.beginPath();
+      for (const [x, y] of this.marks.path) pen.lineTo(x, y);
+      pen.strokeStyle = "#1565c0";
+      pen.lineWidth = 3 / this.scale;
+      pen.stroke();
+    },
+    draw_arrow(pen, [x, y, yaw], colour) {
+      const size = Math.max(0.2, 10 / this.scale);
+      pen.save();
+      pen.translate(x, y);
+      pen.rotate(yaw);
+      pen.beginPath();
+      pen.moveTo(size, 0);
+      pen.lineTo(-0.7 * size, 0.7 * size);
+      pen.lineTo(-0.3 * size, 0);
+      pen.lineTo(-0.7 * size, -0.7 * size);
+      pen.closePath();
+      pen.fillStyle = colour;
+      pen.fill();
+      pen.restore();
+    },
+    draw_victim(pen, { x, y, name, colour }) {
+      pen.beginPath();
+      pen.arc(x, y, Math.max(0.12, 7 / this.scale), 0, 2 * Math.PI);
+      pen.fillStyle = colour;
+      pen.fill();
+      pen.save();
+      pen.translate(x, y);
+      pen.scale(1 / this.scale, -1 / this.scale);
+      pen.font = "13px sans-serif";
+      pen.fillStyle = "#000000";
+      pen.fillText(name, 10, -8);
+      pen.restore();
+    },
+  },
+};

@@ -1,0 +1,185 @@
+"""Each panel shows what the robot has, and what is said there reaches the robot; in a real browser."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Page
+
+from tests.operator_station.browser import TABLET, browser, needs_chromium, page_of
+from tests.operator_station.known_robot import grid
+from tests.operator_station.test_page import address_of
+from tests.run.robot import Robot, wait_until
+
+pytestmark = [needs_chromium, pytest.mark.timeout(300)]
+HERE = Path(__file__).parent
+PROFILE = """
+modules:
+  operator:
+    class: robbie_mp.services.operator_station:OperatorStation
+    settings: {port: 0}
+  known: {class: "zoo.known_robot:KnownRobot"}
+"""
+
+
+@pytest.fixture
+def told(robot: Robot) -> "Told":
+    return Told(robot)
+
+
+class Told:
+    """What the robot has been told."""
+
+    def __init__(self, robot: Robot):
+        self._file = robot.output / "told.txt"
+
+    def waits_for(self, *words: str) -> list[str]:
+        """Wait until the last thing told begins with these words; return the others."""
+        found: list[str] = []
+
+        def is_there() -> bool:
+            lines = self._file.read_text().splitlines()
+            found[:] = lines[-1].split() if lines else []
+            return found[: len(words)] == list(words)
+
+        wait_until(is_there)
+        return found[len(words) :]
+
+
+def test_panels_show_what_the_robot_has_and_the_robot_hears_what_is_said_there(
+    robot: Robot, told: Told
+) -> None:
+    (robot.folder / "zoo" / "known_robot.py").write_text((HERE / "known_robot.py").read_text())
+    robot.write_profile(PROFILE)
+    robot.start()
+    address = address_of(robot)
+    with browser() as started, page_of(started, address) as page:
+        victim_is_confirmed(page, told)
+        playback_is_steered(page, told)
+        map_is_shown_and_goal_is_set(page, address, told)
+        cameras_are_shown(page, address)
+        states_and_victims_are_listed(page)
+        trace_is_filtered(page)
+        messages_are_shown_and_composed(page, told)
+        with page_of(started, address, TABLET) as tablet:
+            tablet.click("#tab-map")
+            tablet.wait_for_selector("#map-text:has-text('12 x 8 cells of 0.5 m')")
+            assert tablet.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        page.click("#tab-drive")  # and nothing is attached to the robot any more
+        robot.until(lambda modules: not any("operator station:" in one["status"] for one in modules.values()))
+
+
+def victim_is_confirmed(page: Page, told: Told) -> None:
+    page.wait_for_selector("#victim-question:has-text('tag 7, at 4.00 m, 4.00 m')")
+    page.wait_for_selector("#victim-time-left:has-text('s left to answer; 75% sure')")
+    left_s = int(page.inner_text("#victim-time-left").split()[0])
+    assert 600 < left_s <= 900
+    page.wait_for_function("document.querySelector('#victim-question img').naturalWidth == 2")
+    page.click("#victim-yes")
+    assert told.waits_for("answer") == ["7", "1"]
+    page.wait_for_selector("#victim-question", state="hidden")
+
+
+def playback_is_steered(page: Page, told: Told) -> None:
+    page.wait_for_selector("#playback-text:has-text('PLAYBACK of old.mcap: plays at 3.000 of 10.000 s')")
+    page.click("#playback-pause")
+    told.waits_for("control", "pause")
+    page.wait_for_selector("#playback-text:has-text('paused at 3.000')")
+    page.click("#playback-step")
+    told.waits_for("control", "step")
+    page.click("#playback-resume")
+    told.waits_for("control", "resume")
+    slider = page.locator("#playback .q-slider")
+    box = slider.bounding_box()
+    assert box
+    slider.click(position={"x": box["width"] * 0.8, "y": box["height"] / 2})
+    (sought_s,) = told.waits_for("control", "seek")
+    assert float(sought_s) == pytest.approx(8.0, abs=0.2)
+    page.wait_for_selector(f"#playback-text:has-text('plays at {float(sought_s):.3f}')")
+    page.click("#playback-rate")
+    page.click(".q-menu .q-item:has-text('max')")
+    assert told.waits_for("control", "rate") == ["inf"]
+    page.wait_for_selector("#playback-text:has-text('as fast as possible')")
+
+
+def map_is_shown_and_goal_is_set(page: Page, address: str, told: Told) -> None:
+    page.click("#tab-map")
+    page.wait_for_selector("#map-text:has-text('12 x 8 cells of 0.5 m; robot at 1.50 m, 3.25 m, 90°')")
+    assert "path of 1201 points; 1 victims" in page.inner_text("#map-text")
+    answer = page.request.get(f"{address}pictures/map")
+    shown = np.asarray(Image.open(io.BytesIO(answer.body())))
+    greys = np.select([grid().data == 100, grid().data == -1], [0, 170], 255).reshape(8, 12)
+    assert np.array_equal(shown, greys[::-1])
+
+    page.click("#map-mode >> text=Set goal")
+    page.click("#map-view")  # its middle, which is the map's
+    frame, *place = told.waits_for("goal")
+    # Where the robot at (1.5, 3.25) would look on its way to (2, 4).
+    assert frame == "map"
+    assert [float(word) for word in place] == pytest.approx([2.0, 4.0, np.arctan2(0.75, 0.5)], abs=0.05)
+    page.wait_for_selector("#map-text:has-text('goal at 2.0')")
+    with page.expect_download() as download:
+        page.click("#map-save")
+    picture = Image.open(download.value.path()).convert("RGB")
+    middle_x, middle_y = picture.width // 2, picture.height // 2
+    pixels_per_m = 0.9 * picture.height / 4
+    assert picture.getpixel((middle_x, middle_y)) == (46, 125, 50), "the goal is not where it was set"
+    wall = (middle_x - round(2.75 * pixels_per_m), middle_y + round(pixels_per_m))
+    assert picture.getpixel(wall) == (0, 0, 0)
+
+
+def cameras_are_shown(page: Page, address: str) -> None:
+    page.click("#tab-cameras")
+    page.wait_for_selector("#panel-cameras :text('2 x 1 bgr8')")
+    page.wait_for_function("document.querySelector('#panel-cameras img').naturalWidth == 2")
+    answer = page.request.get(f"{address}pictures/camera/eye")
+    assert answer.headers["content-type"] == "image/jpeg"
+    shown = np.asarray(Image.open(io.BytesIO(answer.body())))
+    assert shown.shape == (1, 2, 3)
+    unknown = page.request.get(f"{address}pictures/camera/eye/compressed")
+    assert (unknown.status, "mystery" in unknown.headers["x-robbie-reason"]) == (204, True)
+
+
+def states_and_victims_are_listed(page: Page) -> None:
+    page.click("#tab-mission")
+    page.wait_for_selector("#mission-states tr:has-text('LOOK_AROUND'):has-text('all is set')")
+    row = page.locator("#mission-victims tbody tr:has-text('confirmed')")
+    row.wait_for()
+    assert row.inner_text().split() == ["7", "tag", "7", "confirmed", "4.00", "4.00", "75%", "3"]
+
+
+def trace_is_filtered(page: Page) -> None:
+    page.click("#tab-trace")
+    page.wait_for_selector("#trace-log :text('the curtain rises')")
+    assert page.locator("#trace-log :text('operator station: http')").count() == 1
+    page.fill("#trace-text", "CURTAIN")
+    page.wait_for_selector("#trace-log :text('operator station: http')", state="detached")
+    (line,) = page.inner_text("#trace-log").split("\n")
+    assert line.endswith("known#1 warning the curtain rises")
+    page.fill("#trace-text", "")
+
+
+def messages_are_shown_and_composed(page: Page, told: Told) -> None:
+    page.click("#tab-messages")
+    page.click("#messages-topics tr:has-text('geometry_msgs/msg/PoseStamped'):has-text('map_pose')")
+    page.wait_for_selector("#messages-chosen:has-text('topic map_pose, from known')")
+    page.click("#messages-tree :text-is('pose')")
+    page.click("#messages-tree :text-is('position')")
+    page.wait_for_selector("#messages-tree :text-is('y: 3.25')")
+
+    page.click("#messages-compose >> text=Compose a message")
+    page.fill("#compose-type", "zoo/msg/Wish")
+    page.click(".q-menu .q-item:has-text('zoo/msg/Wish')")
+    page.fill("[data-field='weight_kg']", "heavy")
+    page.fill("[data-field='text']", "peace: now")
+    page.fill("[data-field='place.x']", "2.5")
+    page.fill("#compose-topic", "wishes")
+    page.click("#compose-send")
+    page.wait_for_selector("#compose-fields [role=alert]:has-text('weight_kg')")
+    assert page.locator("#compose-fields [role=alert]").count() == 1
+    page.fill("[data-field='weight_kg']", "70")
+    page.click("#compose-send")
+    assert told.waits_for("wish") == ["peace:", "now", "2.5", "70.0"]
+    page.wait_for_selector("#compose-result:has-text('sent a zoo/msg/Wish')")
