@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
@@ -24,11 +25,14 @@ from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.map_picture import draw_grid
 from robbie_mp.services.operator_station.panel import Page, Panel
 from robbie_mp.services.operator_station.pictures import NewestPicture, serve_pictures
+from robbie_mp.services.operator_station.victim_watch import KnownVictim
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
 
 REFRESH_S = 0.1
+BROWSER_LIMIT_S = 5.0
+"""The next marks are sent when the browser has drawn these, or has not said so for so long."""
 LONGEST_PATH = 500
 """Of longer paths every second, third … point is shown."""
 MODES = {"": "Move map", "goal": "Set goal", "initial_pose": "Set pose"}
@@ -81,7 +85,7 @@ class MapPanel(Panel):
         tools["out"].on_click(lambda: view.run_method("zoom", 1 / 1.5))
         tools["fit"].on_click(lambda: view.run_method("fit"))
         tools["save"].on_click(lambda: view.run_method("save", f"map-{self.station.run_id}.png"))
-        shown: list[Any] = [None]
+        shown: dict[str, int] = {}
 
         def set_mode(topic: str) -> None:
             view._props["placing"] = topic
@@ -96,40 +100,40 @@ class MapPanel(Panel):
             mode.on_value_change(lambda event: set_mode(str(event.value or "")))
             view.on("placed", placed)
 
-        def update() -> None:
+        async def update() -> None:
             counts = self._counts()
-            if counts != shown[0]:
-                shown[0] = counts
-                view.run_method("show", self.marks())
-                text.set_text(self.describe())
+            new = {name: count for name, count in counts.items() if count != shown.get(name)}
+            if not new:
+                return
+            try:
+                await view.run_method("show", self.marks(new), timeout=BROWSER_LIMIT_S)
+            except TimeoutError:
+                return  # a slow link: once more, and what is the newest then
+            shown.update(new)
+            text.set_text(self.describe())
 
         page.every(REFRESH_S, self.name, update)
 
-    def _counts(self) -> tuple[int, ...]:
-        newest = (self._grid, self._pose, self._goal, self._path)
-        return (*(latest.count for latest in newest), self.station.victim_watch.count)
-
-    def marks(self) -> dict[str, Any]:
-        """Return what the page draws; m and rad, map frame."""
-        path = self._path.message
-        poses = path.poses if path else []
-        every = math.ceil(len(poses) / LONGEST_PATH) or 1
-        positions = [one.pose.position for one in (*poses[:-1:every], *poses[-1:])]
+    def _counts(self) -> dict[str, int]:
+        """Tell how often each part of the picture has changed."""
         return {
             "map": self._grid.count,
-            "robot": planar(self._pose.message),
-            "goal": planar(self._goal.message),
-            "path": [[round(one.x, 3), round(one.y, 3)] for one in positions],
-            "victims": [
-                {
-                    "x": victim.found.pose.position.x,
-                    "y": victim.found.pose.position.y,
-                    "name": victim.found.name,
-                    "colour": COLOURS.get(victim.found.state, COLOURS[VictimFound.SUSPECTED]),
-                }
-                for victim in self.station.victim_watch.victims.values()
-            ],
+            "robot": self._pose.count,
+            "goal": self._goal.count,
+            "path": self._path.count,
+            "victims": self.station.victim_watch.count,
         }
+
+    def marks(self, wanted: Iterable[str]) -> dict[str, Any]:
+        """Return parts of what the page draws; m and rad, map frame."""
+        made: dict[str, Callable[[], Any]] = {
+            "map": lambda: self._grid.count,
+            "robot": lambda: planar(self._pose.message),
+            "goal": lambda: planar(self._goal.message),
+            "path": lambda: way_points(self._path.message),
+            "victims": lambda: list(map(victim_mark, self.station.victim_watch.victims.values())),
+        }
+        return {name: made[name]() for name in wanted}
 
     def describe(self) -> str:
         """Say in a line what is on the map."""
@@ -152,6 +156,21 @@ class MapPanel(Panel):
         header = Header(stamp=Time.from_nanoseconds(self.station.clock.now_ns()), frame_id="map")
         if not self.station.publish(PoseStamped(header=header, pose=pose), topic=topic):
             ui.notify(f"the {topic} was not sent: the robot's memory is full", type="negative")
+
+
+def way_points(path: Path | None) -> list[list[float]]:
+    """Return x and y (m) of the points of a path, of a long one of some of them."""
+    poses = path.poses if path else []
+    every = math.ceil(len(poses) / LONGEST_PATH) or 1
+    positions = [one.pose.position for one in (*poses[:-1:every], *poses[-1:])]
+    return [[round(one.x, 3), round(one.y, 3)] for one in positions]
+
+
+def victim_mark(victim: KnownVictim) -> dict[str, Any]:
+    """Return what is drawn of a victim."""
+    position = victim.found.pose.position
+    colour = COLOURS.get(victim.found.state, COLOURS[VictimFound.SUSPECTED])
+    return {"x": position.x, "y": position.y, "name": victim.found.name, "colour": colour}
 
 
 def planar(message: PoseStamped | None) -> list[float] | None:

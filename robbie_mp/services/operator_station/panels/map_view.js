@@ -24,8 +24,8 @@ export default {
   },
   methods: {
     show(marks) {
-      this.marks = marks;
-      if (marks.map && marks.map !== this.shown) this.fetch_map();
+      Object.assign(this.marks, marks);
+      if (this.marks.map !== this.shown) this.fetch_map();
       this.redraw();
     },
     async fetch_map() {

@@ -1,12 +1,12 @@
-"""What the trace's filter lets through, and messages as trees."""
+"""What panels make of what they get: the trace, messages as trees, goals and paths."""
 
 from collections import deque
 
 import pytest
 
 from robbie_mp.cli.message_text import FieldPath
-from robbie_mp.messages import LaserScan
-from robbie_mp.services.operator_station.panels.map import checked
+from robbie_mp.messages import LaserScan, Path, Point, Pose, PoseStamped
+from robbie_mp.services.operator_station.panels.map import LONGEST_PATH, checked, way_points
 from robbie_mp.services.operator_station.panels.trace import SHOWN, Filter, line_of, newest
 from robbie_mp.services.operator_station.topic_watch import nodes_of
 from robbie_mp.trace.entry import Entry
@@ -64,6 +64,14 @@ def test_message_is_a_tree_whose_long_arrays_are_abbreviated() -> None:
 )
 def test_what_no_map_sends_is_no_goal(sent: object) -> None:
     assert checked(sent) is None
+
+
+def test_long_path_is_thinned_but_ends_where_it_ends() -> None:
+    path = Path(poses=[PoseStamped(pose=Pose(position=Point(x=x))) for x in range(10 * LONGEST_PATH)])
+    points = way_points(path)
+    assert len(points) <= LONGEST_PATH + 1
+    assert (points[0], points[-1]) == ([0.0, 0.0], [10.0 * LONGEST_PATH - 1, 0.0])
+    assert way_points(Path()) == []
 
 
 def test_goal_without_a_heading_has_none() -> None:
