@@ -19,7 +19,7 @@ import signal
 import sys
 import tempfile
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -80,11 +80,11 @@ class Outcome:
     trouble: str = ""
 
 
-def run_mission(seed: int, folder: Path, profile: str, kill: bool) -> Outcome:
+def run_mission(seed: int, folder: Path, profile: str, wishes: ArenaWishes, kill: bool) -> Outcome:
     """Run one mission and judge it."""
     folder.mkdir(parents=True)
     file = folder / "arena.yaml"
-    file.write_text(generate_arena(seed, WISHES))
+    file.write_text(generate_arena(seed, wishes))
     arena = read_arena(file)
     outcome = Outcome(seed, victims=len(arena.victims))
     settings = [f"{name}.seed={seed}" for name in NOISY]
@@ -206,12 +206,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--kill", action="store_true", help="kill every module once")
     parser.add_argument("--json", type=Path, metavar="FILE", help="where the figures go")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="a new folder for what the missions write")
+    parser.add_argument("--appearing", type=int, default=0, help="obstacles that come and go, in each arena")
     options = parser.parse_args(arguments)
+    wishes = replace(WISHES, appearing=options.appearing)
     folder = options.keep or Path(tempfile.mkdtemp(prefix="robbie-rescue-"))
     outcomes = []
     try:
         for seed in range(options.first, options.first + options.seeds):
-            outcomes.append(run_mission(seed, folder / str(seed), options.profile, options.kill))
+            mission = (seed, folder / str(seed), options.profile, wishes, options.kill)
+            outcomes.append(run_mission(*mission))
             print(json.dumps(asdict(outcomes[-1])), flush=True)
             report = {"summary": summary(outcomes), "missions": [asdict(each) for each in outcomes]}
             if options.json:
