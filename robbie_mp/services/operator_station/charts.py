@@ -48,7 +48,7 @@ def chart_options(names: Iterable[str], unit: str = "", largest: float | None = 
         "backgroundColor": "transparent",
         "grid": {"left": 60, "right": 20, "top": 40, "bottom": 30},
         "textStyle": {"color": INK},
-        "legend": {"type": "scroll", "textStyle": {"color": INK}},
+        "legend": {"type": "scroll", "top": 0, "textStyle": {"color": INK}},
         "tooltip": {"trigger": "axis"},
         "xAxis": {"type": "time"},
         "yAxis": {

@@ -7,6 +7,7 @@ from robbie_mp.services.operator_station.panels.map import MapPanel
 from robbie_mp.services.operator_station.panels.messages import MessagesPanel
 from robbie_mp.services.operator_station.panels.mission import MissionPanel
 from robbie_mp.services.operator_station.panels.parameters import ParametersPanel
+from robbie_mp.services.operator_station.panels.plots import PlotsPanel
 from robbie_mp.services.operator_station.panels.system import SystemPanel
 from robbie_mp.services.operator_station.panels.trace import TracePanel
 from robbie_mp.services.operator_station.panels.view import ViewPanel
@@ -21,6 +22,7 @@ PANELS: dict[str, type[Panel]] = {
         MissionPanel,
         SystemPanel,
         ParametersPanel,
+        PlotsPanel,
         TracePanel,
         MessagesPanel,
     )
