@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.messages import LaserScan, OccupancyGrid, Path, PointCloud2, TimeJump, VictimFound
+from robbie_mp.messages import LaserScan, OccupancyGrid, Path, PointCloud2
 from robbie_mp.scene_graph import RigidTransform, SceneGraphError, TooNew, TooOld
 from robbie_mp.services.operator_station.scene_view.floor import Floor, floor_of
 from robbie_mp.services.operator_station.scene_view.points import cloud_points, packed, scan_points
@@ -24,7 +24,6 @@ MAX_POINTS = 10_000
 MAX_SOURCES = 4
 """Scanners, and as many sources of clouds."""
 MAX_CORNERS = 1000
-MAX_VICTIMS = 100
 FLOOR_PERIOD_S = 1.0
 
 
@@ -68,19 +67,11 @@ class Surveyor:
         self._station = station
         self._map = station.newest(OccupancyGrid)
         self._path = station.newest(Path, "path")
-        self._victims: dict[int, SeenVictim] = {}
-        station.hear(VictimFound, self._on_victim)
-        station.hear(TimeJump, lambda _jump: self._victims.clear())
         self._scans: dict[str, Latest[LaserScan]] = {}
         self._clouds: dict[str, Latest[PointCloud2]] = {}
         self._floor: Floor | None = None
         self._drawn = 0
         self._drawn_s = 0.0
-
-    def _on_victim(self, victim: VictimFound) -> None:
-        place = victim.pose.position
-        if victim.id in self._victims or len(self._victims) < MAX_VICTIMS:
-            self._victims[victim.id] = SeenVictim(victim.name, victim.state, place.x, place.y, place.z)
 
     def look(self) -> Surroundings:
         """Tell how everything is now."""
@@ -100,7 +91,7 @@ class Surveyor:
             points=packed(points),
             count=len(points),
             path=packed(self._corners()),
-            victims=dict(self._victims),
+            victims=self._victims(),
             floor=self._draw_floor(),
         )
 
@@ -158,6 +149,15 @@ class Surveyor:
         poses = self._path.message.poses if self._path.message is not None else []
         chosen = [pose.pose.position for pose in poses[:: -(-len(poses) // MAX_CORNERS) or 1]]
         return np.array([(corner.x, corner.y, corner.z + 0.02) for corner in chosen]).reshape(-1, 3)
+
+    def _victims(self) -> dict[int, SeenVictim]:
+        found = (known.found for known in self._station.victim_watch.victims.values())
+        return {
+            one.id: SeenVictim(
+                one.name, one.state, one.pose.position.x, one.pose.position.y, one.pose.position.z
+            )
+            for one in found
+        }
 
     def _draw_floor(self) -> Floor | None:
         now_s = time.monotonic()
