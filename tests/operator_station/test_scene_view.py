@@ -7,9 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-pytest.importorskip("nicegui")
-
 from PIL import Image
 
 from robbie_mp.messages import LaserScan, MapMetaData, OccupancyGrid, PointCloud2, PointField

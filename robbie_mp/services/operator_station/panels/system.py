@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 HISTORY = 300
 """Values in each chart, one a second."""
-SPARKS = 20
+SPARKS = 12
+LEAST_SCALE_PERCENT = 20.0
+"""The highest bar of a sparkline is the largest value, but at least this."""
 TREND = "cpu% lately"
 GIGABYTE = 1e9
 Row = dict[str, Any]
@@ -66,7 +68,7 @@ class SystemPanel(Panel):
             trend.append(row.rates.cpu_percent)
         cells: Row = {column.heading: column.cell(row).plain for column in MODULE_COLUMNS}
         order = {column.heading: column.order(row) for column in MODULE_COLUMNS}
-        cells[TREND] = sparkline(trend, 100.0)
+        cells[TREND] = sparkline(trend, max(LEAST_SCALE_PERCENT, *trend)) if trend else ""
         return cells | {"order": order | {TREND: sum(trend)}}
 
     def build(self, page: Page) -> None:
