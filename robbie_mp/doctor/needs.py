@@ -6,7 +6,7 @@ from typing import Self
 
 from robbie_mp.profile.model import MemoryLimits, Profile
 from robbie_mp.supervisor.memory import SUPERVISOR_SEGMENT_BYTES
-from robbie_mp.transport.layout import board_words, core_words, in_words, out_words
+from robbie_mp.transport.layout import CLOCK_WORDS, board_words, core_words, in_words, out_words
 from robbie_mp.transport.words import WORD_BYTES
 
 OWN_DESCRIPTORS = 32
@@ -49,7 +49,8 @@ class Needs:
         rows = slots + profile.tools.count
         tables = core_words(rows, core.channels, core.subscriptions, core.handles, core.references)
         rings = slots * (out_words(core.ring_records) + in_words(core.credits))
-        fixed_bytes = (board_words(rows + 1) + tables + rings) * WORD_BYTES + SUPERVISOR_SEGMENT_BYTES
+        words = board_words(rows + 1) + CLOCK_WORDS + tables + rings
+        fixed_bytes = words * WORD_BYTES + SUPERVISOR_SEGMENT_BYTES
         tool_rings = out_words(core.ring_records) + in_words(profile.tools.credits)
         whole_bytes = profile.tools.count * tool_rings * WORD_BYTES
         whole_bytes += sum(memory.limit_bytes + 2 * memory.checkpoint_bytes for memory in memories)

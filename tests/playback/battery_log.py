@@ -5,7 +5,7 @@ from pathlib import Path
 from robbie_mp.messages import DriveCommand, message_type_from_schema
 from tests.recording.logs import START_NS, STEP_NS, LogFile
 
-BATTERY = "test_msgs/msg/Battery"
+BATTERY = "played_msgs/msg/Battery"
 STRANGER = "other_msgs/msg/Stranger"
 
 

@@ -17,7 +17,7 @@ def count_cells(fields: dict[str, Any]) -> dict[str, Any]:
 
 class Battery(
     Message,
-    name="test_msgs/msg/Battery",
+    name="played_msgs/msg/Battery",
     version=3,
     upgrades={1: Upgrade(percent_to_ratio), 2: Upgrade(count_cells)},
 ):

@@ -110,5 +110,5 @@ def test_version_that_can_become_ours_is_accepted(tmp_path: Path, version: int, 
 
 
 def test_types_that_nobody_declares_are_described_for_who_attaches(log: Path) -> None:
-    assert sorted(further(log)) == ["other_msgs/msg/Stranger", "test_msgs/msg/Battery"]
+    assert sorted(further(log)) == ["other_msgs/msg/Stranger", "played_msgs/msg/Battery"]
     assert further(log, others=["power"]) == []

@@ -164,7 +164,7 @@ def test_what_cannot_be_played_is_refused_before_any_process_starts(
     newer = write_battery_log(tmp_path / "newer.mcap", 5, battery_version=4)
     refused = player_robot.command("play", str(newer), "robot")
     assert refused.returncode == 2
-    assert "test_msgs/msg/Battery: version 4 was written, 3 is the newest here" in refused.stderr
+    assert "played_msgs/msg/Battery: version 4 was written, 3 is the newest here" in refused.stderr
     player_robot.write_profile('modules: {witness: {class: "crew.modules:Witness"}}', "real")
     refused = player_robot.command("play", str(log), "real")
     assert refused.returncode == 2
