@@ -19,7 +19,7 @@ PROFILE = """
 modules:
   operator:
     class: robbie_mp.services.operator_station:OperatorStation
-    settings: {port: 0}
+    settings: {port: 0, operator_token: opens-everything, observer_token: opens-all-our-eyes}
   known: {class: "zoo.known_robot:KnownRobot"}
 """
 
@@ -56,6 +56,11 @@ def test_panels_show_what_the_robot_has_and_the_robot_hears_what_is_said_there(
     robot.start()
     address = address_of(robot)
     with browser() as started, page_of(started, address) as page:
+        log_in(page, "opens-everything")
+        with page_of(started, address) as other:
+            nothing_is_shown_without_a_token(other, address)
+            log_in(other, "opens-all-our-eyes")
+            observer_sees_and_does_not_steer(other)
         victim_is_confirmed(page, told)
         playback_is_steered(page, told)
         map_is_shown_and_goal_is_set(page, address, told)
@@ -64,11 +69,34 @@ def test_panels_show_what_the_robot_has_and_the_robot_hears_what_is_said_there(
         trace_is_filtered(page)
         messages_are_shown_and_composed(page, told)
         with page_of(started, address, TABLET) as tablet:
+            log_in(tablet, "opens-all-our-eyes")
             tablet.click("#tab-map")
             tablet.wait_for_selector("#map-text:has-text('12 x 8 cells of 0.5 m')")
             assert tablet.evaluate("document.documentElement.scrollWidth <= innerWidth")
         page.click("#tab-drive")  # and nothing is attached to the robot any more
         robot.until(lambda modules: not any("operator station:" in one["status"] for one in modules.values()))
+
+
+def log_in(page: Page, token: str) -> None:
+    page.fill("#token", token)
+    page.keyboard.press("Enter")
+
+
+def nothing_is_shown_without_a_token(page: Page, address: str) -> None:
+    for path in ("pictures/map", "pictures/camera/eye", "pictures/victim/7"):
+        assert page.request.get(address + path).status == 401
+
+
+def observer_sees_and_does_not_steer(page: Page) -> None:
+    page.wait_for_selector("#role:text-is('observer')")
+    page.wait_for_selector("#victim-question:has-text('tag 7, at 4.00 m, 4.00 m')")
+    page.wait_for_selector("#playback-text:has-text('PLAYBACK of old.mcap')")
+    page.click("#tab-map")
+    page.wait_for_selector("#map-text:has-text('robot at 1.50 m')")
+    page.click("#tab-messages")
+    page.wait_for_selector("#messages-topics tr:has-text('map_pose')")
+    for steers in ("#map-mode", "#victim-yes", "#playback-pause", "#messages-compose", "#drive-pad"):
+        assert not page.locator(steers).is_visible(), steers
 
 
 def victim_is_confirmed(page: Page, told: Told) -> None:
@@ -114,6 +142,7 @@ def map_is_shown_and_goal_is_set(page: Page, address: str, told: Told) -> None:
     assert np.array_equal(shown, greys[::-1])
 
     page.click("#map-mode >> text=Set goal")
+    page.wait_for_selector("#map-view[data-placing=goal][data-map]")
     page.click("#map-view")  # its middle, which is the map's
     frame, *place = told.waits_for("goal")
     # Where the robot at (1.5, 3.25) would look on its way to (2, 4).

@@ -17,12 +17,13 @@ LOGIN_PATH = "/login"
 LONGEST_FORM_BYTES = 4096
 
 LOGIN_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Robbie: log in</title>
-<meta name="viewport" content="width=device-width">
+<meta name="viewport" content="width=device-width"><link rel="icon" href="data:,">
 <style>body{{font:1.1rem sans-serif;display:grid;place-items:center;min-height:90vh}}
 body{{background:#10151b;color:#eee}}
 input,button{{font:inherit;padding:.6rem;width:100%;box-sizing:border-box;margin-top:.6rem}}
 .error{{color:#ff8a80}}</style>
-<form method="post" action="/login"><label for="token">Token of this robot</label>
+<form method="post" action="/login">
+<input name="username" value="robbie" autocomplete="username" hidden><label for="token">Token of this robot</label>
 <input id="token" name="token" type="password" autocomplete="current-password" autofocus required>
 <p class="error" role="alert">{error}</p><button>Log in</button></form></html>"""
 

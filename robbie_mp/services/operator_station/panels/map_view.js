@@ -1,7 +1,8 @@
 // The map from above: x to the right, y up. Drag moves it, the wheel zooms. While something is to be placed,
 // a press says where, and dragging from there says which way it looks; that is emitted as "placed".
 export default {
-  template: `<canvas class="map-view" tabindex="0" role="img" aria-label="Map"></canvas>`,
+  template: `<canvas class="map-view" tabindex="0" role="img" aria-label="Map" :data-placing="placing"
+    :style="{ cursor: placing ? 'crosshair' : 'grab' }"></canvas>`,
   props: { placing: String },
   mounted() {
     this.marks = { map: 0, robot: null, goal: null, path: [], victims: [] };
@@ -39,7 +40,7 @@ export default {
           this.picture = await createImageBitmap(await answer.blob());
           if (!this.fitted) this.fit();
         }
-        this.shown = count;
+        this.shown = this.$el.dataset.map = count;
       } catch {
         // Not connected; the next `show` tries again.
       } finally {
