@@ -23,7 +23,8 @@ body{{background:#10151b;color:#eee}}
 input,button{{font:inherit;padding:.6rem;width:100%;box-sizing:border-box;margin-top:.6rem}}
 .error{{color:#ff8a80}}</style>
 <form method="post" action="/login">
-<input name="username" value="robbie" autocomplete="username" hidden><label for="token">Token of this robot</label>
+<input name="username" value="robbie" autocomplete="username" hidden>
+<label for="token">Token of this robot</label>
 <input id="token" name="token" type="password" autocomplete="current-password" autofocus required>
 <p class="error" role="alert">{error}</p><button>Log in</button></form></html>"""
 
