@@ -26,6 +26,7 @@ LOOKS = {MissionState.SEARCH: MissionState.LOOK, MissionState.APPROACH: MissionS
 EMPTY_PLANS = 3
 """One map may be caught half drawn; so many in a row with nothing left to do are believed."""
 HOME_ATTEMPTS = 5
+NOTHING_LEFT = "nothing is left to do"
 SAME_TARGET_M = 0.3
 
 
@@ -84,6 +85,7 @@ class Mission:
         self._empty_plans = 0
         self._home_attempts = 0
         self._ended: str | None = None
+        self._known_at_end: set[int] = set()
 
     @property
     def state(self) -> MissionState:
@@ -175,6 +177,9 @@ class Mission:
             self._go_on("it can drive")
         elif self.state is not MissionState.RETURN:
             self._judge_work()
+        elif self._ended == NOTHING_LEFT and self.victims.suspected_ids - self._known_at_end:
+            self._ended = None
+            self._go_on("a victim was seen on the way home")
 
     def _judge_work(self) -> None:
         """Judge the states in which there is work to do."""
@@ -219,7 +224,7 @@ class Mission:
         )
         self._empty_plans = self._empty_plans + 1 if target is None and can_drive else 0
         if self._empty_plans >= EMPTY_PLANS:
-            self._return("nothing is left to do")
+            self._return(NOTHING_LEFT)
         elif target is not None:
             self._take(target)
 
@@ -242,6 +247,7 @@ class Mission:
 
     def _return(self, reason: str) -> None:
         self._ended = reason
+        self._known_at_end = set(self.victims.reports)
         self._target = None
         self.machine.go(MissionState.RETURN, reason)
 
@@ -300,4 +306,5 @@ class Mission:
         self.notes = list(memory["notes"])
         self._targets.remember(memory["given_up"])
         self.victims.remember(memory["victims"])
+        self._known_at_end = set(self.victims.reports)
         self.limits.remember(memory["limits"])

@@ -34,7 +34,7 @@ TRANSITIONS = {
     _S.INSPECT: {_S.EXPLORE, _S.ASK} | _ALWAYS,
     _S.ASK: {_S.EXPLORE} | _ALWAYS,
     _S.HALT: {_S.EXPLORE, _S.RETURN, _S.DONE},
-    _S.RETURN: {_S.HALT, _S.DONE},
+    _S.RETURN: {_S.EXPLORE, _S.HALT, _S.DONE},
     _S.DONE: set(),
 }
 TIME_OUTS = {

@@ -64,6 +64,11 @@ class MissionVictims:
             if report.state is VictimState.SUSPECTED
         ]
 
+    @property
+    def suspected_ids(self) -> set[int]:
+        """Return the numbers of these victims."""
+        return {report.id for report in self.reports.values() if report.state is VictimState.SUSPECTED}
+
     def is_suspected_at(self, xy_m: ArrayLike) -> bool:
         """Say whether a victim near a place, m, map frame, should be seen better."""
         x, y = np.asarray(xy_m, float).tolist()

@@ -211,6 +211,21 @@ def test_victim_is_approached_also_where_something_else_was_given_up():
     assert rescue.state is S.APPROACH
 
 
+def test_victim_seen_on_the_way_home_is_approached_once():
+    rescue = Rescue(HALL)
+    rescue.search_everything()
+    rescue.begin()
+    rescue.step()
+    rescue.step()
+    assert rescue.state is S.RETURN
+    rescue.tell(VictimState.SUSPECTED)
+    rescue.step()
+    assert rescue.state is S.APPROACH
+    states = rescue.drive()
+    assert states[-2:] == [S.RETURN, S.DONE]
+    assert states.count(S.RETURN) == 1
+
+
 def test_robot_looks_at_a_wall_no_longer_than_it_takes():
     rescue = Rescue(HALL)
     rescue.begin()
