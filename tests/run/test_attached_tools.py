@@ -13,6 +13,7 @@ import pytest
 from robbie_mp.attachment import Attachment, Detached, Received
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import DriveCommand, Header, Time
+from robbie_mp.supervisor.control_client import ControlRefused
 from robbie_mp.supervisor.run_directory import KnownRun
 from robbie_mp.transport.records import Outbound
 from tests.run.robot import COMMAND, Ended, Robot, kill, wait_until
@@ -137,10 +138,23 @@ def test_tools_come_go_die_and_stand_still_and_no_module_loses_a_message(
     assert abs(missed - gaps - (published - 1 - numbers[-1])) <= 2
 
 
+def attach(run: KnownRun, purpose: str) -> Attachment:
+    """Attach as soon as there is a place: that of a tool which has left is taken back a little later."""
+    found: list[Attachment] = []
+
+    def is_attached() -> bool:
+        with suppress(ControlRefused):
+            found.append(Attachment(run, purpose))
+        return bool(found)
+
+    wait_until(is_attached)
+    return found[0]
+
+
 def take_one_by_pattern(run: KnownRun) -> Received:
     """Attach and take a message; again if this process stood still for so long that it was detached."""
     while True:
-        with closing(Attachment(run, "a tool that takes what it finds")) as curious:
+        with closing(attach(run, "a tool that takes what it finds")) as curious:
             curious.subscribe_encoded("*/Drive*", "wh*")
             curious.subscribe_encoded("robbie_msgs/*", "*s")
             curious.ready()
@@ -158,7 +172,7 @@ def test_tool_that_stands_still_or_breaks_the_protocol_is_detached_and_leaves_no
     (run,) = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
     before = {path.name for path in Path("/dev/shm").glob(f"*{run.run_id}*")}
 
-    publisher = Attachment(run, "a tool that publishes and leaves")
+    publisher = attach(run, "a tool that publishes and leaves")
     publisher.ready()
     assert publisher.publish(DriveCommand(header=Header(stamp=Time(sec=1_000_000))), "wheels")
     topics = json.loads(robot.command("list", "topics", "--run", run.run_id, "--json").stdout)
@@ -167,13 +181,13 @@ def test_tool_that_stands_still_or_breaks_the_protocol_is_detached_and_leaves_no
     wait_until(lambda: 1_000_000 in robot.journal("listener"))
     robot.until(lambda modules: TOOL not in modules)
 
-    idle = Attachment(run, "a tool that has nothing to do")
+    idle = attach(run, "a tool that has nothing to do")
     idle.ready()
     received = take_one_by_pattern(run)
     assert (received.type_name, received.version) == (DriveCommand.type_name, DriveCommand.version)
     assert (received.topic, received.sender) == ("wheels", "pulse")
     robot.until(lambda modules: "~tool2" not in modules)
-    still = Attachment(run, "a tool that stands still")
+    still = attach(run, "a tool that stands still")
     still.subscribe(DriveCommand.type_name, DriveCommand.version, "wheels")
     still.ready()
     robot.until(lambda modules: "~tool2" not in modules)
@@ -187,7 +201,7 @@ def test_tool_that_stands_still_or_breaks_the_protocol_is_detached_and_leaves_no
     idle.close()
     robot.until(lambda modules: TOOL not in modules)
 
-    hostile = Attachment(run, "a hostile tool")
+    hostile = attach(run, "a hostile tool")
     hostile._endpoint.send(Outbound.MODULE_GONE, 1)  # which is the supervisor's to say
     with pytest.raises(Detached, match="a hostile tool: the core refused its records"):
         hostile.wait_for(lambda: False, 20.0)
