@@ -5,7 +5,6 @@ messages before they are written, and after a write that failed it can neither t
 finish the file. Its records are.
 """
 
-import contextlib
 import fcntl
 import os
 import zlib
@@ -31,6 +30,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from robbie_mp.recording.appended_file import AppendedFile
 from robbie_mp.recording.chunk import Chunk
 from robbie_mp.recording.compression import Compression, compress
 from robbie_mp.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING, ChannelKey, TopicNames
@@ -67,7 +67,6 @@ class PartWriter:
 
     def __init__(self, path: Path, compression: Compression, library: str):
         self.path = path
-        self.bytes = 0
         self.is_finished = False
         self._compression = compression
         self._channels: dict[int, Channel] = {}
@@ -78,10 +77,10 @@ class PartWriter:
         self._counts: dict[int, int] = {}
         self._end_ns = 0
         self._first_ns = 0
-        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        self._file = AppendedFile(path)
         try:
-            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self._append([MAGIC, _bytes_of(Header(profile=PROFILE, library=library))])
+            fcntl.flock(self._file.fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._file.append([MAGIC, _bytes_of(Header(profile=PROFILE, library=library))])
             _sync_folder(path.parent)
         except BaseException:
             self.close()
@@ -99,7 +98,7 @@ class PartWriter:
         new_schemas, new_channels = self._describe(new)
         described = b"".join(_bytes_of(record) for record in (*new_schemas.values(), *new_channels))
         index, pieces = self._pack(chunk, described)
-        self._append(pieces)
+        self._file.append(pieces)
         self._schemas |= new_schemas
         self._channels |= {channel.id: channel for channel in new_channels}
         self._chunk_indexes.append(index)
@@ -170,7 +169,7 @@ class PartWriter:
         """Write a metadata record."""
         record = _bytes_of(Metadata(name=name, metadata=metadata))
         at = self.bytes
-        self._append([record])
+        self._file.append([record])
         self._metadata_indexes.append(MetadataIndex(offset=at, length=len(record), name=name))
 
     def sync(self) -> None:
@@ -179,7 +178,7 @@ class PartWriter:
         Raises:
             OSError: it does not; nobody knows then what it has kept since the last time.
         """
-        os.fdatasync(self._fd)
+        os.fdatasync(self._file.fd)
 
     def finish(self) -> None:
         """Write summary and end."""
@@ -208,7 +207,7 @@ class PartWriter:
         footer_head = FOOTER_HEAD.pack(Opcode.FOOTER, 20, start, offsets_start)
         checksum = zlib.crc32(footer_head, zlib.crc32(summary))
         footer = Footer(summary_start=start, summary_offset_start=offsets_start, summary_crc=checksum)
-        self._append([data_end, summary, _bytes_of(footer), MAGIC])
+        self._file.append([data_end, summary, _bytes_of(footer), MAGIC])
         self.is_finished = True
         self.sync()
 
@@ -227,31 +226,12 @@ class PartWriter:
 
     def close(self) -> None:
         """Close and unlock the file."""
-        os.close(self._fd)
+        self._file.close()
 
-    def _append(self, pieces: Pieces) -> None:
-        """Write pieces at the end of the file, or nothing."""
-        end = self.bytes
-        waiting = [memoryview(piece) for piece in pieces if piece]
-        try:
-            while waiting:
-                written = os.pwritev(self._fd, waiting, end)
-                end += written
-                waiting = _behind(waiting, written)
-        except OSError:
-            with contextlib.suppress(OSError):  # what is behind the last whole record is ignored by readers
-                os.ftruncate(self._fd, self.bytes)
-            raise
-        self.bytes = end
-
-
-def _behind(pieces: list[memoryview], count: int) -> list[memoryview]:
-    """Return the pieces without their first `count` bytes."""
-    for index, piece in enumerate(pieces):
-        if count < len(piece):
-            return [piece[count:], *pieces[index + 1 :]]
-        count -= len(piece)
-    return []
+    @property
+    def bytes(self) -> int:
+        """Size of the file."""
+        return self._file.bytes
 
 
 def _message_index(channel_id: int, entries: "array[int]", shift: int) -> bytes:
