@@ -6,10 +6,9 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.recording.conversion import NewChannel, converted_log
-from robbie_mp.recording.format import ChannelKey, TopicNames
 from robbie_mp.recording.reader import LoggedMessage, open_log
 from tests.robot.test_stock_robot import PROJECT, StockRobot
+from tools.intel_lockstep import write_log
 
 pytestmark = pytest.mark.timeout(500)
 RESULTS = ("trajectory.txt", "map.pgm", "map.yaml")
@@ -44,17 +43,6 @@ def kind(message: LoggedMessage) -> str:
     return "scan" if channel.type_name == "sensor_msgs/msg/LaserScan" else ""
 
 
-def write(path: Path, messages: list[LoggedMessage]) -> Path:
-    topics = TopicNames()
-    with converted_log(path, path) as log:
-        for message in messages:
-            channel = message.channel
-            key = ChannelKey(channel.type_name, channel.version, channel.topic, channel.sender)
-            new = NewChannel(topics.of(key), channel.type_name, channel.schema)
-            log.add(new, key.metadata(), message.time_ns, message.data)
-    return path
-
-
 @pytest.fixture
 def workspace(tmp_path: Path) -> Path:
     """The project with one more profile, in which mapping is killed."""
@@ -80,7 +68,7 @@ def test_recorded_run_gives_the_same_map_when_it_is_played(tmp_path: Path, works
     handled = counted(robot.output)
     messages = for_mapping(recording)[: handled["odometry_messages"] + handled["scans"]]
     assert sum(kind(message) == "odometry" for message in messages) == handled["odometry_messages"]
-    log = write(tmp_path / "live.mcap", messages)
+    log = write_log(tmp_path / "live.mcap", recording, messages)
 
     code, modules, errors = robot.play(log, "demo-playback", "--rate", "max")
     assert code == 0, errors
@@ -92,7 +80,8 @@ def test_recorded_run_gives_the_same_map_when_it_is_played(tmp_path: Path, works
     assert modules["mapping"]["restarts"] == 1
     assert modules["mapping"]["lost"] == modules["mapping"]["dropped"] == 0
     killed = results(robot.output)
-    code, _, errors = robot.play(write(tmp_path / "less.mcap", less(messages)), "demo-playback", "--lockstep")
+    shorter = write_log(tmp_path / "less.mcap", log, less(messages))
+    code, _, errors = robot.play(shorter, "demo-playback", "--lockstep")
     assert code == 0, errors
     assert results(robot.output) == killed
 

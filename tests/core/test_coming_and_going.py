@@ -1,0 +1,168 @@
+"""Modules die, come back, stay away or break the protocol: what becomes of their messages, who is told."""
+
+from robbie_mp.core.members import NOTICE_LIMIT
+from robbie_mp.transport import layout
+from robbie_mp.transport.endpoint import Delivery, Notice
+from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
+from tests.core.simulated_run import CREDIT, SimulatedRun, connected
+
+
+def test_restarted_subscriber_continues_with_the_very_next_message() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(10):
+        publisher.publish(channel, value)
+        run.run_core()
+    assert subscriber.take() is not None  # dies while it handles message 0
+    run.kill(subscriber)
+    publisher.publish(channel, 10)
+    run.run_core()
+    successor = run.start(2, 2)
+    successor.subscribe()
+    successor.ready()
+    run.run_core()
+    received = []
+    while values := successor.handle_all():
+        received += values
+        run.run_core()
+    assert received == list(range(1, 11))
+    assert run.counts(0) == {"routed": 11, "delivered": 10, "replaced": 0, "dropped": 0, "lost": 1}
+    assert run.live_handles() == 0
+
+
+def test_killed_subscriber_releases_what_it_had_kept() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 1)
+    run.run_core()
+    delivery = subscriber.take()
+    assert delivery is not None
+    subscriber.endpoint.done(delivery)
+    run.run_core()
+    run.kill(subscriber)
+    publisher.collect_freed()
+    assert not publisher.blocks_out
+    assert run.counts(0)["delivered"] == 1
+
+
+def test_messages_of_a_dead_publisher_are_still_delivered_and_its_segments_go_with_the_last() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(3):
+        publisher.publish(channel, value)
+    run.kill(publisher)  # the core had not even seen them
+    assert (Inbound.SEGMENTS_GONE, 1, 1) not in run.supervisor_notices()
+    assert subscriber.handle_all() == [0, 1, 2]
+    run.run_core()
+    assert (Inbound.SEGMENTS_GONE, 1, 1) in run.supervisor_notices()
+    assert run.live_handles() == 0
+
+
+def test_module_that_will_not_come_back_loses_its_queue_and_it_is_counted() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(5):
+        publisher.publish(channel, value)
+        run.run_core()
+    run.kill(subscriber)
+    run.gone(subscriber, clean=False)
+    assert run.counts(0) == {"routed": 5, "delivered": 0, "replaced": 0, "dropped": 0, "lost": 5}
+    publisher.publish(channel, 5)
+    run.run_core()
+    assert run.live_handles() == 0
+
+
+def test_subscription_that_a_restarted_module_no_longer_wants_is_closed() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 0)
+    run.run_core()
+    run.kill(subscriber)
+    successor = run.start(2, 2)
+    successor.ready()
+    run.run_core()
+    publisher.publish(channel, 1)
+    run.run_core()
+    assert run.counts(0)["dropped"] == 1
+    assert run.live_handles() == 0
+
+
+def test_garbage_in_a_ring_faults_its_module_and_the_others_go_on() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber, hostile) = connected(run, *[MessageHandling.ALWAYS_DELIVER] * 2)
+    run.supervisor_notices()
+    hostile.endpoint.send(Outbound.RELEASE, 99999999, 1)
+    publisher.publish(channel, 1)
+    run.run_core()
+    assert subscriber.handle_all() == [1]
+    assert run.supervisor_notices() == [(Inbound.FAULTED, 3, 1)]
+    assert len(run.reports) == 1
+    run.kill(hostile)
+    run.run_core()
+    assert run.live_references() == 1  # its message waits for its next incarnation
+
+
+def test_notices_never_take_the_room_of_messages() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 7)
+    run.run_core()
+    assert subscriber.handle_all() == [7]
+    for incarnation in range(1, 20):
+        run.kill(run.start(3, incarnation))
+    for value in range(CREDIT):
+        publisher.publish(channel, value)
+    run.run_core()
+    received, notices = [], 0
+    for _ in range(CREDIT + 19):
+        record = subscriber.endpoint.take()
+        if isinstance(record, Delivery):
+            received.append(record.stamp_ns)
+            subscriber.endpoint.release(record)
+        else:
+            notices += record is not None
+        run.run_core()
+    assert received == list(range(CREDIT))
+    assert notices == 19
+
+
+def test_module_that_was_never_sent_a_message_is_sent_no_notices() -> None:
+    run = SimulatedRun()
+    _, _, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    run.kill(run.start(3, 1))
+    run.run_core()
+    assert subscriber.endpoint.take() is None
+
+
+def test_notices_for_a_module_that_takes_none_are_bounded() -> None:
+    run = SimulatedRun()
+    publisher, channel, (stopped,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 1)
+    run.run_core()
+    assert stopped.handle_all() == [1]
+    for incarnation in range(1, 2 * NOTICE_LIMIT):
+        run.kill(run.start(3, incarnation))
+        run.supervisor_notices()
+    unmap = []
+    while (record := stopped.endpoint.take()) is not None:
+        unmap.append(record)
+        run.run_core()
+    assert NOTICE_LIMIT <= len(unmap) < NOTICE_LIMIT + layout.inbound_records(CREDIT)
+    assert [record.incarnation for record in unmap if isinstance(record, Notice)] == [
+        *range(1, len(unmap) + 1)
+    ]
+
+
+def test_messages_that_waited_when_a_module_was_stopped_can_be_told_from_what_did_not_fit() -> None:
+    run = SimulatedRun(queue_messages=3)
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(CREDIT + 5):
+        publisher.publish(channel, value)
+        run.run_core()
+    assert run.counts(0)["dropped"] == 2
+    run.kill(subscriber)
+    for _ in range(2):  # a core that takes over is told again
+        run.gone(subscriber, clean=True)
+    before = run.words[run.tables.subscription(0) + layout.SUBSCRIPTION_DROPPED_BEFORE]
+    # Besides the two, what it had not taken waited, and three in the queue.
+    assert (run.counts(0)["dropped"], before) == (2 + CREDIT + 3, 2 + 1)
