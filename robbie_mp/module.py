@@ -69,6 +69,12 @@ class Module:
     Who records or sums up saves itself, and everybody else, being woken for each message. On an ordered stop
     what was published before is still handled. In lockstep every message is taken at once.
     """
+    nice = 0
+    """How far its process steps back behind the others, 0 to 19, unless the profile says otherwise.
+
+    With more than 0 it may compute for long, and nobody who wakes up waits for it. When the processors are
+    busy it gets a small share of them: about a tenth of another one's with 10.
+    """
     follows_run_clock = True
     """Whether `clock` and ticks go by the run's time when a log plays or a simulation runs.
 

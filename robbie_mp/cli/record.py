@@ -24,10 +24,11 @@ from robbie_mp.recording.compression import Compression
 from robbie_mp.recording.disk_budget import DiskBudget
 from robbie_mp.recording.format import ChannelKey
 from robbie_mp.recording.log_writer import LogWriter, Split
-from robbie_mp.recording.recorder import Recorder
+from robbie_mp.recording.recorder import LOGGER_NICE, Recorder
 from robbie_mp.services.queue_drops import QueueDrops, key_of_missing
 from robbie_mp.services.recorded_run import RecordedRun
 from robbie_mp.services.selection import Selection
+from robbie_mp.stepping_back import step_back
 from robbie_mp.supervisor.run_directory import KnownRun
 from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.records import ANY_VERSION
@@ -97,6 +98,7 @@ def record(arguments: argparse.Namespace) -> int:
         raise FolderExists(f"{folder} exists already; name a new folder with -o")
     selection = Selection.by_either(arguments.pattern or ["*"], arguments.exclude)
     logging.basicConfig(format="(%(message)s)", stream=sys.stderr)
+    step_back(LOGGER_NICE)
     with closing(RecordedRun(run.folder)) as recorded:
         recording = _Recording(run, recorded, selection, folder, Compression(arguments.compression))
         with _signals_noted() as stopped:

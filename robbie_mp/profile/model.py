@@ -76,6 +76,8 @@ class Scheduling:
 
     realtime_priority: int = bounded(0, 0, 99)
     """Of SCHED_FIFO: it runs before all ordinary processes; 0: it is an ordinary one."""
+    nice: int | None = bounded(None, 0, 19)
+    """How far it steps back behind other ordinary processes; None: as far as its class says."""
     cpus: list[int] = field(default_factory=list)
     """Numbers of the processors it may run on; empty: all."""
     spin_us: float = bounded(0.0, 0, 1e6)

@@ -13,6 +13,8 @@ from robbie_mp.recording.format import ChannelKey
 from robbie_mp.recording.log_writer import LogWriter
 from robbie_mp.recording.part_writer import RecordedChannel
 
+LOGGER_NICE = 10
+"""How far processes that record step back behind the others: compressing must not hold up the robot."""
 RETRY_S = 1.0
 """After a write that failed; the messages wait meanwhile."""
 

@@ -15,7 +15,7 @@ from robbie_mp.recording.compression import Compression
 from robbie_mp.recording.disk_budget import DiskBudget
 from robbie_mp.recording.format import ChannelKey
 from robbie_mp.recording.log_writer import LogWriter, Split
-from robbie_mp.recording.recorder import Recorder
+from robbie_mp.recording.recorder import LOGGER_NICE, Recorder
 from robbie_mp.services.queue_drops import QueueDrops, key_of_missing
 from robbie_mp.services.recorded_run import RecordedRun
 from robbie_mp.services.selection import Pair, Selection, type_pattern
@@ -41,6 +41,7 @@ class MessageLogger(Module):
 
     period_s = 1.0
     patience_s = 0.02
+    nice = LOGGER_NICE
     follows_run_clock = False
 
     types: list[str] = setting(["*"], "patterns for the types that are recorded, as sensor_msgs/msg/*")

@@ -5,14 +5,20 @@ import os
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.profile.model import Scheduling
+from robbie_mp.stepping_back import step_back
 
 
 class NoSuchCpu(RobbieError, ValueError):
     """A profile binds a process to processors of which this machine lets it use none."""
 
 
-def apply_scheduling(wanted: Scheduling, log: logging.Logger) -> None:
+def apply_scheduling(wanted: Scheduling, log: logging.Logger, nice: int = 0) -> None:
     """Schedule this process as wanted; what is not permitted is warned of, for a robot can do without.
+
+    Args:
+        wanted: what the profile says.
+        log: where warnings go.
+        nice: how far it steps back behind others if the profile does not say.
 
     Raises:
         NoSuchCpu: there is none of the processors it is to run on.
@@ -26,6 +32,9 @@ def apply_scheduling(wanted: Scheduling, log: logging.Logger) -> None:
                 f"scheduling.cpus is {wanted.cpus}, but this process may only use {usable} ({error}); "
                 "change it in the profile"
             ) from error
+    nice = nice if wanted.nice is None else wanted.nice
+    if nice:
+        step_back(nice)
     if wanted.realtime_priority:
         # Its children would be real-time processes too, without anyone having asked for it.
         policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK

@@ -60,3 +60,24 @@ def test_who_spins_looks_for_a_post_before_it_sleeps() -> None:
     assert wakeup.wait(90.0)
     assert next(looks) == 1, "it looked until the post had come"
     assert slept == [90.0]
+
+
+STEP_BACK = """
+import logging, os
+from robbie_mp.profile.model import Scheduling
+from robbie_mp.supervisor.scheduling import apply_scheduling
+apply_scheduling(Scheduling(nice={wanted}), logging.getLogger(), nice=7)
+print(os.getpriority(os.PRIO_PROCESS, 0), os.sched_getscheduler(0) == os.SCHED_OTHER)
+"""
+
+
+@pytest.mark.parametrize(("wanted", "nice"), [(None, 7), (3, 3), (0, 0)])
+def test_process_steps_back_as_far_as_its_profile_says_or_else_its_class(
+    wanted: int | None, nice: int
+) -> None:
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    ended = subprocess.run(
+        [sys.executable, "-c", STEP_BACK.format(wanted=wanted)],
+        check=True, capture_output=True, text=True, timeout=30,
+    )  # fmt: skip
+    assert ended.stdout.split() == [str(min(19, before + nice)), "True"]
