@@ -45,6 +45,7 @@ class RescueMission(Module):
     period_s: float = setting(0.2, "time between decisions", minimum=0.02)
     time_limit_s: float = setting(600.0, "the robot is home again by then", minimum=10.0)
     reserve: float = setting(0.15, "the battery is not used below this ratio", minimum=0.0, maximum=1.0)
+    clearance_m: float = setting(0.27, "ways keep so far from obstacles: as navigation's", minimum=0.05)
     report_name: str = setting("rescue", "beginning of the names of the report's files")
     ends_after_s: float = setting(
         1.0, "the mission's end is shown so long before the module ends", minimum=0.0
@@ -52,7 +53,9 @@ class RescueMission(Module):
 
     def setup(self) -> None:
         """Make the mission; hear map, pose, navigation, victims, camera and battery."""
-        settings = MissionSettings(time_limit_s=self.time_limit_s, reserve=self.reserve)
+        settings = MissionSettings(
+            time_limit_s=self.time_limit_s, reserve=self.reserve, clearance_m=self.clearance_m
+        )
         self.mission = Mission(self._time_s, settings, self._state_changed)
         if self.restored is not None:
             self.mission.remember(self.restored)
@@ -119,7 +122,8 @@ class RescueMission(Module):
         self.mission.see_stopped(
             f"{state.state}: {state.reason}" if state.state.startswith(CANNOT_DRIVE) else None
         )
-        self.is_known = self.goal is not None and self._is_goal(state)
+        # Without a goal navigation names none: its zeros are not the home that lies there.
+        self.is_known = self.goal is not None and state.state != "IDLE" and self._is_goal(state)
         if self.judged or not self.is_known:
             return
         if state.state in ("ARRIVED", "UNREACHABLE"):
@@ -189,7 +193,9 @@ class RescueMission(Module):
     def _is_goal(self, state: NavigationState) -> bool:
         """Say whether a state is about the goal that was sent last."""
         assert self.goal is not None
-        return math.dist(planar(state.goal)[:2], self.goal[:2].tolist()) < 1e-6
+        x_m, y_m, heading_rad = np.asarray(planar(state.goal)) - self.goal
+        # The heading, too: many goals at one place follow each other, and one is not reached by the other.
+        return math.hypot(x_m, y_m, math.remainder(heading_rad, math.tau)) < 1e-6
 
     def _turn_camera(self, look_at_xy_m: NDArray[np.float64] | None) -> None:
         assert self.pose is not None

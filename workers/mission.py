@@ -184,14 +184,16 @@ class Mission:
     def _judge_work(self) -> None:
         """Judge the states in which there is work to do."""
         if self.state is MissionState.ASK and not self.victims.is_asked:
-            self.machine.go(MissionState.EXPLORE, "the operator was asked")
+            self._go_on("the operator was asked")
         elif self.state is not MissionState.ASK and self.victims.is_asked and not self.victims.is_waited_for:
             self.machine.go(MissionState.ASK, f"asks about {self.victims.asked_name}")
             self.victims.wait_for_answer()
         elif self.state is MissionState.INSPECT and self._target_is_done():
-            self.machine.go(MissionState.EXPLORE, "the victim was seen well")
+            self._target = None
+            self._go_on("the victim was seen well")
         elif self.state is MissionState.LOOK and self._target_is_searched():
-            self.machine.go(MissionState.EXPLORE, "the wall was seen well")
+            self._target = None
+            self._go_on("the wall was seen well")
         elif self.machine.expire():
             self._give_up_target()
         elif self.state in TRAVELS and self.machine.time_in_state_s > self.settings.travel_s:

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image as Picture
 
 from modules.mission import RescueMission
+from modules.navigation import Navigation
 from robbie_mp.harness import ModuleHarness
 from robbie_mp.messages import (
     BatteryState,
@@ -134,6 +135,32 @@ def test_goal_that_navigation_has_lost_is_sent_again(robot: Robot) -> None:
     assert [goal.pose for goal in again][:1] == [first.pose]
     robot.tell_navigation("DRIVE", first)
     assert robot.go_on(4.0) == []
+
+
+def test_goal_with_another_heading_is_another_goal(robot: Robot) -> None:
+    robot.navigates = False
+    (goal, *_) = robot.go_on(1.5)
+    before = robot.harness.module.mission.state
+    place = goal.pose.position
+    turned = Quaternion.from_yaw(goal.pose.orientation.yaw + 0.5)
+    robot.tell_navigation("ARRIVED", PoseStamped(pose=Pose(position=place, orientation=turned)))
+    assert robot.harness.module.mission.state is before
+    robot.tell_navigation("ARRIVED", goal)
+    assert robot.harness.module.mission.state is not before
+
+
+def test_navigation_without_a_goal_is_sent_home_also_where_the_map_begins(robot: Robot) -> None:
+    module = robot.harness.module
+    module.goal, module.sent_s = np.zeros(3), 0.0
+    robot.tell_navigation("DRIVE", PoseStamped())
+    assert module.is_known
+    robot.tell_navigation("IDLE")
+    assert not module.is_known
+
+
+def test_mission_sees_a_way_wherever_navigation_does(robot: Robot) -> None:
+    with ModuleHarness(Navigation) as navigation:
+        assert robot.harness.module.mission.settings.clearance_m == navigation.module.clearance_m
 
 
 def test_silent_laser_makes_the_robot_stand_and_is_in_the_report(

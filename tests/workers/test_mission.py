@@ -10,9 +10,12 @@ from workers.mission import Mission
 from workers.mission_states import TIME_OUTS, TRANSITIONS, MissionSettings, MissionState
 from workers.mission_targets import SearchedGrid
 from workers.mission_victims import VictimReport
+from workers.navigation_grid import NavigationGrid
+from workers.navigator_states import NavigatorSettings
 from workers.searched_walls import UNSEARCHED, WallFronts, WallMemory
 from workers.state_machine import mermaid
 from workers.victim_map import VictimState
+from workers.way_planner import Obstruction, plan_way
 
 S = MissionState
 HALL = """
@@ -108,6 +111,19 @@ def test_frontier_goal_can_be_driven_to_and_is_near_what_is_unknown():
     orders = rescue.begin()
     assert 1.5 < orders.goal[0] < 2.25
     assert orders.look_at_xy_m is None
+
+
+def test_what_lies_behind_a_passage_that_navigation_drives_through_is_left_to_do():
+    rescue = Rescue(HALF_KNOWN)
+    rescue.pose = np.array([0.6, 0.8, 0.0])
+    rescue.cells[:, 20:25] = 100
+    rescue.cells[11:23, 20:25] = 0  # 0.6 m wide
+    rescue.search_everything()
+    navigation = NavigatorSettings()
+    grid = NavigationGrid(rescue.cells, RESOLUTION_M, (0.0, 0.0), navigation.clearance_m)
+    way = plan_way(grid, rescue.pose, (1.6, 0.8), navigation.snap_m, navigation.tolerance_m)
+    assert way.obstruction is Obstruction.NONE
+    assert rescue.begin().goal[0] > 1.25
 
 
 def test_goal_that_cannot_be_reached_is_not_chosen_again():
@@ -235,6 +251,17 @@ def test_robot_looks_at_a_wall_no_longer_than_it_takes():
     rescue.search_everything()
     rescue.step(0.2)
     assert rescue.mission.machine.reason == "the wall was seen well"
+
+
+def test_robot_goes_on_at_once_from_a_wall_that_was_seen_well():
+    rescue = Rescue(HALL)
+    rescue.pose = rescue.begin().goal
+    rescue.mission.arrived()
+    rescue.step(0.2)
+    rescue.memory.look(WallFronts(rescue.cells, RESOLUTION_M, (0.0, 0.0)), rescue.pose, 0.7)
+    orders = rescue.step(0.2)
+    assert rescue.state is S.SEARCH
+    assert tuple(orders.goal) != tuple(rescue.pose)
 
 
 def test_robot_waits_for_the_operators_answer_but_not_twice_for_the_same():
