@@ -5,11 +5,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from modules.planar_messages import map_cells, planar, pose_stamped
+from modules.planar_messages import frontiers_message, map_cells, planar, pose_stamped
 from robbie_mp.messages import (
     BatteryState,
     CameraInfo,
     Header,
+    MissionOrder,
+    MissionStatus,
     NavigationState,
     OccupancyGrid,
     PanTiltCommand,
@@ -21,6 +23,7 @@ from robbie_mp.messages import (
 from robbie_mp.module import MessageHandling, Module, setting
 from workers.look_around import LookAround
 from workers.mission import Mission
+from workers.mission_orders import OperatorOrder
 from workers.mission_states import MissionSettings, MissionState
 from workers.mission_targets import SearchedGrid
 from workers.mission_victims import VictimReport
@@ -28,6 +31,8 @@ from workers.rescue_report import MissionFigures, write_report
 from workers.victim_map import VictimState
 
 CANNOT_DRIVE = ("STOPPED_", "EMERGENCY_")
+TELL_S = 1.0
+"""The mission's status is told so often, if it does not change."""
 REPEAT_S = 2.0
 """A goal that navigation does not have after so long is sent again."""
 
@@ -35,14 +40,18 @@ REPEAT_S = 2.0
 class RescueMission(Module):
     """Sends goals to navigation and directions to the pan-tilt unit until the mission has ended.
 
+    The operator starts, pauses, aborts it or calls it home with `MissionOrder`; `MissionStatus` tells which
+    orders fit, and why one was refused. Also publishes the `Frontiers` among which it has chosen.
+
     At the end it writes the report: a map with victims and path in the manner of RoboCup Rescue
     (`NAME_map.png`), the victims as `NAME_victims.csv`, and figures in `mission.json`.
 
     Restarted, it goes on: it still knows where home is, what it has found, how much of its time it has used,
-    and whether it was on its way back.
+    what the operator has ordered, and whether it was on its way back.
     """
 
     period_s: float = setting(0.2, "time between decisions", minimum=0.02)
+    starts_by_itself: bool = setting(True, "false: the robot stands until the operator starts the mission")
     time_limit_s: float = setting(600.0, "the robot is home again by then", minimum=10.0)
     reserve: float = setting(0.15, "the battery is not used below this ratio", minimum=0.0, maximum=1.0)
     clearance_m: float = setting(0.27, "ways keep so far from obstacles: as navigation's", minimum=0.05)
@@ -54,7 +63,10 @@ class RescueMission(Module):
     def setup(self) -> None:
         """Make the mission; hear map, pose, navigation, victims, camera and battery."""
         settings = MissionSettings(
-            time_limit_s=self.time_limit_s, reserve=self.reserve, clearance_m=self.clearance_m
+            starts_by_itself=self.starts_by_itself,
+            time_limit_s=self.time_limit_s,
+            reserve=self.reserve,
+            clearance_m=self.clearance_m,
         )
         self.mission = Mission(self._time_s, settings, self._state_changed)
         if self.restored is not None:
@@ -70,10 +82,15 @@ class RescueMission(Module):
         self.stands = False
         self.pan_rad = math.nan
         self.map: OccupancyGrid | None = None
+        self.frontiers = self.mission.frontiers
+        self.refusal = ""
+        self.told: tuple[str, list[OperatorOrder], str] | None = None
+        self.told_s = -math.inf
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(OccupancyGrid, self.on_map, newest)
         self.subscribe(SearchedWalls, self.on_searched, newest)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
+        self.subscribe(MissionOrder, self.on_order)
         self.subscribe(NavigationState, self.on_navigation)
         self.subscribe(VictimFound, self.on_victim)
         self.subscribe(CameraInfo, self.on_camera, newest, topic="camera")
@@ -117,6 +134,14 @@ class RescueMission(Module):
         )
         self.mission.victims.see(report)
 
+    def on_order(self, order: MissionOrder) -> None:
+        """Obey the operator at once, or say why not."""
+        self.refusal = self.mission.order(order.order) or ""
+        if self.refusal:
+            self.log.warning("refused an order of %s: %s", self.envelope.sender, self.refusal)
+        self.told_s = -math.inf
+        self.tick()
+
     def on_navigation(self, state: NavigationState) -> None:
         """Learn how far the robot is on its way to the goal."""
         self.mission.see_stopped(
@@ -137,14 +162,15 @@ class RescueMission(Module):
     def tick(self) -> None:
         """Think, and tell the others what to do."""
         orders = self.mission.step()
+        self.checkpoint(self.mission.memory())  # first: what the operator has ordered must not be forgotten
         if self.pose is not None and self.mission.state is not MissionState.WAIT:
             self._send_goal(orders.goal)
             self._turn_camera(orders.look_at_xy_m)
         for note in self.mission.notes[self.notes_told :]:
             self.log.warning("%s", note)
         self.notes_told = len(self.mission.notes)
+        self._tell()
         self.status = self.mission.status
-        self.checkpoint(self.mission.memory())
         if self.mission.machine.is_final and self.mission.machine.time_in_state_s >= self.ends_after_s:
             self.log.info("the mission has ended: %s", self.status)
             self.stop()
@@ -170,21 +196,37 @@ class RescueMission(Module):
             mission.home,
         )
 
+    def _tell(self) -> None:
+        """Publish what the mission is about, if that is new or was told long ago; and new frontiers."""
+        mission = self.mission
+        told = (mission.state.name, mission.operator.fitting(mission.state), self.refusal)
+        if told != self.told or self._time_s() - self.told_s >= TELL_S:
+            self.told, self.told_s = told, self._time_s()
+            state, orders, refusal = told
+            header, text = self._header("map"), mission.status
+            self.publish(MissionStatus(header=header, state=state, text=text, orders=orders, refusal=refusal))
+        if mission.frontiers is not self.frontiers:
+            self.frontiers = mission.frontiers
+            self.publish(frontiers_message(self.frontiers, self._header("map")))
+
     def _state_changed(self, state: MissionState) -> None:
         self.show_state(state)
         self.log.info("%s (%s)", state.name, self.mission.machine.reason)
 
     def _send_goal(self, wanted: NDArray[np.float64] | None) -> None:
         """Send a goal if it is another one, or if navigation has lost it; to stand is to go where one is."""
-        if wanted is not None:
-            goal = wanted
-        else:
-            goal = self.goal if self.stands and self.goal is not None else np.array(self.pose)
-        self.stands = wanted is None
         now_s = self._time_s()
-        is_new = self.goal is None or not np.array_equal(goal, self.goal)
-        is_wanted_again = self.judged and wanted is not None
-        if not is_new and (now_s - self.sent_s < REPEAT_S or (self.is_known and not is_wanted_again)):
+        is_late = now_s - self.sent_s >= REPEAT_S
+        if wanted is None:
+            # Where it is now: a robot that stands may be driven by hand.
+            is_due = not self.stands or (is_late and not self.is_known)
+            goal = np.array(self.pose)
+        else:
+            is_new = self.goal is None or not np.array_equal(wanted, self.goal)
+            is_due = is_new or (is_late and (self.judged or not self.is_known))
+            goal = wanted
+        self.stands = wanted is None
+        if not is_due:
             return
         self.goal, self.sent_s = goal, now_s
         self.is_known = self.judged = False

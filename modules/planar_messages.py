@@ -1,11 +1,13 @@
 """Between messages and what planar workers take."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robbie_mp.messages import (
+    Frontiers,
     Header,
     LaserScan,
     OccupancyGrid,
@@ -16,6 +18,7 @@ from robbie_mp.messages import (
     SearchedWalls,
     TFMessage,
 )
+from workers.frontiers import Frontier
 
 
 class MapCells(NamedTuple):
@@ -43,6 +46,13 @@ def map_cells(grid: OccupancyGrid | SearchedWalls) -> MapCells:
     corner = grid.info.origin.position
     cells = grid.data.reshape(grid.info.height, grid.info.width)
     return MapCells(cells, grid.info.resolution, (corner.x, corner.y))
+
+
+def frontiers_message(frontiers: Sequence[Frontier], header: Header) -> Frontiers:
+    """Make a message of frontiers, the longest of which come first."""
+    told = frontiers[: Frontiers.MOST]
+    middles = [Point(x=x_m, y=y_m) for x_m, y_m in (frontier.middle_xy_m.tolist() for frontier in told)]
+    return Frontiers(header=header, middles=middles, lengths_m=[frontier.length_m for frontier in told])
 
 
 def angles_rad(scan: LaserScan) -> NDArray[np.float64]:

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from workers.frontiers import Frontier
 from workers.mission_limits import MissionLimits
+from workers.mission_orders import OperatorOrder, OperatorOrders
 from workers.mission_states import TIME_OUTS, TRANSITIONS, MissionSettings, MissionState
 from workers.mission_targets import MissionTargets, SearchedGrid, Surroundings, Target
 from workers.mission_victims import MissionVictims
@@ -22,6 +24,7 @@ Points = NDArray[np.float64]
 PATH_STEP_M = 0.05
 TRAVELS = frozenset({MissionState.EXPLORE, MissionState.SEARCH, MissionState.APPROACH})
 WORKS = TRAVELS | {MissionState.LOOK, MissionState.INSPECT, MissionState.ASK}
+STANDS = frozenset({MissionState.WAIT, MissionState.HALT, MissionState.PAUSE})
 LOOKS = {MissionState.SEARCH: MissionState.LOOK, MissionState.APPROACH: MissionState.INSPECT}
 EMPTY_PLANS = 3
 """One map may be caught half drawn; so many in a row with nothing left to do are believed."""
@@ -57,6 +60,7 @@ class Mission:
         limits: What time and battery still allow.
         notes: What went wrong on the way, for the report; each said once.
         home: `(3,)`, where the mission began; None before the first pose.
+        operator: What the operator has ordered.
         path_m: where the robot has been, m, map frame.
     """
 
@@ -72,6 +76,7 @@ class Mission:
         self.limits = MissionLimits(clock, self.settings)
         self.notes: list[str] = []
         self.home: Points | None = None
+        self.operator = OperatorOrders(self.settings.starts_by_itself)
         self.path_m: list[tuple[float, float]] = []
         self._clock = clock
         self._targets = MissionTargets(self.settings)
@@ -95,7 +100,13 @@ class Mission:
     @property
     def status(self) -> str:
         """Return what the robot does, why, and what it has found, in one line."""
-        return f"{self.state} ({self.machine.reason}); {self.victims.summary}; {self.limits.summary}"
+        reason = "for the operator's start" if self.operator.is_awaited else self.machine.reason
+        return f"{self.state} ({reason}); {self.victims.summary}; {self.limits.summary}"
+
+    @property
+    def frontiers(self) -> list[Frontier]:
+        """Return where the map ended when the robot last thought about where to go, the longest first."""
+        return self._targets.frontiers
 
     @property
     def searched(self) -> SearchedGrid | None:
@@ -115,7 +126,7 @@ class Mission:
     def see_pose(self, pose: ArrayLike) -> None:
         """Take the robot's pose (x, y, heading), m and rad, map frame."""
         self._pose = np.asarray(pose, float)
-        if self.home is None:
+        if not self.operator.has_begun:
             self.home = self._pose
         x, y = self._pose[:2].tolist()
         if not self.path_m or math.dist(self.path_m[-1], (x, y)) >= PATH_STEP_M:
@@ -130,6 +141,17 @@ class Mission:
         if reason is not None and self._stopped is None:
             self._note(f"stopped: {reason}")
         self._stopped = reason
+
+    def order(self, order: int) -> str | None:
+        """Obey an order of the operator (an `OperatorOrder`), or return why it is refused."""
+        refusal = self.operator.refusal(order, self.state)
+        if refusal is None:
+            self.operator.is_held = order == OperatorOrder.PAUSE
+            if order == OperatorOrder.ABORT:
+                self._end("aborted by the operator")
+            elif order == OperatorOrder.RETURN:
+                self._return("ordered by the operator")
+        return refusal
 
     def arrived(self) -> None:
         """Learn that the goal ordered last has been reached."""
@@ -153,6 +175,8 @@ class Mission:
         """Think about what to do, and return it."""
         if self.machine.is_final:
             return Orders()
+        if self.operator.is_awaited:
+            self.limits.begin()
         if self._around is None or self._pose is None:
             return self._wait()
         self._judge()
@@ -170,11 +194,15 @@ class Mission:
         """Change the state if something demands it."""
         if self.limits.is_over:
             self._end("the time is over")
+        elif self.operator.is_held:
+            if self.operator.has_begun and self.state is not MissionState.PAUSE:
+                self.machine.go(MissionState.PAUSE, "ordered by the operator")
         elif self._stopped is not None:
             if self.state not in (MissionState.HALT, MissionState.WAIT):
                 self.machine.go(MissionState.HALT, self._stopped)
-        elif self.state in (MissionState.WAIT, MissionState.HALT):
-            self._go_on("it can drive")
+        elif self.state in STANDS:
+            self.operator.has_begun = True
+            self._go_on("resumed by the operator" if self.state is MissionState.PAUSE else "it can drive")
         elif self.state is not MissionState.RETURN:
             self._judge_work()
         elif self._ended == NOTHING_LEFT and self.victims.suspected_ids - self._known_at_end:
@@ -291,6 +319,9 @@ class Mission:
     def memory(self) -> dict[str, Any]:
         """Return what a restarted mission must know, as plain data."""
         return {
+            "over": self.machine.reason if self.machine.is_final else None,
+            "is_held": self.operator.is_held,
+            "has_begun": self.operator.has_begun,
             "home": self.home,
             "path_m": np.array(self.path_m).reshape(-1, 2),
             "ended": self._ended,
@@ -310,3 +341,6 @@ class Mission:
         self.victims.remember(memory["victims"])
         self._known_at_end = set(self.victims.reports)
         self.limits.remember(memory["limits"])
+        self.operator.is_held, self.operator.has_begun = memory["is_held"], memory["has_begun"]
+        if memory["over"] is not None:
+            self._end(memory["over"])

@@ -45,6 +45,10 @@ class MissionLimits:
         """Say whether the time is over."""
         return self.used_s >= self._settings.time_limit_s
 
+    def begin(self) -> None:
+        """Count the time from now on."""
+        self._began_s = self._clock()
+
     def see_battery(self, ratio: float) -> None:
         """Learn what is left in the battery, as a ratio."""
         if math.isfinite(ratio):

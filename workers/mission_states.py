@@ -18,13 +18,14 @@ class MissionState(StrEnum):
     INSPECT = "stands and looks at the victim"
     ASK = "waits for the operator"
     HALT = "stands, until it may and can drive"
+    PAUSE = "stands, until the operator resumes"
     RETURN = "drives home"
     DONE = "stands, its mission ended"
 
 
 _S = MissionState
 _WORK = {_S.EXPLORE, _S.SEARCH, _S.APPROACH}
-_ALWAYS = {_S.HALT, _S.RETURN, _S.DONE}
+_ALWAYS = {_S.HALT, _S.PAUSE, _S.RETURN, _S.DONE}
 TRANSITIONS = {
     _S.WAIT: _WORK | _ALWAYS,
     _S.EXPLORE: _WORK | {_S.ASK} | _ALWAYS,
@@ -33,8 +34,9 @@ TRANSITIONS = {
     _S.APPROACH: _WORK | {_S.INSPECT, _S.ASK} | _ALWAYS,
     _S.INSPECT: {_S.EXPLORE, _S.ASK} | _ALWAYS,
     _S.ASK: {_S.EXPLORE} | _ALWAYS,
-    _S.HALT: {_S.EXPLORE, _S.RETURN, _S.DONE},
-    _S.RETURN: {_S.EXPLORE, _S.HALT, _S.DONE},
+    _S.HALT: {_S.EXPLORE, _S.PAUSE, _S.RETURN, _S.DONE},
+    _S.PAUSE: {_S.EXPLORE, _S.HALT, _S.RETURN, _S.DONE},
+    _S.RETURN: {_S.EXPLORE, _S.HALT, _S.PAUSE, _S.DONE},
     _S.DONE: set(),
 }
 TIME_OUTS = {
@@ -49,6 +51,7 @@ class MissionSettings:
     """How the mission is carried out.
 
     Attributes:
+        starts_by_itself: False: the robot stands until the operator starts the mission.
         time_limit_s: The robot is home again by then, whatever is left to do.
         reserve: The battery is not used below this ratio.
         home_m_per_s: How fast the robot comes home, at least.
@@ -63,6 +66,7 @@ class MissionSettings:
         min_wall_m: Neither are shorter pieces of unsearched wall.
     """
 
+    starts_by_itself: bool = True
     time_limit_s: float = math.inf
     reserve: float = 0.15
     home_m_per_s: float = 0.25

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workers.frontiers import find_frontiers
+from workers.frontiers import Frontier, find_frontiers
 from workers.mission_states import MissionSettings, MissionState
 from workers.navigation_grid import Cell, NavigationGrid
 from workers.path_planner import PathField
@@ -85,9 +85,14 @@ class Surroundings:
 
 
 class MissionTargets:
-    """Finds targets, and remembers those that were given up."""
+    """Finds targets, and remembers those that were given up.
+
+    Attributes:
+        frontiers: of the map that was looked at last, the longest first.
+    """
 
     def __init__(self, settings: MissionSettings) -> None:
+        self.frontiers: list[Frontier] = []
         self._settings = settings
         self._given_up: deque[tuple[str, float, float]] = deque(maxlen=REMEMBERED)
 
@@ -139,7 +144,8 @@ class MissionTargets:
     def _frontiers(self, around: Surroundings, ways: PathField, pose: Points) -> Iterator[Target]:
         grid = around.grid
         reached = np.isfinite(ways.cost_m)
-        for frontier in find_frontiers(grid, self._settings.min_frontier_m):
+        self.frontiers = find_frontiers(grid, self._settings.min_frontier_m)
+        for frontier in self.frontiers:
             cell = grid.nearest(reached, frontier.middle_xy_m, NEAR_FRONTIER_M)
             if cell is None:
                 continue

@@ -16,7 +16,10 @@ from robbie_mp.harness import ModuleHarness
 from robbie_mp.messages import (
     BatteryState,
     CameraInfo,
+    Frontiers,
     MapMetaData,
+    MissionOrder,
+    MissionStatus,
     NavigationState,
     OccupancyGrid,
     PanTiltCommand,
@@ -28,6 +31,8 @@ from robbie_mp.messages import (
     VictimFound,
 )
 from tests.workers.exploration_world import RESOLUTION_M, drawn_cells
+from workers.frontiers import find_frontiers
+from workers.navigation_grid import NavigationGrid
 from workers.searched_walls import WallFronts, WallMemory
 
 HALL = """
@@ -53,6 +58,7 @@ class Robot:
         self.pose = START
         self.searched = WallMemory()
         self.navigates = True
+        self.cells = CELLS
 
     def go_on(self, seconds: float) -> list[PoseStamped]:
         """Let time pass; return the goals that came."""
@@ -74,7 +80,7 @@ class Robot:
     def tell(self) -> None:
         x, y, heading = self.pose
         pose = Pose(position=Point(x=x, y=y), orientation=Quaternion.from_yaw(heading))
-        self.harness.send(OccupancyGrid(info=INFO, data=CELLS.ravel()))
+        self.harness.send(OccupancyGrid(info=INFO, data=self.cells.ravel()))
         self.harness.send(PoseStamped(pose=pose), topic="map_pose")
         self.harness.send(CameraInfo(), topic="camera")
         self.harness.send(SearchedWalls(info=INFO, data=self.searched.grid(FRONTS).ravel()))
@@ -176,6 +182,79 @@ def test_silent_laser_makes_the_robot_stand_and_is_in_the_report(
     robot.harness.module.teardown()
     notes = json.loads((tmp_path / "mission.json").read_text())["notes"]
     assert notes == ["stopped: STOPPED_NO_LASER: the laser is silent for 0.7 s"]
+
+
+def test_paused_robot_is_told_at_once_to_stand_and_what_fits_is_published(robot: Robot) -> None:
+    robot.navigates = False
+    robot.go_on(1.5)
+    robot.harness.take(MissionStatus)
+    robot.harness.send(MissionOrder(order=MissionOrder.PAUSE))
+    (stand,) = robot.harness.take(PoseStamped, "goal")
+    assert (stand.pose.position.x, stand.pose.position.y) == START[:2]
+    (status,) = robot.harness.take(MissionStatus)
+    assert (status.state, status.refusal) == ("PAUSE", "")
+    assert status.orders.tolist() == [MissionOrder.START, MissionOrder.ABORT, MissionOrder.RETURN]
+    assert status.text.startswith("stands, until the operator resumes (ordered by the operator)")
+
+
+def test_robot_driven_by_hand_in_a_pause_is_not_driven_back(robot: Robot) -> None:
+    robot.navigates = False
+    robot.go_on(1.5)
+    robot.harness.send(MissionOrder(order=MissionOrder.PAUSE))
+    robot.tell_navigation("ARRIVED", *robot.harness.take(PoseStamped, "goal"))
+    robot.pose = (2.0, 1.0, 0.0)
+    assert robot.go_on(5.0) == []
+    robot.tell_navigation("IDLE")  # it was restarted
+    stand = robot.go_on(3.0)[-1]
+    assert (stand.pose.position.x, stand.pose.position.y) == robot.pose[:2]
+
+
+def test_refused_order_is_in_the_trace_and_in_the_status(
+    robot: Robot, caplog: pytest.LogCaptureFixture
+) -> None:
+    robot.go_on(1.5)
+    robot.harness.take(MissionStatus)
+    robot.harness.send(MissionOrder(order=MissionOrder.START))
+    (status,) = robot.harness.take(MissionStatus)
+    assert status.refusal == "START: the mission is under way"
+    (warning,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert warning.endswith(status.refusal)
+    robot.harness.send(MissionOrder(order=MissionOrder.PAUSE))
+    assert robot.harness.take(MissionStatus)[-1].refusal == ""
+
+
+def test_aborted_mission_ends_and_leaves_its_report(robot: Robot, tmp_path: Path) -> None:
+    robot.go_on(1.5)
+    robot.harness.send(MissionOrder(order=MissionOrder.ABORT))
+    robot.go_on(2.0)
+    assert robot.harness.module.stop_requested
+    robot.harness.module.teardown()
+    figures = json.loads((tmp_path / "mission.json").read_text())
+    assert (figures["state"], figures["reason"]) == ("DONE", "aborted by the operator")
+
+
+def test_pause_outlives_a_restart(robot: Robot) -> None:
+    robot.go_on(1.5)
+    robot.harness.send(MissionOrder(order=MissionOrder.PAUSE))
+    with ModuleHarness(RescueMission, restored=robot.harness.checkpoint) as again:
+        restarted = Robot(again)
+        restarted.pose = robot.pose
+        restarted.tell_navigation("IDLE")
+        (stand,) = restarted.go_on(1.0)
+        assert (stand.pose.position.x, stand.pose.position.y) == pytest.approx(robot.pose[:2])
+        assert again.take(MissionStatus)[-1].state == "PAUSE"
+
+
+def test_frontiers_are_published(robot: Robot) -> None:
+    robot.cells = CELLS.copy()
+    robot.cells[:, 45:] = -1
+    robot.navigates = False
+    robot.go_on(1.5)
+    told = robot.harness.take(Frontiers)[-1]
+    (found,) = find_frontiers(NavigationGrid(robot.cells, RESOLUTION_M, (0.0, 0.0), 0.27), 0.35)
+    ((x, y),) = ((one.x, one.y) for one in told.middles)
+    assert (x, y) == pytest.approx(found.middle_xy_m)
+    assert told.lengths_m.tolist() == pytest.approx([found.length_m])
 
 
 def test_restarted_module_goes_on_with_its_mission(robot: Robot) -> None:

@@ -4,10 +4,13 @@ import numpy as np
 
 from robbie_mp.messages import (
     CompressedImage,
+    Frontiers,
     Header,
     Image,
     MapMetaData,
     Message,
+    MissionOrder,
+    MissionStatus,
     OccupancyGrid,
     Path,
     PlaybackControl,
@@ -22,6 +25,8 @@ from robbie_mp.messages import (
     float64,
 )
 from robbie_mp.module import Module
+
+FRONTIERS = [Point(x=3.5, y=3.0), Point(x=0.5, y=4.5)]
 
 
 class Wish(Message, name="zoo/msg/Wish", version=1):
@@ -59,9 +64,11 @@ class KnownRobot(Module):
     def setup(self) -> None:
         self.file = (self.output_directory / "told.txt").open("a")
         self.asked = True
+        self.mission = MissionStatus(state="EXPLORE", text="drives about", orders=[MissionOrder.PAUSE])
         self.position_s, self.paused, self.rate, self.request = 3.0, False, 1.0, 0
         self.subscribe(PoseStamped, self.on_goal, topic="goal")
         self.subscribe(VictimConfirmation, self.on_answer)
+        self.subscribe(MissionOrder, self.on_order)
         self.subscribe(PlaybackControl, self.on_control)
         self.subscribe(Wish, self.on_wish, topic="wishes")
         self.show_state("LOOK_AROUND")
@@ -91,6 +98,8 @@ class KnownRobot(Module):
                 image=patch(),
             )
         )
+        self.publish(self.mission)
+        self.publish(Frontiers(header=header, middles=FRONTIERS, lengths_m=[1.0, 0.5]))
         self.tell_playback()
 
     def tell_playback(self) -> None:
@@ -114,6 +123,13 @@ class KnownRobot(Module):
     def on_answer(self, answer: VictimConfirmation) -> None:
         self.asked = False
         self.write("answer", answer.id, answer.answer)
+
+    def on_order(self, order: MissionOrder) -> None:
+        """Pauses; refuses what is ordered then, and says so."""
+        refusal = "" if order.order == MissionOrder.PAUSE else f"no {order.order} today"
+        fitting = [MissionOrder.START, MissionOrder.RETURN, MissionOrder.ABORT]
+        self.mission = MissionStatus(state="PAUSE", text="stands", orders=fitting, refusal=refusal)
+        self.write("order", order.order)
 
     def on_control(self, control: PlaybackControl) -> None:
         self.request = control.request

@@ -9,11 +9,12 @@ from PIL import Image
 from playwright.sync_api import Page
 
 from tests.operator_station.browser import TABLET, browser, needs_chromium, page_of
-from tests.operator_station.known_robot import grid
+from tests.operator_station.known_robot import FRONTIERS, grid
 from tests.operator_station.test_page import address_of
 from tests.run.robot import Robot, wait_until
 
 pytestmark = [needs_chromium, pytest.mark.timeout(300)]
+MISSION = ("#mission-start", "#mission-pause", "#mission-return", "#mission-abort")
 HERE = Path(__file__).parent
 PROFILE = """
 modules:
@@ -65,6 +66,7 @@ def test_panels_show_what_the_robot_has_and_the_robot_hears_what_is_said_there(
         playback_is_steered(page, told)
         map_is_shown_and_goal_is_set(page, address, told)
         cameras_are_shown(page, address)
+        mission_is_steered(page, told)
         states_and_victims_are_listed(page)
         trace_is_filtered(page)
         messages_are_shown_and_composed(page, told)
@@ -93,6 +95,9 @@ def observer_sees_and_does_not_steer(page: Page) -> None:
     page.wait_for_selector("#playback-text:has-text('PLAYBACK of old.mcap')")
     page.click("#tab-map")
     page.wait_for_selector("#map-text:has-text('robot at 1.50 m')")
+    page.click("#tab-mission")
+    page.wait_for_selector("#mission-text:has-text('drives about')")
+    assert not any(page.locator(button).count() for button in MISSION)
     page.click("#tab-messages")
     page.wait_for_selector("#messages-topics tr:has-text('map_pose')")
     for steers in ("#map-mode", "#victim-yes", "#playback-pause", "#messages-compose", "#drive-pad"):
@@ -135,7 +140,7 @@ def playback_is_steered(page: Page, told: Told) -> None:
 def map_is_shown_and_goal_is_set(page: Page, address: str, told: Told) -> None:
     page.click("#tab-map")
     page.wait_for_selector("#map-text:has-text('12 x 8 cells of 0.5 m; robot at 1.50 m, 3.25 m, 90°')")
-    assert "path of 1201 points; 1 victims" in page.inner_text("#map-text")
+    assert "path of 1201 points; 2 frontiers; 1 victims" in page.inner_text("#map-text")
     answer = page.request.get(f"{address}pictures/map")
     shown = np.asarray(Image.open(io.BytesIO(answer.body())))
     greys = np.select([grid().data == 100, grid().data == -1], [0, 170], 255).reshape(8, 12)
@@ -157,6 +162,10 @@ def map_is_shown_and_goal_is_set(page: Page, address: str, told: Told) -> None:
     assert picture.getpixel((middle_x, middle_y)) == (46, 125, 50), "the goal is not where it was set"
     wall = (middle_x - round(2.75 * pixels_per_m), middle_y + round(pixels_per_m))
     assert picture.getpixel(wall) == (0, 0, 0)
+    for frontier in FRONTIERS:
+        x = middle_x + round((frontier.x - 2.0) * pixels_per_m)
+        y = middle_y - round((frontier.y - 4.0) * pixels_per_m)
+        assert picture.getpixel((x, y)) == (142, 36, 170), f"the frontier at {frontier} is not drawn there"
 
 
 def cameras_are_shown(page: Page, address: str) -> None:
@@ -169,6 +178,29 @@ def cameras_are_shown(page: Page, address: str) -> None:
     assert shown.shape == (1, 2, 3)
     unknown = page.request.get(f"{address}pictures/camera/eye/compressed")
     assert (unknown.status, "mystery" in unknown.headers["x-robbie-reason"]) == (204, True)
+
+
+def mission_is_steered(page: Page, told: Told) -> None:
+    page.click("#tab-mission")
+    page.wait_for_selector("#mission-state:has-text('EXPLORE')")
+    can_press(page, "#mission-pause")
+    page.click("#mission-pause")
+    assert told.waits_for("order") == ["1"]
+    page.wait_for_selector("#mission-state:has-text('PAUSE')")
+    can_press(page, "#mission-start", "#mission-return", "#mission-abort")
+    assert page.inner_text("#mission-refusal") == ""
+    page.click("#mission-return")
+    assert told.waits_for("order") == ["3"]
+    page.wait_for_selector("#mission-refusal:has-text('Refused: no 3 today')")
+    page.click("#mission-abort")
+    page.click("#confirm-abort")
+    assert told.waits_for("order") == ["2"]
+
+
+def can_press(page: Page, *wanted: str) -> None:
+    """Wait until these of the mission's buttons can be pressed, and no others."""
+    for button in MISSION:
+        page.wait_for_selector(f"{button}:{'enabled' if button in wanted else 'disabled'}")
 
 
 def states_and_victims_are_listed(page: Page) -> None:

@@ -6,7 +6,7 @@ from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import Array, float32, float64, int8, uint8, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
-from robbie_mp.messages.stock.geometry_msgs import Pose
+from robbie_mp.messages.stock.geometry_msgs import Point, Pose
 from robbie_mp.messages.stock.nav_msgs import MapMetaData
 from robbie_mp.messages.stock.sensor_msgs import Image
 from robbie_mp.messages.stock.std_msgs import Header
@@ -109,6 +109,38 @@ class NavigationState(Message, name="robbie_msgs/msg/NavigationState", version=1
     reason: str = DEFAULT  # why it is in that state, for people
     goal: Pose = DEFAULT  # the one that came last, header's frame
     distance_left_m: float64 = DEFAULT  # along the planned path; -1: there is none
+
+
+class Frontiers(Message, name="robbie_msgs/msg/Frontiers", version=1):
+    """Where a map ends: pieces of the border between what is free and what was never seen."""
+
+    MOST: ClassVar[uint8] = 64  # so many are told
+
+    header: Header = DEFAULT  # frame_id: of the map
+    middles: list[Point] = DEFAULT  # m, the longest first
+    lengths_m: Array[float32] = DEFAULT  # of each
+
+
+class MissionOrder(Message, name="robbie_msgs/msg/MissionOrder", version=1):
+    """The operator orders the mission to do something. `MissionStatus` tells what has become of it."""
+
+    START: ClassVar[uint8] = 0  # or go on after a pause
+    PAUSE: ClassVar[uint8] = 1  # stop, and stand until START
+    ABORT: ClassVar[uint8] = 2  # stop, and end the mission where the robot is
+    RETURN: ClassVar[uint8] = 3  # drive home at once
+
+    header: Header = DEFAULT
+    order: uint8 = START
+
+
+class MissionStatus(Message, name="robbie_msgs/msg/MissionStatus", version=1):
+    """What a mission is about, and what the operator may order; on each change, and every now and then."""
+
+    header: Header = DEFAULT
+    state: str = DEFAULT  # of its state machine, as EXPLORE, PAUSE, RETURN, DONE
+    text: str = DEFAULT  # what that means and why, for people
+    orders: Array[uint8] = DEFAULT  # of MissionOrder: those that fit now
+    refusal: str = DEFAULT  # why the newest order was refused; '' if it was obeyed
 
 
 class VictimFound(Message, name="robbie_msgs/msg/VictimFound", version=1):

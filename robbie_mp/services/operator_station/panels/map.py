@@ -1,4 +1,4 @@
-"""The map from above: grid, robot, path, goal and victims; a place to send the robot to."""
+"""The map from above: grid, robot, path, goal, frontiers and victims; a place to send the robot to."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from robbie_mp.messages import (
+    Frontiers,
     Header,
     OccupancyGrid,
     Path,
@@ -62,6 +63,7 @@ class MapPanel(Panel):
         self._pose = station.newest(PoseStamped, "map_pose")
         self._goal = station.newest(PoseStamped, "goal")
         self._path = station.newest(Path, "path")
+        self._frontiers = station.newest(Frontiers)
         serve_pictures("/pictures/map", NewestPicture(self._grid, draw_grid).answer)
 
     def build(self, page: Page) -> None:
@@ -121,6 +123,7 @@ class MapPanel(Panel):
             "robot": self._pose.count,
             "goal": self._goal.count,
             "path": self._path.count,
+            "frontiers": self._frontiers.count,
             "victims": self.station.victim_watch.count,
         }
 
@@ -131,6 +134,7 @@ class MapPanel(Panel):
             "robot": lambda: planar(self._pose.message),
             "goal": lambda: planar(self._goal.message),
             "path": lambda: way_points(self._path.message),
+            "frontiers": lambda: frontier_marks(self._frontiers.message),
             "victims": lambda: list(map(victim_mark, self.station.victim_watch.victims.values())),
         }
         return {name: made[name]() for name in wanted}
@@ -146,6 +150,8 @@ class MapPanel(Panel):
                 parts.append(f"{name} at {x_m:.2f} m, {y_m:.2f} m, {math.degrees(yaw_rad):.0f}°")
         if path:
             parts.append(f"path of {len(path.poses)} points")
+        if self._frontiers.message:
+            parts.append(f"{len(self._frontiers.message.middles)} frontiers")
         return "; ".join([*parts, f"{len(self.station.victim_watch.victims)} victims"])
 
     def _publish(self, topic: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
@@ -164,6 +170,14 @@ def way_points(path: Path | None) -> list[list[float]]:
     every = math.ceil(len(poses) / LONGEST_PATH) or 1
     positions = [one.pose.position for one in (*poses[:-1:every], *poses[-1:])]
     return [[round(one.x, 3), round(one.y, 3)] for one in positions]
+
+
+def frontier_marks(frontiers: Frontiers | None) -> list[list[float]]:
+    """Return x, y and length (m) of the longest frontiers."""
+    if frontiers is None:
+        return []
+    marks = zip(frontiers.middles, frontiers.lengths_m.tolist(), strict=False)
+    return [[middle.x, middle.y, length_m] for middle, length_m in marks][: Frontiers.MOST]
 
 
 def victim_mark(victim: KnownVictim) -> dict[str, Any]:

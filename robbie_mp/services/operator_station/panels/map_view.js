@@ -5,7 +5,7 @@ export default {
     :style="{ cursor: placing ? 'crosshair' : 'grab' }"></canvas>`,
   props: { placing: String },
   mounted() {
-    this.marks = { map: 0, robot: null, goal: null, path: [], victims: [] };
+    this.marks = { map: 0, robot: null, goal: null, path: [], frontiers: [], victims: [] };
     this.shown = 0;
     this.centre = { x: 0, y: 0 };
     this.scale = 40; // pixels per m
@@ -135,7 +135,8 @@ export default {
         canvas.height / 2 + this.centre.y * scale);
       this.draw_picture(pen);
       this.draw_path(pen);
-      const { robot, goal, victims } = this.marks;
+      const { robot, goal, frontiers, victims } = this.marks;
+      for (const frontier of frontiers) this.draw_frontier(pen, frontier);
       if (goal) this.draw_arrow(pen, goal, "#2e7d32");
       if (robot) this.draw_arrow(pen, robot, "#c62828");
       for (const victim of victims) this.draw_victim(pen, victim);
@@ -176,6 +177,16 @@ export default {
       pen.closePath();
       pen.fillStyle = colour;
       pen.fill();
+      pen.restore();
+    },
+    draw_frontier(pen, [x, y, length]) {
+      // A diamond, as wide as the frontier is long, but for very long ones.
+      const size = Math.max(5 / this.scale, Math.min(length, 1) / 4);
+      pen.save();
+      pen.translate(x, y);
+      pen.rotate(Math.PI / 4);
+      pen.fillStyle = "#8e24aa";
+      pen.fillRect(-size / 2, -size / 2, size, size);
       pen.restore();
     },
     draw_victim(pen, { x, y, name, colour }) {

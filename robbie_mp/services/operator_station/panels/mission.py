@@ -1,25 +1,34 @@
-"""What the robot is about: the state machines of all modules, and the victims."""
+"""What the robot is about: its mission, the state machines of all modules, and the victims."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
+from robbie_mp.services.operator_station.mission_control import MissionControl
 from robbie_mp.services.operator_station.panel import Page, Panel
 from robbie_mp.services.operator_station.run_watch import REFRESH_S
 from robbie_mp.services.operator_station.victim_watch import STATES, KnownVictim
 
+if TYPE_CHECKING:
+    from robbie_mp.services.operator_station.station import OperatorStation
+
 
 class MissionPanel(Panel):
-    """States and victims."""
+    """The mission, states and victims."""
 
     name = "mission"
     title = "Mission"
     icon = "flag"
 
+    def __init__(self, station: OperatorStation):
+        super().__init__(station)
+        self._control = MissionControl(station)
+
     def build(self, page: Page) -> None:
-        """Make both tables."""
+        """Make the mission's buttons, and both tables."""
+        self._control.build(page, self.name, REFRESH_S / 2)
         states = ui.table(columns=columns("module", "state", "status"), rows=[], row_key="module")
         states.props("dense flat id=mission-states").classes("w-full")
         victims = ui.table(
