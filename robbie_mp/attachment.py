@@ -4,6 +4,7 @@ What such a tool may do is less than what a module may: it copies messages out a
 detached at any time, and when it is, whatever it was just copying is thrown away.
 """
 
+import json
 import select
 import socket
 import time
@@ -56,6 +57,8 @@ class Received:
     sender: str
     published_ns: int
     """When, on the machine's monotonic clock."""
+    subscription: int
+    """For which of this process's subscriptions, by the number that `Attachment.subscribe` returned."""
 
 
 class Attachment:
@@ -64,6 +67,9 @@ class Attachment:
     Args:
         run: the run.
         purpose: what this process is, for people who look at the run.
+
+    Attributes:
+        outbox: where this process's own messages leave.
 
     Raises:
         ControlRefused: as many tools are attached as the profile allows, or there is no memory.
@@ -99,7 +105,7 @@ class Attachment:
             self._memory, slot, incarnation, plan.tool_sizes, self._core_wakeup.post
         )
         blocks = make_block_store(run_id, slot, incarnation, SEGMENT_BYTES, TOOL_MEMORY_BYTES)
-        self._outbox = Outbox(self._endpoint, blocks, self._words, SystemClock())
+        self.outbox = Outbox(self._endpoint, blocks, self._words, SystemClock())
         self._views = make_views(run_id)
         self._board_segment = Segment.attach(names.board(run_id), SegmentKind.BOARD)
         self._board = Board(self._board_segment.words)
@@ -109,11 +115,11 @@ class Attachment:
         self._counters = ChannelCounters(self._core)
         self._channel_name = ChannelNames(self._core)
         self._fence = new_fence()
-        write_text(self._words, layout.OUT_STATUS, LINE_WORDS, self._purpose)
+        self.show_status(self._purpose)
 
     def close(self) -> None:
         """Leave. What was published is still routed."""
-        self._outbox.close()
+        self.outbox.close()
         self._views.close()
         self._memory.close()
         self._core_wakeup.close()
@@ -121,10 +127,20 @@ class Attachment:
         self._core_segment.close()
         self._connection.close()  # last: from here on the supervisor takes everything back
 
-    def subscribe(self, type_name: str, version: int, topic: str = "") -> None:
-        """Want messages of a type, of one topic or of all (''); they come after `ready`."""
-        self._endpoint.subscribe(type_name, version, topic, MessageHandling.ALWAYS_DELIVER)
+    def subscribe(
+        self,
+        type_name: str,
+        version: int,
+        topic: str = "",
+        handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
+    ) -> int:
+        """Want messages of a type, of one topic or of all (''); they come after `ready`.
+
+        Returns:
+            The number of this subscription.
+        """
         self._subscriptions += 1
+        return self._endpoint.subscribe(type_name, version, topic, handling)
 
     def subscribe_encoded(self, type_pattern: str, topic_pattern: str = "*") -> None:
         """Want messages whose type and topic match shell patterns, as `Module.subscribe_encoded`."""
@@ -137,7 +153,7 @@ class Attachment:
 
     def publish(self, message: Message, topic: str) -> bool:
         """Send a message; False if it was refused because memory or ring are full."""
-        return self._outbox.publish(message, topic)
+        return self.outbox.publish(message, topic)
 
     def take(self) -> Received | None:
         """Return the next message, or None if there is none.
@@ -167,15 +183,24 @@ class Attachment:
         self._fence()
         self._check_lease()
         self._endpoint.release(delivery)
-        return Received(data, *name, delivery.sequence, sender, delivery.stamp_ns)
+        return Received(data, *name, delivery.sequence, sender, delivery.stamp_ns, delivery.declaration)
 
     def _check_lease(self) -> None:
         """See that what was read before this call was still ours.
 
         The supervisor writes the board before it tells the core to take our messages back.
         """
-        if not self._board.is_leased_to(self._slot, self._incarnation, self._pid):
+        if not self.is_leased:
             raise Detached("detached while it copied a message")
+
+    @property
+    def is_leased(self) -> bool:
+        """Whether this process is still attached; what it publishes when it is not goes nowhere."""
+        return self._board.is_leased_to(self._slot, self._incarnation, self._pid)
+
+    def show_status(self, line: str) -> None:
+        """Show who looks at the run how this process is doing."""
+        write_text(self._words, layout.OUT_STATUS, LINE_WORDS, line)
 
     def wait(self, timeout_s: float = LONGEST_WAIT_S) -> None:
         """Wait for messages, at most so long, and not longer than it takes to notice an end.
@@ -194,7 +219,7 @@ class Attachment:
         except OSError:
             line = b""
         if line:
-            raise Detached(line.decode(errors="replace").strip())
+            raise Detached(str(json.loads(line)["error"]))
         raise RunEnded("the run has ended")
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:

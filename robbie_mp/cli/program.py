@@ -22,6 +22,7 @@ COMMANDS = (
     "bw",
     "pub",
     "param",
+    "gui",
     "top",
     "log",
     "info",

@@ -2,12 +2,10 @@
 
 import argparse
 import logging
-import signal
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +15,7 @@ from robbie_mp.cli import completers
 from robbie_mp.cli.info import print_log
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
+from robbie_mp.cli.signals import signals_noted
 from robbie_mp.errors import RobbieError
 from robbie_mp.message_stream import MessageStream
 from robbie_mp.recording.chunk_queue import BufferLimits
@@ -101,7 +100,7 @@ def record(arguments: argparse.Namespace) -> int:
     step_back(LOGGER_NICE)
     with closing(RecordedRun(run.folder)) as recorded:
         recording = _Recording(run, recorded, selection, folder, Compression(arguments.compression))
-        with _signals_noted() as stopped:
+        with signals_noted() as stopped:
             until_s = None if arguments.duration is None else time.monotonic() + arguments.duration
             while not stopped and (until_s is None or time.monotonic() < until_s) and recording.step():
                 pass
@@ -113,21 +112,6 @@ def record(arguments: argparse.Namespace) -> int:
         return 1
     print_log(folder)
     return 0
-
-
-@contextmanager
-def _signals_noted() -> Iterator[list[int]]:
-    """Collect SIGINT and SIGTERM instead of being ended by them."""
-    noted: list[int] = []
-    before = {
-        number: signal.signal(number, lambda received, _frame: noted.append(received))
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield noted
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 class _Recording:

@@ -15,10 +15,10 @@ class NoSuchRun(RobbieError, LookupError):
     """
 
 
-def add_run_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the argument by which every command names a run."""
+def add_run_argument(parser: argparse.ArgumentParser, *also: str) -> None:
+    """Add the argument by which every command names a run, and other names that it has here."""
     run = parser.add_argument(
-        "--run", metavar="ID", help="id of the run, if there are several (see `robbie list`)"
+        "--run", *also, metavar="ID", help="id of the run, if there are several (see `robbie list`)"
     )
     run.completer = lambda **_: [known.run_id for known in live_runs()]  # type: ignore[attr-defined]
 

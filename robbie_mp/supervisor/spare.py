@@ -30,6 +30,8 @@ def main(run_folder: Path) -> None:
     for name in plan.spare_imports:
         try:
             importlib.import_module(name)
+        except ModuleNotFoundError as error:
+            print(f"cannot import {name} ahead: {error}", file=sys.stderr)
         except Exception:
             traceback.print_exc()  # the module that needs it will say so again
     files = imported_files(plan.workspace)

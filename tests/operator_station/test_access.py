@@ -2,6 +2,8 @@
 
 import asyncio
 import logging
+import sys
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -11,7 +13,9 @@ from robbie_mp.harness import ModuleHarness
 from robbie_mp.services.operator_station import OperatorStation
 from robbie_mp.services.operator_station.access import SESSIONS, Access, DriversSeat, Role
 from robbie_mp.services.operator_station.gate import SESSION_COOKIE, Gate
-from robbie_mp.services.operator_station.server import AddressUnusable, PageServer
+from robbie_mp.services.operator_station.listening import AddressUnusable, listen
+from robbie_mp.services.operator_station.panels import PANELS
+from robbie_mp.services.operator_station.station import PANEL_NAMES
 from robbie_mp.settings import SettingError
 
 OPERATOR, OBSERVER = "correct-horse-battery", "only-looking-please"
@@ -147,10 +151,30 @@ def test_unsafe_or_wrong_settings_are_errors_before_anything_starts(
 
 
 def test_port_that_is_taken_is_a_clear_error() -> None:
-    async def app(_scope: Scope, _receive: Any, _send: Any) -> None:
-        """Answer nobody."""
+    with closing(listen("127.0.0.1", 0)) as first:
+        port = first.getsockname()[1]
+        with pytest.raises(AddressUnusable, match=f"port {port}: .*set another host or port"):
+            listen("127.0.0.1", port)
 
-    first = PageServer(app, "127.0.0.1", 0)
-    with pytest.raises(AddressUnusable, match=f"port {first.port}: .*set another host or port"):
-        PageServer(app, "127.0.0.1", first.port)
-    first.close()
+
+def test_restarted_station_knows_the_sessions_from_before() -> None:
+    access = Access(OPERATOR, OBSERVER)
+    session = access.log_in(OBSERVER)
+    assert Access(OPERATOR, OBSERVER, access.sessions).role_of(session) is Role.OBSERVER
+    assert Access(OPERATOR, OBSERVER).role_of(session) is None
+
+
+def test_station_without_its_libraries_says_so_in_one_line_and_ends_well(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setitem(sys.modules, "robbie_mp.services.operator_station.website", None)
+    with ModuleHarness(OperatorStation) as harness:
+        assert harness.module.stop_requested
+        assert "no operator station: the library " in harness.module.status
+        assert harness.module.status.endswith("is missing; pip install 'robbie-mp[gui]'")
+        (record,) = caplog.records
+        assert record.getMessage() == harness.module.status
+
+
+def test_every_panel_can_be_named_in_a_profile() -> None:
+    assert tuple(PANELS) == PANEL_NAMES

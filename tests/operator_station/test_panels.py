@@ -185,16 +185,16 @@ def mission_is_steered(page: Page, told: Told) -> None:
     page.wait_for_selector("#mission-state:has-text('EXPLORE')")
     can_press(page, "#mission-pause")
     page.click("#mission-pause")
-    assert told.waits_for("order") == ["1"]
+    told.waits_for("order", "1")
     page.wait_for_selector("#mission-state:has-text('PAUSE')")
     can_press(page, "#mission-start", "#mission-return", "#mission-abort")
     assert page.inner_text("#mission-refusal") == ""
     page.click("#mission-return")
-    assert told.waits_for("order") == ["3"]
+    told.waits_for("order", "3")
     page.wait_for_selector("#mission-refusal:has-text('Refused: no 3 today')")
     page.click("#mission-abort")
     page.click("#confirm-abort")
-    assert told.waits_for("order") == ["2"]
+    told.waits_for("order", "2")
 
 
 def can_press(page: Page, *wanted: str) -> None:

@@ -8,8 +8,8 @@ import pytest
 from PIL import Image as PillowImage
 
 from robbie_mp.messages import CompressedImage, Image, MapMetaData, OccupancyGrid
+from robbie_mp.services.operator_station.latest import Latest
 from robbie_mp.services.operator_station.map_picture import MOST_PIXELS, PLACE_HEADER, draw_grid
-from robbie_mp.services.operator_station.panel import Latest
 from robbie_mp.services.operator_station.pictures import (
     LARGEST_PIXELS,
     NewestPicture,

@@ -4,6 +4,6 @@ It is a module like any other, in a process of its own: a page server that is st
 with it. Needs the extra `gui`.
 """
 
-from robbie_mp.services.operator_station.station import OperatorStation
+from robbie_mp.services.operator_station.station import ExtraMissing, OperatorStation, load_website
 
-__all__ = ["OperatorStation"]
+__all__ = ["ExtraMissing", "OperatorStation", "load_website"]

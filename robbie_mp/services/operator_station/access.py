@@ -9,6 +9,7 @@ import hmac
 import ipaddress
 import secrets
 from collections import OrderedDict
+from collections.abc import Mapping
 from enum import IntEnum
 from urllib.parse import urlsplit
 
@@ -43,15 +44,21 @@ class Access:
     Args:
         operator_token: '' lets everybody in as operator.
         observer_token: '' means that there are no observers.
+        sessions: that were there before; for the same tokens.
     """
 
-    def __init__(self, operator_token: str, observer_token: str):
+    def __init__(self, operator_token: str, observer_token: str, sessions: Mapping[str, int] | None = None):
         self._tokens = {
             role: token.encode()
             for role, token in ((Role.OPERATOR, operator_token), (Role.OBSERVER, observer_token))
             if token
         }
-        self._sessions: OrderedDict[str, Role] = OrderedDict()
+        self._sessions = OrderedDict((name, Role(role)) for name, role in (sessions or {}).items())
+
+    @property
+    def sessions(self) -> dict[str, int]:
+        """What is to be known after a restart."""
+        return {name: int(role) for name, role in tuple(self._sessions.items())}
 
     @property
     def is_open(self) -> bool:

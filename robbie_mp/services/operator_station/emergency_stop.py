@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from nicegui import ui
+from nicegui.events import KeyEventArguments
 
 from robbie_mp.messages import EmergencyStop, Header, Time
 from robbie_mp.services.operator_station.access import Role
@@ -47,9 +48,17 @@ class EmergencyStopBar:
             dialog.close()
             self.request(engaged=False, reason="released by hand on the operator's page")
 
-        button = ui.button("EMERGENCY STOP", on_click=stop, icon="dangerous", color="red-10")
+        button = ui.button("EMERGENCY STOP", icon="dangerous", color="red-10")
         button.props('size=lg id=emergency-stop aria-keyshortcuts="Escape"').classes("font-bold")
-        ui.keyboard(lambda event: stop() if event.key == KEY and event.action.keydown else None, ignore=[])
+        # When it is pressed, not when it is let go; clicks without a pointer are those of the keyboard.
+        button.on("pointerdown", stop, [])
+        button.on("click", stop, js_handler="(event) => { if (event.detail === 0) emit(); }")
+
+        def on_key(event: KeyEventArguments) -> None:
+            if event.key == KEY and event.action.keydown:
+                stop()
+
+        ui.keyboard(on_key, repeating=False, ignore=[])
         shown = ui.badge("").props("id=emergency-stop-state").classes("text-lg p-2")
         with ui.dialog() as dialog, ui.card():
             ui.label("Release the emergency stop? The robot may move at once.")

@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from robbie_mp.services.operator_station.emergency_stop import EmergencyStopBar
     from robbie_mp.services.operator_station.station import OperatorStation
 
+TAB = "tab"
+RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
+"""Look for a server that has gone every few tenths of a second (Socket.IO's own choice is up to 5 s)."""
+
 
 def build_page(
     station: OperatorStation,
@@ -36,6 +40,7 @@ def build_page(
     page = Page(client.id, role)
     station.opened(page)
     client.on_delete(lambda: station.closed(page))
+    ui.run_javascript(RECONNECT)
     with ui.header().classes("items-center q-py-xs"):
         ui.label(f"Robbie · {station.run_id}").classes("text-lg")
         ui.badge(role.name.lower()).props("outline id=role color=white")
@@ -48,8 +53,8 @@ def build_page(
             panel.name: ui.tab(panel.name, title, panel.icon).props(f"id=tab-{panel.name}")
             for panel, title in panels
         }
-    first = next(iter(made))
-    page.tab = first
+    asked = client.request.query_params.get(TAB) if client.request else None
+    first = page.tab = asked if asked in made else next(iter(made))
     with ui.tab_panels(tabs, value=first, animated=False, keep_alive=True).classes("w-full"):
         for panel, _ in panels:
             with ui.tab_panel(panel.name).props(f"id=panel-{panel.name}"):
@@ -57,5 +62,6 @@ def build_page(
 
     def turn_to(name: str) -> None:
         page.tab = name
+        ui.navigate.history.replace(f"?{TAB}={name}")  # for when the page is loaded again
 
     tabs.on_value_change(lambda event: turn_to(str(event.value)))

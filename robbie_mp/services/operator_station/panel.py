@@ -4,38 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, ClassVar
 
 from nicegui import ui
 
 if TYPE_CHECKING:
-    from robbie_mp.messages import Message
     from robbie_mp.services.operator_station.access import Role
     from robbie_mp.services.operator_station.station import OperatorStation
-
-MessageType = TypeVar("MessageType", bound="Message")
-
-
-class Latest(Generic[MessageType]):
-    """The newest message of a kind: put here by the module's thread, looked at by the pages'.
-
-    Attributes:
-        message: None before the first one.
-        count: how many there have been, so that a page can tell whether it has shown this one.
-        listeners: are called with each one, in the module's thread.
-    """
-
-    def __init__(self) -> None:
-        self.message: MessageType | None = None
-        self.count = 0
-        self.listeners: list[Callable[[MessageType], None]] = []
-
-    def put(self, message: MessageType) -> None:
-        """Take the place of the one before."""
-        self.message = message
-        self.count += 1
-        for listener in tuple(self.listeners):
-            listener(message)
 
 
 class Page:

@@ -18,7 +18,7 @@ from starlette.responses import Response
 from robbie_mp.bus import MessageType
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import CompressedImage, Image
-from robbie_mp.services.operator_station.panel import Latest
+from robbie_mp.services.operator_station.latest import Latest
 
 JPEG_QUALITY = 80
 LARGEST_PIXELS = 1280

@@ -5,21 +5,13 @@ import threading
 import time
 
 import uvicorn
+from uvicorn.protocols.websockets.wsproto_impl import WSProtocol
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.services.operator_station.gate import App
 
 START_LIMIT_S = 10.0
 STOP_LIMIT_S = 2.0
-
-
-class AddressUnusable(RobbieError, OSError):
-    """Nobody can listen on the address that the profile gives.
-
-    Example scenarios:
-      - another program, or another robot's station, uses the port
-      - the host is no address of this machine
-    """
 
 
 class ServerFailed(RobbieError, RuntimeError):
@@ -31,29 +23,18 @@ class PageServer:
 
     Args:
         app: what answers.
-        host: address to listen on.
-        port: 0 takes any that is free.
-
-    Raises:
-        AddressUnusable: the address is taken, or not this machine's.
+        listener: the socket on which it is asked; it is closed with this.
     """
 
-    def __init__(self, app: App, host: str, port: int):
-        try:
-            self._socket = socket.create_server((host, port), family=_family(host))
-        except OSError as error:
-            raise AddressUnusable(
-                f"cannot listen on {host}, port {port}: {error.strerror or error}; "
-                "set another host or port for the operator station"
-            ) from error
-        self.port: int = self._socket.getsockname()[1]
+    def __init__(self, app: App, listener: socket.socket):
+        self._socket = listener
         # wsproto, for uvicorn's other one is built on what its library calls obsolete.
         config = uvicorn.Config(
             app,
             log_config=None,
             log_level="warning",
             access_log=False,
-            ws="wsproto",
+            ws=WSProtocol,
             timeout_graceful_shutdown=1,
         )
         self._server = uvicorn.Server(config)
@@ -90,6 +71,3 @@ class PageServer:
             self._thread.join(STOP_LIMIT_S)
         self._socket.close()
 
-
-def _family(host: str) -> socket.AddressFamily:
-    return socket.AF_INET6 if ":" in host else socket.AF_INET

@@ -1,31 +1,61 @@
-"""The module behind the page."""
+"""The module behind the page. It runs without the extra `gui`, too, and then says what is missing."""
 
+from __future__ import annotations
+
+import contextlib
+import socket
 from collections.abc import Callable
-from typing import Any
-
-from fastapi import FastAPI
-from nicegui import ui
+from typing import TYPE_CHECKING, Any
 
 from robbie_mp.bus import MessageType
+from robbie_mp.errors import RobbieError
 from robbie_mp.messages import TimeJump
 from robbie_mp.module import MessageHandling, Module, setting
 from robbie_mp.scene_graph import SceneGraphListener
 from robbie_mp.services.operator_station.access import SHORTEST_TOKEN, Access, DriversSeat, is_loopback
-from robbie_mp.services.operator_station.emergency_stop import EmergencyStopBar
-from robbie_mp.services.operator_station.gate import Gate
-from robbie_mp.services.operator_station.page import build_page
-from robbie_mp.services.operator_station.panel import Latest, Page
-from robbie_mp.services.operator_station.panels import PANELS
-from robbie_mp.services.operator_station.playback_bar import PlaybackBar
+from robbie_mp.services.operator_station.claim import StationClaim
+from robbie_mp.services.operator_station.latest import Latest
+from robbie_mp.services.operator_station.listening import AddressUnusable, listen
 from robbie_mp.services.operator_station.run_watch import RunWatch
-from robbie_mp.services.operator_station.server import PageServer
-from robbie_mp.services.operator_station.victim_question import VictimQuestion
-from robbie_mp.services.operator_station.victim_watch import VictimWatch
 from robbie_mp.settings import SettingError
 from robbie_mp.supervisor.run_directory import list_runs
 
-MESSAGE_HISTORY = 100
-"""Messages kept for a page that has lost its connection; one that misses more is loaded anew."""
+if TYPE_CHECKING:
+    from robbie_mp.services.operator_station.panel import Page
+    from robbie_mp.services.operator_station.victim_watch import VictimWatch
+    from robbie_mp.services.operator_station.website import Website
+
+PANEL_NAMES = (
+    "drive",
+    "view",
+    "map",
+    "cameras",
+    "mission",
+    "system",
+    "parameters",
+    "plots",
+    "trace",
+    "messages",
+)
+
+
+class ExtraMissing(RobbieError, ImportError):
+    """What the operator station needs is not installed."""
+
+
+def load_website() -> type[Website]:
+    """Import what serves the page.
+
+    Raises:
+        ExtraMissing: the extra `gui` is not installed.
+    """
+    try:
+        from robbie_mp.services.operator_station.website import Website  # noqa: PLC0415 - see above
+    except ModuleNotFoundError as error:
+        raise ExtraMissing(
+            f"no operator station: the library {error.name} is missing; pip install 'robbie-mp[gui]'"
+        ) from error
+    return Website
 
 
 class OperatorStation(Module):
@@ -67,41 +97,57 @@ class OperatorStation(Module):
         if len(settings["robot_size_m"]) != 3:
             raise SettingError("expected three numbers: length, width and height", "robot_size_m")
         for name in settings["tabs"]:
-            if name not in PANELS:
-                raise SettingError(f"there is no panel {name!r}; expected one of {', '.join(PANELS)}", "tabs")
+            if name not in PANEL_NAMES:
+                known = ", ".join(PANEL_NAMES)
+                raise SettingError(f"there is no panel {name!r}; expected one of {known}", "tabs")
 
     def setup(self) -> None:
         """Subscribe to what the panels show, and begin to serve."""
-        self.access = Access(self.operator_token, self.observer_token)
+        self._website: Website | None = None
+        try:
+            website = load_website()
+        except ExtraMissing as missing:
+            self.status = str(missing)
+            self.log.error("%s", missing)
+            self.stop()
+            return
+        self.run_folder = next(run.folder for run in list_runs() if run.run_id == self.run_id)
+        self._claim = StationClaim(self.run_folder)
+        before = self.restored or {"port": 0, "sessions": {}}
+        self.access = Access(self.operator_token, self.observer_token, before["sessions"])
         self.drivers_seat = DriversSeat()
         self.pages: dict[str, Page] = {}
         self.run_watch = RunWatch(self.run_id)
-        self.run_folder = next(run.folder for run in list_runs() if run.run_id == self.run_id)
         self._newest: dict[tuple[str, str], Latest[Any]] = {}
         self._handlers: dict[tuple[str, str], list[Callable[[Any], None]]] = {}
         self.scene = SceneGraphListener(self, hears_time_jumps=False)
         self.hear(TimeJump, lambda _jump: self.scene.forget())
-        self.victim_watch = VictimWatch(self)
-        titles = self.tabs or dict.fromkeys(PANELS)
-        self.panels = [PANELS[name](self) for name in titles]
-        titled = [(panel, titles[panel.name] or panel.title) for panel in self.panels]
-        emergency_stop = EmergencyStopBar(self)
-        bars = [PlaybackBar(self).build, VictimQuestion(self).build]
-        page = ui.page("/", title="Robbie", response_timeout=10)
-        page(lambda: build_page(self, emergency_stop, bars, titled))
-        application = FastAPI(openapi_url=None)
-        ui.run_with(
-            application,
-            dark=True,
-            reconnect_timeout=5.0,
-            binding_refresh_interval=None,
-            message_history_length=MESSAGE_HISTORY,
-            show_welcome_message=False,
-        )
-        self.server = PageServer(Gate(application, self.access, self.log), self.host, self.port)
-        self.server.start()
-        self.address = f"http://{self.host}:{self.server.port}/"
+        listener = self._listen(before["port"])
+        self._website = website(self, listener)
+        self._website.start()
+        self._port = listener.getsockname()[1]
+        self.address = f"http://{self.host}:{self._port}/"
+        self._remember()
+        self._claim.announce(self.address)
         self.log.info("operator station: %s", self.address)
+
+    def _listen(self, port_before: int) -> socket.socket:
+        """Listen where browsers look for the page again after a restart."""
+        if not self.port:
+            with contextlib.suppress(AddressUnusable):
+                return listen(self.host, port_before)
+        return listen(self.host, self.port)
+
+    def _remember(self) -> None:
+        """Keep what a restarted station needs for browsers to go on without asking anybody."""
+        self._remembered = self.access.sessions
+        self.checkpoint({"port": self._port, "sessions": self._remembered})
+
+    @property
+    def victim_watch(self) -> VictimWatch:
+        """What is known of victims; panels may ask when they are looked at."""
+        assert self._website is not None
+        return self._website.victim_watch
 
     def newest(self, message_type: type[MessageType], topic: str = "") -> Latest[MessageType]:
         """Return what holds the newest message of a type and topic, which all panels share.
@@ -147,16 +193,19 @@ class OperatorStation(Module):
 
     def tick(self) -> None:
         """See that the page is served, and do what is done once for all pages."""
-        self.server.check()
+        if self._website is None:
+            return
+        self._website.tick()
+        if self.access.sessions != self._remembered:
+            self._remember()
         if self.pages:
             self.run_watch.tick()
-        for panel in self.panels:
-            panel.tick()
         self.status = f"{self.address}, {len(self.pages)} pages open"
 
     def teardown(self) -> None:
         """End the page server."""
-        self.server.close()
-        for panel in self.panels:
-            panel.close()
+        if self._website is None:
+            return
+        self._website.close()
         self.run_watch.close()
+        self._claim.close()

@@ -9,7 +9,8 @@ from starlette.responses import Response
 
 from robbie_mp.messages import CompressedImage, Image
 from robbie_mp.module import MessageHandling
-from robbie_mp.services.operator_station.panel import Latest, Page, Panel
+from robbie_mp.services.operator_station.latest import Latest
+from robbie_mp.services.operator_station.panel import Page, Panel
 from robbie_mp.services.operator_station.panels.newest_image import NewestImage
 from robbie_mp.services.operator_station.pictures import (
     NewestPicture,

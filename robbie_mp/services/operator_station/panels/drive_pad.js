@@ -20,12 +20,16 @@ export default {
     for (const name of ["pointerup", "pointercancel", "lostpointercapture"])
       pad.addEventListener(name, () => this.let_go());
     this.on_key = (event) => {
-      if (!KEYS[event.code] || event.target.closest("input, textarea, [contenteditable]")) return;
-      if (!this.is_shown()) return;
-      event.preventDefault();
-      if (event.type === "keydown") this.keys.add(event.code);
-      else this.keys.delete(event.code);
-      if (!event.repeat) this.beat();
+      if (!KEYS[event.code]) return;
+      if (event.type === "keyup") {
+        // Wherever the focus is by now: a key that is let go is let go.
+        this.keys.delete(event.code);
+        this.beat();
+      } else if (this.is_shown() && !is_meant_for_another(event)) {
+        event.preventDefault();
+        this.keys.add(event.code);
+        if (!event.repeat) this.beat();
+      }
     };
     this.all_off = () => this.let_go();
     addEventListener("keydown", this.on_key);
@@ -97,3 +101,10 @@ const KEYS = {
   KeyA: [0, 1], ArrowLeft: [0, 1], KeyD: [0, -1], ArrowRight: [0, -1],
 };
 const DEAD_MAN_BUTTON = 5; // the right shoulder button of a standard gamepad (W3C Gamepad API)
+
+// Keys that are typed, or move something else: arrows do that to sliders and tabs.
+function is_meant_for_another(event) {
+  if (event.ctrlKey || event.altKey || event.metaKey) return true;
+  const arrows = event.code.startsWith("Arrow") ? ", [role=slider], [role=tab]" : "";
+  return event.target.closest(`input, textarea, [contenteditable]${arrows}`) !== null;
+}

@@ -13,8 +13,9 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.services.operator_station.charts import History, chart_options, fill
+from robbie_mp.services.operator_station.latest import Latest
 from robbie_mp.services.operator_station.numeric_fields import number_reader, numeric_paths
-from robbie_mp.services.operator_station.panel import Latest, Page, Panel
+from robbie_mp.services.operator_station.panel import Page, Panel
 from robbie_mp.supervisor.plan import RunPlan
 
 if TYPE_CHECKING:

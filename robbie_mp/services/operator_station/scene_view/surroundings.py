@@ -15,7 +15,7 @@ from robbie_mp.services.operator_station.scene_view.floor import Floor, floor_of
 from robbie_mp.services.operator_station.scene_view.points import cloud_points, packed, scan_points
 
 if TYPE_CHECKING:
-    from robbie_mp.services.operator_station.panel import Latest
+    from robbie_mp.services.operator_station.latest import Latest
     from robbie_mp.services.operator_station.station import OperatorStation
 
 BASE, MAP = "base_link", "map"

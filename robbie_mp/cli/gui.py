@@ -1,0 +1,102 @@
+"""`robbie gui --attach RUN`: an operator station for a robot that runs already, from another terminal."""
+
+import argparse
+import logging
+import os
+import sys
+from typing import TYPE_CHECKING
+
+from robbie_mp.attachment import RunEnded
+from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.runs import add_run_argument, choose_run
+from robbie_mp.cli.signals import signals_noted
+from robbie_mp.profile.problem import refuse
+from robbie_mp.profile.reader import read_text
+from robbie_mp.settings import SettingError
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+    from robbie_mp.services.operator_station import OperatorStation
+
+NAME = "operator station"
+TOKENS = {"operator_token": "ROBBIE_OPERATOR_TOKEN", "observer_token": "ROBBIE_OBSERVER_TOKEN"}
+"""Settings that are secrets, and the variables that may hold them."""
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `gui` to the commands."""
+    parser = add_command(
+        subparsers,
+        "gui",
+        "serve the operator's page of a run",
+        "Serve the operator's page of a run that goes on already and has no operator station in its profile, "
+        "until Ctrl-C or the end of the run. Who drives the robot by it when it ends, however it does, no "
+        "longer drives: the base stops by itself.",
+        [
+            "robbie gui",
+            "robbie gui --attach 1f0c --port 8090",
+            "ROBBIE_OPERATOR_TOKEN=… robbie gui --host 0.0.0.0",
+            "robbie gui --set 'tabs={drive: null, map: null}' --set max_linear_m_per_s=0.3",
+        ],
+    )
+    add_run_argument(parser, "--attach")
+    parser.add_argument("--host", help="address to listen on (127.0.0.1); another one needs a token")
+    parser.add_argument("--port", type=int, help="port to listen on (8080); 0: any that is free")
+    for setting, variable in TOKENS.items():
+        parser.add_argument(
+            f"--{setting.replace('_', '-')}",
+            metavar="SECRET",
+            default=os.environ.get(variable),
+            help=f"as in a profile; better given as {variable} in the environment, which others cannot see",
+        )
+    parser.add_argument(
+        "--set",
+        dest="overrides",
+        metavar="SETTING=VALUE",
+        action="append",
+        default=[],
+        help="any other setting that an operator station has in a profile; may be repeated",
+    )
+    parser.set_defaults(command=gui)
+
+
+def gui(arguments: argparse.Namespace) -> int:
+    """Serve the page until the run or the user ends this."""
+    from robbie_mp.guest import run_guest  # noqa: PLC0415 - help is waited for, and needs neither
+    from robbie_mp.services.operator_station import OperatorStation, load_website  # noqa: PLC0415
+
+    settings = _settings(arguments)
+    run = choose_run(arguments.run)
+    load_website()
+    logging.basicConfig(format="%(levelname)s: %(message)s", stream=sys.stderr)
+    with signals_noted() as stopped:
+        try:
+            run_guest(
+                run, OperatorStation, settings, NAME, on_ready=_announce, is_stopped=lambda: bool(stopped)
+            )
+        except SettingError as error:
+            raise refuse(str(error)) from error
+        except RunEnded:
+            print("(the run has ended)", file=sys.stderr)
+    return 0
+
+
+def _announce(station: "OperatorStation") -> None:
+    print(f"operator station: {station.address} (Ctrl-C ends it)", flush=True)
+
+
+def _settings(arguments: argparse.Namespace) -> dict[str, object]:
+    """Return what is given of the station's settings.
+
+    Raises:
+        ProfileError: one is no YAML, or has no value.
+    """
+    settings: dict[str, object] = {}
+    for override in arguments.overrides:
+        name, equals, value = override.partition("=")
+        if not equals:
+            raise refuse(f"--set {override}: expected SETTING=VALUE")
+        settings[name] = read_text(value, f"--set {override}").plain()
+    given = {name: getattr(arguments, name) for name in ("host", "port", *TOKENS)}
+    return settings | {name: value for name, value in given.items() if value is not None}

@@ -1,0 +1,80 @@
+"""What is served: a page with its panels, for everybody who opens it. Needs the extra `gui`."""
+
+from __future__ import annotations
+
+import socket
+from typing import TYPE_CHECKING
+
+from fastapi import FastAPI
+from nicegui import ui
+
+from robbie_mp.services.operator_station.emergency_stop import EmergencyStopBar
+from robbie_mp.services.operator_station.gate import Gate
+from robbie_mp.services.operator_station.page import build_page
+from robbie_mp.services.operator_station.panels import PANELS
+from robbie_mp.services.operator_station.playback_bar import PlaybackBar
+from robbie_mp.services.operator_station.server import PageServer
+from robbie_mp.services.operator_station.victim_question import VictimQuestion
+from robbie_mp.services.operator_station.victim_watch import VictimWatch
+
+if TYPE_CHECKING:
+    from robbie_mp.services.operator_station.station import OperatorStation
+
+MESSAGE_HISTORY = 100
+"""Messages kept for a page that has lost its connection; one that misses more is loaded anew."""
+
+
+class Website:
+    """The page of a station, and what serves it.
+
+    Args:
+        station: the module; it is just being set up.
+        listener: the socket on which it is asked for the page.
+
+    Attributes:
+        victim_watch: what is known of victims.
+    """
+
+    def __init__(self, station: OperatorStation, listener: socket.socket):
+        self.victim_watch = VictimWatch(station)
+        titles = station.tabs or dict.fromkeys(PANELS)
+        self._panels = [PANELS[name](station) for name in titles]
+        titled = [(panel, titles[panel.name] or panel.title) for panel in self._panels]
+        emergency_stop = EmergencyStopBar(station)
+        bars = [PlaybackBar(station).build, VictimQuestion(station).build]
+        page = ui.page("/", title="Robbie", response_timeout=10)
+        page(lambda: build_page(station, emergency_stop, bars, titled))
+        application = FastAPI(openapi_url=None)
+        ui.run_with(
+            application,
+            dark=True,
+            reconnect_timeout=5.0,
+            binding_refresh_interval=None,
+            message_history_length=MESSAGE_HISTORY,
+            show_welcome_message=False,
+        )
+        self._server = PageServer(Gate(application, station.access, station.log), listener)
+
+    def start(self) -> None:
+        """Begin to serve.
+
+        Raises:
+            ServerFailed: it does not come up.
+        """
+        self._server.start()
+
+    def tick(self) -> None:
+        """See that the page is served, and do what is done once for all pages.
+
+        Raises:
+            ServerFailed: it is not.
+        """
+        self._server.check()
+        for panel in self._panels:
+            panel.tick()
+
+    def close(self) -> None:
+        """End the page server, and let go of what the panels have opened."""
+        self._server.close()
+        for panel in self._panels:
+            panel.close()
