@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import compress
+from operator import itemgetter, ne
 
 from robbie_mp.core.link import Link, LinkMemory, Slot
 from robbie_mp.errors import RobbieError
@@ -11,7 +13,7 @@ from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.transport.words import Words
 
 SUPERVISOR_SLOT = 0
-_OUT_HEAD = layout.OUT_HEAD
+_head_of = itemgetter(layout.OUT_HEAD)
 NOTICE_LIMIT = 512
 """So many wait at most for a module that takes none, because it is stopped or hangs.
 
@@ -56,6 +58,8 @@ class Members:
         self.links: tuple[Link, ...] = ()
         self.have_notices = False
         """Some link may have notices for which there was no room yet."""
+        self.have_changed = False
+        """Somebody new may have written before anybody looked at the ring, and woken nobody by it."""
         self._heads: list[int] = []
         """Of their outbound rings, as seen last."""
         self._ring_words: list[Words] = []
@@ -85,22 +89,18 @@ class Members:
 
     def _set_links(self, links: tuple[Link, ...]) -> None:
         self.links = links
+        self.have_changed = True
         self._ring_words = [link.out_words for link in links]
         self._heads = [link.outbound.tail for link in links]
 
     def with_news(self) -> list[Link]:
         """Links whose outbound rings have got records since this was asked last."""
-        heads = [words[_OUT_HEAD] for words in self._ring_words]  # all that is done for who is silent
+        heads = list(map(_head_of, self._ring_words))  # all that is done for who is silent
         seen = self._heads
         if heads == seen:
             return []
         self._heads = heads
-        links = self.links
-        found = []
-        for at, head in enumerate(heads):
-            if head != seen[at]:
-                found.append(links[at])
-        return found
+        return list(compress(self.links, map(ne, heads, seen)))
 
     def fault(self, link: Link, error: RobbieError) -> None:
         """Take no more records of a module that broke the protocol, send it none, and have it killed."""

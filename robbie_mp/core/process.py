@@ -67,11 +67,10 @@ class CoreProcess:
         router, words, wait = self._router, self._words, self._wakeup.wait
         drain = router.drain
         while not self._stopping:
-            while not self._stopping and drain():
-                words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()  # under a flood it never sleeps
-            if router.before_sleep() and drain():
+            words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()  # under a flood it never sleeps
+            drain()  # once: who writes after this look posts after it, and then the wait is over at once
+            if router.before_sleep():
                 continue
-            words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()
             self._wakeups = words[layout.CORE_WAKEUPS] = self._wakeups + 1
             wait(HEARTBEAT_S)
 

@@ -224,11 +224,13 @@ class Router:
         """
         if self._lockstep:
             self._say_if_settled()
+        members = self._members
+        look_again, members.have_changed = members.have_changed, False
         somebody_waits = self._queues.not_empty or self._blocks.waits or self._lockstep
-        if not (somebody_waits or self._wanting or self._members.have_notices):
-            return False
-        look_again = self._wanting = self._members.have_notices = False
-        for link in self._members.links:
+        if not (somebody_waits or self._wanting or members.have_notices):
+            return look_again
+        self._wanting = members.have_notices = False
+        for link in members.links:
             waited_for = self._slots[link.slot].waiting or (
                 (self._blocks.waits or self._lockstep) and (link.pushed or link.pinned)
             )
@@ -236,7 +238,7 @@ class Router:
             self._wanting |= bool(waited_for)
             if link.notices:
                 link.send_notices()
-                self._members.have_notices |= bool(link.notices)
+                members.have_notices |= bool(link.notices)
         if look_again:
             self._fence()
         return look_again

@@ -171,7 +171,7 @@ class SimulatedRun:
         self.crashes = 0
         self.while_dead: Callable[[], None] = lambda: None
         """What the modules do between a death of the core and its successor."""
-        self.supervisor = self._make(0, 1)
+        self.supervisor = self.make(0, 1)
         self.router = self._make_core()
         self.router.module_up(0, 1)
         self.supervisor.ready()
@@ -187,7 +187,7 @@ class SimulatedRun:
             lockstep=self.lockstep,
         )
 
-    def _make(self, slot: int, incarnation: int, fuse: Fuse | None = None) -> SimulatedModule:
+    def make(self, slot: int, incarnation: int, fuse: Fuse | None = None) -> SimulatedModule:
         module = self.modules[slot, incarnation] = SimulatedModule(slot, incarnation, fuse=fuse)
         return module
 
@@ -207,8 +207,9 @@ class SimulatedRun:
         """Let the core work until it would sleep; if it dies, a new one takes over."""
         while True:
             try:
-                while self.router.drain() or self.router.before_sleep():
-                    pass
+                self.router.drain()
+                while self.router.before_sleep():
+                    self.router.drain()
                 return
             except Died:
                 self._replace_core()
@@ -235,7 +236,7 @@ class SimulatedRun:
         self.run_core()
 
     def start(self, slot: int, incarnation: int = 1, fuse: Fuse | None = None) -> SimulatedModule:
-        module = self._make(slot, incarnation, fuse)
+        module = self.make(slot, incarnation, fuse)
         self.supervisor.endpoint.send(Outbound.MODULE_UP, slot, incarnation)
         self.run_core()
         return module

@@ -166,3 +166,12 @@ def test_messages_that_waited_when_a_module_was_stopped_can_be_told_from_what_di
     before = run.words[run.tables.subscription(0) + layout.SUBSCRIPTION_DROPPED_BEFORE]
     # Besides the two, what it had not taken waited, and three in the queue.
     assert (run.counts(0)["dropped"], before) == (2 + CREDIT + 3, 2 + 1)
+
+
+def test_what_a_module_wrote_before_the_core_knew_it_is_seen_without_another_post() -> None:
+    run = SimulatedRun()
+    run.make(1, 1).ready()
+    run.run_core()  # woken by that, but it knows no such module
+    run.supervisor.endpoint.send(Outbound.MODULE_UP, 1, 1)
+    run.run_core()
+    assert run.words[run.tables.publisher(1) + layout.PUBLISHER_READY] == 1

@@ -83,12 +83,15 @@ class Chain:
 
     def work(self) -> None:
         """Do all that is to be done, as core and subscriber do it when they are woken."""
-        while self.core.drain() or self.core.before_sleep():
-            pass
+        self._run_core()
         while (delivery := self.inbox.take()) is not None:
             self.inbox.handle(delivery)
-        while self.core.drain() or self.core.before_sleep():
-            pass
+        self._run_core()
+
+    def _run_core(self) -> None:
+        self.core.drain()
+        while self.core.before_sleep():
+            self.core.drain()
 
     def send(self, message: Message) -> None:
         assert self.outbox.publish(message, "")
