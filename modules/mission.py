@@ -9,6 +9,7 @@ from modules.planar_messages import frontiers_message, map_cells, planar, pose_s
 from robbie_mp.messages import (
     BatteryState,
     CameraInfo,
+    CancelGoal,
     Header,
     MissionOrder,
     MissionStatus,
@@ -30,6 +31,7 @@ from workers.mission_victims import VictimReport
 from workers.rescue_report import MissionFigures, write_report
 from workers.victim_map import VictimState
 
+HOLDS = (MissionState.PAUSE, MissionState.DONE)
 CANNOT_DRIVE = ("STOPPED_", "EMERGENCY_")
 TELL_S = 1.0
 """The mission's status is told so often, if it does not change."""
@@ -79,7 +81,7 @@ class RescueMission(Module):
         self.sent_s = -math.inf
         self.judged = True
         self.is_known = False
-        self.stands = False
+        self.stands = self.is_cancelled = False
         self.pan_rad = math.nan
         self.map: OccupancyGrid | None = None
         self.frontiers = self.mission.frontiers
@@ -164,7 +166,10 @@ class RescueMission(Module):
         orders = self.mission.step()
         self.checkpoint(self.mission.memory())  # first: what the operator has ordered must not be forgotten
         if self.pose is not None and self.mission.state is not MissionState.WAIT:
-            self._send_goal(orders.goal)
+            if self.mission.state in HOLDS:
+                self._cancel_goal()
+            else:
+                self._send_goal(orders.goal)
             self._turn_camera(orders.look_at_xy_m)
         for note in self.mission.notes[self.notes_told :]:
             self.log.warning("%s", note)
@@ -213,23 +218,33 @@ class RescueMission(Module):
         self.show_state(state)
         self.log.info("%s (%s)", state.name, self.mission.machine.reason)
 
+    def _cancel_goal(self) -> None:
+        """Have navigation forget the mission's goal; again if it was restarted and drives on to it.
+
+        The operator may send the robot to another one meanwhile.
+        """
+        now_s = self._time_s()
+        if self.is_cancelled and not (self.is_known and now_s - self.sent_s >= REPEAT_S):
+            return
+        self.is_cancelled = self.judged = True
+        self.is_known = self.stands = False
+        self.sent_s = now_s
+        self.publish(CancelGoal(header=self._header("map"), reason=self.mission.machine.reason))
+
     def _send_goal(self, wanted: NDArray[np.float64] | None) -> None:
         """Send a goal if it is another one, or if navigation has lost it; to stand is to go where one is."""
-        now_s = self._time_s()
-        is_late = now_s - self.sent_s >= REPEAT_S
-        if wanted is None:
-            # Where it is now: a robot that stands may be driven by hand.
-            is_due = not self.stands or (is_late and not self.is_known)
-            goal = np.array(self.pose)
-        else:
-            is_new = self.goal is None or not np.array_equal(wanted, self.goal)
-            is_due = is_new or (is_late and (self.judged or not self.is_known))
+        if wanted is not None:
             goal = wanted
+        else:
+            goal = self.goal if self.stands and self.goal is not None else np.array(self.pose)
         self.stands = wanted is None
-        if not is_due:
+        now_s = self._time_s()
+        is_new = self.is_cancelled or self.goal is None or not np.array_equal(goal, self.goal)
+        is_wanted_again = self.judged and wanted is not None
+        if not is_new and (now_s - self.sent_s < REPEAT_S or (self.is_known and not is_wanted_again)):
             return
         self.goal, self.sent_s = goal, now_s
-        self.is_known = self.judged = False
+        self.is_known = self.judged = self.is_cancelled = False
         self.publish(pose_stamped(goal, self._header("map")), topic="goal")
 
     def _is_goal(self, state: NavigationState) -> bool:

@@ -6,6 +6,7 @@ import numpy as np
 
 from modules.planar_messages import angles_rad, laser_mount, map_cells, planar, pose_stamped
 from robbie_mp.messages import (
+    CancelGoal,
     DriveCommand,
     Duration,
     EmergencyStop,
@@ -35,7 +36,7 @@ class Navigation(Module):
 
     Publishes `DriveCommand`, which expires, only while it has a goal; the planned way as `Path` on topic
     `path`; and `NavigationState` on each change and every now and then. A new goal takes the place of the
-    old one; a restarted navigation goes on to the goal it had.
+    old one, `CancelGoal` ends it; a restarted navigation goes on to the goal it had.
     """
 
     period_s: float = setting(0.06, "time between drive commands", minimum=0.01)
@@ -60,6 +61,7 @@ class Navigation(Module):
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(TimeJump, self.on_time_jump)
         self.subscribe(PoseStamped, self.on_goal, topic="goal")
+        self.subscribe(CancelGoal, self.on_cancel)
         self.subscribe(OccupancyGrid, self.on_map, newest)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.subscribe(LaserScan, self.on_scan, newest)
@@ -78,6 +80,17 @@ class Navigation(Module):
             if self.navigator is not None:
                 self.navigator.go_to(self.goal)
             self.checkpoint(list(self.goal))
+
+    def on_cancel(self, cancel: CancelGoal) -> None:
+        """Forget the goal, and have the drive stop at once, not only when the last command expires."""
+        if self.goal is None:
+            return
+        self.goal = None
+        self.checkpoint(None)
+        if self.navigator is not None:
+            self.navigator.cancel(cancel.reason)
+            self._command(0.0, 0.0)
+        self.tick()
 
     def on_time_jump(self, jump: TimeJump) -> None:
         """Forget the goal, and what the laser saw: nothing of it holds any longer."""
@@ -133,14 +146,7 @@ class Navigation(Module):
             return
         speeds = self.navigator.drive()
         if speeds is not None:
-            self.publish(
-                DriveCommand(
-                    header=Header(stamp=self._now(), frame_id="base_link"),
-                    linear_m_per_s=speeds[0],
-                    angular_rad_per_s=speeds[1],
-                    valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
-                )
-            )
+            self._command(*speeds)
         if self.navigator.path is not self.path:
             self._publish_path()
         if self.navigator.state in RESTING and self.told[0] != self.navigator.state.name:
@@ -148,6 +154,16 @@ class Navigation(Module):
             self.log.info("%s: %s", self.navigator.state.name, self.navigator.machine.reason)
         self._tell(self.navigator.state.name, self.navigator.machine.reason, self.navigator.distance_left_m)
         self.status = self.navigator.status
+
+    def _command(self, linear_m_per_s: float, angular_rad_per_s: float) -> None:
+        self.publish(
+            DriveCommand(
+                header=Header(stamp=self._now(), frame_id="base_link"),
+                linear_m_per_s=linear_m_per_s,
+                angular_rad_per_s=angular_rad_per_s,
+                valid_for=Duration.from_nanoseconds(round(self.command_valid_for_s * 1e9)),
+            )
+        )
 
     def _begin(self, scan: LaserScan) -> None:
         """Make the navigator for a laser's geometry."""

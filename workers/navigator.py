@@ -122,6 +122,11 @@ class Navigator:
         self.goal = None
         self._end(NavigatorState.UNREACHABLE, reason)
 
+    def cancel(self, reason: str) -> None:
+        """Forget the goal."""
+        self.goal = None
+        self._end(NavigatorState.IDLE, reason)
+
     def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
         """Take a new map: see `Costmap` for the arguments."""
         self._costmap = Costmap(cells, resolution_m, corner_xy_m, self.settings.clearance_m)

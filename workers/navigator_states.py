@@ -27,13 +27,15 @@ S = NavigatorState
 RESTING = frozenset({S.IDLE, S.ARRIVED, S.UNREACHABLE})
 RECOVERIES = (S.CLEAR_COSTMAP, S.BACK_UP, S.ROTATE)
 STOPPED = frozenset({S.STOPPED_NO_MAP, S.STOPPED_NO_POSE, S.STOPPED_NO_LASER, S.EMERGENCY_STOP})
-# Without a goal, or with all it needs, DRIVE is where it begins; what stops the robot may come at any time.
+# Without a goal, or with all it needs, DRIVE is where it begins; a goal may be cancelled, and what stops the
+# robot may come, at any time.
+_ALWAYS = {S.IDLE, S.DRIVE, S.UNREACHABLE}
 TRANSITIONS = {
-    **{state: {S.DRIVE, S.UNREACHABLE} for state in RESTING},
-    S.DRIVE: {S.DRIVE, S.ALIGN, S.ARRIVED, S.UNREACHABLE, *RECOVERIES, *STOPPED},
-    S.ALIGN: {S.DRIVE, S.ARRIVED, S.UNREACHABLE, *STOPPED},
-    **{state: {S.DRIVE, S.UNREACHABLE, *STOPPED} for state in RECOVERIES},
-    **{state: {S.DRIVE, S.UNREACHABLE, *(STOPPED - {state})} for state in STOPPED},
+    **dict.fromkeys(RESTING, _ALWAYS),
+    S.DRIVE: {S.ALIGN, S.ARRIVED, *_ALWAYS, *RECOVERIES, *STOPPED},
+    S.ALIGN: {S.ARRIVED, *_ALWAYS, *STOPPED},
+    **{state: {*_ALWAYS, *STOPPED} for state in RECOVERIES},
+    **{state: {*_ALWAYS, *(STOPPED - {state})} for state in STOPPED},
 }
 
 

@@ -60,6 +60,7 @@ from robbie_mp.messages.stock.rcl_interfaces import Log
 from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.messages.stock.robbie_msgs import (
     Bumper,
+    CancelGoal,
     DriveCommand,
     EmergencyStop,
     Frontiers,
@@ -104,6 +105,7 @@ __all__ = [
     "BufferTooSmall",
     "Bumper",
     "CameraInfo",
+    "CancelGoal",
     "ChannelProfile",
     "CompressedImage",
     "DeclarationError",

@@ -16,6 +16,7 @@ from robbie_mp.harness import ModuleHarness
 from robbie_mp.messages import (
     BatteryState,
     CameraInfo,
+    CancelGoal,
     Frontiers,
     MapMetaData,
     MissionOrder,
@@ -184,29 +185,50 @@ def test_silent_laser_makes_the_robot_stand_and_is_in_the_report(
     assert notes == ["stopped: STOPPED_NO_LASER: the laser is silent for 0.7 s"]
 
 
-def test_paused_robot_is_told_at_once_to_stand_and_what_fits_is_published(robot: Robot) -> None:
+def test_paused_robot_is_told_at_once_to_stop_and_what_fits_is_published(robot: Robot) -> None:
     robot.navigates = False
     robot.go_on(1.5)
     robot.harness.take(MissionStatus)
     robot.harness.send(MissionOrder(order=MissionOrder.PAUSE))
-    (stand,) = robot.harness.take(PoseStamped, "goal")
-    assert (stand.pose.position.x, stand.pose.position.y) == START[:2]
+    assert len(robot.harness.take(CancelGoal)) == 1
     (status,) = robot.harness.take(MissionStatus)
     assert (status.state, status.refusal) == ("PAUSE", "")
     assert status.orders.tolist() == [MissionOrder.START, MissionOrder.ABORT, MissionOrder.RETURN]
     assert status.text.startswith("stands, until the operator resumes (ordered by the operator)")
 
 
-def test_robot_driven_by_hand_in_a_pause_is_not_driven_back(robot: Robot) -> None:
+def test_paused_robot_may_be_driven_elsewhere_and_goes_on_from_there(robot: Robot) -> None:
     robot.navigates = False
     robot.go_on(1.5)
     robot.harness.send(MissionOrder(order=MissionOrder.PAUSE))
-    robot.tell_navigation("ARRIVED", *robot.harness.take(PoseStamped, "goal"))
+    robot.harness.take(CancelGoal)
+    robot.tell_navigation("IDLE")
     robot.pose = (2.0, 1.0, 0.0)
+    elsewhere = PoseStamped(pose=Pose(position=Point(x=3.0, y=1.0)))
+    robot.tell_navigation("DRIVE", elsewhere)
     assert robot.go_on(5.0) == []
-    robot.tell_navigation("IDLE")  # it was restarted
-    stand = robot.go_on(3.0)[-1]
-    assert (stand.pose.position.x, stand.pose.position.y) == robot.pose[:2]
+    assert robot.harness.take(CancelGoal) == []
+    robot.harness.send(MissionOrder(order=MissionOrder.START))
+    assert robot.harness.take(PoseStamped, "goal")
+
+
+def test_goal_is_cancelled_again_when_navigation_was_restarted_and_drives_on_to_it(robot: Robot) -> None:
+    robot.navigates = False
+    (goal, *_) = robot.go_on(1.5)
+    robot.harness.send(MissionOrder(order=MissionOrder.PAUSE))
+    robot.tell_navigation("DRIVE", goal)
+    robot.harness.take(CancelGoal)
+    robot.go_on(3.0)
+    assert len(robot.harness.take(CancelGoal)) == 1
+
+
+def test_mission_resumed_after_a_short_pause_sends_its_goal_again(robot: Robot) -> None:
+    robot.navigates = False
+    (goal, *_) = robot.go_on(1.5)
+    for order in (MissionOrder.PAUSE, MissionOrder.START):
+        robot.harness.send(MissionOrder(order=order))
+    (again,) = robot.harness.take(PoseStamped, "goal")
+    assert again.pose == goal.pose
 
 
 def test_refused_order_is_in_the_trace_and_in_the_status(
@@ -240,8 +262,8 @@ def test_pause_outlives_a_restart(robot: Robot) -> None:
         restarted = Robot(again)
         restarted.pose = robot.pose
         restarted.tell_navigation("IDLE")
-        (stand,) = restarted.go_on(1.0)
-        assert (stand.pose.position.x, stand.pose.position.y) == pytest.approx(robot.pose[:2])
+        assert restarted.go_on(1.0) == []
+        assert len(again.take(CancelGoal)) == 1
         assert again.take(MissionStatus)[-1].state == "PAUSE"
 
 

@@ -12,6 +12,7 @@ from hw.simulated_laser import SimulatedLaser
 from modules.navigation import Navigation
 from robbie_mp.harness import ModuleHarness
 from robbie_mp.messages import (
+    CancelGoal,
     DriveCommand,
     EmergencyStop,
     Header,
@@ -169,6 +170,22 @@ def test_restarted_navigation_goes_on_to_its_goal_and_not_to_one_that_is_reached
         again.go_on(20.0)
         assert again.states[-1] == "ARRIVED"
         assert restarted.checkpoint is None
+
+
+def test_cancelled_goal_is_forgotten_and_the_drive_stopped_at_once(robot: Robot) -> None:
+    robot.harness.send(GOAL, topic="goal")
+    robot.go_on(2.0)
+    assert robot.drive.read().linear_m_per_s > 0.2
+    robot.harness.send(CancelGoal(reason="for a test"))
+    (halt,) = robot.harness.take(DriveCommand)
+    assert (halt.linear_m_per_s, halt.angular_rad_per_s) == (0.0, 0.0)
+    last = robot.harness.take(NavigationState)[-1]
+    assert (last.state, last.reason) == ("IDLE", "for a test")
+    assert robot.harness.checkpoint is None
+    robot.drive.command(0.0, 0.0, 0.3)
+    robot.go_on(2.0)
+    assert not robot.harness.take(DriveCommand)
+    assert robot.drive.read().linear_m_per_s == 0.0
 
 
 def test_goal_is_forgotten_when_time_jumps(robot: Robot) -> None:

@@ -29,6 +29,7 @@ def stock_registry() -> TypeRegistry:
             profiler_msgs.SystemProfile,
             rcl_interfaces.Log,
             robbie_msgs.Bumper,
+            robbie_msgs.CancelGoal,
             robbie_msgs.DriveCommand,
             robbie_msgs.EmergencyStop,
             robbie_msgs.Frontiers,

@@ -101,6 +101,13 @@ class LocalizationState(Message, name="robbie_msgs/msg/LocalizationState", versi
     particles: uint32 = DEFAULT  # hypotheses kept at present
 
 
+class CancelGoal(Message, name="robbie_msgs/msg/CancelGoal", version=1):
+    """Stop, and forget the goal."""
+
+    header: Header = DEFAULT
+    reason: str = DEFAULT  # for people
+
+
 class NavigationState(Message, name="robbie_msgs/msg/NavigationState", version=1):
     """How far the robot is on its way to a goal."""
 
