@@ -1,15 +1,13 @@
-"""Images and maps as browsers take them, and what cannot be shown."""
+"""Images as browsers take them, and what cannot be shown."""
 
 import io
-import json
 
 import numpy as np
 import pytest
 from PIL import Image as PillowImage
 
-from robbie_mp.messages import CompressedImage, Image, MapMetaData, OccupancyGrid
+from robbie_mp.messages import CompressedImage, Image
 from robbie_mp.services.operator_station.latest import Latest
-from robbie_mp.services.operator_station.map_picture import MOST_PIXELS, PLACE_HEADER, draw_grid
 from robbie_mp.services.operator_station.pictures import (
     LARGEST_PIXELS,
     NewestPicture,
@@ -86,23 +84,3 @@ def test_picture_is_made_once_for_all_pages_and_anew_for_a_newer_message() -> No
     latest.put(Image(width=0))
     assert picture.answer().headers["x-robbie-reason"] == "it is empty"
     assert drawn == [3, 0]
-
-
-def test_of_a_large_map_every_second_cell_is_shown_at_the_same_place() -> None:
-    width, height = MOST_PIXELS // 1000 + 2, 1000
-    data = np.full(width * height, -1, np.int8)
-    data[:2] = 100
-    grid = OccupancyGrid(info=MapMetaData(resolution=0.1, width=width, height=height), data=data)
-    picture = draw_grid(grid)
-    shown = PillowImage.open(io.BytesIO(picture.data))
-    place = json.loads(picture.headers[PLACE_HEADER])
-    assert (shown.size, shown.getpixel((0, 499)), shown.getpixel((1, 499))) == ((width // 2, 500), 0, 170)
-    assert (place["width_m"], place["height_m"]) == pytest.approx((width / 10, 100))
-
-
-@pytest.mark.parametrize(
-    "info", [MapMetaData(resolution=1.0), MapMetaData(width=2, height=2), MapMetaData(resolution=1, width=3)]
-)
-def test_map_that_is_none_is_no_picture(info: MapMetaData) -> None:
-    with pytest.raises(NoPicture):
-        draw_grid(OccupancyGrid(info=info, data=np.zeros(4, np.int8)))

@@ -1,16 +1,11 @@
-"""Points and floor of the 3-D view."""
-
-import base64
-import io
+"""Points of the 3-D view."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from PIL import Image
 
-from robbie_mp.messages import LaserScan, MapMetaData, OccupancyGrid, PointCloud2, PointField
-from robbie_mp.services.operator_station.scene_view.floor import floor_of
+from robbie_mp.messages import LaserScan, PointCloud2, PointField
 from robbie_mp.services.operator_station.scene_view.points import cloud_points, packed, scan_points
 
 
@@ -65,21 +60,5 @@ def test_a_cloud_that_makes_no_sense_has_no_points_or_some_but_harms_nobody(
 
 
 def test_points_travel_in_steps_of_a_centimetre() -> None:
-    sent = base64.b64decode(packed(np.array([[1.234, -2.0, 1e9]])))
+    sent = packed(np.array([[1.234, -2.0, 1e9]]))
     assert np.frombuffer(sent, "<i2").tolist() == [123, -200, 32767]
-
-
-def test_floor_is_light_where_it_is_free_dark_where_it_is_not_and_clear_where_unknown() -> None:
-    info = MapMetaData(resolution=0.5, width=3, height=1)
-    floor = floor_of(OccupancyGrid(info=info, data=np.array([0, 100, -1], np.int8)))
-    assert floor is not None
-    assert (floor.width_m, floor.height_m) == (1.5, 0.5)
-    picture = Image.open(io.BytesIO(base64.b64decode(floor.url.partition(",")[2]))).convert("RGBA")
-    free, taken, unknown = (picture.getpixel((x, 0)) for x in range(3))
-    assert free == (235, 235, 235, 255)
-    assert taken == (35, 35, 35, 255)
-    assert unknown[3] == 0
-
-
-def test_a_map_without_cells_is_no_floor() -> None:
-    assert floor_of(OccupancyGrid()) is None

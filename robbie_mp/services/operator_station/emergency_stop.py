@@ -73,4 +73,4 @@ class EmergencyStopBar:
             shown.props(f"color={'grey' if state is None else 'red' if state.engaged else 'green-9'}")
             again.set_visibility(self.is_engaged and page.role is Role.OPERATOR)
 
-        ui.timer(0.1, update)
+        page.always(0.1, update)

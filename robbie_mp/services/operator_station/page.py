@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from nicegui import ui
+from nicegui import core, ui
 
 from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.gate import SESSION_COOKIE
+from robbie_mp.services.operator_station.link import BrowserLink
 from robbie_mp.services.operator_station.panel import Page, Panel
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def build_page(
     client = ui.context.client
     cookies = client.request.cookies if client.request else {}
     role = station.access.role_of(cookies.get(SESSION_COOKIE)) or Role.OBSERVER
-    page = Page(client.id, role)
+    page = Page(client.id, role, BrowserLink(core.sio, client.id))
     station.opened(page)
     client.on_delete(lambda: station.closed(page))
     ui.run_javascript(RECONNECT)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from nicegui import ui
 
@@ -13,17 +13,27 @@ if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
 
 
+class Link(Protocol):
+    """The connection to a browser."""
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the browser has taken what it was sent, all but a little."""
+
+
 class Page:
     """One page that is open in a browser.
 
     Args:
         key: names it among all that are open.
         role: what its visitor may do.
+        link: the connection to it.
     """
 
-    def __init__(self, key: str, role: Role):
+    def __init__(self, key: str, role: Role, link: Link):
         self.key = key
         self.role = role
+        self.link = link
         self.tab = ""
         """Name of the panel that is looked at."""
 
@@ -32,11 +42,11 @@ class Page:
 
         An update that can be awaited, as one that waits for the browser, is over before the next one begins.
         """
+        self.always(period_s, lambda: update() if self.tab == panel else None)
 
-        def due() -> Awaitable[None] | None:
-            return update() if self.tab == panel else None
-
-        ui.timer(period_s, due)
+    def always(self, period_s: float, update: Callable[[], Awaitable[None] | None]) -> None:
+        """Have something done on whatever panel; but not while the browser does not keep up with the rest."""
+        ui.timer(period_s, lambda: update() if self.link.is_free else None)
 
 
 class Panel(ABC):

@@ -77,7 +77,7 @@ class PlaybackBar:
                 play.set_visibility(state.paused)
                 rate.set_value(state.rate if state.rate in RATES else None)
 
-        ui.timer(0.1, update)
+        page.always(0.1, update)
 
 
 def seconds(state: PlaybackState, time_ns: int) -> float:

@@ -16,6 +16,7 @@ from robbie_mp.services.operator_station.access import SHORTEST_TOKEN, Access, D
 from robbie_mp.services.operator_station.claim import StationClaim
 from robbie_mp.services.operator_station.latest import Latest
 from robbie_mp.services.operator_station.listening import AddressUnusable, listen
+from robbie_mp.services.operator_station.live import LiveParts
 from robbie_mp.services.operator_station.run_watch import RunWatch
 from robbie_mp.settings import SettingError
 from robbie_mp.supervisor.run_directory import list_runs
@@ -78,7 +79,7 @@ class OperatorStation(Module):
     robot_size_m: list[float] = setting(
         [0.45, 0.35, 0.25], "length, width and height of the robot in the 3-D view", minimum=0.01
     )
-    period_s: float = setting(0.2, "time between looks at the page server", minimum=0.01)
+    period_s: float = setting(0.05, "time between pictures of what moves", minimum=0.01)
 
     @classmethod
     def check(cls, settings: dict[str, Any]) -> None:
@@ -122,6 +123,7 @@ class OperatorStation(Module):
         self._handlers: dict[tuple[str, str], list[Callable[[Any], None]]] = {}
         self.scene = SceneGraphListener(self, hears_time_jumps=False)
         self.hear(TimeJump, lambda _jump: self.scene.forget())
+        self.live = LiveParts()
         listener = self._listen(before["port"])
         self._website = website(self, listener)
         self._website.start()

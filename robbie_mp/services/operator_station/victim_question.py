@@ -71,4 +71,4 @@ class VictimQuestion:
             left.set_text(f"{first.time_left_s:.0f} s left to answer; {found.confidence:.0%} sure")
             dialog.open()
 
-        ui.timer(0.2, update)
+        page.always(0.2, update)

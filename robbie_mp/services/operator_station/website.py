@@ -10,6 +10,8 @@ from nicegui import ui
 
 from robbie_mp.services.operator_station.emergency_stop import EmergencyStopBar
 from robbie_mp.services.operator_station.gate import Gate
+from robbie_mp.services.operator_station.live.map import LiveMap
+from robbie_mp.services.operator_station.live.server import with_live
 from robbie_mp.services.operator_station.page import build_page
 from robbie_mp.services.operator_station.panels import PANELS
 from robbie_mp.services.operator_station.playback_bar import PlaybackBar
@@ -37,6 +39,7 @@ class Website:
 
     def __init__(self, station: OperatorStation, listener: socket.socket):
         self.victim_watch = VictimWatch(station)
+        self._map = LiveMap(station)
         titles = station.tabs or dict.fromkeys(PANELS)
         self._panels = [PANELS[name](station) for name in titles]
         titled = [(panel, titles[panel.name] or panel.title) for panel in self._panels]
@@ -53,7 +56,8 @@ class Website:
             message_history_length=MESSAGE_HISTORY,
             show_welcome_message=False,
         )
-        self._server = PageServer(Gate(application, station.access, station.log), listener)
+        app = with_live(application, station.live)
+        self._server = PageServer(Gate(app, station.access, station.log), listener)
 
     def start(self) -> None:
         """Begin to serve.
@@ -70,6 +74,7 @@ class Website:
             ServerFailed: it is not.
         """
         self._server.check()
+        self._map.tick()
         for panel in self._panels:
             panel.tick()
 

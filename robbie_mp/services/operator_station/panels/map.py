@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
@@ -23,17 +23,16 @@ from robbie_mp.messages import (
     VictimFound,
 )
 from robbie_mp.services.operator_station.access import Role
-from robbie_mp.services.operator_station.map_picture import draw_grid
+from robbie_mp.services.operator_station.live import SCRIPTS
 from robbie_mp.services.operator_station.panel import Page, Panel
-from robbie_mp.services.operator_station.pictures import NewestPicture, serve_pictures
 from robbie_mp.services.operator_station.victim_watch import KnownVictim
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
 
-REFRESH_S = 0.1
-BROWSER_LIMIT_S = 5.0
-"""The next marks are sent when the browser has drawn these, or has not said so for so long."""
+TEXT_PERIOD_S = 0.2
+GROUP = "marks"
+"""Of live parts: what is drawn on the map."""
 LONGEST_PATH = 500
 """Of longer paths every second, third … point is shown."""
 MODES = {"": "Move map", "goal": "Set goal", "initial_pose": "Set pose"}
@@ -46,8 +45,8 @@ COLOURS = {
 }
 
 
-class MapView(Element, component="map_view.js"):
-    """Draws the map and the marks on it."""
+class MapView(Element, component="map_view.js", esm=SCRIPTS):
+    """Follows the map and the marks on it, and draws them."""
 
 
 class MapPanel(Panel):
@@ -64,7 +63,7 @@ class MapPanel(Panel):
         self._goal = station.newest(PoseStamped, "goal")
         self._path = station.newest(Path, "path")
         self._frontiers = station.newest(Frontiers)
-        serve_pictures("/pictures/map", NewestPicture(self._grid, draw_grid).answer)
+        self._way: tuple[int, list[list[float]]] = (0, [])
 
     def build(self, page: Page) -> None:
         """Make the map and its tools."""
@@ -87,7 +86,6 @@ class MapPanel(Panel):
         tools["out"].on_click(lambda: view.run_method("zoom", 1 / 1.5))
         tools["fit"].on_click(lambda: view.run_method("fit"))
         tools["save"].on_click(lambda: view.run_method("save", f"map-{self.station.run_id}.png"))
-        shown: dict[str, int] = {}
 
         def set_mode(topic: str) -> None:
             view._props["placing"] = topic
@@ -102,42 +100,29 @@ class MapPanel(Panel):
             mode.on_value_change(lambda event: set_mode(str(event.value or "")))
             view.on("placed", placed)
 
-        async def update() -> None:
-            counts = self._counts()
-            new = {name: count for name, count in counts.items() if count != shown.get(name)}
-            if not new:
-                return
-            try:
-                await view.run_method("show", self.marks(new), timeout=BROWSER_LIMIT_S)
-            except TimeoutError:
-                return  # a slow link: once more, and what is the newest then
-            shown.update(new)
+        def update() -> None:
             text.set_text(self.describe())
 
-        page.every(REFRESH_S, self.name, update)
+        page.every(TEXT_PERIOD_S, self.name, update)
 
-    def _counts(self) -> dict[str, int]:
-        """Tell how often each part of the picture has changed."""
+    def tick(self) -> None:
+        """Say where everything is, if anybody wants to see it."""
+        if self.station.live.is_wanted(GROUP):
+            self.station.live.put(
+                GROUP, {name: json.dumps(mark).encode() for name, mark in self.marks().items()}
+            )
+
+    def marks(self) -> dict[str, Any]:
+        """Return what is drawn on the map; m and rad, map frame."""
+        if self._way[0] != self._path.count:
+            self._way = (self._path.count, way_points(self._path.message))
         return {
-            "map": self._grid.count,
-            "robot": self._pose.count,
-            "goal": self._goal.count,
-            "path": self._path.count,
-            "frontiers": self._frontiers.count,
-            "victims": self.station.victim_watch.count,
+            "robot": planar(self._pose.message),
+            "goal": planar(self._goal.message),
+            "path": self._way[1],
+            "frontiers": frontier_marks(self._frontiers.message),
+            "victims": list(map(victim_mark, self.station.victim_watch.victims.values())),
         }
-
-    def marks(self, wanted: Iterable[str]) -> dict[str, Any]:
-        """Return parts of what the page draws; m and rad, map frame."""
-        made: dict[str, Callable[[], Any]] = {
-            "map": lambda: self._grid.count,
-            "robot": lambda: planar(self._pose.message),
-            "goal": lambda: planar(self._goal.message),
-            "path": lambda: way_points(self._path.message),
-            "frontiers": lambda: frontier_marks(self._frontiers.message),
-            "victims": lambda: list(map(victim_mark, self.station.victim_watch.victims.values())),
-        }
-        return {name: made[name]() for name in wanted}
 
     def describe(self) -> str:
         """Say in a line what is on the map."""
@@ -192,7 +177,7 @@ def planar(message: PoseStamped | None) -> list[float] | None:
     if message is None:
         return None
     pose = message.pose
-    return [pose.position.x, pose.position.y, pose.orientation.yaw]
+    return [round(number, 4) for number in (pose.position.x, pose.position.y, pose.orientation.yaw)]
 
 
 def checked(sent: Any) -> tuple[str, float, float, float | None] | None:

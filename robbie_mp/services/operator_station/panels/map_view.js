@@ -1,3 +1,5 @@
+import { from_json, Live, MapPicture } from "robbie-live";
+
 // The map from above: x to the right, y up. Drag moves it, the wheel zooms. While something is to be placed,
 // a press says where, and dragging from there says which way it looks; that is emitted as "placed".
 export default {
@@ -5,8 +7,9 @@ export default {
     :style="{ cursor: placing ? 'crosshair' : 'grab' }"></canvas>`,
   props: { placing: String },
   mounted() {
-    this.marks = { map: 0, robot: null, goal: null, path: [], frontiers: [], victims: [] };
-    this.shown = 0;
+    this.marks = { robot: null, goal: null, path: [], frontiers: [], victims: [] };
+    this.map = new MapPicture();
+    this.updates = 0;
     this.centre = { x: 0, y: 0 };
     this.scale = 40; // pixels per m
     this.fitted = false;
@@ -19,42 +22,28 @@ export default {
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     this.observer = new ResizeObserver(() => this.redraw());
     this.observer.observe(canvas);
+    this.live = new Live("marks+map", canvas, (parts) => this.take(parts));
   },
   unmounted() {
     this.observer.disconnect();
+    this.live.close();
   },
   methods: {
-    show(marks) {
-      Object.assign(this.marks, marks);
-      if (this.marks.map !== this.shown) this.fetch_map();
+    async take(parts) {
+      for (const [name, part] of Object.entries(parts))
+        if (name.startsWith("marks/")) this.marks[name.slice("marks/".length)] = from_json(part);
+      await this.map.take(parts);
       this.redraw();
-    },
-    async fetch_map() {
-      if (this.loading) return; // the next `show` comes soon
-      this.loading = true;
-      const count = this.marks.map;
-      try {
-        const answer = await fetch(`/pictures/map?count=${count}`);
-        if (answer.status === 200) {
-          this.place = JSON.parse(answer.headers.get("X-Robbie-Map"));
-          this.picture = await createImageBitmap(await answer.blob());
-          if (!this.fitted) this.fit();
-        }
-        this.shown = this.$el.dataset.map = count;
-      } catch {
-        // Not connected; the next `show` tries again.
-      } finally {
-        this.loading = false;
-        this.redraw();
-      }
+      this.$el.dataset.map = this.map.is_whole ? "whole" : "";
+      this.$el.dataset.updates = this.updates += 1;
     },
     fit() {
-      const { place, $el: canvas } = this;
-      if (!place || !canvas.clientWidth) return;
-      const [cos, sin] = [Math.cos(place.yaw_rad), Math.sin(place.yaw_rad)];
-      const [w, h] = [place.width_m / 2, place.height_m / 2];
-      this.centre = { x: place.x_m + cos * w - sin * h, y: place.y_m + sin * w + cos * h };
-      this.scale = 0.9 * Math.min(canvas.clientWidth / place.width_m, canvas.clientHeight / place.height_m);
+      const { map, $el: canvas } = this;
+      if (!map.place || !canvas.clientWidth) return;
+      const [cos, sin] = [Math.cos(map.place.yaw_rad), Math.sin(map.place.yaw_rad)];
+      const [w, h] = [map.width_m / 2, map.height_m / 2];
+      this.centre = { x: map.place.x_m + cos * w - sin * h, y: map.place.y_m + sin * w + cos * h };
+      this.scale = 0.9 * Math.min(canvas.clientWidth / map.width_m, canvas.clientHeight / map.height_m);
       this.fitted = true;
       this.redraw();
     },
@@ -147,14 +136,14 @@ export default {
       }
     },
     draw_picture(pen) {
-      if (!this.picture) return;
-      const place = this.place;
+      const map = this.map;
+      if (!map.place) return;
       pen.save();
       pen.imageSmoothingEnabled = false;
-      pen.translate(place.x_m, place.y_m);
-      pen.rotate(place.yaw_rad);
+      pen.translate(map.place.x_m, map.place.y_m);
+      pen.rotate(map.place.yaw_rad);
       pen.scale(1, -1);
-      pen.drawImage(this.picture, 0, -place.height_m, place.width_m, place.height_m);
+      pen.drawImage(map.canvas, 0, -map.height_m, map.width_m, map.height_m);
       pen.restore();
     },
     draw_path(pen) {

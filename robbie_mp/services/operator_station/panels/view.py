@@ -8,14 +8,19 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 
 from robbie_mp.services.operator_station.panel import Page, Panel
-from robbie_mp.services.operator_station.scene_view.drawing import Drawing
+from robbie_mp.services.operator_station.scene_view.drawing import Drawing, Moving
 from robbie_mp.services.operator_station.scene_view.surroundings import Surroundings, Surveyor
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
 
+GROUP = "view"
+"""Of live parts: what moves."""
 PERIOD_S = 0.2
-BROWSER_LIMIT_S = 5.0
+"""Between looks at what there is, and at the line of text."""
+FRAMES_PER_S = 20
+BEHIND_AND_ABOVE_M = (-3.0, 0.0, 3.0)
+"""Where the camera is at first, from the robot."""
 
 
 class ViewPanel(Panel):
@@ -32,8 +37,9 @@ class ViewPanel(Panel):
 
     def tick(self) -> None:
         """Look around, if anybody wants to see it."""
-        if self.is_looked_at:
+        if self.station.live.is_wanted(GROUP):
             self.surroundings = self._surveyor.look()
+            self.station.live.put(GROUP, self.surroundings.parts())
 
     def build(self, page: Page) -> None:
         """Make the scene."""
@@ -41,26 +47,18 @@ class ViewPanel(Panel):
             follows = ui.switch("follow the robot", value=True).props("id=view-follow")
             names = ui.switch("frame names").props("id=view-names")
             shown = ui.label("nothing is known yet").props("id=view-figures")
-        scene = ui.scene(grid=False, background_color="#1d232a", fps=15, click_events=[])
-        scene.style("width: 100%; height: 65vh").props("id=view-scene")
+        with Moving().classes("w-full").props("id=view-moving") as moving:
+            scene = ui.scene(grid=False, background_color="#1d232a", fps=FRAMES_PER_S, click_events=[])
+            scene.style("width: 100%; height: 65vh").props("id=view-scene")
+        scene.move_camera(*BEHIND_AND_ABOVE_M, 0.0, 0.0, 0.0, duration=0)
+        moving.move_in(scene)
+        follows.on_value_change(lambda event: moving.follow(bool(event.value)))
         drawing = Drawing(scene, self.station.robot_size_m)
-        last: Surroundings | None = None
 
-        async def update() -> None:
-            nonlocal last
-            now = self.surroundings
-            if now is None or now is last:
-                return
-            before, last = last, now
-            shown.set_text(in_words(now))
-            drawing.show(now, names=bool(names.value))
-            # Its answer says that the browser has come so far: a slow one gets fewer pictures, not a queue.
-            try:
-                camera = await scene.run_method("get_camera", timeout=BROWSER_LIMIT_S)
-            except TimeoutError:
-                return
-            if follows.value and camera is not None:
-                drawing.follow(camera["position"], before, now)
+        def update() -> None:
+            if self.surroundings is not None:
+                shown.set_text(in_words(self.surroundings))
+                drawing.show(self.surroundings, names=bool(names.value))
 
         page.every(PERIOD_S, self.name, update)
 

@@ -1,22 +1,39 @@
-"""The objects of one page's 3-D view."""
+"""The objects of one page's 3-D view: which there are, for the page's own script moves them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 
 from nicegui import ui
+from nicegui.element import Element
 from nicegui.elements.scene.scene_object3d import Object3D
 
 from robbie_mp.messages import VictimFound
-from robbie_mp.scene_graph import RigidTransform
-from robbie_mp.services.operator_station.scene_view.objects import FloorPicture, PointSet
+from robbie_mp.services.operator_station.live import SCRIPTS
 from robbie_mp.services.operator_station.scene_view.surroundings import BASE, SeenVictim, Surroundings
 
 COLORS = {VictimFound.CONFIRMED: "#43a047", VictimFound.REJECTED: "#757575"}
 ASKABLE_COLOR = "#fb8c00"
 LABEL = "color: white; font-size: 0.75rem; text-shadow: 0 0 3px black"
-BEHIND_M, ABOVE_M = 3.0, 3.0
+
+
+class Moving(Element, component="moving.js", esm=SCRIPTS):
+    """Holds a scene, moves its nodes as the robot does, and draws points, path and map there."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.follow(True)
+
+    def move_in(self, scene: ui.scene) -> None:
+        """Say which scene it is."""
+        self._props["scene"] = scene.id
+        self.update()
+
+    def follow(self, wanted: bool) -> None:
+        """Have the camera move with the robot, or stay where a hand moves it."""
+        self._props["follows"] = wanted
+        self.update()
 
 
 class Drawing:
@@ -35,25 +52,15 @@ class Drawing:
         self._parents: dict[str, str] = {}
         self._labels: dict[str, Sequence[Object3D]] = {}
         self._victims: dict[int, tuple[SeenVictim, Object3D]] = {}
-        with scene:
-            self._floor = FloorPicture()
-            self._points = PointSet()
-            self._points.material("#ff5252")
-            self._path = PointSet(size_px=0)
-            self._path.material("#40c4ff")
 
     def show(self, now: Surroundings, *, names: bool) -> None:
         """Draw; with the names of frames and their axes if they are wanted."""
-        self._floor.set_floor(now.floor)
-        self._points.set_points(now.points)
-        self._path.set_points(now.path)
         is_other_tree = any(now.nodes.get(name, ("",))[0] != was for name, was in self._parents.items())
         if is_other_tree or now.world != self._world:
             self._begin_anew(now.world)
-        for name, (parent, pose) in now.nodes.items():
+        for name, (parent, _) in now.nodes.items():
             if name not in self._nodes:
                 self._add(name, parent)
-            _place(self._nodes[name], pose)
             for label in self._labels[name]:
                 label.visible(names)
         for key in [*self._victims]:
@@ -62,19 +69,6 @@ class Drawing:
         for key, victim in now.victims.items():
             if key not in self._victims:
                 self._victims[key] = (victim, self._marker(victim))
-
-    def follow(self, camera: Mapping[str, float], before: Surroundings | None, now: Surroundings) -> None:
-        """Move the camera as the robot has moved; at first behind it."""
-        if now.robot is None:
-            return
-        x, y, z = map(float, now.robot.translation)
-        if before is None or before.robot is None:
-            self._scene.move_camera(x - BEHIND_M, y, z + ABOVE_M, x, y, z, duration=0)
-            return
-        by = now.robot.translation - before.robot.translation
-        if abs(by).max() > 0:
-            to_x, to_y, to_z = (camera[axis] + float(way) for axis, way in zip("xyz", by, strict=True))
-            self._scene.move_camera(to_x, to_y, to_z, x, y, z, duration=0)
 
     def _begin_anew(self, world: str) -> None:
         for name, parent in self._parents.items():
@@ -111,9 +105,3 @@ class Drawing:
                 ui.scene.sphere(0.1).material(COLORS.get(state, ASKABLE_COLOR))
                 ui.scene.text(name, LABEL).move(z=0.2)
         return marker
-
-
-def _place(node: Object3D, pose: RigidTransform) -> None:
-    x, y, z = map(float, pose.translation)
-    node.move(x, y, z)
-    node.rotate_R(pose.matrix[:3, :3].tolist())

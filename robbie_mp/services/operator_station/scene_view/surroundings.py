@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import time
+import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robbie_mp.messages import LaserScan, OccupancyGrid, Path, PointCloud2
+from robbie_mp.messages import Path
 from robbie_mp.scene_graph import RigidTransform, SceneGraphError, TooNew, TooOld
-from robbie_mp.services.operator_station.scene_view.floor import Floor, floor_of
-from robbie_mp.services.operator_station.scene_view.points import cloud_points, packed, scan_points
+from robbie_mp.services.operator_station.scene_view.point_sources import PointSources
+from robbie_mp.services.operator_station.scene_view.points import packed
 
 if TYPE_CHECKING:
-    from robbie_mp.services.operator_station.latest import Latest
     from robbie_mp.services.operator_station.station import OperatorStation
 
 BASE, MAP = "base_link", "map"
-MAX_POINTS = 10_000
-"""In one picture, of all scans and clouds together."""
-MAX_SOURCES = 4
-"""Scanners, and as many sources of clouds."""
 MAX_CORNERS = 1000
-FLOOR_PERIOD_S = 1.0
+PATH_HEIGHT_M = 0.02
 
 
 class SeenVictim(NamedTuple):
@@ -47,13 +41,22 @@ class Surroundings:
     """Parent, and X_PN, of all whose place is known, parents first."""
     robot: RigidTransform | None
     """X_WB."""
-    points: str
-    """Packed, as all points here."""
+    points: dict[str, bytes]
+    """Of each source, packed, as all points here."""
     count: int
     """Of the points."""
-    path: str
+    path: bytes
     victims: dict[int, SeenVictim]
-    floor: Floor | None
+
+    def parts(self) -> dict[str, bytes]:
+        """Return what moves, as the page's script draws it."""
+        robot = None if self.robot is None else _rounded(self.robot)
+        poses = {"robot": robot, "nodes": {name: _rounded(pose) for name, (_, pose) in self.nodes.items()}}
+        return {"poses": json.dumps(poses).encode(), "path": self.path, **self.points}
+
+
+def _rounded(pose: RigidTransform) -> list[float]:
+    return [round(number, 4) for number in pose]
 
 
 class Surveyor:
@@ -65,45 +68,28 @@ class Surveyor:
 
     def __init__(self, station: OperatorStation):
         self._station = station
-        self._map = station.newest(OccupancyGrid)
         self._path = station.newest(Path, "path")
-        self._scans: dict[str, Latest[LaserScan]] = {}
-        self._clouds: dict[str, Latest[PointCloud2]] = {}
-        self._floor: Floor | None = None
-        self._drawn = 0
-        self._drawn_s = 0.0
+        self._packed_path: tuple[int, bytes] = (0, b"")
+        self._sources = PointSources(station)
 
     def look(self) -> Surroundings:
         """Tell how everything is now."""
-        self._find_sources()
         graph = self._station.scene.graph
         world = MAP
         if MAP not in graph and BASE in graph:
             world = BASE
             while (parent := graph.node(world).parent) is not None:
                 world = parent
-        nodes = self._nodes(world)
-        points = self._points(world)
+        points = self._sources.look(lambda frame, time_ns: self._pose(world, frame, time_ns), world)
         return Surroundings(
             world=world,
-            nodes=nodes,
+            nodes=self._nodes(world),
             robot=self._pose(world, BASE),
-            points=packed(points),
-            count=len(points),
-            path=packed(self._corners()),
+            points=points,
+            count=self._sources.count,
+            path=self._corners(),
             victims=self._victims(),
-            floor=self._draw_floor(),
         )
-
-    def _find_sources(self) -> None:
-        """Subscribe to each scanner on its own, so that none takes the place of another."""
-        reading = self._station.run_watch.reading
-        for channel in reading.channels if reading else ():
-            key = (channel.type_name, channel.version)
-            if key == (LaserScan.type_name, LaserScan.version) and len(self._scans) < MAX_SOURCES:
-                self._scans.setdefault(channel.topic, self._station.newest(LaserScan, channel.topic))
-            if key == (PointCloud2.type_name, PointCloud2.version) and len(self._clouds) < MAX_SOURCES:
-                self._clouds.setdefault(channel.topic, self._station.newest(PointCloud2, channel.topic))
 
     def _pose(self, world: str, frame: str, time_ns: int | None = None) -> RigidTransform | None:
         scene = self._station.scene
@@ -129,26 +115,14 @@ class Surveyor:
                     known.add(node.name)
         return found
 
-    def _points(self, world: str) -> NDArray[np.float64]:
-        parts = [np.zeros((0, 3))]
-        seen: list[LaserScan | PointCloud2 | None] = [latest.message for latest in self._scans.values()]
-        seen += [latest.message for latest in self._clouds.values()]
-        share = MAX_POINTS // max(1, len(seen))
-        for message in seen:
-            if message is None:
-                continue
-            pose = self._pose(world, message.header.frame_id, message.header.stamp.nanoseconds)
-            if pose is not None:
-                points = (
-                    scan_points(message) if isinstance(message, LaserScan) else cloud_points(message, share)
-                )
-                parts.append(pose.apply(points[:: -(-len(points) // share) or 1]))
-        return np.concatenate(parts)
-
-    def _corners(self) -> NDArray[np.float64]:
-        poses = self._path.message.poses if self._path.message is not None else []
-        chosen = [pose.pose.position for pose in poses[:: -(-len(poses) // MAX_CORNERS) or 1]]
-        return np.array([(corner.x, corner.y, corner.z + 0.02) for corner in chosen]).reshape(-1, 3)
+    def _corners(self) -> bytes:
+        path = self._path
+        if path.message is not None and self._packed_path[0] != path.count:
+            poses = path.message.poses
+            chosen = [pose.pose.position for pose in poses[:: -(-len(poses) // MAX_CORNERS) or 1]]
+            corners = np.array([(corner.x, corner.y, corner.z + PATH_HEIGHT_M) for corner in chosen])
+            self._packed_path = (path.count, packed(corners.reshape(-1, 3)))
+        return self._packed_path[1]
 
     def _victims(self) -> dict[int, SeenVictim]:
         found = (known.found for known in self._station.victim_watch.victims.values())
@@ -158,11 +132,3 @@ class Surveyor:
             )
             for one in found
         }
-
-    def _draw_floor(self) -> Floor | None:
-        now_s = time.monotonic()
-        is_new = self._map.count != self._drawn and now_s - self._drawn_s >= FLOOR_PERIOD_S
-        if self._map.message is not None and is_new:
-            self._drawn, self._drawn_s = self._map.count, now_s
-            self._floor = floor_of(self._map.message)
-        return self._floor

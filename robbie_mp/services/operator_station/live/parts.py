@@ -1,0 +1,150 @@
+"""The newest state of what pages draw, in parts, each encoded once for all pages.
+
+Who follows has a packet of the parts that have changed, and the next one when it has drawn that. So nothing
+queues up for a page whose link or browser is slow: it gets fewer packets, of what is the newest then.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+PACKET_BYTES = 1 << 16
+"""With so many bytes a packet is full; it has one part at least, however large."""
+SMALL_BYTES = 1 << 12
+"""A part of so many bytes is in the next packet, whatever else is waiting."""
+PACKETS_AHEAD = 2
+"""So many packets may be on their way to a page, so that the way there and back is not waited for."""
+DRAWING_LIMIT_S = 30.0
+"""Who has drawn nothing for so long is disconnected."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """What is drawn at one place."""
+
+    number: int
+    """Another one, greater, whenever the data are."""
+    data: bytes
+
+
+class LiveParts:
+    """All parts, by names such as `map/tile/3/4`, which is of the group `map`. They are put by one thread."""
+
+    def __init__(self) -> None:
+        self.parts: Mapping[str, Part] = {}
+        self._numbers = itertools.count(1)
+        self._followers: tuple[Follower, ...] = ()
+
+    def put(self, group: str, parts: Mapping[str, bytes]) -> None:
+        """Say what is in a group from now on; what is as it was is not sent again."""
+        before = self.parts
+        found: dict[str, Part] = {}
+        for name, data in parts.items():
+            known = before.get(f"{group}/{name}")
+            is_same = known is not None and known.data == data
+            found[f"{group}/{name}"] = known if known and is_same else Part(next(self._numbers), data)
+        others = {name: part for name, part in before.items() if not name.startswith(f"{group}/")}
+        self.parts = others | found  # another one, for the page server looks at it meanwhile
+        for follower in self._followers:
+            follower.wake(group)
+
+    def is_wanted(self, group: str) -> bool:
+        """Whether anybody follows a group; what nobody looks at need not be put."""
+        return any(group in follower.groups for follower in self._followers)
+
+    def join(self, follower: Follower) -> None:
+        """Have somebody told of changes; in the page server's thread, as `leave`."""
+        self._followers = (*self._followers, follower)
+
+    def leave(self, follower: Follower) -> None:
+        """Forget somebody."""
+        self._followers = tuple(one for one in self._followers if one is not follower)
+
+
+class Follower:
+    """What one page has, and what it gets next. All but `wake` is for the page server's thread.
+
+    Args:
+        live: what it follows.
+        groups: of these only.
+    """
+
+    def __init__(self, live: LiveParts, groups: frozenset[str]):
+        self.groups = groups
+        self._live = live
+        self._prefixes = tuple(f"{group}/" for group in groups)
+        self._has: dict[str, tuple[int, int]] = {}
+        """Number of the part it was sent last, and of the packet."""
+        self._sent = self._drawn = 0
+        self._is_gone = False
+        self._loop = asyncio.get_running_loop()
+        self._changed = asyncio.Event()
+        self._drawn_s = self._loop.time()
+
+    def wake(self, group: str) -> None:
+        """Tell that a group has changed; from any thread."""
+        if group in self.groups:
+            self._loop.call_soon_threadsafe(self._changed.set)
+
+    def has_drawn(self) -> None:
+        """Note that one more packet has been drawn."""
+        self._drawn = min(self._sent, self._drawn + 1)
+        self._drawn_s = self._loop.time()
+        self._changed.set()
+
+    def go(self) -> None:
+        """Send no more."""
+        self._is_gone = True
+        self._changed.set()
+
+    async def next(self) -> bytes | None:
+        """Wait for changes and return the next packet; None if there will be none.
+
+        A packet is the length of its head (uint32, little endian), the head (JSON: name and number of bytes
+        of each part), and the parts.
+        """
+        while not self._is_gone:
+            self._changed.clear()
+            behind = self._sent - self._drawn
+            if behind < PACKETS_AHEAD and (packet := self.packet()) is not None:
+                if not behind:
+                    self._drawn_s = self._loop.time()
+                return packet
+            try:
+                async with asyncio.timeout_at(self._drawn_s + DRAWING_LIMIT_S if behind else None):
+                    await self._changed.wait()
+            except TimeoutError:
+                break
+        return None
+
+    def packet(self) -> bytes | None:
+        """Return what has changed, or as much of it as one packet holds; None if nothing has."""
+        parts = self._live.parts
+        nothing = (0, 0)
+        changed = [
+            (name, part)
+            for name, part in parts.items()
+            if name.startswith(self._prefixes) and self._has.get(name, nothing)[0] != part.number
+        ]
+        if not changed:
+            return None
+        # What is small, and then what was sent longest ago: so everything has its turn.
+        changed.sort(key=lambda one: (len(one[1].data) > SMALL_BYTES, self._has.get(one[0], nothing)[1]))
+        self._sent += 1
+        chosen: list[tuple[str, Part]] = []
+        size = 0
+        for name, part in changed:
+            if chosen and size + len(part.data) > PACKET_BYTES:
+                break
+            size += len(part.data)
+            chosen.append((name, part))
+        # Without those that are no more.
+        self._has = {name: had for name, had in self._has.items() if name in parts}
+        self._has |= {name: (part.number, self._sent) for name, part in chosen}
+        head = json.dumps([[name, len(part.data)] for name, part in chosen]).encode()
+        return b"".join((struct.pack("<I", len(head)), head, *(part.data for _, part in chosen)))

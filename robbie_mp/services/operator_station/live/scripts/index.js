@@ -1,0 +1,125 @@
+// What the page draws many times a second; the other end is live/parts.py.
+
+const RETRY_MS = 1000;
+
+// Follows groups of live parts while an element is in sight: has each packet drawn, and says so.
+export class Live {
+  // draw(parts): what has changed, as { name: ArrayBuffer }; may return a promise.
+  constructor(groups, element, draw) {
+    Object.assign(this, { groups, element, draw, socket: null, in_sight: false });
+    this.look = this.look.bind(this);
+    this.observer = new IntersectionObserver((entries) => {
+      this.in_sight = entries.at(-1).isIntersecting;
+      this.look();
+    });
+    this.observer.observe(element);
+    document.addEventListener("visibilitychange", this.look);
+  }
+
+  look() {
+    const wanted = this.in_sight && document.visibilityState === "visible";
+    if (!wanted) this.socket?.close();
+    else if (!this.socket && !this.timer) this.open();
+  }
+
+  open() {
+    // While the page itself is not connected, there is nobody there to connect to.
+    if (!window.socket?.connected) return this.try_again();
+    const scheme = location.protocol === "https:" ? "wss:" : "ws:";
+    const socket = (this.socket = new WebSocket(`${scheme}//${location.host}/live/${this.groups}`));
+    socket.binaryType = "arraybuffer";
+    let drawn = Promise.resolve();
+    socket.onmessage = (event) => {
+      drawn = drawn
+        .then(() => this.draw(unpacked(event.data)))
+        .then(() => new Promise(requestAnimationFrame))
+        .then(() => socket.readyState === WebSocket.OPEN && socket.send("drawn"));
+    };
+    socket.onclose = () => {
+      this.socket = null;
+      this.try_again();
+    };
+  }
+
+  try_again() {
+    this.timer = setTimeout(() => {
+      this.timer = null;
+      this.look();
+    }, RETRY_MS);
+  }
+
+  close() {
+    this.observer.disconnect();
+    document.removeEventListener("visibilitychange", this.look);
+    this.look = () => {};
+    this.socket?.close();
+  }
+}
+
+function unpacked(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  const parts = {};
+  let at = 4 + length;
+  for (const [name, size] of from_json(buffer.slice(4, at))) {
+    parts[name] = buffer.slice(at, at + size);
+    at += size;
+  }
+  return parts;
+}
+
+export function from_json(part) {
+  return JSON.parse(new TextDecoder().decode(part));
+}
+
+// The map as one picture, the greatest y at the top, put together from its tiles (map_tiles.py).
+export class MapPicture {
+  constructor() {
+    Object.assign(this, { canvas: document.createElement("canvas"), place: null, tiles: new Map() });
+  }
+
+  get width_m() {
+    return this.place.columns * this.place.pixel_m;
+  }
+
+  get height_m() {
+    return this.place.rows * this.place.pixel_m;
+  }
+
+  // Whether all of it is there.
+  get is_whole() {
+    return this.place !== null && this.place.tiles.every((tile) => this.tiles.has(tile.join("/")));
+  }
+
+  // Returns whether anything has changed.
+  async take(parts) {
+    const changed = await Promise.all(
+      Object.entries(parts)
+        .filter(([name]) => name.startsWith("map/tile/"))
+        .map(async ([name, part]) => [name.slice("map/tile/".length), await createImageBitmap(new Blob([part]))]),
+    );
+    for (const [name, tile] of changed) {
+      this.tiles.get(name)?.close();
+      this.tiles.set(name, tile);
+    }
+    if (parts["map/place"]) this.move_to(from_json(parts["map/place"]));
+    else if (this.place) for (const [name, tile] of changed) this.draw(name, tile);
+    return changed.length > 0 || Boolean(parts["map/place"]);
+  }
+
+  move_to(place) {
+    this.place = place;
+    const known = new Set(place.tiles.map((tile) => tile.join("/")));
+    for (const name of this.tiles.keys()) if (!known.has(name)) this.tiles.delete(name);
+    [this.canvas.width, this.canvas.height] = [place.columns, place.rows]; // and it is empty again
+    for (const [name, tile] of this.tiles) this.draw(name, tile);
+  }
+
+  draw(name, tile) {
+    const { left, bottom, rows, tile: size } = this.place;
+    const [across, up] = name.split("/").map(Number);
+    const [x, y] = [across * size - left, rows - ((up + 1) * size - bottom)];
+    const pen = this.canvas.getContext("2d");
+    pen.clearRect(x, y, size, size);
+    pen.drawImage(tile, x, y);
+  }
+}
