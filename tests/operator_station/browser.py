@@ -1,51 +1,41 @@
 """A real Chromium without a window, in which tests look at the page and use it."""
 
-import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+from tools.operator_trials.chromium import CHROMIUM, chromium
+
+__all__ = ["CHROMIUM", "LAPTOP", "RECONNECTING", "TABLET", "browser", "needs_chromium", "page_of"]
+browser = chromium
 needs_chromium = pytest.mark.skipif(
     CHROMIUM is None,
     reason="THE OPERATOR'S PAGE IS NOT TESTED: no Chromium here; on Debian: apt-get install chromium",
 )
-ARGUMENTS = [
-    "--no-sandbox",  # tests may run as root
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-dev-shm-usage",
-]
 DRIVER = "GL Driver Message (OpenGL, Performance"
 """What a machine without a graphics card says of its own drawing."""
-TABLET = {"width": 800, "height": 1280}
-LAPTOP = {"width": 1280, "height": 800}
+TABLET = {"viewport": {"width": 768, "height": 1024}, "has_touch": True}
+LAPTOP = {"viewport": {"width": 1280, "height": 800}}
+COMPLAINTS = ("error", "warning")
+RECONNECTING = ("WebSocket connection to", "Failed to load resource: net::ERR_")
+"""Begins what a browser says of a server that is gone for a moment."""
 
 
 @contextmanager
-def browser() -> Iterator[Browser]:
-    """Start a browser, and end it with all that it has started."""
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield started
-        started.close()
-
-
-@contextmanager
-def page_of(started: Browser, address: str, size: dict[str, int] = LAPTOP) -> Iterator[Page]:
-    """Open a page; whatever it says on its console is an error at the end."""
+def page_of(
+    started: Browser, address: str, device: dict[str, Any] = LAPTOP, *, may_say: Sequence[str] = ()
+) -> Iterator[Page]:
+    """Open a page; whatever else than `may_say` its console complains of is an error at the end."""
     said: list[str] = []
-    context = started.new_context(viewport=size)  # type: ignore[arg-type]
+    context = started.new_context(**device)
     page = context.new_page()
-    page.on("console", lambda message: DRIVER in message.text or said.append(message.text))
+    page.on("console", lambda message: message.type in COMPLAINTS and said.append(message.text))
     page.on("pageerror", lambda error: said.append(str(error)))
     page.goto(address)
     yield page
     context.close()
-    assert not said, said
+    unexpected = [text for text in said if DRIVER not in text and not text.startswith(tuple(may_say))]
+    assert not unexpected, unexpected

@@ -16,6 +16,7 @@ import psutil
 from robbie_mp.cli.figures_data import as_data
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver
+from robbie_mp.supervisor.run_directory import KnownRun
 from robbie_mp.trace.reader import entries
 from robbie_mp.transport.segment import SegmentMissing
 
@@ -73,9 +74,17 @@ class Robot:
         """Run to the end."""
         return Ended.wait_for(self.start(*arguments, profile=profile))
 
+    def known_run(self) -> KnownRun:
+        """The one run there is."""
+        (run,) = self._runs()
+        return run
+
+    def _runs(self) -> list[KnownRun]:
+        return [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
+
     def top(self) -> dict[str, dict[str, Any]]:
         """Figures of the modules of the one run there is, by name; empty while there is none."""
-        runs = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
+        runs = self._runs()
         if len(runs) != 1:
             return {}
         try:

@@ -1,11 +1,8 @@
 """A module that joins a run from outside hears, speaks, ticks, and comes back when it was detached."""
 
-import os
-
 import pytest
 
 from robbie_mp.bus import Envelope
-from robbie_mp.cli.runs import live_runs
 from robbie_mp.guest import run_guest
 from robbie_mp.messages import DriveCommand, EmergencyStop
 from robbie_mp.module import MessageHandling, Module
@@ -60,7 +57,7 @@ def test_guest_hears_speaks_ticks_and_attaches_again_when_it_was_detached(
     robot.write_profile(PROFILE)
     process = robot.start()
     robot.until(lambda modules: modules["base"]["status"] == "StandingBase is ready")
-    (run,) = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
+    run = robot.known_run()
     visitors: list[Visitor] = []
 
     def is_done() -> bool:

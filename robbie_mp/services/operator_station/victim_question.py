@@ -25,7 +25,7 @@ ANSWERS = (
 class VictimQuestion:
     """Asks about one victim after the other; operators answer, observers see what is asked.
 
-    It leaves keys and pointer to the page below it: who drives may go on.
+    It leaves keys and pointer to the page above it: who drives may go on.
     """
 
     def __init__(self, station: OperatorStation):
@@ -40,14 +40,19 @@ class VictimQuestion:
     def build(self, page: Page) -> None:
         """Make the question for a page."""
         asked: list[KnownVictim] = []
-        with ui.dialog().props("seamless position=right") as dialog, ui.card().props("id=victim-question"):
-            title = ui.label("").classes("text-lg")
+        with (
+            ui.dialog().props("seamless position=bottom") as dialog,
+            ui.card().props("id=victim-question"),
+            ui.row().classes("no-wrap items-center"),
+        ):
             place = ui.column()
-            left = ui.label("").props("id=victim-time-left")
-            with ui.row():
-                for text, answer, colour in ANSWERS if page.role is Role.OPERATOR else ():
-                    button = ui.button(text, color=colour, on_click=lambda answer=answer: say(answer))
-                    button.props(f"id=victim-{text.lower()}")
+            with ui.column().classes("gap-2"):
+                title = ui.label("").classes("text-lg")
+                left = ui.label("").props("id=victim-time-left")
+                with ui.row():
+                    for text, answer, colour in ANSWERS if page.role is Role.OPERATOR else ():
+                        button = ui.button(text, color=colour, on_click=lambda answer=answer: say(answer))
+                        button.props(f"id=victim-{text.lower()}")
 
         def say(answer: int) -> None:
             if asked:
@@ -63,7 +68,7 @@ class VictimQuestion:
                 place.clear()
                 with place:
                     image = NewestImage(f"/pictures/victim/{first.found.id}", "what the camera has seen")
-                    image.style("width: 14rem; image-rendering: pixelated").show(first.count)
+                    image.style("width: 10rem; image-rendering: pixelated").show(first.count)
             asked[:] = [first]
             found = first.found
             position = found.pose.position

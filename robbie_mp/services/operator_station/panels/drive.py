@@ -81,11 +81,11 @@ class DriverControls:
             ui.label("fastest ahead, m/s")
             self._linear = ui.slider(min=0.05, max=station.max_linear_m_per_s, step=0.05)
             self._linear.set_value(station.max_linear_m_per_s / 2)
-            self._linear.props("label id=linear-limit")
+            self._linear.props('label id=linear-limit aria-label="Fastest ahead in m/s"')
             ui.label("fastest turn, rad/s")
             self._angular = ui.slider(min=0.1, max=station.max_angular_rad_per_s, step=0.1)
             self._angular.set_value(station.max_angular_rad_per_s / 2)
-            self._angular.props("label id=angular-limit")
+            self._angular.props('label id=angular-limit aria-label="Fastest turn in rad/s"')
         page.every(0.5, DrivePanel.name, self._show_seat)
 
     def _sit_down(self) -> None:
