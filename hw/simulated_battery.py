@@ -1,7 +1,7 @@
 """A simulated lithium-ion battery that a robot drains."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -77,6 +77,11 @@ class SimulatedBattery(Battery):
         charge_ah = max(0.0, before.charge_ah - taken_ah)
         voltage_v = model.open_circuit_v(charge_ah) - model.resistance_ohm * current_a
         self._reading = BatteryReading(truth.stamp_s, voltage_v, current_a, charge_ah, model.capacity_ah)
+
+    def set_charge(self, charge_ah: float) -> None:
+        """Hold so much from now on, and be drained from there."""
+        open_v = self._model.open_circuit_v(charge_ah)
+        self._reading = replace(self._reading, charge_ah=charge_ah, voltage_v=open_v, current_a=0.0)
 
     def read(self) -> BatteryReading:
         """Return its state after the last motion."""

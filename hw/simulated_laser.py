@@ -1,6 +1,9 @@
 """A simulated laser range finder in an arena."""
 
+from enum import StrEnum
+
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.arena import Arena
 from hw.laser import LaserGeometry, LaserRangeFinder, LaserSweep
@@ -9,6 +12,22 @@ from hw.pose import Pose
 
 class LaserNotPlaced(RuntimeError):
     """The simulated laser was asked for a sweep before it was told where the robot is."""
+
+
+class LaserSilent(TimeoutError):
+    """The simulated laser has been made to send nothing."""
+
+
+class LaserFailure(StrEnum):
+    """What may be wrong with a laser."""
+
+    NONE = "none"
+    SILENT = "silent"
+    """It sends nothing."""
+    BLIND = "blind"
+    """Nothing comes back to it."""
+    FROZEN = "frozen"
+    """It sends its last sweep again and again, as if that were new."""
 
 
 class SimulatedLaser(LaserRangeFinder):
@@ -40,6 +59,9 @@ class SimulatedLaser(LaserRangeFinder):
         self._missing = missing
         self._random = np.random.default_rng(seed)
         self._placed: tuple[Pose, float] | None = None
+        self._last_m: NDArray[np.float32] | None = None
+        self.failure = LaserFailure.NONE
+        """What is wrong with it from now on."""
 
     @property
     def geometry(self) -> LaserGeometry:
@@ -60,10 +82,20 @@ class SimulatedLaser(LaserRangeFinder):
 
         Raises:
             LaserNotPlaced: nobody has called `place` yet.
+            LaserSilent: that is its failure.
         """
         if self._placed is None:
             raise LaserNotPlaced("the simulated laser does not know where it is: call place() before scan()")
+        if self.failure is LaserFailure.SILENT:
+            raise LaserSilent("the simulated laser has been made to fail: it sends nothing")
         robot, stamp_s = self._placed
+        if self.failure is not LaserFailure.FROZEN or self._last_m is None:
+            self._last_m = self._measure(robot)
+        return LaserSweep(stamp_s, self._last_m.copy())
+
+    def _measure(self, robot: Pose) -> NDArray[np.float32]:
+        if self.failure is LaserFailure.BLIND:
+            return np.full(self._geometry.beams, np.inf, np.float32)
         eye = robot.plus(self._geometry.mount)
         ranges = self.arena.ranges_m(eye.x_m, eye.y_m, self._angles_rad + eye.heading_rad)
         ranges += self._random.normal(0.0, self._noise_m, len(ranges))
@@ -71,4 +103,4 @@ class SimulatedLaser(LaserRangeFinder):
         lost = self._random.random(len(ranges)) < self._missing
         ranges[lost | (ranges > self._geometry.range_max_m)] = np.inf
         ranges[too_near] = -np.inf
-        return LaserSweep(stamp_s, ranges.astype(np.float32))
+        return ranges.astype(np.float32)

@@ -5,7 +5,7 @@ import math
 from hw.drive import DriveState
 from hw.simulated_battery import BatteryModel, SimulatedBattery
 from modules.simulated_world import SharedWorld, SimulatedDevice
-from robbie_mp.messages import BatteryState, Header
+from robbie_mp.messages import BatteryState, Header, Time
 from robbie_mp.module import setting
 
 
@@ -17,29 +17,42 @@ class SimulatedBatteryModule(SimulatedDevice):
 
     capacity_ah: float = setting(5.0, "what it holds when full", minimum=0.001)
     first_charge: float = setting(1.0, "what it holds at first, as a ratio", minimum=0.0, maximum=1.0)
+    virtual_charge: float | None = setting(
+        None,
+        "by hand: what it holds from now on, as a ratio; null: what it happens to hold",
+        minimum=0.0,
+        maximum=1.0,
+        changeable=True,
+    )
     period_s: float = setting(1.0, "time between messages", minimum=0.05)
 
     def setup(self) -> None:
         """Make the battery."""
-        full = self.first_charge * self.capacity_ah
-        charge_ah = full if self.restored is None else self.restored["charge_ah"]
+        first = self.first_charge if self.virtual_charge is None else self.virtual_charge
+        charge_ah = first * self.capacity_ah if self.restored is None else self.restored["charge_ah"]
         self.battery = SimulatedBattery(BatteryModel(self.capacity_ah), charge_ah)
         self.world = SharedWorld(self, self.arena, self.on_truth)
+
+    def setting_changed(self, _name: str) -> None:
+        """Hold what somebody wants it to hold."""
+        if self.virtual_charge is not None:
+            self.battery.set_charge(self.virtual_charge * self.capacity_ah)
 
     def on_truth(self, truth: DriveState) -> None:
         """Drain the battery."""
         self.battery.drain(truth)
 
     def tick(self) -> None:
-        """Publish the battery's state, and remember it."""
-        if self.world.truth is None:
+        """Publish the battery's state, and remember it; where there is no base, if it was set by hand."""
+        if self.world.truth is None and self.virtual_charge is None:
             self.status = "waits for the simulated base"
             return
+        stamp = self.world.stamp if self.world.truth else Time.from_nanoseconds(self.clock.now_ns())
         reading = self.battery.read()
         percentage = reading.charge_ah / reading.capacity_ah
         self.publish(
             BatteryState(
-                header=Header(stamp=self.world.stamp, frame_id="base_link"),
+                header=Header(stamp=stamp, frame_id="base_link"),
                 voltage=reading.voltage_v,
                 temperature=math.nan,
                 current=-reading.current_a,

@@ -1,7 +1,7 @@
 """The robot's laser range finder."""
 
 from hw.laser import LaserGeometry
-from hw.simulated_laser import SimulatedLaser
+from hw.simulated_laser import LaserFailure, LaserSilent, SimulatedLaser
 from modules.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp.messages import Header, LaserScan
 from robbie_mp.module import setting
@@ -14,13 +14,23 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
     noise_m: float = setting(0.01, "standard deviation of a range", minimum=0.0)
     range_max_m: float = setting(10.0, "farther things are not measured", minimum=0.1)
     period_s: float = setting(0.1, "time between scans", minimum=0.005)
+    virtual_failure: LaserFailure = setting(
+        LaserFailure.NONE,
+        "by hand: it sends nothing, nothing comes back to it, or it sends its last sweep again and again",
+        changeable=True,
+    )
 
     def setup(self) -> None:
         """Make the laser; it measures nothing until it knows where it is."""
         geometry = LaserGeometry(range_max_m=self.range_max_m)
         self.world = SharedWorld(self, self.arena)
         self.laser = SimulatedLaser(self.world.arena, geometry, noise_m=self.noise_m, seed=self.seed)
+        self.laser.failure = self.virtual_failure
         self.scans = 0
+
+    def setting_changed(self, _name: str) -> None:
+        """Fail, or work again."""
+        self.laser.failure = self.virtual_failure
 
     def tick(self) -> None:
         """Publish a scan."""
@@ -30,7 +40,11 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
             return
         self.laser.arena = self.world.arena
         self.laser.place(truth.pose, truth.stamp_s)
-        sweep = self.laser.scan()
+        try:
+            sweep = self.laser.scan()
+        except LaserSilent:
+            self.status = f"{self.scans} scans, silent by hand"
+            return
         geometry = self.laser.geometry
         self.publish(
             LaserScan(
@@ -45,4 +59,5 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
             )
         )
         self.scans += 1
-        self.status = f"{self.scans} scans of {geometry.beams} beams"
+        failure = "" if self.virtual_failure is LaserFailure.NONE else f", {self.virtual_failure} by hand"
+        self.status = f"{self.scans} scans of {geometry.beams} beams{failure}"

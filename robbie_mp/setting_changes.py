@@ -134,6 +134,7 @@ class SettingChanges:
             name: {
                 "value": getattr(self._module, name),
                 "type": declared.describe(),
+                "outline": declared.outline(),
                 "description": declared.description,
                 "changed": name in self._changed,
             }

@@ -15,7 +15,7 @@ from typing import Any, Final, TypeVar, get_type_hints, overload
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.suggest import did_you_mean
-from robbie_mp.value_check import Limits, ValueMismatch, check_value, describe, describe_limits
+from robbie_mp.value_check import Limits, ValueMismatch, check_value, describe, describe_limits, outline
 
 T = TypeVar("T")
 
@@ -97,6 +97,10 @@ class Setting:
     def describe(self) -> str:
         """Return type and limits in words, as "float, at least 0.01"."""
         return describe(self.declared_type) + describe_limits(self.limits)
+
+    def outline(self) -> dict[str, Any]:
+        """Return type and limits as plain data; see `value_check.outline`."""
+        return outline(self.declared_type, self.limits)
 
     def check(self, value: object, folder: Path | None = None) -> Any:
         """Return `value` as the declared type.

@@ -90,6 +90,30 @@ def describe(declared: Any) -> str:
     )
 
 
+def outline(declared: Any, limits: Limits) -> dict[str, Any]:
+    """Return what a form needs to know of a type and its limits, as plain data.
+
+    Returns:
+        `kind`: bool, int, float, str or path; of a list that of its elements, and "map" of a map.
+        `is_list`: whether it is a list. `choices`: all that it, or each element, may be; [] if not said.
+        `minimum`, `maximum`: None if there are none.
+    """
+    origin, arguments = get_origin(declared), get_args(declared)
+    if origin in (Union, UnionType):
+        return outline(_without_none(declared), limits)
+    if origin is list:
+        return outline(arguments[0], limits) | {"is_list": True}
+    is_enum = isinstance(declared, type) and issubclass(declared, StrEnum)
+    choices = [str(one) for one in declared] if is_enum else list(limits.choices)
+    return {
+        "kind": "map" if origin is dict else "str" if is_enum else describe(declared),
+        "is_list": False,
+        "choices": choices,
+        "minimum": limits.minimum,
+        "maximum": limits.maximum,
+    }
+
+
 def _without_none(declared: Any) -> Any:
     others = [argument for argument in get_args(declared) if argument is not NoneType]
     if len(others) != 1 or len(get_args(declared)) != 2:

@@ -87,6 +87,7 @@ def test_what_was_changed_is_kept_for_the_next_incarnation(tmp_path: Path) -> No
     assert file.changed() == {"high": 3.0}
     assert file.read()["low"] == {
         "value": 1.0, "type": "float, at least 0", "description": "lower bound", "changed": False,
+        "outline": {"kind": "float", "is_list": False, "choices": [], "minimum": 0.0, "maximum": None},
     }  # fmt: skip
 
 
