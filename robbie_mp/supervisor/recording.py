@@ -8,8 +8,8 @@ from robbie_mp.supervisor.child_spec import ChildKind
 from robbie_mp.supervisor.output import SUPERVISOR
 from robbie_mp.supervisor.supervised_child import SupervisedChild
 from robbie_mp.supervisor.tree import Tree
-from robbie_mp.trace.kinds import Kind, lowest_level
-from robbie_mp.trace.levels import write_levels
+from robbie_mp.trace.kinds import Kind
+from robbie_mp.trace.levels import write_recorded
 
 
 class Recording:
@@ -38,6 +38,7 @@ class Recording:
         """
         if name == SUPERVISOR:
             self._tree.output.remarked_kinds = frozenset(kinds)
+            self._tell([])
             return
         modules = [child for child in self._tree.children if child.spec.kind is ChildKind.MODULE]
         changed = modules if name is None else [self._tree.child(name)]
@@ -46,7 +47,7 @@ class Recording:
         self._tell(changed)
 
     def _tell(self, changed: Collection[SupervisedChild]) -> None:
-        children = self._tree.children
-        write_levels(self._run_folder, {c.spec.name: lowest_level(c.output.kinds) for c in children})
+        recorded = {child.spec.name: child.output.kinds for child in self._tree.children}
+        write_recorded(self._run_folder, {SUPERVISOR: self._tree.output.remarked_kinds, **recorded})
         for child in changed:
             child.send_signal(signal.SIGURG)

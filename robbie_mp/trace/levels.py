@@ -1,32 +1,42 @@
-"""Which log records a child makes at all: a file in the run's folder, read at the start and at SIGURG.
+"""Which kinds of entries are recorded of whom: a file in the run's folder; children read it at SIGURG, too.
 
-A record of a kind that nobody records would cost its module time for nothing. SIGURG does nothing to who does
-not expect it, so it may be sent to any child at any time.
+A log record of a kind that nobody records would cost its module time for nothing. SIGURG does nothing to who
+does not expect it, so it may be sent to any child at any time.
 """
 
 import json
 import logging
 import os
 import signal
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
-LEVELS_FILE = "log_levels.json"
+from robbie_mp.trace.kinds import Kind, lowest_level
+
+RECORDED_FILE = "recorded_kinds.json"
 
 
-def write_levels(run_folder: Path, levels: Mapping[str, int]) -> None:
-    """Say the lowest level of records that each child is to make."""
-    unfinished = run_folder / f"{LEVELS_FILE}.new"
-    unfinished.write_text(json.dumps(levels))
-    os.replace(unfinished, run_folder / LEVELS_FILE)
+def write_recorded(run_folder: Path, recorded: Mapping[str, Collection[Kind]]) -> None:
+    """Say which kinds are recorded of each child, and of the supervisor's remarks."""
+    unfinished = run_folder / f"{RECORDED_FILE}.new"
+    plain = {name: [kind for kind in Kind if kind in kinds] for name, kinds in recorded.items()}
+    unfinished.write_text(json.dumps(plain))
+    os.replace(unfinished, run_folder / RECORDED_FILE)
+
+
+def read_recorded(run_folder: Path) -> dict[str, list[Kind]]:
+    """Return which kinds are recorded of whom; {} if nobody has said."""
+    try:
+        told = json.loads((run_folder / RECORDED_FILE).read_text())
+        return {name: [Kind(kind) for kind in kinds] for name, kinds in told.items()}
+    except (OSError, ValueError, AttributeError, TypeError):
+        return {}
 
 
 def read_level(run_folder: Path, name: str) -> int:
-    """Return the lowest level of records that a child is to make."""
-    try:
-        return int(json.loads((run_folder / LEVELS_FILE).read_text())[name])
-    except (OSError, ValueError, KeyError):
-        return logging.INFO
+    """Return the lowest level of log records that a child is to make."""
+    kinds = read_recorded(run_folder).get(name)
+    return logging.INFO if kinds is None else lowest_level(kinds)
 
 
 def follow_level(run_folder: Path, name: str) -> None:

@@ -16,7 +16,7 @@ from robbie_mp.supervisor.control import MAX_CLIENTS, MAX_LINE_BYTES, ControlSer
 from robbie_mp.supervisor.control_client import RunNotControlled, control
 from robbie_mp.supervisor.states import ChildState
 from robbie_mp.trace.kinds import Kind
-from robbie_mp.trace.levels import read_level
+from robbie_mp.trace.levels import read_level, read_recorded
 from tests.supervisor import zoo
 from tests.supervisor.running import NEVER, Run, Scenario, animal, core
 
@@ -168,6 +168,8 @@ def test_what_is_recorded_is_set_for_all_modules_or_for_one_and_they_are_told(tm
         assert (kinds("laser"), kinds("other"), kinds("core")) == (set(), {"error", "warning"}, set(Kind))
         assert read_level(run.folder, "laser") > logging.CRITICAL
         assert read_level(run.folder, "other") == logging.WARNING
+        assert read_recorded(run.folder)["other"] == [Kind.ERROR, Kind.WARNING]
+        assert read_recorded(run.folder)["supervisor"] == [*Kind]
         command = given("supervisor", "error")
         yield command.is_over
         for command in (given("nobody", "error"), given("laser", "loud")):

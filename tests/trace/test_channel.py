@@ -20,7 +20,7 @@ from robbie_mp.supervisor.record_stream import RecordStream
 from robbie_mp.trace.channel import LINE_BYTES, ChannelHandler, open_channel
 from robbie_mp.trace.entry import Entry, EntryNumbers
 from robbie_mp.trace.kinds import Kind
-from robbie_mp.trace.levels import follow_level, write_levels
+from robbie_mp.trace.levels import follow_level, write_recorded
 from robbie_mp.trace.log_record import parse_line
 
 
@@ -135,7 +135,7 @@ def test_child_logs_at_the_level_it_is_told(tmp_path: Path, monkeypatch: pytest.
     try:
         follow_level(tmp_path, "laser")
         assert root.level == logging.INFO, "nobody has said anything"
-        write_levels(tmp_path, {"laser": logging.DEBUG})
+        write_recorded(tmp_path, {"laser": [Kind.SYSTEM]})
         os.kill(os.getpid(), signal.SIGURG)
         assert root.level == logging.DEBUG
     finally:
