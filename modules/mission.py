@@ -16,6 +16,8 @@ from robbie_mp.messages import (
     NavigationState,
     OccupancyGrid,
     PanTiltCommand,
+    PointOfInterest,
+    PointsOfInterest,
     PoseStamped,
     SearchedWalls,
     Time,
@@ -210,6 +212,9 @@ class RescueMission(Module):
             state, orders, refusal = told
             header, text = self._header("map"), mission.status
             self.publish(MissionStatus(header=header, state=state, text=text, orders=orders, refusal=refusal))
+            if mission.home is not None:
+                home = PointOfInterest(name="home", pose=pose_stamped(mission.home, header).pose)
+                self.publish(PointsOfInterest(header=header, points=[home]), topic="mission")
         if mission.frontiers is not self.frontiers:
             self.frontiers = mission.frontiers
             self.publish(frontiers_message(self.frontiers, self._header("map")))

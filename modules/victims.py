@@ -7,13 +7,20 @@ import numpy as np
 
 from modules.planar_messages import map_cells
 from robbie_mp.messages import (
+    BoundingBox2D,
     CameraInfo,
+    Detection2D,
+    Detection2DArray,
     Header,
     Image,
     MapMetaData,
+    ObjectHypothesis,
+    ObjectHypothesisWithPose,
     OccupancyGrid,
     Point,
+    Point2D,
     Pose,
+    Pose2D,
     Quaternion,
     SearchedWalls,
     Time,
@@ -24,7 +31,7 @@ from robbie_mp.module import MessageHandling, Module, setting
 from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
 from robbie_mp.settings import SettingError
 from workers.searched_walls import CameraView, WallFronts, WallMemory
-from workers.victim_detection import Projection, VictimDetector, VisionMissing
+from workers.victim_detection import Projection, TagSighting, VictimDetector, VisionMissing
 from workers.victim_map import Victim, VictimMap, VictimState
 
 TURNED_S, TURNED_RAD = 0.1, 0.02
@@ -34,6 +41,7 @@ TURNED_S, TURNED_RAD = 0.1, 0.02
 class Victims(Module):
     """Looks for victims, tells of each with `VictimFound`, and asks the operator about those it knows well.
 
+    Where tags are in an image it tells with `Detection2DArray` on the image's topic.
     The operator answers with `VictimConfirmation`; who does not answer in time is asked again later.
     `SearchedWalls` tells which walls the camera has seen well.
 
@@ -153,7 +161,14 @@ class Victims(Module):
         self.images += 1
         pixels = image.data.reshape(image.height, image.step)[:, : 3 * image.width]
         pixels = np.ascontiguousarray(pixels).reshape(image.height, image.width, 3)
-        for sighting in self.detector.detect(pixels, self.projection):
+        sightings = self.detector.detect(pixels, self.projection)
+        self.publish(
+            Detection2DArray(
+                header=image.header, detections=[detection(image.header, one) for one in sightings]
+            ),
+            topic="camera",
+        )
+        for sighting in sightings:
             facing = X_MC.apply(sighting.normal) - X_MC.translation
             victim = self.victims.see(
                 sighting.tag,
@@ -248,6 +263,20 @@ class Victims(Module):
 
     def _now_s(self) -> float:
         return self.clock.monotonic_ns() / 1e9
+
+
+def detection(header: Header, sighting: TagSighting) -> Detection2D:
+    """Return where in its image a tag was seen."""
+    low, high = sighting.corners_px.min(axis=0), sighting.corners_px.max(axis=0)
+    x, y = ((low + high) / 2).tolist()
+    size_x, size_y = (high - low).tolist()
+    name = f"tag {sighting.tag}"
+    return Detection2D(
+        header=header,
+        results=[ObjectHypothesisWithPose(hypothesis=ObjectHypothesis(class_id=name, score=1.0))],
+        bbox=BoundingBox2D(center=Pose2D(position=Point2D(x=x, y=y)), size_x=size_x, size_y=size_y),
+        id=str(sighting.tag),
+    )
 
 
 def optical_axis(X_AC: RigidTransform) -> tuple[float, float, float]:

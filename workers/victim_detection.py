@@ -47,6 +47,7 @@ class TagSighting:
         position_m: (3,), its middle in the camera's optical frame: x right, y down, z ahead.
         normal: (3,), unit vector out of its front, optical frame.
         edge_px: mean length of its edges in the image.
+        corners_px: (4, 2), columns and rows of its corners in the image.
         patch: (rows, columns, 3) uint8, the part of the image around it.
     """
 
@@ -54,6 +55,7 @@ class TagSighting:
     position_m: NDArray[np.float64]
     normal: NDArray[np.float64]
     edge_px: float
+    corners_px: NDArray[np.float32]
     patch: NDArray[np.uint8]
 
 
@@ -121,7 +123,9 @@ class VictimDetector:
         if not solved:
             return None
         normal = self._cv2.Rodrigues(turn)[0][:, 2]
-        return TagSighting(tag, position.ravel(), normal, edge_px, _patch(pixels, corners_px))
+        return TagSighting(
+            tag, position.ravel(), normal, edge_px, corners_px, _patch(pixels, corners_px)
+        )
 
 
 def _patch(pixels: NDArray[np.uint8], corners_px: NDArray[np.float32]) -> NDArray[np.uint8]:

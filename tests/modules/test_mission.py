@@ -25,6 +25,7 @@ from robbie_mp.messages import (
     OccupancyGrid,
     PanTiltCommand,
     Point,
+    PointsOfInterest,
     Pose,
     PoseStamped,
     Quaternion,
@@ -105,6 +106,8 @@ def test_whole_mission_ends_at_home_and_leaves_its_report(robot: Robot, tmp_path
     for number, state in ((7, VictimFound.CONFIRMED), (8, VictimFound.REJECTED)):
         robot.harness.send(VictimFound(id=number, name=f"tag {number}", pose=place, state=state))
     robot.harness.send(BatteryState(percentage=0.8), topic="battery")
+    (home,) = robot.harness.take(PointsOfInterest, "mission")[-1].points
+    assert (home.name, home.pose.position) == ("home", Point(x=START[0], y=START[1]))
     robot.go_on(300.0)
     assert robot.harness.module.stop_requested
     assert robot.pose[:2] == pytest.approx(START[:2])

@@ -17,6 +17,7 @@ from modules.victims import Victims
 from robbie_mp.harness import ModuleHarness
 from robbie_mp.messages import (
     CameraInfo,
+    Detection2DArray,
     Header,
     Image,
     MapMetaData,
@@ -135,6 +136,20 @@ def test_victim_is_placed_in_the_map_and_the_operator_is_asked(watching: Watchin
     assert (place.x, place.y, place.z) == pytest.approx((ROOM_M, 2.0, 0.35), abs=0.1)
     assert abs(found.pose.orientation.yaw) == pytest.approx(math.pi, abs=0.3)
     assert found.image.data.size == 3 * found.image.width * found.image.height > 0
+
+
+def test_where_tags_are_in_an_image_is_told_with_its_header(watching: Watching) -> None:
+    watching.look(2.8, 2.0)
+    found = watching.harness.take(Detection2DArray, "camera")[-1]
+    (tag,) = found.detections
+    assert (found.header.frame_id, tag.id) == ("camera_optical", str(TAG))
+    # 1.2 m away, straight ahead: 0.25 m wide, and as high as the camera.
+    focal_px = 200 / math.tan(0.7)
+    assert tag.bbox.size_x == pytest.approx(0.25 * focal_px / 1.2, rel=0.05)
+    assert tag.bbox.center.position.x == pytest.approx(200, abs=2)
+    assert tag.results[0].hypothesis.class_id == f"tag {TAG}"
+    watching.look(2.8, 2.0, pan_rad=2.0)
+    assert watching.harness.take(Detection2DArray, "camera")[-1].detections == []
 
 
 @pytest.mark.parametrize(

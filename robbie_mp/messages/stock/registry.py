@@ -10,7 +10,9 @@ from robbie_mp.messages.stock import (
     robbie_msgs,
     scene_msgs,
     sensor_msgs,
+    std_msgs,
     tf2_msgs,
+    vision_msgs,
 )
 
 
@@ -36,9 +38,11 @@ def stock_registry() -> TypeRegistry:
             robbie_msgs.LocalizationState,
             robbie_msgs.MissionOrder,
             robbie_msgs.MissionStatus,
+            robbie_msgs.Mark,
             robbie_msgs.ModuleState,
             robbie_msgs.NavigationState,
             robbie_msgs.PanTiltCommand,
+            robbie_msgs.PointsOfInterest,
             robbie_msgs.SearchedWalls,
             robbie_msgs.SettingChange,
             robbie_msgs.SettingChanged,
@@ -56,6 +60,8 @@ def stock_registry() -> TypeRegistry:
             sensor_msgs.LaserScan,
             sensor_msgs.NavSatFix,
             sensor_msgs.PointCloud2,
+            std_msgs.String,
             tf2_msgs.TFMessage,
+            vision_msgs.Detection2DArray,
         )
     )

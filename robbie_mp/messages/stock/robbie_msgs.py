@@ -188,3 +188,24 @@ class VictimConfirmation(Message, name="robbie_msgs/msg/VictimConfirmation", ver
     header: Header = DEFAULT
     id: uint32 = DEFAULT  # of the victim
     answer: uint8 = NO
+
+
+class PointOfInterest(Message, name="robbie_msgs/msg/PointOfInterest", version=1):
+    """A place that matters to the robot or its operator."""
+
+    name: str = DEFAULT  # as "home"
+    pose: Pose = DEFAULT
+
+
+class PointsOfInterest(Message, name="robbie_msgs/msg/PointsOfInterest", version=1):
+    """All places that matter to the sender now; each message takes the place of the last one on its topic."""
+
+    header: Header = DEFAULT  # frame_id: of the map
+    points: list[PointOfInterest] = DEFAULT
+
+
+class Mark(Message, name="robbie_msgs/msg/Mark", version=1):
+    """Somebody marked a moment, to find it again in the log."""
+
+    header: Header = DEFAULT  # stamp: the moment
+    text: str = DEFAULT  # what for

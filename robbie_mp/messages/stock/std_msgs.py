@@ -10,3 +10,9 @@ class Header(Message, name="std_msgs/msg/Header", version=1):
 
     stamp: Time = DEFAULT
     frame_id: str = DEFAULT  # coordinate frame, as in "map", "odom", "base_link", "laser"
+
+
+class String(Message, name="std_msgs/msg/String", version=1):
+    """A text."""
+
+    data: str = DEFAULT
