@@ -3,22 +3,33 @@
 import numpy as np
 
 from robbie_mp.messages import (
+    BoundingBox2D,
     CompressedImage,
+    Detection2D,
+    Detection2DArray,
     Frontiers,
     Header,
     Image,
     MapMetaData,
+    Mark,
     Message,
     MissionOrder,
     MissionStatus,
+    ObjectHypothesis,
+    ObjectHypothesisWithPose,
     OccupancyGrid,
     Path,
     PlaybackControl,
     PlaybackState,
     Point,
+    Point2D,
+    PointOfInterest,
+    PointsOfInterest,
     Pose,
+    Pose2D,
     PoseStamped,
     Quaternion,
+    String,
     Time,
     VictimConfirmation,
     VictimFound,
@@ -56,6 +67,27 @@ def patch() -> Image:
     return Image(height=1, width=2, encoding="bgr8", step=8, data=data)
 
 
+def found() -> Detection2DArray:
+    """The right pixel of the patch is a fox; all else that it may be is less likely."""
+    likely = [
+        ObjectHypothesisWithPose(hypothesis=ObjectHypothesis(class_id=name, score=score))
+        for name, score in (("dog", 0.2), ("fox", 0.7))
+    ]
+    box = BoundingBox2D(center=Pose2D(position=Point2D(x=1.5, y=0.5)), size_x=1.0, size_y=0.5)
+    return Detection2DArray(detections=[Detection2D(results=likely, bbox=box)])
+
+
+class Fragile(Module):
+    """Breaks at the wish for it."""
+
+    def setup(self) -> None:
+        self.subscribe(Wish, self.on_wish, topic="wishes")
+
+    def on_wish(self, wish: Wish) -> None:
+        if wish.text == "break":
+            raise RuntimeError("it is broken")
+
+
 class KnownRobot(Module):
     """Shows all this again and again, and writes down what it is told."""
 
@@ -71,6 +103,9 @@ class KnownRobot(Module):
         self.subscribe(MissionOrder, self.on_order)
         self.subscribe(PlaybackControl, self.on_control)
         self.subscribe(Wish, self.on_wish, topic="wishes")
+        self.subscribe(PoseStamped, self.on_pose, topic="initial_pose")
+        self.subscribe(String, lambda said: self.write("said", said.data), topic="speech_command")
+        self.subscribe(Mark, lambda mark: self.write("mark", mark.text))
         self.show_state("LOOK_AROUND")
         self.status = "all is set"
         self.log.warning("the curtain rises")
@@ -83,6 +118,9 @@ class KnownRobot(Module):
         way = [PoseStamped(header=header, pose=pose(x / 10, 3.0)) for x in range(1201)]
         self.publish(Path(header=header, poses=way), topic="path")
         self.publish(patch(), topic="eye")
+        self.publish(found(), topic="eye")
+        home = PointOfInterest(name="home", pose=pose(0.5, 2.5))
+        self.publish(PointsOfInterest(header=header, points=[home]))
         self.publish(CompressedImage(format="mystery", data=np.zeros(9, np.uint8)), topic="eye")
         state = VictimFound.ASKED if self.asked else VictimFound.CONFIRMED
         self.publish(
@@ -117,8 +155,14 @@ class KnownRobot(Module):
         )
 
     def on_goal(self, goal: PoseStamped) -> None:
-        place = goal.pose.position
-        self.write("goal", goal.header.frame_id, place.x, place.y, goal.pose.orientation.yaw)
+        self.write_pose("goal", goal)
+
+    def on_pose(self, placed: PoseStamped) -> None:
+        self.write_pose("pose", placed)
+
+    def write_pose(self, what: str, placed: PoseStamped) -> None:
+        place = placed.pose.position
+        self.write(what, placed.header.frame_id, place.x, place.y, placed.pose.orientation.yaw)
 
     def on_answer(self, answer: VictimConfirmation) -> None:
         self.asked = False

@@ -11,6 +11,8 @@ from robbie_mp.messages import (
     Path,
     PointCloud2,
     PointField,
+    PointOfInterest,
+    PointsOfInterest,
     Pose,
     PoseStamped,
     PoseWithCovariance,
@@ -35,6 +37,9 @@ class Stage(Module):
     x_m: float = setting(1.5, "where it stands", minimum=-5.0, maximum=5.0, changeable=True)
     color: str = setting("red", "of its light", choices=["red", "green"], changeable=True)
     fixed: int = setting(7, "what cannot be changed")
+    virtual_charge: float = setting(0.75, "of its battery", minimum=0.0, maximum=1.0, changeable=True)
+    virtual_pressed: list[str] = setting([], "of its bumper", choices=["left", "right"], changeable=True)
+    virtual_fails: bool = setting(False, "its laser", changeable=True)
     period_s = 0.1
 
     def setting_changed(self, name: str) -> None:
@@ -56,6 +61,9 @@ class Stage(Module):
             ),
             topic="tf",
         )
+        other = Transform(translation=Vector3(x=3.0, y=1.25), rotation=Quaternion.from_yaw(1.0))
+        red = TransformStamped(header=in_map, child_frame_id="red/base_link", transform=other)
+        self.publish(TFMessage(transforms=[red]), topic="tf")
         laser = TransformStamped(
             header=Header(stamp=stamp, frame_id="base_link"),
             child_frame_id="laser",
@@ -88,6 +96,9 @@ class Stage(Module):
         self.publish(
             VictimFound(header=in_map, id=4, name="Anna", pose=Pose(position=Place(x=2.0, y=1.0, z=0.5)))
         )
+        door = PointOfInterest(name="door", pose=Pose(position=Place(x=-1.0, y=0.5)))
+        self.publish(PointsOfInterest(header=in_map, points=[door]))
         pose = PoseWithCovariance(pose=Pose(position=Place(x=self.x_m, y=-0.5)))
         self.publish(Odometry(header=in_map, pose=pose), topic="odom")
-        self.status = f"stands at {self.x_m} m; {self.color}"
+        by_hand = f"{self.virtual_charge} {'+'.join(self.virtual_pressed)} {self.virtual_fails}"
+        self.status = f"stands at {self.x_m} m; {self.color}; {by_hand}"

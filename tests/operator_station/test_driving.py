@@ -32,6 +32,7 @@ modules:
   witness: {class: "zoo.witness:Witness"}
 """
 EXPIRY_S = 0.22
+DEAD_MAN_BUTTON = 5
 BRAKING_M_PER_S2 = 6.0
 
 
@@ -60,16 +61,32 @@ class Journal:
         return self.rows("odometry")[-1][1] - before[1] - speed * (last_s - before[0])
 
 
-def stops(journal: Journal, page: Page, happens: Callable[[], None]) -> None:
+def stops(
+    journal: Journal, page: Page, happens: Callable[[], None], begin: Callable[[], None] | None = None
+) -> None:
     """Drive ahead until something happens; then the robot stands soon, by what the base says."""
     page.bring_to_front()
-    page.keyboard.down("KeyW")
+    if begin is None:
+        page.keyboard.down("KeyW")
+    else:
+        begin()
     wait_until(lambda: journal.speed() > 0.19)
     happens()
     wait_until(lambda: journal.speed() == 0)
     # Needs no clock: from the last command on it went on until that expired, and then it braked.
     braking_m = 0.2**2 / BRAKING_M_PER_S2 / 2
     assert journal.way_since_last_command_m() <= 0.2 * EXPIRY_S + braking_m + 0.02
+
+
+def hold(page: Page, buttons: list[int]) -> None:
+    """Hold these buttons of a gamepad, whose left stick is pushed ahead all the time."""
+    page.evaluate(
+        """held => navigator.getGamepads = () => [null, {
+          axes: [0, -1, 0, 0],
+          buttons: [...Array(17).keys()].map((at) => ({ pressed: held.includes(at) })),
+        }]""",
+        buttons,
+    )
 
 
 def test_robot_stands_whatever_becomes_of_key_page_and_server_and_the_page_finds_a_new_server(
@@ -86,6 +103,7 @@ def test_robot_stands_whatever_becomes_of_key_page_and_server_and_the_page_finds
             stops(journal, page, lambda: let_go_elsewhere(page))
             assert all(row[1] >= 0 for row in journal.rows("command"))
             page.wait_for_selector("#drivers-seat:has-text('this page drives')")
+            stops(journal, page, lambda: hold(page, []), lambda: hold(page, [DEAD_MAN_BUTTON]))
             with page_of(started, address) as other:
                 other.wait_for_selector("#take-over:visible")
                 commands = len(journal.rows("command"))

@@ -8,10 +8,15 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Page
 
+from robbie_mp.cli.runs import live_runs
+from robbie_mp.messages import Mark
 from robbie_mp.services.operator_station.station import PANEL_NAMES
+from robbie_mp.trace.kinds import Kind
+from robbie_mp.trace.levels import read_recorded
 from tests.operator_station.browser import TABLET, browser, needs_chromium, page_of
 from tests.operator_station.known_robot import FRONTIERS
 from tests.operator_station.test_page import address_of
+from tests.recording.logs import LogFile
 from tests.run.robot import Robot, wait_until
 
 pytestmark = [needs_chromium, pytest.mark.timeout(300)]
@@ -21,13 +26,27 @@ PROFILE = """
 modules:
   operator:
     class: robbie_mp.services.operator_station:OperatorStation
-    settings: {port: 0, operator_token: opens-everything, observer_token: opens-all-our-eyes}
+    settings:
+      port: 0
+      operator_token: opens-everything
+      observer_token: opens-all-our-eyes
+      speech_commands: [come here]
+      persons: [Anna]
+      objects: [cup]
   known: {class: "zoo.known_robot:KnownRobot"}
+  fragile: {class: "zoo.known_robot:Fragile"}
 """
 
 FITS = """panel => [document.documentElement, document.getElementById(panel)].every(
   one => one.scrollWidth <= one.clientWidth)"""
 """Once its letters have been loaded: before, icons are words."""
+FOX_IS_IN_ITS_PLACE = """() => {
+  const picture = document.querySelector("#panel-cameras img").getBoundingClientRect();
+  const fox = document.querySelector(".detection-boxes > div").getBoundingClientRect();
+  const shares = [(fox.x - picture.x) / picture.width, (fox.y - picture.y) / picture.height,
+    fox.width / picture.width, fox.height / picture.height];
+  return [0.5, 0.25, 0.5, 0.5].every((share, at) => Math.abs(share - shares[at]) < 0.02);
+}"""
 
 
 @pytest.fixture
@@ -53,11 +72,17 @@ class Told:
         wait_until(is_there)
         return found[len(words) :]
 
+    def count(self, begin: str) -> int:
+        """How often something was told that begins so."""
+        return sum(line.startswith(begin) for line in self._file.read_text().splitlines())
+
 
 def test_panels_show_what_the_robot_has_and_the_robot_hears_what_is_said_there(
     robot: Robot, told: Told
 ) -> None:
     (robot.folder / "zoo" / "known_robot.py").write_text((HERE / "known_robot.py").read_text())
+    with LogFile(robot.folder / "old.mcap") as log:
+        log.add(Mark(text="here it was"), time_ns=104 * 10**9)
     robot.write_profile(PROFILE)
     robot.start()
     address = address_of(robot)
@@ -74,8 +99,11 @@ def test_panels_show_what_the_robot_has_and_the_robot_hears_what_is_said_there(
         cameras_are_shown(page, address)
         mission_is_steered(page, told)
         states_and_victims_are_listed(page)
-        trace_is_filtered(page)
+        commands_of_the_profile_are_given(page, told)
+        trace_is_filtered_and_what_is_recorded_is_chosen(page, robot)
         messages_are_shown_and_composed(page, told)
+        crash_is_reported(page)
+        messages_are_sent_at_a_rate_as_long_as_the_page_is_open(page, address, told, robot)
         everything_fits(page)
         with page_of(started, address, TABLET) as tablet:
             log_in(tablet, "opens-everything")
@@ -131,7 +159,7 @@ def observer_sees_and_does_not_steer(page: Page) -> None:
     assert not any(page.locator(button).count() for button in MISSION)
     page.click("#tab-messages")
     page.wait_for_selector("#messages-topics tr:has-text('map_pose')")
-    for steers in ("#map-mode", "#victim-yes", "#playback-pause", "#messages-compose", "#drive-pad"):
+    for steers in ("#map-mode", "#victim-yes", "#playback-pause", "#messages-compose", "#drive-pad", "#mark"):
         assert not page.locator(steers).is_visible(), steers
 
 
@@ -166,12 +194,16 @@ def playback_is_steered(page: Page, told: Told) -> None:
     page.click(".q-menu .q-item:has-text('max')")
     assert told.waits_for("control", "rate") == ["inf"]
     page.wait_for_selector("#playback-text:has-text('as fast as possible')")
+    page.click("#playback-events [data-at='4.000'][title='here it was, at 4.0 s']")
+    assert told.waits_for("control", "seek") == ["4.0"]
+    page.click("#mark")
+    assert told.waits_for("mark") == ["mark", "1"]
 
 
 def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
     page.click("#tab-map")
     page.wait_for_selector("#map-text:has-text('12 x 8 cells of 0.5 m; robot at 1.50 m, 3.25 m, 90°')")
-    assert "path of 1201 points; 2 frontiers; 1 victims" in page.inner_text("#map-text")
+    assert "path of 1201 points; 2 frontiers; 1 victims; home" in page.inner_text("#map-text")
     page.click("#map-mode >> text=Set goal")
     page.wait_for_selector("#map-view[data-placing=goal][data-map=whole]")
     page.click("#map-view")  # its middle, which is the map's
@@ -196,12 +228,32 @@ def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
     assert picture.getpixel(free) == (255, 255, 255)
     unknown = (wall[0], middle_y - round(1.75 * pixels_per_m))
     assert picture.getpixel(unknown) == (170, 170, 170)
+    home = (middle_x - round(1.5 * pixels_per_m), middle_y + round(1.5 * pixels_per_m))
+    assert picture.getpixel(home) == (57, 73, 171)
+    pose_is_set_by_dragging(page, told)
+
+
+def pose_is_set_by_dragging(page: Page, told: Told) -> None:
+    page.click("#map-mode >> text=Set pose")
+    page.wait_for_selector("#map-view[data-placing=initial_pose]")
+    box = page.locator("#map-view").bounding_box()
+    assert box
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x, y - 60)
+    page.mouse.up()
+    frame, *place = told.waits_for("pose")
+    assert frame == "map"
+    assert [float(word) for word in place] == pytest.approx([2.0, 4.0, np.pi / 2], abs=0.05)
 
 
 def cameras_are_shown(page: Page, address: str) -> None:
     page.click("#tab-cameras")
     page.wait_for_selector("#panel-cameras :text('2 x 1 bgr8')")
     page.wait_for_function("document.querySelector('#panel-cameras img').naturalWidth == 2")
+    page.wait_for_selector(".detection-boxes > div:has-text('fox 70%')")
+    page.wait_for_function(FOX_IS_IN_ITS_PLACE)
     answer = page.request.get(f"{address}pictures/camera/eye")
     assert answer.headers["content-type"] == "image/jpeg"
     shown = np.asarray(Image.open(io.BytesIO(answer.body())))
@@ -241,7 +293,16 @@ def states_and_victims_are_listed(page: Page) -> None:
     assert row.inner_text().split() == ["7", "tag", "7", "confirmed", "4.00", "4.00", "75%", "3"]
 
 
-def trace_is_filtered(page: Page) -> None:
+def commands_of_the_profile_are_given(page: Page, told: Told) -> None:
+    page.click("#tab-speech")
+    page.click("#speech-commands >> text=come here")
+    assert told.waits_for("said") == ["come", "here"]
+    page.wait_for_selector("#speech-heard:has-text('operator: come here')")
+    assert "Anna" in page.inner_text("#speech-persons")
+    assert "cup" in page.inner_text("#speech-objects")
+
+
+def trace_is_filtered_and_what_is_recorded_is_chosen(page: Page, robot: Robot) -> None:
     page.click("#tab-trace")
     page.wait_for_selector("#trace-log :text('the curtain rises')")
     assert page.locator("#trace-log :text('operator station: http')").count() == 1
@@ -250,6 +311,13 @@ def trace_is_filtered(page: Page) -> None:
     (line,) = page.inner_text("#trace-log").split("\n")
     assert line.endswith("known#1 warning the curtain rises")
     page.fill("#trace-text", "")
+    run_folder = next(run.folder for run in live_runs())
+    assert read_recorded(run_folder)["known"] == ["error", "warning", "info"]
+    page.click("#trace-recorded")
+    page.click(".q-menu .q-item:has-text('system')")
+    page.wait_for_selector(".q-notification:has-text('every module: error, warning, info, system')")
+    assert read_recorded(run_folder)["known"] == [*Kind]
+    page.click("#tab-trace")  # which closes the menu
 
 
 def messages_are_shown_and_composed(page: Page, told: Told) -> None:
@@ -274,3 +342,43 @@ def messages_are_shown_and_composed(page: Page, told: Told) -> None:
     page.click("#compose-send")
     assert told.waits_for("wish") == ["peace:", "now", "2.5", "70.0"]
     page.wait_for_selector("#compose-result:has-text('sent a zoo/msg/Wish')")
+
+
+def crash_is_reported(page: Page) -> None:
+    page.fill("[data-field='text']", "break")
+    page.click("#compose-send")
+    page.click("#tab-trace")
+    page.click("#trace-crashes >> text=crash of fragile, start 1")
+    page.wait_for_selector("#trace-crashes :text('RuntimeError: it is broken')")
+    page.click("#tab-messages")
+
+
+def messages_are_sent_at_a_rate_as_long_as_the_page_is_open(
+    page: Page, address: str, told: Told, robot: Robot
+) -> None:
+    page.fill("[data-field='text']", "again")
+    page.fill("#compose-rate", "1000")
+    page.click("#compose-begin")
+    page.wait_for_selector(".q-field:has(#compose-rate) [role=alert]:has-text('at most 20')")
+    assert told.count("wish again") == 0
+    page.fill("#compose-rate", "20")
+    page.click("#compose-begin")
+    wait_until(lambda: told.count("wish again") > 3)
+    page.click("#compose-end")
+    page.wait_for_selector("#compose-begin:visible")
+    with page_of(page.context.browser, address) as other:
+        log_in(other, "opens-everything")
+        other.click("#tab-messages")
+        other.click("#messages-compose >> text=Compose a message")
+        other.fill("#compose-type", "zoo/msg/Wish")
+        other.click(".q-menu .q-item:has-text('zoo/msg/Wish')")
+        other.fill("[data-field='text']", "still")
+        other.fill("#compose-topic", "wishes")
+        other.click("#compose-begin")
+        wait_until(lambda: told.count("wish still") > 0)
+    wait_until(lambda: "no more zoo/msg/Wish are sent: the page was closed" in robot.log("operator"))
+    sent = told.count("wish")
+    page.fill("[data-field='text']", "enough")
+    page.click("#compose-send")
+    told.waits_for("wish", "enough")
+    assert told.count("wish") == sent + 1

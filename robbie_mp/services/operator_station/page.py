@@ -13,7 +13,6 @@ from robbie_mp.services.operator_station.link import BrowserLink
 from robbie_mp.services.operator_station.panel import Page, Panel
 
 if TYPE_CHECKING:
-    from robbie_mp.services.operator_station.emergency_stop import EmergencyStopBar
     from robbie_mp.services.operator_station.station import OperatorStation
 
 TAB = "tab"
@@ -23,7 +22,7 @@ RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnect
 
 def build_page(
     station: OperatorStation,
-    emergency_stop: EmergencyStopBar,
+    tools: Sequence[Callable[[Page], None]],
     bars: Sequence[Callable[[Page], None]],
     panels: Sequence[tuple[Panel, str]],
 ) -> None:
@@ -31,7 +30,7 @@ def build_page(
 
     Args:
         station: whose page it is.
-        emergency_stop: what is always in sight.
+        tools: make what is always in sight, at the top.
         bars: make what is seen above the tabs when there is reason to.
         panels: each with its title.
     """
@@ -46,7 +45,8 @@ def build_page(
         ui.label(f"Robbie · {station.run_id}").classes("text-lg")
         ui.badge(role.name.lower()).props("outline id=role color=white")
         ui.space()
-        emergency_stop.build(page)
+        for build in tools:
+            build(page)
     for build in bars:
         build(page)
     with ui.tabs().classes("w-full") as tabs:

@@ -66,6 +66,11 @@ class Panel(ABC):
     def __init__(self, station: OperatorStation):
         self.station = station
 
+    @classmethod
+    def is_wanted(cls, _station: OperatorStation) -> bool:
+        """Whether it has anything to show, where the profile does not say which panels there are."""
+        return True
+
     @property
     def is_looked_at(self) -> bool:
         """Whether any page shows it; what nobody looks at need not be prepared."""

@@ -12,6 +12,7 @@ from nicegui.events import GenericEventArguments
 from robbie_mp.cli.playback import describe
 from robbie_mp.messages import PlaybackControl, PlaybackState
 from robbie_mp.services.operator_station.access import Role
+from robbie_mp.services.operator_station.log_events import LogEvent, LogEvents
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.panel import Page
@@ -19,6 +20,12 @@ if TYPE_CHECKING:
 
 RATES = {0.25: "¼", 0.5: "½", 1.0: "1", 2.0: "2", 4.0: "4", 10.0: "10", math.inf: "max"}
 """Times real time."""
+LOOKS = {
+    "crash": ("heart_broken", "red-3"),
+    "mark": ("bookmark", "amber-3"),
+    "victim": ("hail", "light-green-3"),
+}
+"""Icon and colour by the kind of an event."""
 
 
 class PlaybackBar:
@@ -27,6 +34,7 @@ class PlaybackBar:
     def __init__(self, station: OperatorStation):
         self._station = station
         self._state = station.newest(PlaybackState)
+        self.events = LogEvents()
 
     def order(self, command: str, value: float = 0.0) -> None:
         """Steer the playback."""
@@ -52,7 +60,9 @@ class PlaybackBar:
                     step.props('id=playback-step aria-label="Step" title="One message"')
                     rate = ui.select(RATES, label="rate").classes("w-20").props("id=playback-rate")
                     rate.on("update:model-value", lambda: self.order("rate", float(rate.value)))
-                place = ui.slider(min=0.0, max=1.0, step=0.001).props('aria-label="Position in s"')
+                with ui.column().classes("w-full gap-0"):
+                    marks = EventMarks(self, page)
+                    place = ui.slider(min=0.0, max=1.0, step=0.001).props('aria-label="Position in s"')
                 place.set_enabled(page.role is Role.OPERATOR)
                 if page.role is Role.OPERATOR:
                     place.on("change", self._on_seek)  # which a hand causes, and no new position
@@ -70,6 +80,7 @@ class PlaybackBar:
             error = f"; refused: {state.error}" if state.error else ""
             text.set_text(f"PLAYBACK of {state.file}: {describe(state)}{error}")
             place.props(f"max={max(0.001, seconds(state, state.end.nanoseconds)):.3f}")
+            marks.update(state)
             if not held:
                 place.set_value(seconds(state, state.position.nanoseconds))
             if page.role is Role.OPERATOR:
@@ -78,6 +89,45 @@ class PlaybackBar:
                 rate.set_value(state.rate if state.rate in RATES else None)
 
         page.always(0.1, update)
+
+
+class EventMarks:
+    """What happened in the log, each at its place above the bar; a press on it plays from there.
+
+    Args:
+        bar: knows the events, and steers.
+        page: observers only look.
+    """
+
+    def __init__(self, bar: PlaybackBar, page: Page):
+        self._bar = bar
+        self._can_seek = page.role is Role.OPERATOR
+        self._shown: object = None
+        self._area = ui.element("div").classes("relative w-full h-6").props("id=playback-events")
+
+    def update(self, state: PlaybackState) -> None:
+        """Show the events of the log that plays, if these are others than before."""
+        events = self._bar.events
+        events.read(state.file)
+        now = (events.found, events.error, state.begin, state.end)
+        if now == self._shown:
+            return
+        self._shown = now
+        self._area.clear()
+        length_s = max(0.001, seconds(state, state.end.nanoseconds))
+        with self._area:
+            for event in events.found:
+                if 0 <= (at_s := seconds(state, event.time_ns)) <= length_s:
+                    self._add(event, at_s, at_s / length_s)
+            if events.error:
+                ui.label(f"its events cannot be shown: {events.error}").classes("text-xs")
+
+    def _add(self, event: LogEvent, at_s: float, share: float) -> None:
+        icon, colour = LOOKS[event.kind]
+        button = ui.button(icon=icon, color=colour, on_click=lambda: self._bar.order("seek", at_s))
+        button.props(f"flat dense round size=xs data-at={at_s:.3f}").set_enabled(self._can_seek)
+        button.props["aria-label"] = button.props["title"] = f"{event.text}, at {at_s:.1f} s"
+        button.style(f"position: absolute; left: calc({100 * share:.2f}% - 0.75rem)")
 
 
 def seconds(state: PlaybackState, time_ns: int) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robbie_mp.bus import MessageType
@@ -17,7 +18,9 @@ from robbie_mp.services.operator_station.claim import StationClaim
 from robbie_mp.services.operator_station.latest import Latest
 from robbie_mp.services.operator_station.listening import AddressUnusable, listen
 from robbie_mp.services.operator_station.live import LiveParts
+from robbie_mp.services.operator_station.places_watch import PlacesWatch
 from robbie_mp.services.operator_station.run_watch import RunWatch
+from robbie_mp.services.operator_station.settings_watch import SettingsWatch
 from robbie_mp.settings import SettingError
 from robbie_mp.supervisor.run_directory import list_runs
 
@@ -32,12 +35,16 @@ PANEL_NAMES = (
     "map",
     "cameras",
     "mission",
+    "speech",
     "system",
     "parameters",
+    "devices",
     "plots",
     "trace",
     "messages",
 )
+MODEL_SUFFIXES = (".stl", ".glb", ".gltf")
+"""Of files with a robot's shape."""
 
 
 class ExtraMissing(RobbieError, ImportError):
@@ -72,13 +79,19 @@ class OperatorStation(Module):
     operator_token: str = setting("", "what an operator logs in with; '': everybody here is one")
     observer_token: str = setting("", "what an observer logs in with; '': there are none")
     tabs: dict[str, str | None] = setting(
-        {}, "which panels to show, in this order, and their titles (null: its own); {}: all"
+        {}, "which panels to show, in this order, and their titles (null: its own); {}: all of use"
     )
     max_linear_m_per_s: float = setting(0.7, "fastest that may be driven by hand", minimum=0.05)
     max_angular_rad_per_s: float = setting(1.5, "fastest that may be turned by hand", minimum=0.1)
     robot_size_m: list[float] = setting(
         [0.45, 0.35, 0.25], "length, width and height of the robot in the 3-D view", minimum=0.01
     )
+    robot_model: Path | None = setting(
+        None, "shape of the robot in base_link, m, as STL or glTF (.stl, .glb); null: a box", must_exist=True
+    )
+    speech_commands: list[str] = setting([], "what can be said to the robot")
+    persons: list[str] = setting([], "names of persons that it knows")
+    objects: list[str] = setting([], "names of objects that it knows")
     period_s: float = setting(0.05, "time between pictures of what moves", minimum=0.01)
 
     @classmethod
@@ -97,6 +110,10 @@ class OperatorStation(Module):
             raise SettingError("with an observer_token there must be an operator_token", "observer_token")
         if len(settings["robot_size_m"]) != 3:
             raise SettingError("expected three numbers: length, width and height", "robot_size_m")
+        model = settings["robot_model"]
+        if model is not None and model.suffix.lower() not in MODEL_SUFFIXES:
+            expected = " or ".join(MODEL_SUFFIXES)
+            raise SettingError(f"expected a file {expected}; got {model.name}", "robot_model")
         for name in settings["tabs"]:
             if name not in PANEL_NAMES:
                 known = ", ".join(PANEL_NAMES)
@@ -124,6 +141,8 @@ class OperatorStation(Module):
         self.scene = SceneGraphListener(self, hears_time_jumps=False)
         self.hear(TimeJump, lambda _jump: self.scene.forget())
         self.live = LiveParts()
+        self.places_watch = PlacesWatch(self)
+        self.settings_watch = SettingsWatch(self)
         listener = self._listen(before["port"])
         self._website = website(self, listener)
         self._website.start()

@@ -12,6 +12,7 @@ from robbie_mp.services.operator_station.emergency_stop import EmergencyStopBar
 from robbie_mp.services.operator_station.gate import Gate
 from robbie_mp.services.operator_station.live.map import LiveMap
 from robbie_mp.services.operator_station.live.server import with_live
+from robbie_mp.services.operator_station.moment_marker import MomentMarker
 from robbie_mp.services.operator_station.page import build_page
 from robbie_mp.services.operator_station.panels import PANELS
 from robbie_mp.services.operator_station.playback_bar import PlaybackBar
@@ -40,18 +41,19 @@ class Website:
     def __init__(self, station: OperatorStation, listener: socket.socket):
         self.victim_watch = VictimWatch(station)
         self._map = LiveMap(station)
-        titles = station.tabs or dict.fromkeys(PANELS)
+        wanted = [name for name, panel in PANELS.items() if panel.is_wanted(station)]
+        titles = station.tabs or dict.fromkeys(wanted)
         self._panels = [PANELS[name](station) for name in titles]
         titled = [(panel, titles[panel.name] or panel.title) for panel in self._panels]
-        emergency_stop = EmergencyStopBar(station)
+        tools = [MomentMarker(station).build, EmergencyStopBar(station).build]
         bars = [PlaybackBar(station).build, VictimQuestion(station).build]
         page = ui.page("/", title="Robbie", response_timeout=10)
-        page(lambda: build_page(station, emergency_stop, bars, titled))
+        page(lambda: build_page(station, tools, bars, titled))
         application = FastAPI(openapi_url=None)
         ui.run_with(
             application,
             dark=True,
-            reconnect_timeout=5.0,
+            reconnect_timeout=10.0,
             binding_refresh_interval=None,
             message_history_length=MESSAGE_HISTORY,
             show_welcome_message=False,

@@ -2,12 +2,14 @@
 
 from robbie_mp.services.operator_station.panel import Panel
 from robbie_mp.services.operator_station.panels.cameras import CamerasPanel
+from robbie_mp.services.operator_station.panels.devices import DevicesPanel
 from robbie_mp.services.operator_station.panels.drive import DrivePanel
 from robbie_mp.services.operator_station.panels.map import MapPanel
 from robbie_mp.services.operator_station.panels.messages import MessagesPanel
 from robbie_mp.services.operator_station.panels.mission import MissionPanel
 from robbie_mp.services.operator_station.panels.parameters import ParametersPanel
 from robbie_mp.services.operator_station.panels.plots import PlotsPanel
+from robbie_mp.services.operator_station.panels.speech import SpeechPanel
 from robbie_mp.services.operator_station.panels.system import SystemPanel
 from robbie_mp.services.operator_station.panels.trace import TracePanel
 from robbie_mp.services.operator_station.panels.view import ViewPanel
@@ -20,8 +22,10 @@ PANELS: dict[str, type[Panel]] = {
         MapPanel,
         CamerasPanel,
         MissionPanel,
+        SpeechPanel,
         SystemPanel,
         ParametersPanel,
+        DevicesPanel,
         PlotsPanel,
         TracePanel,
         MessagesPanel,

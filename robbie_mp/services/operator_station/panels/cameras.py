@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 from starlette.responses import Response
 
-from robbie_mp.messages import CompressedImage, Image
+from robbie_mp.messages import CompressedImage, Detection2DArray, Image
 from robbie_mp.module import MessageHandling
+from robbie_mp.services.operator_station.detection_boxes import Box, DetectionBoxes, boxes_of
 from robbie_mp.services.operator_station.latest import Latest
 from robbie_mp.services.operator_station.panel import Page, Panel
 from robbie_mp.services.operator_station.panels.newest_image import NewestImage
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 REFRESH_S = 0.1
 """No page is told of new images more often."""
 MOST_CAMERAS = 12
+FRESH_NS = 500_000_000
+"""What was found in an image so much older than the one that is shown is shown in it, too."""
 ADDRESS = "/pictures/camera/{name:path}"
 
 
@@ -34,6 +37,14 @@ class Camera:
     def __init__(self) -> None:
         self.latest: Latest[Image | CompressedImage] = Latest()
         self.picture = NewestPicture(self.latest, encode_image)
+
+    def boxes(self, found: Detection2DArray | None) -> list[Box]:
+        """Return what was found in the newest image, or in one just before it; [] if that is too long ago."""
+        image = self.latest.message
+        if found is None or not isinstance(image, Image):
+            return []
+        age_ns = image.header.stamp.nanoseconds - found.header.stamp.nanoseconds
+        return boxes_of(found, image.width, image.height) if abs(age_ns) <= FRESH_NS else []
 
     @property
     def description(self) -> str:
@@ -54,9 +65,12 @@ class CamerasPanel(Panel):
     def __init__(self, station: OperatorStation):
         super().__init__(station)
         self.cameras: dict[str, Camera] = {}
+        self.detections: dict[str, Detection2DArray] = {}
+        """By the topic of the images."""
         newest = MessageHandling.KEEP_ONLY_NEWEST
         station.subscribe(Image, self._on_image, newest)
         station.subscribe(CompressedImage, self._on_image, newest)
+        station.subscribe(Detection2DArray, self._on_detections, newest)
         serve_pictures(ADDRESS, self._answer)
 
     def _on_image(self, image: Image | CompressedImage) -> None:
@@ -70,6 +84,11 @@ class CamerasPanel(Panel):
             self.cameras = {**self.cameras, name: camera}  # another one, for pages look at it meanwhile
         camera.latest.put(image)
 
+    def _on_detections(self, found: Detection2DArray) -> None:
+        topic = self.station.envelope.topic or "image"
+        if topic in self.detections or len(self.detections) < MOST_CAMERAS:
+            self.detections = {**self.detections, topic: found}
+
     def _answer(self, name: str) -> Response:
         camera = self.cameras.get(name)
         return camera.picture.answer() if camera else no_picture("there is no such camera")
@@ -78,24 +97,32 @@ class CamerasPanel(Panel):
         """Make a card for each camera; more as they come."""
         hint = ui.label("no camera has sent an image yet").classes("text-grey")
         row = ui.row().classes("w-full gap-4")
-        cards: dict[str, tuple[NewestImage, ui.label]] = {}
+        cards: dict[str, CameraCard] = {}
 
         def update() -> None:
             for name, camera in sorted(self.cameras.items()):
                 if name not in cards:
                     hint.set_visibility(False)
                     with row, ui.card():
-                        cards[name] = camera_card(name)
-                image, text = cards[name]
-                image.show(camera.latest.count)
-                text.set_text(camera.description)
+                        cards[name] = CameraCard(name)
+                cards[name].show(camera, self.detections.get(name))
 
         page.every(REFRESH_S, self.name, update)
 
 
-def camera_card(name: str) -> tuple[NewestImage, ui.label]:
-    """Make the picture of a camera and the line below it."""
-    ui.label(name).classes("font-bold")
-    image = NewestImage(ADDRESS.replace("{name:path}", name), f"camera {name}")
-    image.classes("w-full").style("min-width: 20rem; max-width: 40rem; image-rendering: pixelated")
-    return image, ui.label("").classes("text-sm")
+class CameraCard:
+    """The picture of a camera, what was found in it, and the line below."""
+
+    def __init__(self, name: str):
+        ui.label(name).classes("font-bold")
+        with ui.element("div").classes("relative w-full").style("min-width: 20rem; max-width: 40rem"):
+            self._image = NewestImage(ADDRESS.replace("{name:path}", name), f"camera {name}")
+            self._image.classes("w-full block").style("image-rendering: pixelated")
+            self._boxes = DetectionBoxes().classes("absolute inset-0 w-full h-full pointer-events-none")
+        self._text = ui.label("").classes("text-sm")
+
+    def show(self, camera: Camera, found: Detection2DArray | None) -> None:
+        """Show the newest image and what was found in it."""
+        self._image.show(camera.latest.count)
+        self._boxes.show(camera.boxes(found))
+        self._text.set_text(camera.description)

@@ -1,4 +1,4 @@
-"""The map from above: grid, robot, path, goal, frontiers and victims; a place to send the robot to."""
+"""The map from above: robots, path, goal, frontiers, victims, places; somewhere to send the robot to."""
 
 from __future__ import annotations
 
@@ -16,15 +16,18 @@ from robbie_mp.messages import (
     OccupancyGrid,
     Path,
     Point,
+    PointOfInterest,
     Pose,
     PoseStamped,
     Quaternion,
     Time,
     VictimFound,
 )
+from robbie_mp.scene_graph import RigidTransform
 from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.live import SCRIPTS
 from robbie_mp.services.operator_station.panel import Page, Panel
+from robbie_mp.services.operator_station.scene_view.other_robots import other_robots
 from robbie_mp.services.operator_station.victim_watch import KnownVictim
 
 if TYPE_CHECKING:
@@ -43,6 +46,7 @@ COLOURS = {
     VictimFound.CONFIRMED: "#00897b",
     VictimFound.REJECTED: "#757575",
 }
+PLACE_COLOUR = "#3949ab"
 
 
 class MapView(Element, component="map_view.js", esm=SCRIPTS):
@@ -63,6 +67,7 @@ class MapPanel(Panel):
         self._goal = station.newest(PoseStamped, "goal")
         self._path = station.newest(Path, "path")
         self._frontiers = station.newest(Frontiers)
+        self._others: list[dict[str, Any]] = []
         self._way: tuple[int, list[list[float]]] = (0, [])
 
     def build(self, page: Page) -> None:
@@ -108,6 +113,8 @@ class MapPanel(Panel):
     def tick(self) -> None:
         """Say where everything is, if anybody wants to see it."""
         if self.station.live.is_wanted(GROUP):
+            found = other_robots(self.station.scene, "map")
+            self._others = [robot_mark(name, pose) for name, pose in found.items()]
             self.station.live.put(
                 GROUP, {name: json.dumps(mark).encode() for name, mark in self.marks().items()}
             )
@@ -122,6 +129,8 @@ class MapPanel(Panel):
             "path": self._way[1],
             "frontiers": frontier_marks(self._frontiers.message),
             "victims": list(map(victim_mark, self.station.victim_watch.victims.values())),
+            "places": [place_mark(place) for place in self.station.places_watch.places],
+            "others": self._others,
         }
 
     def describe(self) -> str:
@@ -137,7 +146,9 @@ class MapPanel(Panel):
             parts.append(f"path of {len(path.poses)} points")
         if self._frontiers.message:
             parts.append(f"{len(self._frontiers.message.middles)} frontiers")
-        return "; ".join([*parts, f"{len(self.station.victim_watch.victims)} victims"])
+        parts += [f"{one['name']} at {one['x']:.2f} m, {one['y']:.2f} m" for one in self._others]
+        parts += [f"{len(self.station.victim_watch.victims)} victims"]
+        return "; ".join([*parts, *(place.name for place in self.station.places_watch.places)])
 
     def _publish(self, topic: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
         if yaw_rad is None:  # not said: as the robot would look on its straight way there
@@ -170,6 +181,18 @@ def victim_mark(victim: KnownVictim) -> dict[str, Any]:
     position = victim.found.pose.position
     colour = COLOURS.get(victim.found.state, COLOURS[VictimFound.SUSPECTED])
     return {"x": position.x, "y": position.y, "name": victim.found.name, "colour": colour}
+
+
+def place_mark(place: PointOfInterest) -> dict[str, Any]:
+    """Return what is drawn of a point of interest."""
+    position = place.pose.position
+    return {"x": position.x, "y": position.y, "name": place.name, "colour": PLACE_COLOUR}
+
+
+def robot_mark(name: str, pose: RigidTransform) -> dict[str, Any]:
+    """Return what is drawn of another robot."""
+    x_m, y_m, _ = map(float, pose.translation)
+    return {"name": name, "x": round(x_m, 3), "y": round(y_m, 3), "yaw": round(pose.yaw, 3)}
 
 
 def planar(message: PoseStamped | None) -> list[float] | None:

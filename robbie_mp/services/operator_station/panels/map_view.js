@@ -7,7 +7,7 @@ export default {
     :style="{ cursor: placing ? 'crosshair' : 'grab' }"></canvas>`,
   props: { placing: String },
   mounted() {
-    this.marks = { robot: null, goal: null, path: [], frontiers: [], victims: [] };
+    this.marks = { robot: null, goal: null, path: [], frontiers: [], victims: [], places: [], others: [] };
     this.map = new MapPicture();
     this.updates = 0;
     this.centre = { x: 0, y: 0 };
@@ -124,11 +124,15 @@ export default {
         canvas.height / 2 + this.centre.y * scale);
       this.draw_picture(pen);
       this.draw_path(pen);
-      const { robot, goal, frontiers, victims } = this.marks;
+      const { robot, goal, frontiers, victims, places, others } = this.marks;
       for (const frontier of frontiers) this.draw_frontier(pen, frontier);
       if (goal) this.draw_arrow(pen, goal, "#2e7d32");
       if (robot) this.draw_arrow(pen, robot, "#c62828");
-      for (const victim of victims) this.draw_victim(pen, victim);
+      for (const { x, y, yaw, name } of others) {
+        this.draw_arrow(pen, [x, y, yaw], "#5d4037");
+        this.draw_name(pen, x, y, name);
+      }
+      for (const mark of [...places, ...victims]) this.draw_disc(pen, mark);
       const press = this.press;
       if (press && press.placing) {
         const yaw = Math.atan2(press.at.y - press.begin.y, press.at.x - press.begin.x);
@@ -178,11 +182,14 @@ export default {
       pen.fillRect(-size / 2, -size / 2, size, size);
       pen.restore();
     },
-    draw_victim(pen, { x, y, name, colour }) {
+    draw_disc(pen, { x, y, name, colour }) {
       pen.beginPath();
       pen.arc(x, y, Math.max(0.12, 7 / this.scale), 0, 2 * Math.PI);
       pen.fillStyle = colour;
       pen.fill();
+      this.draw_name(pen, x, y, name);
+    },
+    draw_name(pen, x, y, name) {
       pen.save();
       pen.translate(x, y);
       pen.scale(1 / this.scale, -1 / this.scale);

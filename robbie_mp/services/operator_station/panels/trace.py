@@ -9,11 +9,16 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
+from robbie_mp.services.operator_station.access import Role
+from robbie_mp.services.operator_station.orders import Order
 from robbie_mp.services.operator_station.panel import Page, Panel
+from robbie_mp.supervisor.output import SUPERVISOR
+from robbie_mp.supervisor.plan import CORE
 from robbie_mp.trace.crash import CrashReport, report_files
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.follower import TraceFollower
 from robbie_mp.trace.kinds import Kind
+from robbie_mp.trace.levels import read_recorded
 from robbie_mp.trace.reader import crash_reports, module_names, trace_folder
 
 if TYPE_CHECKING:
@@ -73,6 +78,8 @@ class TracePanel(Panel):
             kinds.props("id=trace-kinds").classes("w-64")
             module = ui.select([""], label="module", value="").props("id=trace-module").classes("w-40")
             words = ui.input("text").props("for=trace-text clearable")
+            ui.space()
+            recorded = RecordedKinds(self.station.run_folder, page)
         log = ui.log(max_lines=SHOWN).classes("w-full").style("height: 50vh").props("id=trace-log")
         reports = ui.column().classes("w-full").props("id=trace-crashes")
         shown = Shown()
@@ -80,6 +87,7 @@ class TracePanel(Panel):
         def update() -> None:
             if module.options != ["", *self.modules]:
                 module.set_options(["", *self.modules])
+            recorded.update(module.value or "")
             wanted = Filter(kinds.value or [], module.value or "", words.value or "")
             if wanted != shown.filter:
                 shown.filter, shown.number = wanted, 0
@@ -94,6 +102,42 @@ class TracePanel(Panel):
                     build_reports(self.reports)
 
         page.every(REFRESH_S, self.name, update)
+
+
+class RecordedKinds:
+    """Which kinds are recorded of the module whose entries are shown; operators choose others.
+
+    Args:
+        run_folder: of the run.
+        page: observers only look.
+    """
+
+    def __init__(self, run_folder: Path, page: Page):
+        self._run_folder = run_folder
+        self._module = ""
+        self._order: Order | None = None
+        self._kinds = ui.select([str(kind) for kind in Kind], multiple=True, label="recorded of all")
+        self._kinds.classes("w-80").props("id=trace-recorded").on("update:model-value", self._record)
+        self._kinds.set_enabled(page.role is Role.OPERATOR)
+
+    def _record(self) -> None:
+        kinds = [str(kind) for kind in self._kinds.value or ()]
+        self._order = Order(self._run_folder, "record", self._module or None, kinds=kinds)
+
+    def update(self, module: str) -> None:
+        """Show what is recorded of a module, '': of any, unless that is just being changed."""
+        if self._order is not None and self._order.answer is None:
+            return
+        if self._order is not None:
+            ui.notify(self._order.answer, type="negative" if self._order.is_refused else "positive")
+            self._order = None
+        if module != self._module:
+            self._module = module
+            self._kinds.props["label"] = f"recorded of {module or 'all'}"
+        recorded = read_recorded(self._run_folder)
+        names = [module] if module else [name for name in recorded if name not in (SUPERVISOR, CORE)]
+        found = {kind for name in names for kind in recorded.get(name, ())}
+        self._kinds.set_value([str(kind) for kind in Kind if kind in found])
 
 
 class Filter:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from nicegui import ui
+from nicegui import app, ui
 
 from robbie_mp.services.operator_station.panel import Page, Panel
 from robbie_mp.services.operator_station.scene_view.drawing import Drawing, Moving
@@ -34,6 +34,10 @@ class ViewPanel(Panel):
         super().__init__(station)
         self._surveyor = Surveyor(station)
         self.surroundings: Surroundings | None = None
+        self._model_url = ""
+        if station.robot_model is not None:
+            url = f"/robot-model{station.robot_model.suffix.lower()}"
+            self._model_url = app.add_static_file(local_file=station.robot_model, url_path=url)
 
     def tick(self) -> None:
         """Look around, if anybody wants to see it."""
@@ -53,7 +57,7 @@ class ViewPanel(Panel):
         scene.move_camera(*BEHIND_AND_ABOVE_M, 0.0, 0.0, 0.0, duration=0)
         moving.move_in(scene)
         follows.on_value_change(lambda event: moving.follow(bool(event.value)))
-        drawing = Drawing(scene, self.station.robot_size_m)
+        drawing = Drawing(scene, self.station.robot_size_m, self._model_url)
 
         def update() -> None:
             if self.surroundings is not None:
@@ -70,4 +74,9 @@ def in_words(now: Surroundings) -> str:
     else:
         x, y, _ = now.robot.translation
         where = f"robot at {x:.2f} m, {y:.2f} m, {math.degrees(now.robot.yaw):.0f}°"
-    return f"{where}; {now.count} points, {len(now.victims)} victims"
+    others = "".join(
+        f"; {name} at {pose.translation[0]:.2f} m, {pose.translation[1]:.2f} m"
+        for name, pose in now.others.items()
+    )
+    seen = f"{now.count} points, {len(now.victims)} victims, {len(now.places)} points of interest"
+    return f"{where}{others}; {seen}"

@@ -10,15 +10,25 @@ import numpy as np
 
 from robbie_mp.messages import Path
 from robbie_mp.scene_graph import RigidTransform, SceneGraphError, TooNew, TooOld
+from robbie_mp.services.operator_station.scene_view.other_robots import BASE, other_robots
 from robbie_mp.services.operator_station.scene_view.point_sources import PointSources
 from robbie_mp.services.operator_station.scene_view.points import packed
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
 
-BASE, MAP = "base_link", "map"
+MAP = "map"
 MAX_CORNERS = 1000
 PATH_HEIGHT_M = 0.02
+
+
+class SeenPlace(NamedTuple):
+    """What is drawn of a point of interest; m, map frame."""
+
+    name: str
+    x: float
+    y: float
+    z: float
 
 
 class SeenVictim(NamedTuple):
@@ -47,6 +57,9 @@ class Surroundings:
     """Of the points."""
     path: bytes
     victims: dict[int, SeenVictim]
+    others: dict[str, RigidTransform]
+    """Poses of other robots by their names, X_WB."""
+    places: tuple[SeenPlace, ...]
 
     def parts(self) -> dict[str, bytes]:
         """Return what moves, as the page's script draws it."""
@@ -89,6 +102,11 @@ class Surveyor:
             count=self._sources.count,
             path=self._corners(),
             victims=self._victims(),
+            others=other_robots(self._station.scene, world),
+            places=tuple(
+                SeenPlace(one.name, one.pose.position.x, one.pose.position.y, one.pose.position.z)
+                for one in self._station.places_watch.places
+            ),
         )
 
     def _pose(self, world: str, frame: str, time_ns: int | None = None) -> RigidTransform | None:

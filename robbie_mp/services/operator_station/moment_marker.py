@@ -1,0 +1,40 @@
+"""Marks a moment, to find it again in the log and on the playback's bar."""
+
+from __future__ import annotations
+
+from itertools import count
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from robbie_mp.messages import Header, Mark, Time
+from robbie_mp.services.operator_station.access import Role
+
+if TYPE_CHECKING:
+    from robbie_mp.services.operator_station.panel import Page
+    from robbie_mp.services.operator_station.station import OperatorStation
+
+
+class MomentMarker:
+    """A button at the top of the page. It marks at once: a text would come too late, and has its own ways."""
+
+    def __init__(self, station: OperatorStation):
+        self._station = station
+        self._numbers = count(1)
+
+    def build(self, page: Page) -> None:
+        """Make the button; observers have none."""
+        if page.role is not Role.OPERATOR:
+            return
+
+        def mark() -> None:
+            header = Header(stamp=Time.from_nanoseconds(self._station.clock.now_ns()))
+            text = f"mark {next(self._numbers)}"
+            if self._station.publish(Mark(header=header, text=text)):
+                self._station.log.info("%s, by hand", text)
+                ui.notify(text)
+            else:
+                ui.notify("not marked: the robot's memory is full", type="negative")
+
+        button = ui.button(icon="bookmark_add", on_click=mark).props("flat dense color=white id=mark")
+        button.props('aria-label="Mark this moment" title="Mark this moment"')

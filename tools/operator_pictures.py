@@ -1,0 +1,164 @@
+"""Takes the pictures of the operator's page in docs/images: `python -m tools.operator_pictures`.
+
+It runs the rescue robot, has a module crash, so that there is a crash to be seen, opens each panel in
+Chromium, records a log meanwhile, and plays that beside virtual devices. Needs playwright and Chromium.
+"""
+
+import io
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import Page, sync_playwright
+
+from robbie_mp.cli.runs import live_runs
+from robbie_mp.observe import RunObserver
+
+FOLDER = Path("docs/images")
+SIZE = {"width": 1280, "height": 800}
+COLOURS = 128
+ROBBIE = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
+SETTINGS = (
+    "operator.port=0",
+    "operator.speech_commands=[come back, stop, look around]",
+    "operator.persons=[Anna, Ben]",
+    "operator.objects=[red bag, helmet]",
+    "operator.tabs={drive: null, view: null, map: null, cameras: null, mission: null, speech: null, "
+    "system: null, parameters: null, devices: null, plots: null, trace: null, messages: null}",
+    "victims.confirms_by_itself=false",
+    "victims.answer_s=600",
+)
+CRASHES = "imu"
+LIMIT_S = 300.0
+SETTLED_S = 5.0
+"""So long a panel is looked at before its picture is taken."""
+PLOTS = (
+    ("odom: nav_msgs/Odometry", "twist.twist.linear.x"),
+    ("odom: nav_msgs/Odometry", "twist.twist.angular.z"),
+)
+
+
+def main() -> None:
+    """Take all pictures."""
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        (Path(folder) / "runtime").mkdir(mode=0o700)
+        os.environ["XDG_RUNTIME_DIR"] = f"{folder}/runtime"
+        chromium = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-dev-shm-usage"]
+        )
+        settings = [word for setting in SETTINGS for word in ("--set", setting)]
+        with running("run", "rescue", *settings, output=f"{folder}/rescue"):
+            page = chromium.new_page(viewport=SIZE)
+            page.goto(wait_for(address))
+            with recording(f"{folder}/log"):
+                take_panels(page)
+        play = ("play", f"{folder}/log", "virtual-playback", "--set", "operator.port=0", "--rate", "0.5")
+        with running(*play, output=f"{folder}/play"):
+            page = chromium.new_page(viewport=SIZE)
+            page.goto(wait_for(address))
+            take_playback(page)
+        chromium.close()
+
+
+@contextmanager
+def running(*words: str, output: str) -> Iterator[None]:
+    """Have a robot run."""
+    process = subprocess.Popen([*ROBBIE, *words, "--quiet", "--output", output], stdout=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(60)
+
+
+@contextmanager
+def recording(folder: str) -> Iterator[None]:
+    """Have the robot that runs recorded, but for its images."""
+    words = ["record", "--exclude", "sensor_msgs/msg/Image", "--output", folder]
+    process = subprocess.Popen([*ROBBIE, *words], stdout=subprocess.DEVNULL)
+    try:
+        yield
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(60)
+
+
+def address() -> str:
+    """Return where the page is; '' as long as it is not there."""
+    found = re.search(r"http://\S+/", status("operator")[1])
+    return found[0] if found else ""
+
+
+def status(module: str) -> tuple[int, str]:
+    """Return process and status line of a module; 0 and '' as long as it does not run."""
+    for run in live_runs():
+        with closing(RunObserver(run.run_id)) as observer:
+            for figures in observer.modules():
+                if figures.name == module:
+                    return figures.pid, figures.status
+    return 0, ""
+
+
+def wait_for(condition: Callable[[], str]) -> str:
+    """Wait until there is something; return it."""
+    until_s = time.monotonic() + LIMIT_S
+    while not (found := condition()):
+        if time.monotonic() > until_s:
+            raise SystemExit(f"{condition.__name__}: nothing within {LIMIT_S:g} s")
+        time.sleep(0.2)
+    return found
+
+
+def take_panels(page: Page) -> None:
+    """Take a picture of each panel of the robot that runs."""
+    page.click("#tab-map")
+    page.wait_for_selector("#victim-question:visible", timeout=1000 * LIMIT_S)
+    take(page, "map")
+    page.click("#victim-yes")
+    page.click("#mark")
+    os.kill(status(CRASHES)[0], signal.SIGSEGV)
+    page.click("#tab-plots")
+    for channel, field in PLOTS:
+        page.fill("#plot-channel", channel)
+        page.fill("#plot-field", field)
+        page.click("#plot-add")
+    page.click("#tab-speech")
+    page.click("#speech-commands >> text=look around")
+    for name in ("drive", "view", "cameras", "mission", "speech", "system", "parameters", "devices", "plots"):
+        page.click(f"#tab-{name}")
+        take(page, name)
+    page.click("#tab-trace")
+    page.click("#trace-crashes .q-item >> nth=0")
+    take(page, "trace")
+    page.click("#tab-messages")
+    page.click("#messages-topics tr:has-text('sensor_msgs/msg/LaserScan')")
+    take(page, "messages")
+
+
+def take_playback(page: Page) -> None:
+    """Take a picture of a playback beside virtual devices."""
+    page.click("#tab-devices")
+    page.wait_for_selector("#playback-events [data-at]", timeout=1000 * LIMIT_S)
+    take(page, "playback")
+
+
+def take(page: Page, name: str) -> None:
+    """Take a picture of the page, small enough for a repository."""
+    page.wait_for_timeout(1000 * SETTLED_S)
+    picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    path = FOLDER / f"operator-{name}.png"
+    picture.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+    print(path, path.stat().st_size)
+
+
+if __name__ == "__main__":
+    main()
