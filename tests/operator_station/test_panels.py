@@ -19,7 +19,7 @@ from tests.operator_station.test_page import address_of
 from tests.recording.logs import LogFile
 from tests.run.robot import Robot, wait_until
 
-pytestmark = [needs_chromium, pytest.mark.timeout(300)]
+pytestmark = [needs_chromium, pytest.mark.timeout(600)]
 MISSION = ("#mission-start", "#mission-pause", "#mission-return", "#mission-abort")
 HERE = Path(__file__).parent
 PROFILE = """

@@ -9,7 +9,7 @@ from tests.operator_station.browser import browser, needs_chromium, page_of
 from tests.operator_station.test_page import address_of
 from tests.run.robot import Robot
 
-pytestmark = [needs_chromium, pytest.mark.timeout(300)]
+pytestmark = [needs_chromium, pytest.mark.timeout(600)]
 HERE = Path(__file__).parent
 PROFILE = """
 modules:
