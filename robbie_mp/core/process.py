@@ -68,8 +68,8 @@ class CoreProcess:
         drain = router.drain
         while not self._stopping:
             words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()  # under a flood it never sleeps
-            drain()  # once: who writes after this look posts after it, and then the wait is over at once
-            if router.before_sleep():
+            # One look: who writes after it posts after it, and then the wait is over at once.
+            if drain() or router.before_sleep():
                 continue
             self._wakeups = words[layout.CORE_WAKEUPS] = self._wakeups + 1
             wait(HEARTBEAT_S)

@@ -4,7 +4,7 @@ What is written where, and why each step can be repeated after a crash, is the l
 gets what and when.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from robbie_mp.core.declarations import Declarations
@@ -32,8 +32,8 @@ _PUBLISH, _RELEASE = int(Outbound.PUBLISH), int(Outbound.RELEASE)
 _CORE_LAST_SEQUENCE, _PUBLISHER_ROUTED = layout.CORE_LAST_SEQUENCE, layout.PUBLISHER_ROUTED
 _SOURCE_OF_INCARNATION = layout.SOURCE_OF_INCARNATION
 _LARGEST_OFFSET = WORD_MAX >> 1
-_POST_EVERY = 16
-"""While more records of a module wait, its subscribers are woken for so many messages at once."""
+_AT_ONCE = 16
+"""So many records of a module are handled before it is the next one's turn, and its subscribers are woken."""
 _new_tuple = tuple.__new__  # a named tuple's own constructor takes twice as long
 
 BROKEN = (ProtocolViolation, RingCorrupt, TableFull)
@@ -103,6 +103,8 @@ class Router:
         self._declarations = declarations
         self._fence = new_fence()
         self._sequence = 0
+        self._unfinished: list[Link] = []
+        """Whose rings have more records than were handled at once."""
         self._wanting = True
         """Some module may have been asked to post when it releases."""
         self._receivers: dict[Outbound, Callable[[Slot, Link, Record], None]] = {
@@ -188,33 +190,39 @@ class Router:
 
     # -- the loop's view -------------------------------------------------------------------------------
 
-    def drain(self) -> int:
-        """Handle every record that waits in any ring once; return how many there were.
+    def drain(self) -> bool:
+        """Handle a few of the records that wait in each ring; say whether any has more.
 
         A ring that begins with a release comes last: nobody waits for that, as a rule, while somebody waits
         for every message.
         """
-        handled = 0
+        links: Iterable[Link] = self._members.with_news()
+        if self._unfinished:
+            links = dict.fromkeys((*links, *self._unfinished))
+            self._unfinished = []
         releasing = []
-        for link in self._members.with_news():
+        for link in links:
             if not link.has_ended and link.outbound.glance() == _RELEASE:
                 releasing.append(link)
             else:
-                handled += self._serve(link)
+                self._serve(link)
         for link in releasing:
-            handled += self._serve(link)
+            self._serve(link)
         self._queues.end_round()
-        return handled
+        return bool(self._unfinished)
 
-    def _serve(self, link: Link) -> int:
-        """Handle what waits in a module's ring, unless it is faulted; return how many records there were."""
+    def _serve(self, link: Link) -> None:
+        """Handle the first records that wait in a module's ring, unless it is faulted."""
         if link.has_ended:
-            return 0
+            return
         try:
-            return self._receive(link, link.outbound.waiting())
+            waiting = link.outbound.waiting()
+            if waiting > _AT_ONCE:
+                self._unfinished.append(link)
+                waiting = _AT_ONCE
+            self._receive(link, waiting)
         except BROKEN as error:
             self._members.fault(link, error)
-            return 0
 
     def before_sleep(self) -> bool:
         """Tell modules when to post on a release; True if the rings must be looked at again.
@@ -254,12 +262,12 @@ class Router:
             if link.out_words[layout.OUT_AWAITS_SETTLED]:
                 link.wake()
 
-    def _receive(self, link: Link, records: int) -> int:
-        """Handle so many records of a module; return their number."""
+    def _receive(self, link: Link, records: int) -> None:
+        """Handle so many records of a module."""
         outbound, slot = link.outbound, self._slots[link.slot]
         queues = self._queues
         for left in range(records - 1, -1, -1):
-            queues.holds_posts = holds_posts = left % _POST_EVERY != 0
+            queues.holds_posts = left != 0
             record = outbound.peek()
             kind = record[0]
             if kind == _PUBLISH:
@@ -273,9 +281,7 @@ class Router:
             else:
                 raise ProtocolViolation(f"record of unknown kind {kind}")
             outbound.take()
-            if not holds_posts:
-                queues.post()
-        return records
+        queues.post()
 
     # -- modules come and go -----------------------------------------------------------------------------
 
@@ -298,7 +304,7 @@ class Router:
         slot = self._slots[link.slot]
         try:
             while not link.has_ended and (waiting := link.outbound.waiting()):
-                self._receive(link, waiting)
+                self._receive(link, min(waiting, _AT_ONCE))
         except BROKEN as error:
             self._report(f"{name_of(link.slot, link.incarnation)} died leaving a broken ring: {error}")
         self._members.disconnect(link)

@@ -207,9 +207,8 @@ class SimulatedRun:
         """Let the core work until it would sleep; if it dies, a new one takes over."""
         while True:
             try:
-                self.router.drain()
-                while self.router.before_sleep():
-                    self.router.drain()
+                while self.router.drain() or self.router.before_sleep():
+                    pass
                 return
             except Died:
                 self._replace_core()

@@ -89,9 +89,8 @@ class Chain:
         self._run_core()
 
     def _run_core(self) -> None:
-        self.core.drain()
-        while self.core.before_sleep():
-            self.core.drain()
+        while self.core.drain() or self.core.before_sleep():
+            pass
 
     def send(self, message: Message) -> None:
         assert self.outbox.publish(message, "")
