@@ -5,6 +5,7 @@ import signal
 import sys
 import time
 import traceback
+import weakref
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
@@ -15,6 +16,7 @@ from tools.fuzz_core.attack import Attack
 from tools.fuzz_core.corpus import mutate, seeds, single_mistakes
 
 HANG_S = 20.0
+AGAIN_S = 0.01
 
 
 class Hang(Exception):
@@ -23,18 +25,22 @@ class Hang(Exception):
 
 @contextlib.contextmanager
 def limited(limit_s: float) -> Iterator[None]:
-    """Let what is done within take only so long; for the main thread."""
+    """Let what is done within take only so much of the processor's time; for the main thread.
 
-    def give_up(_signal: int, _frame: FrameType | None) -> None:
-        raise Hang(f"still not done after {limit_s:g} s")
+    It is told again and again: an exception in the callback of a weak reference goes nowhere.
+    """
 
-    before = signal.signal(signal.SIGALRM, give_up)
-    signal.setitimer(signal.ITIMER_REAL, limit_s)
+    def give_up(_signal: int, frame: FrameType | None) -> None:
+        if frame is None or frame.f_code.co_filename != weakref.__file__:
+            raise Hang(f"still not done after {limit_s:g} s")
+
+    before = signal.signal(signal.SIGVTALRM, give_up)
+    signal.setitimer(signal.ITIMER_VIRTUAL, limit_s, AGAIN_S)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+        signal.signal(signal.SIGVTALRM, before)
 
 
 def finding(data: bytes, limit_s: float = HANG_S) -> Exception | None:

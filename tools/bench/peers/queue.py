@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tools.bench.peers.peer import Handle, Peer, Send, worker_command
+from tools.bench.publishing import DRAIN_LIMIT_S
 from tools.bench.work import Work
 
 
@@ -59,9 +60,11 @@ class MultiprocessingQueue(Peer):
         processes = [context.Process(target=run, args=(peer, role, work), daemon=True) for role in roles]
         for process in processes:
             process.start()
-        for process in processes:
-            process.join()
-        if any(process.exitcode for process in processes):
+        processes[-1].join()
+        for process in processes[:-1]:
+            process.join(DRAIN_LIMIT_S)
+            process.terminate()  # it has not got the end, which the publisher did not wait for any longer
+        if processes[-1].exitcode:
             raise SystemExit(1)
 
     @contextmanager
