@@ -1,6 +1,5 @@
 """A publisher and a subscriber of images with real memory between them, in one process."""
 
-import gc
 from collections.abc import Callable
 
 import numpy as np
@@ -51,7 +50,7 @@ class Pair:
         self.on_image = lambda _image: None
         self.outbox.close()
         self.views.close()
-        gc.collect()  # this pair is a cycle, and unmaps what it still maps only when that is collected
+        vars(self).clear()  # this pair is a cycle, which would unmap what it still maps only when collected
         unlink_data_segments(RUN_ID, 1, 1)
 
 
