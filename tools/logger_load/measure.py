@@ -96,8 +96,8 @@ def _figures(before: RunReading, now: RunReading) -> Result:
         "core_percent": rates.modules["core"].cpu_percent,
         "machine_percent": sum(rates.cpu_percent) / len(rates.cpu_percent),
         "refused": sum(module.refused for module in now.modules),
-        "small": _latency(before, now, listeners),
-        "image": _latency(before, now, ["viewer"]),
+        "small": latency_of(before, now, listeners),
+        "image": latency_of(before, now, ["viewer"]),
     }
     logger = now.module(LOGGER)
     if logger is not None:
@@ -106,7 +106,7 @@ def _figures(before: RunReading, now: RunReading) -> Result:
     return result
 
 
-def _latency(before: RunReading, now: RunReading, names: Sequence[str]) -> Result:
+def latency_of(before: RunReading, now: RunReading, names: Sequence[str]) -> Result:
     """Describe the latencies of some modules together."""
     earlier = _together([before.module(name) for name in names])
     distribution = _together([now.module(name) for name in names]).distribution(earlier)

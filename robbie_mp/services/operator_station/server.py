@@ -35,6 +35,8 @@ class PageServer:
             log_level="warning",
             access_log=False,
             ws=WSProtocol,
+            # What is large is compressed already, and this would be done for each page on the event loop.
+            ws_per_message_deflate=False,
             timeout_graceful_shutdown=1,
         )
         self._server = uvicorn.Server(config)
@@ -70,4 +72,3 @@ class PageServer:
         if self._thread.is_alive():
             self._thread.join(STOP_LIMIT_S)
         self._socket.close()
-

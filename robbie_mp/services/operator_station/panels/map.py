@@ -68,7 +68,7 @@ class MapPanel(Panel):
         self._path = station.newest(Path, "path")
         self._frontiers = station.newest(Frontiers)
         self._others: list[dict[str, Any]] = []
-        self._way: tuple[int, list[list[float]]] = (0, [])
+        self._way: tuple[int, bytes] = (0, b"[]")
 
     def build(self, page: Page) -> None:
         """Make the map and its tools."""
@@ -115,18 +115,19 @@ class MapPanel(Panel):
         if self.station.live.is_wanted(GROUP):
             found = other_robots(self.station.scene, "map")
             self._others = [robot_mark(name, pose) for name, pose in found.items()]
-            self.station.live.put(
-                GROUP, {name: json.dumps(mark).encode() for name, mark in self.marks().items()}
-            )
+            parts = {name: json.dumps(mark).encode() for name, mark in self.marks().items()}
+            self.station.live.put(GROUP, parts | {"path": self._encoded_path()})
+
+    def _encoded_path(self) -> bytes:
+        if self._way[0] != self._path.count:
+            self._way = (self._path.count, json.dumps(way_points(self._path.message)).encode())
+        return self._way[1]
 
     def marks(self) -> dict[str, Any]:
-        """Return what is drawn on the map; m and rad, map frame."""
-        if self._way[0] != self._path.count:
-            self._way = (self._path.count, way_points(self._path.message))
+        """Return what is drawn on the map, but for the path; m and rad, map frame."""
         return {
             "robot": planar(self._pose.message),
             "goal": planar(self._goal.message),
-            "path": self._way[1],
             "frontiers": frontier_marks(self._frontiers.message),
             "victims": list(map(victim_mark, self.station.victim_watch.victims.values())),
             "places": [place_mark(place) for place in self.station.places_watch.places],

@@ -1,0 +1,109 @@
+"""Measures what the operator's page costs: `python -m tools.operator_load [--seconds 60] [--json FILE]`.
+
+A robot with a map of 1000 x 1000 cells, two cameras at 10 Hz and 50,000 points at 5 Hz is looked at by an
+operator and five observers. Its modules also exchange 500 small messages a second, whose latency is measured:
+without a station, with one that nobody looks at, with pages, and with one observer more whose link carries
+nothing any more, or little; then how often map and 3-D view are drawn while a mouse drags and zooms there.
+"""
+
+import argparse
+import json
+import signal
+import sys
+from pathlib import Path
+
+from tools.bench.machine import describe_machine
+from tools.bench.table import render
+from tools.operator_load.measure import KINDS, Result, Session, measure, own_mb, updates_hz
+
+TABS = ("view", "map", "cameras", "view", "map", "cameras")
+SLOW_BYTES_PER_S = 20_000.0
+HEADINGS = (
+    "session", "view/s", "map/s", "images/s", "station %", "pages %", "machine %", "MB at begin", "MB at end",
+    "connections", "small p50 us", "small p99 us", "image p50 us", "image p99 us",
+)  # fmt: skip
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line."""
+    given = sys.argv[1:] if arguments is None else arguments
+    parsed = _parser().parse_args(given)
+    sessions = sessions_of(parsed.kind, tuple(parsed.tabs.split(",")))
+    machine = describe_machine()
+    results: list[Result] = []
+    for _ in range(parsed.rounds):
+        for name in parsed.only.split(","):
+            results.append(measure(sessions[name], parsed.seconds, parsed.cells, parsed.points))
+            print(json.dumps(results[-1]), file=sys.stderr, flush=True)
+    print(f"\n{machine['date']}, {parsed.kind} pages: {parsed.tabs}; {parsed.seconds:g} s each\n")
+    print(render(list(HEADINGS), [row(result) for result in results]))
+    for result in results:
+        for dragged in result.get("dragged", ()):
+            page, scene = dragged["page"], dragged["scene"]
+            print(f"{result['session']}: drawn {page:.1f} times a second, the scene {scene:.1f} times")
+    if parsed.json:
+        command = " ".join(["python -m tools.operator_load", *given])
+        report = {"machine": machine, "command": command, "results": results}
+        parsed.json.write_text(json.dumps(report, indent=1))
+    return 0
+
+
+def sessions_of(kind: str, tabs: tuple[str, ...]) -> dict[str, Session]:
+    """Return what can be measured, by name."""
+    found = (
+        Session("without", has_station=False),
+        Session("idle"),
+        Session("pages", kind=kind, tabs=tabs),
+        Session("stopped", kind=kind, tabs=tabs, slow_bytes_per_s=0.0),
+        Session("slow", kind=kind, tabs=tabs, slow_bytes_per_s=SLOW_BYTES_PER_S),
+        Session("drag-map", kind="browser", tabs=("map",), is_dragged=True),
+        Session("drag-view", kind="browser", tabs=("view",), is_dragged=True),
+    )
+    return {session.name: session for session in found}
+
+
+def row(result: Result) -> list[str]:
+    """Show a session; of pages that show the same the one that was drawn least."""
+    rates = [min(updates_hz(result, tab), default=None) for tab in ("view", "map", "cameras")]
+    memory = own_mb(result) or (None, None)
+    connections = result["memory"][-1]["connections"] if result["memory"] else None
+    latencies = [result[kind][quantile] for kind in ("small", "image") for quantile in ("p50_us", "p99_us")]
+    shares = [result.get("station_percent"), result.get("pages_percent"), result["machine_percent"]]
+    return [result["session"], *map(_cell, [*rates, *shares, *memory, connections, *latencies])]
+
+
+def _cell(value: float | None) -> str:
+    return "" if value is None else f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.operator_load",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--seconds", type=float, default=60.0, help="how long each session is measured")
+    add("--rounds", type=int, default=1, help="how often")
+    add(
+        "--kind",
+        choices=KINDS,
+        default="browser",
+        help="of the pages: in Chromium, or light ones that draw nothing",
+    )
+    add(
+        "--tabs", default=",".join(TABS), help="what the pages show: the first an operator's, then observers'"
+    )
+    add("--only", default=",".join(sessions_of("light", ())), help="sessions, in this order")
+    add("--cells", type=int, default=1000, help="of the map, along each edge")
+    add("--points", type=int, default=50_000, help="of each cloud")
+    add("--json", type=Path, metavar="FILE", help="write the results here as well")
+    return parser
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # what it started must not outlive it
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

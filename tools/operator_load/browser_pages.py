@@ -1,0 +1,96 @@
+"""Pages in a real Chromium: `python -m tools.operator_load.browser_pages ADDRESS ROLE/TAB …`.
+
+Says `ready` when all show their tabs. For a line `count` it says how often each has been drawn so far, for a
+line `drag` how often in a second while a mouse drags and zooms there; as JSON. It ends with its input.
+"""
+
+import json
+import shutil
+import sys
+import time
+from typing import Any
+
+from playwright.sync_api import Page, sync_playwright
+
+from tools.operator_load import token_of
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
+LOAD_LIMIT_MS = 180_000
+COUNT_IMAGES = """addEventListener("load", (event) => {
+  if (event.target.classList?.contains("newest-image")) window.images = (window.images ?? 0) + 1;
+}, true)"""
+COUNTS = """() => {
+  const updates = (name) => Number(document.getElementById(name)?.dataset.updates ?? 0);
+  const scene = Object.values(mounted_app.$refs).find((one) => one?.renderer);
+  return { view: updates("view-moving"), map: updates("map-view"), cameras: window.images ?? 0,
+    frames: scene?.renderer.info.render.frame ?? 0 };
+}"""
+
+
+CANVASES = {"map": "#map-view", "view": "#view-scene canvas"}
+DRAG_S = 10.0
+COUNT_FRAMES = """() => {
+  window.drawn = 0;
+  const count = () => { window.drawn += 1; requestAnimationFrame(count); };
+  requestAnimationFrame(count);
+}"""
+
+
+def open_page(page: Page, address: str, role: str, tab: str) -> None:
+    """Log in, load the page, and turn to a tab."""
+    page.set_default_timeout(LOAD_LIMIT_MS)
+    page.add_init_script(COUNT_IMAGES)
+    page.goto(address, wait_until="commit")
+    page.fill("#token", token_of(role))
+    page.press("#token", "Enter")
+    page.click(f"#tab-{tab}")
+    page.wait_for_function(
+        f"() => ({COUNTS})()['{tab}'] > 0" if tab in ("view", "map", "cameras") else "true"
+    )
+
+
+def drag(page: Page, tab: str) -> dict[str, float]:
+    """Drag and zoom for a while; return how often in a second page and scene were drawn meanwhile."""
+    canvas = page.locator(CANVASES[tab])
+    canvas.scroll_into_view_if_needed()
+    box = canvas.bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.evaluate(COUNT_FRAMES)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    scene, began_s, steps = page.evaluate(COUNTS)["frames"], time.monotonic(), 0
+    while time.monotonic() - began_s < DRAG_S:
+        steps += 1
+        page.mouse.move(x + 100 * (steps % 2), y + 50 * (steps % 3))
+        if steps % 20 == 0:
+            page.mouse.wheel(0, -100 if steps % 40 else 100)
+    took_s = time.monotonic() - began_s
+    page.mouse.up()
+    frames = page.evaluate("window.drawn")
+    return {"page": frames / took_s, "scene": (page.evaluate(COUNTS)["frames"] - scene) / took_s}
+
+
+def main(address: str, visits: list[str]) -> None:
+    """Open pages, and count until the input ends."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        pages: list[tuple[Page, str]] = []
+        for visit in visits:
+            role, tab = visit.split("/")
+            page = browser.new_context(viewport={"width": 1280, "height": 800}).new_page()
+            open_page(page, address, role, tab)
+            pages.append((page, tab))
+        print("ready", flush=True)
+        for line in sys.stdin:
+            is_drag = line.strip() == "drag"
+            found: list[dict[str, Any]] = [
+                drag(page, tab) if is_drag else page.evaluate(COUNTS) for page, tab in pages
+            ]
+            print(json.dumps(found), flush=True)
+        browser.close()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2:])
