@@ -307,6 +307,7 @@ class Router:
                 self._receive(link, min(waiting, _AT_ONCE))
         except BROKEN as error:
             self._report(f"{name_of(link.slot, link.incarnation)} died leaving a broken ring: {error}")
+        self._queues.post()  # what was sent to it in this turn, too: soon its semaphore will be closed
         self._members.disconnect(link)
         self._blocks.forget(link)
         begun = link.out_words[layout.OUT_INBOUND_TAIL]

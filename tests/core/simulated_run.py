@@ -201,7 +201,11 @@ class SimulatedRun:
             for words in mapped:
                 words.close()
 
-        return LinkMemory(incarnation, *mapped, module.wake, close)
+        def wake() -> None:
+            assert len(mapped[0]), "its semaphore is closed with its maps"
+            module.wake()
+
+        return LinkMemory(incarnation, *mapped, wake, close)
 
     def run_core(self) -> None:
         """Let the core work until it would sleep; if it dies, a new one takes over."""

@@ -175,3 +175,35 @@ def test_what_a_module_wrote_before_the_core_knew_it_is_seen_without_another_pos
     run.supervisor.endpoint.send(Outbound.MODULE_UP, 1, 1)
     run.run_core()
     assert run.words[run.tables.publisher(1) + layout.PUBLISHER_READY] == 1
+
+
+def test_module_that_is_sent_something_and_taken_back_in_one_turn_is_not_woken_when_it_is_closed() -> None:
+    """As when two modules die at once, and one has subscribed to the other's `ModuleState`."""
+    run = SimulatedRun()
+    channel = run.supervisor.advertise()
+    module = run.start(1)
+    module.subscribe()
+    module.ready()
+    run.run_core()
+    run.supervisor.publish(channel, 7)
+    run.kill(module)
+    successor = run.start(1, 2)
+    successor.subscribe()
+    successor.ready()
+    run.run_core()
+    assert successor.handle_all() == [7]
+
+
+def test_module_that_dies_with_a_broken_ring_after_a_release_is_not_woken_when_it_is_closed() -> None:
+    run = SimulatedRun()
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    for value in range(CREDIT + 1):  # one waits, and is sent for the release
+        publisher.publish(channel, value)
+    run.run_core()
+    delivery = subscriber.take()
+    assert delivery is not None
+    subscriber.endpoint.release(delivery)
+    subscriber.endpoint.send(Outbound.MODULE_UP)  # which is not for it to say
+    run.kill(subscriber)
+    assert run.counts(0)["delivered"] == 1
+    assert run.waiting(subscriber.slot) == CREDIT

@@ -1,5 +1,8 @@
 """Who gets which message, in which order, and what becomes of it."""
 
+import pytest
+
+from robbie_mp.core import router
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import MessageHandling, Outbound
 from tests.core.simulated_run import CREDIT, SimulatedRun, connected
@@ -28,6 +31,23 @@ def test_slow_subscriber_blocks_neither_publisher_nor_others() -> None:
         run.run_core()
         received += quick.handle_all()
     assert received == list(range(30))
+
+
+def test_module_with_many_records_holds_up_others_for_one_turn_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(router, "_AT_ONCE", 2)
+    run = SimulatedRun()
+    talkative, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    taciturn = run.start(3)
+    other = taciturn.advertise()
+    taciturn.ready()
+    run.run_core()
+    for value in range(6):
+        talkative.publish(channel, value)
+    taciturn.publish(other, 100)
+    assert run.router.drain(), "it has more, though nobody will post the core again"
+    assert subscriber.handle_all() == [0, 1, 100]
+    run.run_core()
+    assert subscriber.handle_all() == [2, 3, 4, 5]
 
 
 def test_block_is_freed_when_the_last_subscriber_released_it() -> None:

@@ -1,8 +1,11 @@
 """Random histories of a small robot: whatever happens, nothing is lost uncounted and nothing leaks."""
 
+from unittest.mock import patch
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robbie_mp.core import router
 from tests.core.history import SLOTS, History
 
 ACTIONS = ["publish"] * 4 + ["handle"] * 3 + ["core"] * 2
@@ -21,11 +24,12 @@ def test_any_history_keeps_order_and_books(steps: list[tuple[str, int]]) -> None
 
 
 @settings(max_examples=400, deadline=None)
-@given(STEPS, DEATHS, st.booleans(), st.booleans())
+@given(STEPS, DEATHS, st.booleans(), st.booleans(), st.sampled_from([1, 3, 16]))
 def test_any_history_survives_any_deaths_of_the_core(
-    steps: list[tuple[str, int]], deaths: list[int], by_patterns: bool, lockstep: bool
+    steps: list[tuple[str, int]], deaths: list[int], by_patterns: bool, lockstep: bool, at_once: int
 ) -> None:
-    history = History(tuple(deaths), by_patterns=by_patterns, lockstep=lockstep)
-    for action, slot in steps:
-        getattr(history, action)(slot)
-    history.finish()
+    with patch.object(router, "_AT_ONCE", at_once):  # the rings here are as short as a turn really is
+        history = History(tuple(deaths), by_patterns=by_patterns, lockstep=lockstep)
+        for action, slot in steps:
+            getattr(history, action)(slot)
+        history.finish()
