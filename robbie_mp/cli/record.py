@@ -97,7 +97,7 @@ def record(arguments: argparse.Namespace) -> int:
         raise FolderExists(f"{folder} exists already; name a new folder with -o")
     selection = Selection.by_either(arguments.pattern or ["*"], arguments.exclude)
     logging.basicConfig(format="(%(message)s)", stream=sys.stderr)
-    step_back(LOGGER_NICE)
+    step_back(LOGGER_NICE, logging.getLogger(__name__))
     with closing(RecordedRun(run.folder)) as recorded:
         recording = _Recording(run, recorded, selection, folder, Compression(arguments.compression))
         with signals_noted() as stopped:

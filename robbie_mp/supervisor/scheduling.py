@@ -34,7 +34,7 @@ def apply_scheduling(wanted: Scheduling, log: logging.Logger, nice: int = 0) -> 
             ) from error
     nice = nice if wanted.nice is None else wanted.nice
     if nice:
-        step_back(nice)
+        step_back(nice, log)
     if wanted.realtime_priority:
         # Its children would be real-time processes too, without anyone having asked for it.
         policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK

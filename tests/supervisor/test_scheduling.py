@@ -81,3 +81,17 @@ def test_process_steps_back_as_far_as_its_profile_says_or_else_its_class(
         check=True, capture_output=True, text=True, timeout=30,
     )  # fmt: skip
     assert ended.stdout.split() == [str(min(19, before + nice)), "True"]
+
+
+def test_kernel_that_refuses_another_slice_is_a_warning() -> None:
+    """As sandboxes do that know no such system call; no kernel has one of this number."""
+    refused = "import platform\nfrom robbie_mp import stepping_back\n"
+    refused += "stepping_back._SYSTEM_CALLS[platform.machine()] = 100_000\n"
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    ended = subprocess.run(
+        [sys.executable, "-c", refused + STEP_BACK.format(wanted=None)],
+        check=False, capture_output=True, text=True, timeout=30,
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.split() == [str(min(19, before + 7)), "True"]
+    assert "sched_setattr: Function not implemented" in ended.stderr
