@@ -6,6 +6,7 @@ detached attaches itself again, with the same subscriptions; what passed meanwhi
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,9 +16,13 @@ from robbie_mp.attachment import LONGEST_WAIT_S, Attachment, Detached, Received
 from robbie_mp.bus import EmptyPattern, EncodedMessage, Envelope, MessageType, SubscribedTwice
 from robbie_mp.messages import Message
 from robbie_mp.messages.errors import MessageError
+from robbie_mp.supervisor.control_client import ControlRefused
 from robbie_mp.supervisor.run_directory import KnownRun
 from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling
+
+PATIENCE_S = 2.0
+"""So long a place is waited for when the last one was lost: the core may be late to give it back."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +56,8 @@ class GuestBus:
         self._wishes: dict[ChannelName, _Wish] = {}
         self._by_number: dict[int, _Wish] = {}
         self._current: Received | None = None
-        self._lock = threading.Lock()
-        """Held while this lease is used by other threads, or replaced by another one."""
+        self._lock = threading.RLock()
+        """Held while this lease is used by other threads, or replaced by another one; during loans, too."""
         self._attachment = Attachment(run, purpose)
         self._is_open = True
 
@@ -62,7 +67,7 @@ class GuestBus:
     def outstanding(self) -> int:
         """Messages published by this module that somebody still waits for or holds."""
         with self._lock:
-            return self._attachment.outbox.outstanding
+            return self._attachment.outbox.outstanding if self._is_open else 0
 
     def subscribe(
         self,
@@ -117,7 +122,8 @@ class GuestBus:
     def wake_after_freed(self, messages: int) -> None:
         """End the next `wait` when so many of its messages have been let go by everybody."""
         with self._lock:
-            self._attachment.outbox.wake_after_freed(messages)
+            if self._is_open:
+                self._attachment.outbox.wake_after_freed(messages)
 
     def envelope(self) -> Envelope:
         """What came with the message being handled.
@@ -139,7 +145,8 @@ class GuestBus:
     def show_status(self, line: str) -> None:
         """Show who looks at the run how the module is doing."""
         self._purpose = line
-        self._attachment.show_status(line)
+        if self._is_open:
+            self._attachment.show_status(line)
 
     def handle_next(self) -> bool:
         """Handle the next message; False if there is none.
@@ -212,12 +219,22 @@ class GuestBus:
         self._log.warning("%s; attaches again", error)
         with self._lock:
             self._close()
-            self._attachment = Attachment(self._run, self._purpose)
+            self._attachment = self._find_place()
             self._is_open = True
         self._by_number.clear()
         for wish in self._wishes.values():
             self._subscribe(wish)
         self._attachment.ready()
+
+    def _find_place(self) -> Attachment:
+        until_s = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                return Attachment(self._run, self._purpose)
+            except ControlRefused:
+                if time.monotonic() >= until_s:
+                    raise
+                time.sleep(0.05)
 
 
 def _as_bytes(received: Received) -> EncodedMessage:

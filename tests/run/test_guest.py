@@ -1,11 +1,18 @@
 """A module that joins a run from outside hears, speaks, ticks, and comes back when it was detached."""
 
+from pathlib import Path
+
 import pytest
 
+from robbie_mp import guest_bus
+from robbie_mp.attachment import Attachment, Detached
 from robbie_mp.bus import Envelope
 from robbie_mp.guest import run_guest
-from robbie_mp.messages import DriveCommand, EmergencyStop
+from robbie_mp.guest_bus import GuestBus
+from robbie_mp.messages import DriveCommand, EmergencyStop, Image
 from robbie_mp.module import MessageHandling, Module
+from robbie_mp.supervisor.control_client import ControlRefused, RunNotControlled
+from robbie_mp.supervisor.run_directory import KnownRun
 from tests.run.robot import Ended, Robot, wait_until
 
 PROFILE = """
@@ -38,7 +45,9 @@ class Visitor(Module):
         self.heard.append(command.header.stamp.sec)
         self.envelopes.append(self.envelope)
         if len(self.heard) == 1:
-            assert self.publish(EmergencyStop(engaged=True, reason="a visitor"), topic="emergency_stop")
+            with self.loan(Image, data=3) as image:
+                assert self.publish(EmergencyStop(engaged=True, reason="a visitor"), topic="emergency_stop")
+                image.data[:] = 7
 
     def on_state(self, state: EmergencyStop) -> None:
         if state.engaged and not self.heard_when_detached:
@@ -52,13 +61,22 @@ class Visitor(Module):
 
 
 def test_guest_hears_speaks_ticks_and_attaches_again_when_it_was_detached(
-    robot: Robot, caplog: pytest.LogCaptureFixture
+    robot: Robot, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot.write_profile(PROFILE)
     process = robot.start()
     robot.until(lambda modules: modules["base"]["status"] == "StandingBase is ready")
     run = robot.known_run()
     visitors: list[Visitor] = []
+    purposes: list[str] = []
+
+    def attach(run: KnownRun, purpose: str) -> Attachment:
+        purposes.append(purpose)
+        if len(purposes) == 2:
+            raise ControlRefused("as when the core has not given its last place back yet")
+        return Attachment(run, purpose)
+
+    monkeypatch.setattr(guest_bus, "Attachment", attach)
 
     def is_done() -> bool:
         visitor = visitors[0]
@@ -67,6 +85,7 @@ def test_guest_hears_speaks_ticks_and_attaches_again_when_it_was_detached(
     Visitor.is_detached = staticmethod(lambda: TOOL not in robot.top())
     run_guest(run, Visitor, {}, "visitor", on_ready=visitors.append, is_stopped=is_done)
     (visitor,) = visitors
+    assert len(purposes) > 2, "it was refused once, and asked again"
     assert "; attaches again" in caplog.text
     assert visitor.ticks > 0
     assert visitor.heard == sorted(set(visitor.heard))
@@ -78,3 +97,46 @@ def test_guest_hears_speaks_ticks_and_attaches_again_when_it_was_detached(
     ended = Ended.wait_for(process)
     assert ended.exit_code == 0
     assert ended.modules["base"]["lost"] == ended.modules["pulse"]["refused"] == 0
+
+
+class Lost:
+    """A lease that is over, in a run that is over."""
+
+    is_closed = False
+
+    def __init__(self) -> None:
+        self.outbox = self
+
+    @property
+    def outstanding(self) -> int:
+        raise AssertionError("its memory is not mapped any more")
+
+    def take(self) -> None:
+        raise Detached("it stood still")
+
+    def show_status(self, _line: str) -> None:
+        raise AssertionError("its memory is not mapped any more")
+
+    def close(self) -> None:
+        assert not self.is_closed
+        self.is_closed = True
+
+
+def test_guest_whose_run_is_over_can_still_tear_itself_down(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leases = iter([Lost()])
+
+    def attach(*_arguments: object) -> Lost:
+        for lease in leases:
+            return lease
+        raise RunNotControlled("nobody answers")
+
+    monkeypatch.setattr(guest_bus, "Attachment", attach)
+    bus = GuestBus(KnownRun("1f0c", tmp_path, is_live=False, record=None), "visitor")
+    with pytest.raises(RunNotControlled):
+        bus.handle_next()
+    bus.show_status("ends")
+    assert bus.outstanding == 0
+    assert not bus.publish(EmergencyStop(), "emergency_stop")
+    bus.close()
