@@ -1,0 +1,103 @@
+"""How soon the robot stands, whatever becomes of the page, its server or the link to it.
+
+    python -m tools.operator_trials --repeats 20 --presses 200 --json FILE
+
+A simulated robot with an operator station, driven by a real Chromium (with Playwright, and a Chromium of
+the system); once on the machine as it is, once while all processors are busy and mapping is killed every
+few seconds. Times are those that the base itself gives its messages. The link is cut in a network namespace,
+where that is permitted.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from playwright.sync_api import Browser
+
+from tools.bench.machine import describe_machine
+from tools.operator_trials.chromium import CHROMIUM, chromium
+from tools.operator_trials.cut_link import CutLink, cut_link, why_no_link
+from tools.operator_trials.drives import EVENTS, cut_trials, trials
+from tools.operator_trials.load import full_load
+from tools.operator_trials.scene import Scene, scene
+from tools.operator_trials.stops import press_trials, return_trials
+
+Figures = dict[str, dict[str, float]]
+
+
+def measure(robot: Scene, browser: Browser, repeats: int, presses: int) -> Iterator[tuple[str, list[float]]]:
+    """Try everything that needs no link; yield what it was and the times (s)."""
+    asked, stopped = press_trials(robot, browser, presses)
+    yield "emergency stop pressed: the page server has it", asked
+    yield "emergency stop pressed: zero command at the base", stopped
+    yield "server killed: present state", return_trials(robot, browser, repeats)
+    for event in EVENTS:
+        yield f"{event}: stands", trials(robot, browser, event, repeats)
+
+
+@contextmanager
+def far_browser(link: CutLink, folder: Path) -> Iterator[Browser]:
+    """Start a browser at the other end of the link."""
+    with chromium(link.write_starter(str(CHROMIUM), folder / "far-chromium")) as browser:
+        yield browser
+
+
+def measure_cut(robot: Scene, folder: Path, repeats: int) -> Iterator[tuple[str, list[float]]]:
+    """Try what a cut link does, if one can be made here."""
+    if problem := why_no_link():
+        print(f"link cut: not measured, {problem}", file=sys.stderr)
+        return
+    with cut_link() as link, far_browser(link, folder) as browser:
+        yield "link cut: stands", cut_trials(robot, browser, link, repeats)
+
+
+def summary(times_s: list[float]) -> dict[str, float]:
+    """Return the figures of a list of times."""
+    p50, p99 = map(float, np.percentile(times_s, [50, 99]))
+    return {
+        "trials": len(times_s),
+        "p50_ms": round(p50 * 1e3, 1),
+        "p99_ms": round(p99 * 1e3, 1),
+        "max_ms": round(max(times_s) * 1e3, 1),
+    }
+
+
+def main() -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(prog="python -m tools.operator_trials", description=__doc__)
+    parser.add_argument("--repeats", type=int, default=20, help="trials of each event")
+    parser.add_argument("--presses", type=int, default=200, help="of the emergency stop")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="where the figures go")
+    options = parser.parse_args()
+    report: dict[str, Any] = {"machine": describe_machine()}
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="robbie-operator-")))
+        robot = stack.enter_context(scene(folder))
+        for load in ("idle", "full load"):
+            figures: Figures = {}
+            report[load] = figures
+            with full_load(robot) if load == "full load" else nullcontext():
+                with chromium() as browser:
+                    for name, times_s in measure(robot, browser, options.repeats, options.presses):
+                        show(load, name, figures, times_s)
+                for name, times_s in measure_cut(robot, folder, options.repeats):
+                    show(load, name, figures, times_s)
+            if options.json:
+                options.json.write_text(json.dumps(report, indent=2) + "\n")
+    return 0
+
+
+def show(load: str, name: str, figures: Figures, times_s: list[float]) -> None:
+    """Note and print what was measured."""
+    figures[name] = summary(times_s)
+    print(f"{load}; {name}: {figures[name]}", flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

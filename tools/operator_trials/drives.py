@@ -1,0 +1,100 @@
+"""From what becomes of page, server or link while it drives until the robot stands."""
+
+import signal
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+
+from playwright.sync_api import Browser, Page
+
+from tools.operator_trials.cut_link import HERE, CutLink
+from tools.operator_trials.scene import Event, Scene
+
+KEYS = ("KeyW", "KeyS")
+"""Ahead and back in turn, so that the hall is long enough."""
+
+
+def close_page(_scene: Scene, page: Page) -> int:
+    """Close the page as a person does."""
+    at_ns = time.monotonic_ns()
+    page.close()
+    return at_ns
+
+
+def stop_server(scene: Scene, _page: Page) -> int:
+    """Stop the page server."""
+    return scene.send("operator", signal.SIGSTOP)
+
+
+def kill_server(scene: Scene, page: Page) -> int:
+    """Kill the page server; the page will be loaded anew."""
+    page.evaluate("window.is_old = true")
+    return scene.send("operator", signal.SIGKILL)
+
+
+def open_anew(_scene: Scene, _page: Page) -> None:
+    """Leave it to the next trial to open a page."""
+
+
+def let_go_on(scene: Scene, page: Page) -> None:
+    """Have a stopped server go on."""
+    scene.send("operator", signal.SIGCONT)
+    page.keyboard.up(KEYS[0])
+    page.keyboard.up(KEYS[1])
+
+
+def wait_for_page(_scene: Scene, page: Page) -> None:
+    """Wait until the page has found its server again."""
+    page.wait_for_function("!window.is_old && window.did_handshake")
+    page.wait_for_selector("#drive-pad")
+    page.keyboard.up(KEYS[0])
+    page.keyboard.up(KEYS[1])
+
+
+EVENTS: dict[str, tuple[Callable[[Scene, Page], int], Callable[[Scene, Page], None]]] = {
+    "page closed": (close_page, open_anew),
+    "server stopped": (stop_server, let_go_on),
+    "server killed": (kill_server, wait_for_page),
+}
+"""What happens, and how all is well again."""
+
+
+def until_it_stands(scene: Scene, page: Page, key: str, event: Event) -> float:
+    """Drive until something happens; return how long the robot drove on (s), by its base's own odometry."""
+    scene.drive(page, key)
+    at_ns = event()
+    return (scene.wait_for("speed", 0.0, at_ns) - at_ns) / 1e9
+
+
+def trials(scene: Scene, browser: Browser, name: str, count: int) -> list[float]:
+    """Return how long the robot drove on (s) in each of several trials of an event."""
+    found = []
+    happens, mend = EVENTS[name]
+    with ExitStack() as pages:
+        page = pages.enter_context(scene.page(browser, "127.0.0.1"))
+        for number in range(count):
+            if page.is_closed():
+                pages.close()
+                page = pages.enter_context(scene.page(browser, "127.0.0.1"))
+            found.append(until_it_stands(scene, page, KEYS[number % 2], partial(happens, scene, page)))
+            mend(scene, page)
+    return found
+
+
+def cut_trials(scene: Scene, browser: Browser, link: CutLink, count: int) -> list[float]:
+    """Return the same for a link that is cut, all on one page, which finds its server again each time."""
+    found = []
+    with scene.page(browser, HERE) as page:
+        for number in range(count):
+            key = KEYS[number % 2]
+
+            def cut() -> int:
+                at_ns = time.monotonic_ns()
+                link.cut()
+                return at_ns
+
+            found.append(until_it_stands(scene, page, key, cut))
+            page.keyboard.up(key)
+            link.mend()
+    return found
