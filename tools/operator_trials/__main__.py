@@ -33,9 +33,10 @@ Figures = dict[str, dict[str, float]]
 
 def measure(robot: Scene, browser: Browser, repeats: int, presses: int) -> Iterator[tuple[str, list[float]]]:
     """Try everything that needs no link; yield what it was and the times (s)."""
-    asked, stopped = press_trials(robot, browser, presses)
-    yield "emergency stop pressed: the page server has it", asked
-    yield "emergency stop pressed: zero command at the base", stopped
+    pressed = press_trials(robot, browser, presses)
+    yield "emergency stop pressed: the page has it", pressed.noticed
+    yield "emergency stop pressed: the page server has published it", pressed.asked
+    yield "emergency stop pressed: zero command at the base", pressed.stopped
     yield "server killed: present state", return_trials(robot, browser, repeats)
     for event in EVENTS:
         yield f"{event}: stands", trials(robot, browser, event, repeats)

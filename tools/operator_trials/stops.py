@@ -3,26 +3,40 @@
 import random
 import signal
 import time
+from dataclasses import dataclass, field
 
 from playwright.sync_api import Browser
 
 from tools.operator_trials.scene import Scene
 
 NOTE_PRESSES = """addEventListener("pointerdown", (event) => {
-  window.pressed_ms = Date.now() - (performance.now() - event.timeStamp);
+  window.age_ms = performance.now() - event.timeStamp;
+  window.pressed_ms = Date.now() - window.age_ms;
 }, true)"""
-"""When the browser got each press, before anything else hears of it."""
+"""When the browser got each press, and how much later the page."""
 PAUSE_S = (0.05, 0.3)
 """Between two presses: no multiple of any period of the page."""
 
 
-def press_trials(scene: Scene, browser: Browser, count: int) -> tuple[list[float], list[float]]:
-    """Return how long it took for each of several presses (s) until the page server had the base asked.
+@dataclass(frozen=True)
+class Presses:
+    """How long after each press something was so (s).
 
-    The second list is of how long it took until the base did not want to move any more.
+    Attributes:
+        noticed: the page in the browser had it.
+        asked: the page server had published it.
+        stopped: the base did not want to move any more.
     """
+
+    noticed: list[float] = field(default_factory=list)
+    asked: list[float] = field(default_factory=list)
+    stopped: list[float] = field(default_factory=list)
+
+
+def press_trials(scene: Scene, browser: Browser, count: int) -> Presses:
+    """Press the emergency stop again and again."""
     chance = random.Random(count)
-    asked, stopped = [], []
+    found = Presses()
     with scene.page(browser, "127.0.0.1") as page:
         page.evaluate(NOTE_PRESSES)
         for _ in range(count):
@@ -31,10 +45,11 @@ def press_trials(scene: Scene, browser: Browser, count: int) -> tuple[list[float
             page.click("#emergency-stop")
             wall_ahead_ns = time.time_ns() - time.monotonic_ns()
             pressed_ns = round(page.evaluate("window.pressed_ms") * 1e6) - wall_ahead_ns
-            stopped.append((scene.wait_for("stopped", 1.0, before_ns) - pressed_ns) / 1e9)
-            asked.append((scene.wait_for("asked", 1.0, before_ns) - pressed_ns) / 1e9)
+            found.noticed.append(page.evaluate("window.age_ms") / 1e3)
+            found.stopped.append((scene.wait_for("stopped", 1.0, before_ns) - pressed_ns) / 1e9)
+            found.asked.append((scene.wait_for("asked", 1.0, before_ns) - pressed_ns) / 1e9)
             scene.stop(engaged=False)
-    return asked, stopped
+    return found
 
 
 def return_trials(scene: Scene, browser: Browser, count: int) -> list[float]:
