@@ -18,7 +18,7 @@ from robbie_mp.core.directory import ROW_OPEN
 from robbie_mp.core.tables import CoreTables
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
-from robbie_mp.supervisor.control_client import ControlRefused, converse
+from robbie_mp.supervisor.control_client import ControlRefused, RunNotControlled, converse
 from robbie_mp.supervisor.plan import TOOL_MEMORY_BYTES, RunPlan
 from robbie_mp.supervisor.run_directory import KnownRun
 from robbie_mp.transport import layout, names
@@ -35,6 +35,8 @@ from robbie_mp.transport.words import new_fence, write_text
 SEGMENT_BYTES = 1 << 20
 LONGEST_WAIT_S = 0.2
 """A tool looks so often whether it is still attached."""
+PATIENCE_S = 2.0
+"""So long a detached tool waits for another place: the core may be late to give back the one that it had."""
 
 
 class Detached(RobbieError, ConnectionError):
@@ -261,3 +263,22 @@ class Attachment:
     def passed(self) -> dict[ChannelName, int]:
         """Return how many messages the core has ever routed through each channel."""
         return self._counters.messages()
+
+
+def attach_again(run: KnownRun, purpose: str) -> Attachment:
+    """Find another place in a run for a tool that was detached.
+
+    Raises:
+        ControlRefused: there is none any more.
+        RunEnded: the run is over.
+    """
+    until_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return Attachment(run, purpose)
+        except RunNotControlled as error:
+            raise RunEnded(f"run {run.run_id} has ended") from error
+        except ControlRefused:
+            if time.monotonic() >= until_s:
+                raise
+        time.sleep(0.05)

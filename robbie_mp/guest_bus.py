@@ -6,23 +6,18 @@ detached attaches itself again, with the same subscriptions; what passed meanwhi
 
 import logging
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from robbie_mp.attachment import LONGEST_WAIT_S, Attachment, Detached, Received
+from robbie_mp.attachment import LONGEST_WAIT_S, Attachment, Detached, Received, attach_again
 from robbie_mp.bus import EmptyPattern, EncodedMessage, Envelope, MessageType, SubscribedTwice
 from robbie_mp.messages import Message
 from robbie_mp.messages.errors import MessageError
-from robbie_mp.supervisor.control_client import ControlRefused
 from robbie_mp.supervisor.run_directory import KnownRun
 from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling
-
-PATIENCE_S = 2.0
-"""So long a place is waited for when the last one was lost: the core may be late to give it back."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +62,7 @@ class GuestBus:
     def outstanding(self) -> int:
         """Messages published by this module that somebody still waits for or holds."""
         with self._lock:
-            return self._attachment.outbox.outstanding if self._is_open else 0
+            return self._attachment.outbox.outstanding
 
     def subscribe(
         self,
@@ -122,8 +117,7 @@ class GuestBus:
     def wake_after_freed(self, messages: int) -> None:
         """End the next `wait` when so many of its messages have been let go by everybody."""
         with self._lock:
-            if self._is_open:
-                self._attachment.outbox.wake_after_freed(messages)
+            self._attachment.outbox.wake_after_freed(messages)
 
     def envelope(self) -> Envelope:
         """What came with the message being handled.
@@ -145,15 +139,14 @@ class GuestBus:
     def show_status(self, line: str) -> None:
         """Show who looks at the run how the module is doing."""
         self._purpose = line
-        if self._is_open:
-            self._attachment.show_status(line)
+        self._attachment.show_status(line)
 
     def handle_next(self) -> bool:
         """Handle the next message; False if there is none.
 
         Raises:
             ControlRefused: this process was detached because it stood still, and its place was taken.
-            RunEnded, RunNotControlled: likewise, and the run is over.
+            RunEnded: likewise, and the run is over.
         """
         try:
             received = self._attachment.take()
@@ -182,11 +175,8 @@ class GuestBus:
         """Leave. What was published is still routed."""
         with self._lock:
             if self._is_open:
-                self._close()
-
-    def _close(self) -> None:
-        self._is_open = False
-        self._attachment.close()
+                self._is_open = False
+                self._attachment.close()
 
     @property
     def _is_attached(self) -> bool:
@@ -218,23 +208,13 @@ class GuestBus:
     def _attach_again(self, error: Detached) -> None:
         self._log.warning("%s; attaches again", error)
         with self._lock:
-            self._close()
-            self._attachment = self._find_place()
-            self._is_open = True
+            # The old one is still needed if there is no other any more.
+            old, self._attachment = self._attachment, attach_again(self._run, self._purpose)
+            old.close()
         self._by_number.clear()
         for wish in self._wishes.values():
             self._subscribe(wish)
         self._attachment.ready()
-
-    def _find_place(self) -> Attachment:
-        until_s = time.monotonic() + PATIENCE_S
-        while True:
-            try:
-                return Attachment(self._run, self._purpose)
-            except ControlRefused:
-                if time.monotonic() >= until_s:
-                    raise
-                time.sleep(0.05)
 
 
 def _as_bytes(received: Received) -> EncodedMessage:

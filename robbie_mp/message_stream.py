@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 
-from robbie_mp.attachment import LONGEST_WAIT_S, Attachment, Detached, Received
+from robbie_mp.attachment import LONGEST_WAIT_S, Attachment, Detached, Received, attach_again
 from robbie_mp.supervisor.run_directory import KnownRun
 from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.records import ANY_VERSION
@@ -94,8 +94,9 @@ class MessageStream:
     def _attach_again(self) -> None:
         """Attach anew and count what passed since the last lease began and was not received."""
         received, passed_before = self._received, self._passed_before
-        self._attachment.close()
-        self._attachment = Attachment(self._run, self._purpose)
+        # The old one is still needed if there is no other any more.
+        old, self._attachment = self._attachment, attach_again(self._run, self._purpose)
+        old.close()
         self._begin()
         self._missed += max(0, self._passed_before - passed_before - received)
 
