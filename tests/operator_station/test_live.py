@@ -98,6 +98,17 @@ def test_packets_are_bounded_and_what_is_small_is_in_each_and_what_is_large_has_
     asyncio.run(run())
 
 
+def test_new_page_has_what_changed_last_before_all_the_rest() -> None:
+    async def run() -> None:
+        live = LiveParts()
+        live.put("map", {f"tile/{number}": LARGE for number in range(50)})
+        live.put("view", {"points": LARGE})
+        first = unpacked(following(live, "map", "view").packet())
+        assert next(iter(first)) == "view/points"
+
+    asyncio.run(run())
+
+
 def test_part_that_is_no_more_is_forgotten_and_sent_again_when_it_is_back() -> None:
     async def run() -> None:
         live = LiveParts()

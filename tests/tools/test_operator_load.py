@@ -34,7 +34,6 @@ def test_robot_without_station_has_all_the_rest() -> None:
 
 def test_light_pages_are_shown_what_there_is_and_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tools.operator_load.measure.PAIRS", 1)
-    monkeypatch.setattr("tools.operator_load.measure.NICE", [])
     session = Session("pages", tabs=("view", "map", "cameras"), slow_bytes_per_s=1e6)
     result = measure(session, seconds=1.0, cells=100, points=500, settle_s=0.0)
     assert [page["tab"] for page in result["pages"]] == ["view", "map", "cameras"]

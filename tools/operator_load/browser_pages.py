@@ -44,7 +44,8 @@ def open_page(page: Page, address: str, role: str, tab: str) -> None:
     page.goto(address, wait_until="commit")
     page.fill("#token", token_of(role))
     page.press("#token", "Enter")
-    page.click(f"#tab-{tab}")
+    page.wait_for_selector(f"#tab-{tab}")
+    page.goto(f"{address}?tab={tab}", wait_until="commit")  # a click may miss it while fonts are loaded
     page.wait_for_function(
         f"() => ({COUNTS})()['{tab}'] > 0" if tab in ("view", "map", "cameras") else "true"
     )

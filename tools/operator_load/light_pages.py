@@ -100,6 +100,9 @@ class LightPage:
     async def _acknowledge(self) -> None:
         while True:
             await asyncio.sleep(ACKNOWLEDGE_S)
+            if not self._socket.connected:
+                print(f"the {self._role}'s page with {self._tab} has lost its connection", file=sys.stderr)
+                return
             seen = {"client_id": self._query["client_id"], "next_message_id": self._next_message}
             await self._socket.emit("ack", seen)
 
@@ -137,8 +140,10 @@ class LightPage:
 
     async def close(self) -> None:
         """Go."""
-        for task in tuple(self._tasks):
+        working = tuple(self._tasks)
+        for task in working:
             task.cancel()
+        await asyncio.gather(*working, return_exceptions=True)
         await self._socket.disconnect()
         await self._http.close()
 

@@ -32,9 +32,11 @@ PAIRS = 5
 TALK_HZ = 100.0
 SETTLE_S = 5.0
 SAMPLE_S = 1.0
-NICE = ["nice", "-n", "19"]
-"""Browsers run on other machines, so here they run when nobody else wants the processor."""
-KINDS = {"browser": "tools.operator_load.browser_pages", "light": "tools.operator_load.light_pages"}
+KINDS = {
+    # Browsers run on other machines, so here they run when nobody else wants the processor.
+    "browser": ["nice", "-n", "19", sys.executable, "-m", "tools.operator_load.browser_pages"],
+    "light": [sys.executable, "-m", "tools.operator_load.light_pages"],
+}
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,7 @@ class Pages:
 
     def __init__(self, kind: str, address: str, visits: Sequence[str]):
         self._process = subprocess.Popen(
-            [*NICE, sys.executable, "-m", KINDS[kind], address, *visits],
+            [*KINDS[kind], address, *visits],
             cwd=REPOSITORY,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

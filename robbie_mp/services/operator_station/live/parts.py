@@ -133,8 +133,15 @@ class Follower:
         ]
         if not changed:
             return None
-        # What is small, and then what was sent longest ago: so everything has its turn.
-        changed.sort(key=lambda one: (len(one[1].data) > SMALL_BYTES, self._has.get(one[0], nothing)[1]))
+        # What is small, and then what was sent longest ago: so everything has its turn. What has never been
+        # sent begins with what changed last: the map, of which there is much, is behind what moves.
+        changed.sort(
+            key=lambda one: (
+                len(one[1].data) > SMALL_BYTES,
+                self._has.get(one[0], nothing)[1],
+                -one[1].number,
+            )
+        )
         self._sent += 1
         chosen: list[tuple[str, Part]] = []
         size = 0

@@ -143,7 +143,8 @@ export default {
       const map = this.map;
       if (!map.place) return;
       pen.save();
-      pen.imageSmoothingEnabled = false;
+      // Walls are thin: when several cells share a pixel, none may be left out.
+      pen.imageSmoothingEnabled = this.scale * devicePixelRatio * map.place.pixel_m < 1;
       pen.translate(map.place.x_m, map.place.y_m);
       pen.rotate(map.place.yaw_rad);
       pen.scale(1, -1);
