@@ -3,7 +3,7 @@ import { THREE } from "nicegui-scene";
 
 const STEP_M = 0.01; // of packed points
 const POINT_PIXELS = 3;
-const NEW_NODES_MS = 200;
+const LOOK_MS = 200;
 
 // Holds a scene and draws what moves there: follows live parts, and moves the scene's nodes and camera.
 export default {
@@ -20,7 +20,7 @@ export default {
     const look = { color: "#ebebeb", transparent: true, side: THREE.DoubleSide, map: this.texture };
     this.floor = new THREE.Mesh(new THREE.PlaneGeometry(1, 1), new THREE.MeshBasicMaterial(look));
     this.live = new Live("view+map", this.$el, (parts) => this.take(parts));
-    this.timer = setInterval(() => this.move_nodes(), NEW_NODES_MS);
+    this.timer = setInterval(() => this.look(), LOOK_MS);
   },
   unmounted() {
     clearInterval(this.timer);
@@ -42,7 +42,27 @@ export default {
         camera.position.add(way);
         controls.target.add(way);
       }
+      this.has_changed = true;
       this.$el.dataset.updates = this.updates += 1;
+    },
+    // Nodes, victims and names come with the page's other messages, so every now and then something is new.
+    look() {
+      const { renderer, controls } = getElement(this.scene) ?? {};
+      if (!controls) return;
+      if (renderer !== this.renderer) this.draw_only_changes(renderer, controls);
+      this.move_nodes();
+      this.has_changed = true;
+    },
+    // The scene is drawn again and again, in sight or not, and that is most of what a page costs.
+    draw_only_changes(renderer, controls) {
+      const render = renderer.render;
+      renderer.render = (...what) => {
+        if (!this.live.in_sight || !this.has_changed) return;
+        this.has_changed = false;
+        render.apply(renderer, what);
+      };
+      controls.addEventListener("change", () => (this.has_changed = true));
+      this.renderer = renderer;
     },
     set_points(name, part) {
       let set = this.sets.get(name);
@@ -72,7 +92,6 @@ export default {
       floor.rotation.z = yaw_rad;
       floor.position.set(x_m + cos * w - sin * h, y_m + sin * w + cos * h, 0);
     },
-    // Nodes come and go with the page's other messages, so one may just have come.
     move_nodes() {
       const scene = getElement(this.scene)?.scene;
       for (const [name, [x, y, z, ...quaternion]] of Object.entries(this.poses.nodes)) {
