@@ -117,7 +117,7 @@ class Mission:
 
     def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
         """Take a new map: see `Surroundings` for the arguments."""
-        self._around = Surroundings(cells, resolution_m, corner_xy_m, self.settings.clearance_m)
+        self._around = Surroundings(cells, resolution_m, corner_xy_m, self.settings)
 
     def see_searched(self, searched: SearchedGrid) -> None:
         """Learn which walls were searched."""

@@ -56,8 +56,9 @@ class MissionSettings:
         reserve: The battery is not used below this ratio.
         home_m_per_s: How fast the robot comes home, at least.
         spare_s: It turns back so much earlier than it must.
-        clearance_m: Ways and goals keep this far from obstacles, as navigation's do. Were it more, what lies
-            behind a passage that only navigation drives through would not be seen to be left to do.
+        clearance_m: Ways keep this far from obstacles, as navigation's do. Were it more, what lies behind a
+            passage that only navigation drives through would not be seen to be left to do.
+        goal_clearance_m: Goals keep this far from obstacles: more, lest the next map shows no way back.
         plan_period_s: Goals are thought over this often.
         travel_s: A goal that is not reached in so long is given up.
         arrived_m: The robot is home when it is so near.
@@ -72,6 +73,7 @@ class MissionSettings:
     home_m_per_s: float = 0.25
     spare_s: float = 15.0
     clearance_m: float = 0.27
+    goal_clearance_m: float = 0.3
     plan_period_s: float = 1.0
     travel_s: float = 60.0
     arrived_m: float = 0.45

@@ -18,6 +18,8 @@ from workers.search_views import search_views
 from workers.searched_walls import SEARCHED, WallFronts
 
 Points = NDArray[np.float64]
+Costs = NDArray[np.float64]
+"""The way to each cell, m; +inf where none leads, or where the robot should not be sent to."""
 
 SNAP_M = 0.6
 """The robot may be this far from where it can drive: within the clearance, or after a pose jump."""
@@ -58,16 +60,26 @@ class Surroundings:
         cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown.
         resolution_m: Edge of a cell.
         corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
-        clearance_m: The robot's centre keeps this far from obstacles.
+        settings: How far ways and goals keep from obstacles.
+
+    Attributes:
+        grid: where the robot can drive.
+        goals: `(H, W) bool`, the cells of `grid` that are clear enough to be sent to.
+        fronts: the walls.
     """
 
     def __init__(
-        self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike, clearance_m: float
+        self,
+        cells: NDArray[np.int8],
+        resolution_m: float,
+        corner_xy_m: ArrayLike,
+        settings: MissionSettings,
     ) -> None:
         self.cells = cells
         self.resolution_m = resolution_m
         self.corner_xy_m = np.asarray(corner_xy_m, float)
-        self.grid = NavigationGrid(cells, resolution_m, corner_xy_m, clearance_m)
+        self.grid = NavigationGrid(cells, resolution_m, corner_xy_m, settings.clearance_m)
+        self.goals = self.grid.clear(settings.goal_clearance_m)
         self.fronts = WallFronts(cells, resolution_m, corner_xy_m)
 
     def ways_from(self, pose: ArrayLike) -> PathField | None:
@@ -133,41 +145,42 @@ class MissionTargets:
         ways = around.ways_from(pose)
         if ways is None:
             return None, False
-        targets = list(self._frontiers(around, ways, pose))
+        ways_m = np.where(around.goals, ways.cost_m, np.inf)
+        targets = list(self._frontiers(around, ways_m, pose))
         if searched is not None:
-            targets += self._walls(around, ways, searched)
-            targets += self._victims(around, ways, suspected)
+            targets += self._walls(around, ways_m, searched)
+            targets += self._victims(around, ways_m, suspected)
         targets = [target for target in targets if not self._is_given_up(target)]
         best = min(targets, key=lambda target: target.cost_m - self._bonus(target, current), default=None)
         return best, True
 
-    def _frontiers(self, around: Surroundings, ways: PathField, pose: Points) -> Iterator[Target]:
+    def _frontiers(self, around: Surroundings, ways_m: Costs, pose: Points) -> Iterator[Target]:
         grid = around.grid
-        reached = np.isfinite(ways.cost_m)
+        reached = np.isfinite(ways_m)
         self.frontiers = find_frontiers(grid, self._settings.min_frontier_m)
         for frontier in self.frontiers:
             cell = grid.nearest(reached, frontier.middle_xy_m, NEAR_FRONTIER_M)
             if cell is None:
                 continue
-            way_m = float(ways.cost_m[cell])
+            way_m = float(ways_m[cell])
             goal = _facing(grid.middles_m(cell), frontier.middle_xy_m)
             dx, dy = goal[:2] - pose[:2]
             turn_rad = abs(math.remainder(math.atan2(dy, dx) - pose[2], math.tau))
             cost_m = way_m + TURN_M_PER_RAD * turn_rad - GAIN * min(frontier.length_m, MAX_GAIN_M)
             yield Target(MissionState.EXPLORE, goal, frontier.middle_xy_m, cost_m)
 
-    def _walls(self, around: Surroundings, ways: PathField, searched: "SearchedGrid") -> Iterator[Target]:
+    def _walls(self, around: Surroundings, ways_m: Costs, searched: "SearchedGrid") -> Iterator[Target]:
         todo = ~searched.holds(around.fronts.middles_m)
-        views = search_views(around.grid, ways.cost_m, around.fronts, todo, self._settings.min_wall_m)
+        views = search_views(around.grid, ways_m, around.fronts, todo, self._settings.min_wall_m)
         for view in views:
             goal = _facing(around.grid.middles_m(view.cell), view.look_at_xy_m)
             cost_m = view.cost_m + SEARCH_LATER_M - GAIN * min(view.length_m, MAX_GAIN_M)
             yield Target(MissionState.SEARCH, goal, view.look_at_xy_m, cost_m)
 
     def _victims(
-        self, around: Surroundings, ways: PathField, suspected: Iterable[tuple[Points, float]]
+        self, around: Surroundings, ways_m: Costs, suspected: Iterable[tuple[Points, float]]
     ) -> Iterator[Target]:
-        reached = np.argwhere(np.isfinite(ways.cost_m))
+        reached = np.argwhere(np.isfinite(ways_m))
         places = around.grid.middles_m(reached)
         for victim, facing_rad in suspected:
             offset = places - victim
@@ -177,9 +190,9 @@ class MissionTargets:
             good &= aside <= VICTIM_SLANT_RAD
             if good.any():
                 cells = reached[good]
-                cell: Cell = tuple(cells[np.argmin(ways.cost_m[tuple(cells.T)])].tolist())
+                cell: Cell = tuple(cells[np.argmin(ways_m[tuple(cells.T)])].tolist())
                 goal = _facing(around.grid.middles_m(cell), victim)
-                cost_m = float(ways.cost_m[cell]) - VICTIM_FIRST_M
+                cost_m = float(ways_m[cell]) - VICTIM_FIRST_M
                 yield Target(MissionState.APPROACH, goal, victim, cost_m)
 
     def _is_given_up(self, target: Target) -> bool:

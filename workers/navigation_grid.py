@@ -37,13 +37,20 @@ class NavigationGrid:
         occupied = cropped >= OCCUPIED_PERCENT
         self.free = ~self.unknown & ~occupied
         self.obstacle_distance_m = distance_cells(occupied) * resolution_m
-        # Half a cell: an obstacle reaches from the middle of its cell to the edge.
-        self.drivable = self.free & (self.obstacle_distance_m >= clearance_m + resolution_m / 2)
+        self.drivable = self.clear(clearance_m)
 
     @property
     def known_m2(self) -> float:
         """Return the area seen to be free."""
         return float(self.free.sum()) * self.resolution_m**2
+
+    def clear(self, clearance_m: float) -> NDArray[np.bool_]:
+        """Return which cells `(H, W)` are free and so far from obstacles."""
+        # Half a cell: an obstacle reaches from the middle of its cell to the edge.
+        clear: NDArray[np.bool_] = self.free & (
+            self.obstacle_distance_m >= clearance_m + self.resolution_m / 2
+        )
+        return clear
 
     def cell(self, xy_m: ArrayLike) -> Cell:
         """Return (row, column) of the cell around a point, or of the nearest cell if it is outside."""

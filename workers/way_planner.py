@@ -47,14 +47,18 @@ def plan_way(
         snap_m: The robot may be so far from a drivable cell (inside the clearance, or after a pose jump).
         tolerance_m: The way may end so far from the goal.
     """
-    start = grid.nearest(grid.drivable, pose, snap_m)
-    if start is None:
+    if grid.nearest(grid.drivable, pose, snap_m) is None:
         return Way(Obstruction.ROBOT)
     if grid.nearest(grid.drivable, goal_xy_m, tolerance_m) is None or not grid.holds(goal_xy_m):
         unknown = not grid.holds(goal_xy_m) or grid.unknown[grid.cell(goal_xy_m)]
         return Way(Obstruction.UNKNOWN_GOAL if unknown else Obstruction.OCCUPIED_GOAL)
-    ways = PathField(grid, start)
-    end = grid.nearest(np.isfinite(ways.cost_m), goal_xy_m, tolerance_m)
-    if end is None:
-        return Way(Obstruction.NO_WAY)
-    return Way(Obstruction.NONE, grid.middles_m(ways.path(end)), float(ways.cost_m[end]))
+    untried = grid.drivable
+    # A robot in a narrow pocket, which a cell of noise has cut off, gets out by another place in its reach.
+    while (start := grid.nearest(untried, pose, snap_m)) is not None:
+        ways = PathField(grid, start)
+        reached = np.isfinite(ways.cost_m)
+        end = grid.nearest(reached, goal_xy_m, tolerance_m)
+        if end is not None:
+            return Way(Obstruction.NONE, grid.middles_m(ways.path(end)), float(ways.cost_m[end]))
+        untried = untried & ~reached
+    return Way(Obstruction.NO_WAY)

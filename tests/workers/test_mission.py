@@ -58,6 +58,15 @@ def test_what_lies_behind_a_passage_that_navigation_drives_through_is_left_to_do
     assert rescue.begin().goal[0] > 1.25
 
 
+def test_goals_keep_farther_from_obstacles_than_ways_lest_the_next_map_shows_no_way_back():
+    rescue = Rescue(HALF_KNOWN)
+    rescue.cells[5:30, 30:45] = 100
+    rescue.cells[11:23, 30:45] = 0  # 0.6 m wide, and dead straight into what is unknown
+    rescue.search_everything()
+    orders = rescue.begin()
+    assert orders.goal is None or orders.goal[0] < 1.5
+
+
 def test_goal_that_cannot_be_reached_is_not_chosen_again():
     rescue = Rescue(HALF_KNOWN)
     rescue.search_everything()

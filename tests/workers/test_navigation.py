@@ -11,9 +11,11 @@ from tests.workers.navigation_world import NavigationWorld, demo_arena
 from workers.costmap import Costmap
 from workers.laser_sweep import LaserSweep
 from workers.live_obstacles import LiveObstacles
+from workers.navigation_grid import NavigationGrid
 from workers.navigator_states import TRANSITIONS, NavigatorSettings, NavigatorState
 from workers.path_follower import HALT
 from workers.state_machine import mermaid
+from workers.way_planner import Obstruction, plan_way
 
 ANGLES = (-np.pi, np.pi / 180)
 ROOM = "##########\n#........#\n#........#\n#........#\n##########"
@@ -73,6 +75,20 @@ def test_goal_behind_a_wall_without_a_door_is_given_up():
     world.navigator.go_to((7.0, 1.0, 0.0))
     world.run(2.0)
     assert world.navigator.machine.reason == "no way leads to the goal"
+
+
+@pytest.mark.parametrize("goal_x_m", [1.0, 3.0])
+def test_robot_that_stands_in_too_narrow_a_place_gets_out_on_either_side(goal_x_m):
+    cells = np.zeros((60, 80), dtype=np.int8)
+    cells[:, 39:41] = 100
+    cells[25:35, 39:41] = 0  # 0.5 m wide: on this map nobody would drive in
+    grid = NavigationGrid(cells, 0.05, (0.0, 0.0), NavigatorSettings().clearance_m)
+    way = plan_way(grid, (1.95, 1.5, 0.0), (goal_x_m, 1.5), snap_m=0.4, tolerance_m=0.25)
+    assert way.obstruction is Obstruction.NONE
+    assert abs(way.path[0][0] - 1.95) < 0.4
+    assert way.path[-1][0] == pytest.approx(goal_x_m, abs=0.05)
+    elsewhere = plan_way(grid, (1.0, 1.5, 0.0), (3.0, 1.5), snap_m=0.4, tolerance_m=0.25)
+    assert elsewhere.obstruction is Obstruction.NO_WAY
 
 
 def test_way_that_stays_blocked_is_given_up_after_all_recoveries():
