@@ -19,7 +19,7 @@ class SimulatedBatteryModule(SimulatedDevice):
     first_charge: float = setting(1.0, "what it holds at first, as a ratio", minimum=0.0, maximum=1.0)
     virtual_charge: float | None = setting(
         None,
-        "by hand: what it holds from now on, as a ratio; null: what it happens to hold",
+        "charge by hand, as a ratio: it holds so much from now on; null: what it happens to hold",
         minimum=0.0,
         maximum=1.0,
         changeable=True,

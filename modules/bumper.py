@@ -12,7 +12,7 @@ class SimulatedBumperModule(SimulatedDevice):
 
     period_s: float = setting(0.1, "time between messages", minimum=0.01)
     virtual_pressed: list[str] = setting(
-        [], "pressed by hand, whether they touch something or not", choices=PARTS, changeable=True
+        [], "parts pressed by hand, whether they touch something or not", choices=PARTS, changeable=True
     )
 
     def setup(self) -> None:

@@ -16,7 +16,7 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
     period_s: float = setting(0.1, "time between scans", minimum=0.005)
     virtual_failure: LaserFailure = setting(
         LaserFailure.NONE,
-        "by hand: it sends nothing, nothing comes back to it, or it sends its last sweep again and again",
+        "fails by hand: silent sends nothing, blind sees nothing, frozen repeats its last sweep",
         changeable=True,
     )
 

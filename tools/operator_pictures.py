@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from PIL import Image
@@ -22,6 +22,7 @@ from playwright.sync_api import Page, sync_playwright
 
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver
+from robbie_mp.transport.segment import SegmentMissing
 
 FOLDER = Path("docs/images")
 SIZE = {"width": 1280, "height": 800}
@@ -38,6 +39,9 @@ SETTINGS = (
     "victims.answer_s=600",
 )
 CRASHES = "imu"
+QUESTION = "#victim-question:visible"
+VICTIMS_BEFORE = 2
+"""So many are confirmed when the picture of the map is taken."""
 LIMIT_S = 300.0
 SETTLED_S = 5.0
 """So long a panel is looked at before its picture is taken."""
@@ -101,7 +105,7 @@ def address() -> str:
 def status(module: str) -> tuple[int, str]:
     """Return process and status line of a module; 0 and '' as long as it does not run."""
     for run in live_runs():
-        with closing(RunObserver(run.run_id)) as observer:
+        with suppress(SegmentMissing), closing(RunObserver(run.run_id)) as observer:
             for figures in observer.modules():
                 if figures.name == module:
                     return figures.pid, figures.status
@@ -120,40 +124,62 @@ def wait_for(condition: Callable[[], str]) -> str:
 
 def take_panels(page: Page) -> None:
     """Take a picture of each panel of the robot that runs."""
-    page.click("#tab-map")
-    page.wait_for_selector("#victim-question:visible", timeout=1000 * LIMIT_S)
-    take(page, "map")
-    page.click("#victim-yes")
-    page.click("#mark")
-    os.kill(status(CRASHES)[0], signal.SIGSEGV)
-    page.click("#tab-plots")
+    turn_to(page, "plots")
     for channel, field in PLOTS:
+        page.wait_for_selector(f"#plot-channel-offered option[value='{channel}']", state="attached")
         page.fill("#plot-channel", channel)
         page.fill("#plot-field", field)
         page.click("#plot-add")
-    page.click("#tab-speech")
+    turn_to(page, "cameras")
+    page.wait_for_selector(".detection-boxes > div", timeout=1000 * LIMIT_S)
+    take(page, "cameras", settled_s=0.0)
+    turn_to(page, "map")
+    for _ in range(VICTIMS_BEFORE):
+        page.wait_for_selector(QUESTION, timeout=1000 * LIMIT_S)
+        answer(page)
+    page.wait_for_selector(QUESTION, timeout=1000 * LIMIT_S)
+    take(page, "map")
+    answer(page)
+    os.kill(status(CRASHES)[0], signal.SIGSEGV)
+    page.click("#mark")
+    turn_to(page, "speech")
     page.click("#speech-commands >> text=look around")
-    for name in ("drive", "view", "cameras", "mission", "speech", "system", "parameters", "devices", "plots"):
-        page.click(f"#tab-{name}")
+    for name in ("drive", "view", "mission", "speech", "system", "parameters", "devices", "plots"):
+        turn_to(page, name)
         take(page, name)
-    page.click("#tab-trace")
+    turn_to(page, "trace")
     page.click("#trace-crashes .q-item >> nth=0")
     take(page, "trace")
-    page.click("#tab-messages")
+    turn_to(page, "messages")
     page.click("#messages-topics tr:has-text('sensor_msgs/msg/LaserScan')")
     take(page, "messages")
+
+
+def turn_to(page: Page, name: str) -> None:
+    """Open a panel; no question hides it."""
+    if page.locator(QUESTION).is_visible():
+        answer(page)
+    page.click(f"#tab-{name}")
+    page.wait_for_selector(f"#panel-{name}", state="visible")
+
+
+def answer(page: Page) -> None:
+    """Say that this is a victim."""
+    page.click("#victim-yes")
+    page.wait_for_selector(QUESTION, state="hidden")
 
 
 def take_playback(page: Page) -> None:
     """Take a picture of a playback beside virtual devices."""
     page.click("#tab-devices")
     page.wait_for_selector("#playback-events [data-at]", timeout=1000 * LIMIT_S)
+    page.wait_for_selector("#device-bumper")
     take(page, "playback")
 
 
-def take(page: Page, name: str) -> None:
+def take(page: Page, name: str, settled_s: float = SETTLED_S) -> None:
     """Take a picture of the page, small enough for a repository."""
-    page.wait_for_timeout(1000 * SETTLED_S)
+    page.wait_for_timeout(1000 * settled_s)
     picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
     path = FOLDER / f"operator-{name}.png"
     picture.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)

@@ -12,7 +12,7 @@ PROFILE = """
 modules:
   operator:
     class: robbie_mp.services.operator_station:OperatorStation
-    settings: {port: 0}
+    settings: {port: 0, tabs: {system: Processes, drive: null}}
   base: {class: "zoo.modules:StandingBase"}
 """
 
@@ -29,8 +29,8 @@ def test_page_shows_the_processes_and_the_emergency_stop_reaches_the_base_and_la
     process = robot.start()
     address = address_of(robot)
     with browser() as started, page_of(started, address) as page:
-        page.click("#tab-system")
-        page.wait_for_selector("#panel-system td:has-text('StandingBase is ready')")
+        page.wait_for_selector("#panel-system td:has-text('StandingBase is ready')")  # the first tab
+        assert page.locator(".q-tab__label").all_inner_texts() == ["PROCESSES", "DRIVE"]
         for name in ("supervisor", "operator", "base", "core"):
             assert page.locator(f"#panel-system td:text-is('{name}')").count() == 1
         assert page.inner_text("#role") == "operator"

@@ -212,12 +212,9 @@ def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
     assert frame == "map"
     assert [float(word) for word in place] == pytest.approx([2.0, 4.0, np.arctan2(0.75, 0.5)], abs=0.05)
     page.wait_for_selector("#map-text:has-text('goal at 2.0')")
-    with page.expect_download() as download:
-        page.click("#map-save")
-    picture = Image.open(download.value.path()).convert("RGB")
+    picture = saved_map(page, (0, 0), (46, 125, 50))  # the goal
     middle_x, middle_y = picture.width // 2, picture.height // 2
     pixels_per_m = 0.9 * picture.height / 4
-    assert picture.getpixel((middle_x, middle_y)) == (46, 125, 50), "the goal is not where it was set"
     wall = (middle_x - round(2.75 * pixels_per_m), middle_y + round(pixels_per_m))
     assert picture.getpixel(wall) == (0, 0, 0)
     for frontier in FRONTIERS:
@@ -230,7 +227,25 @@ def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
     assert picture.getpixel(unknown) == (170, 170, 170)
     home = (middle_x - round(1.5 * pixels_per_m), middle_y + round(1.5 * pixels_per_m))
     assert picture.getpixel(home) == (57, 73, 171)
+    page.click("#map-in")
+    saved_map(page, (1.5 * (wall[0] - middle_x), 1.5 * (wall[1] - middle_y)), (0, 0, 0))
+    page.click("#map-fit")
     pose_is_set_by_dragging(page, told)
+
+
+def saved_map(page: Page, place: tuple[float, float], colour: tuple[int, int, int]) -> Image.Image:
+    """Save the map until a pixel, counted from its middle, has this colour; return the picture."""
+    pictures: list[Image.Image] = []
+
+    def has_colour() -> bool:
+        with page.expect_download() as download:
+            page.click("#map-save")
+        picture = Image.open(download.value.path()).convert("RGB")
+        pictures[:] = [picture]
+        return picture.getpixel((picture.width // 2 + place[0], picture.height // 2 + place[1])) == colour
+
+    wait_until(has_colour)
+    return pictures[0]
 
 
 def pose_is_set_by_dragging(page: Page, told: Told) -> None:

@@ -37,6 +37,13 @@ def test_colours_are_red_green_blue_whatever_their_order_and_padding(
     assert np.array_equal(pixels_of(image), COLOURS)
 
 
+@pytest.mark.parametrize("big", [False, True])
+def test_of_16_bits_the_darkest_is_black_and_the_brightest_white(big: bool) -> None:
+    row = np.array([29_000, 30_000, 31_000], ">u2" if big else "<u2").view(np.uint8)
+    image = Image(height=1, width=3, encoding="mono16", step=8, is_bigendian=big, data=np.append(row, [7, 7]))
+    assert pixels_of(image).tolist() == [[0, 127, 255]]
+
+
 def test_large_images_are_made_smaller() -> None:
     size = 2 * LARGEST_PIXELS
     data = np.full(4 * size, 200, np.uint8)

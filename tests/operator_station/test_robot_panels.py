@@ -76,6 +76,8 @@ def view_shows_what_there_is(page: Page) -> None:
     assert not page.locator("#view-scene >> text=laser").is_visible()
     page.click("#view-names")
     page.wait_for_selector("#view-scene >> text=laser")
+    page.click("#tab-map")
+    page.wait_for_selector("#map-text:has-text('red at 3.00 m, 1.25 m; 1 victims; door')")
 
 
 def parameters_are_changed_and_wrong_ones_refused(page: Page, robot: Robot) -> None:
@@ -119,6 +121,7 @@ def virtual_devices_obey(page: Page, robot: Robot) -> None:
     page.click("#tab-devices")  # which closes the menu
     page.click("#control-stage-virtual_fails")
     page.wait_for_selector("#device-stage:has-text('0.2 right True')")
+    page.wait_for_selector("#value-stage-virtual_pressed:text-is('set to [right]')")
     assert "0.2 right True" in robot.top()["stage"]["status"]
 
 

@@ -12,6 +12,7 @@ from typing import Generic
 
 import numpy as np
 from nicegui import app
+from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from starlette.responses import Response
 
@@ -23,7 +24,8 @@ from robbie_mp.services.operator_station.latest import Latest
 JPEG_QUALITY = 80
 LARGEST_PIXELS = 1280
 """Of a picture's longer side; larger ones are made smaller."""
-CHANNELS = {"mono8": 1, "8UC1": 1, "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
+BYTES = {"mono8": 1, "8UC1": 1, "mono16": 2, "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
+"""Of a pixel, by the encodings that are shown."""
 MEDIA_TYPES = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
 
@@ -108,21 +110,30 @@ def encode_image(message: Image | CompressedImage) -> Picture:
     return Picture(encoded.getvalue(), "image/jpeg")
 
 
-def pixels_of(message: Image) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
+def pixels_of(message: Image) -> NDArray[np.uint8]:
     """Return an image as `(rows, columns)` of grey or `(rows, columns, 3)` of red, green, blue; uint8.
+
+    Of 16 bits its darkest pixel becomes black and its brightest one white.
 
     Raises:
         NoPicture: it has another encoding, or is damaged.
     """
-    channels = CHANNELS.get(message.encoding)
-    if channels is None:
-        known = ", ".join(CHANNELS)
+    size = BYTES.get(message.encoding)
+    if size is None:
+        known = ", ".join(BYTES)
         raise NoPicture(f"images encoded as {message.encoding!r} are not shown; expected one of {known}")
     rows, columns, step = message.height, message.width, message.step
-    if not rows or not columns or step < columns * channels or len(message.data) != rows * step:
+    if not rows or not columns or step < columns * size or len(message.data) != rows * step:
         raise NoPicture(f"{columns} x {rows} pixels in rows of {step} do not fit {len(message.data)} bytes")
-    pixels = message.data.reshape(rows, step)[:, : columns * channels]
-    if channels == 1:
+    pixels = message.data.reshape(rows, step)[:, : columns * size]
+    if message.encoding == "mono16":
+        return _stretched(np.ascontiguousarray(pixels).view(">u2" if message.is_bigendian else "<u2"))
+    if size == 1:
         return np.ascontiguousarray(pixels)
-    pixels = pixels.reshape(rows, columns, channels)[:, :, :3]
+    pixels = pixels.reshape(rows, columns, size)[:, :, :3]
     return np.ascontiguousarray(pixels[:, :, ::-1] if message.encoding.startswith("bgr") else pixels)
+
+
+def _stretched(values: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    low, high = int(values.min()), int(values.max())
+    return ((values - low) * (255.0 / max(1, high - low))).astype(np.uint8)

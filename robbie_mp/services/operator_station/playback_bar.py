@@ -103,7 +103,7 @@ class EventMarks:
         self._bar = bar
         self._can_seek = page.role is Role.OPERATOR
         self._shown: object = None
-        self._area = ui.element("div").classes("relative w-full h-6").props("id=playback-events")
+        self._area = ui.element("div").classes("relative w-full h-8").props("id=playback-events")
 
     def update(self, state: PlaybackState) -> None:
         """Show the events of the log that plays, if these are others than before."""
@@ -125,9 +125,9 @@ class EventMarks:
     def _add(self, event: LogEvent, at_s: float, share: float) -> None:
         icon, colour = LOOKS[event.kind]
         button = ui.button(icon=icon, color=colour, on_click=lambda: self._bar.order("seek", at_s))
-        button.props(f"flat dense round size=xs data-at={at_s:.3f}").set_enabled(self._can_seek)
+        button.props(f"flat dense round size=sm data-at={at_s:.3f}").set_enabled(self._can_seek)
         button.props["aria-label"] = button.props["title"] = f"{event.text}, at {at_s:.1f} s"
-        button.style(f"position: absolute; left: calc({100 * share:.2f}% - 0.75rem)")
+        button.style(f"position: absolute; left: calc({100 * share:.2f}% - 1rem)")
 
 
 def seconds(state: PlaybackState, time_ns: int) -> float:

@@ -11,6 +11,7 @@ from typing import Any
 
 from nicegui import ui
 
+from robbie_mp.profile.show import inline
 from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.panel import Page, Panel
 from robbie_mp.services.operator_station.settings_watch import Change, Entry
@@ -106,6 +107,7 @@ class Control:
         self._element = _element_for(entry["outline"], self._ask)
         self._element.props(f"id=control-{key}")
         self._element.set_enabled(page.role is Role.OPERATOR)
+        self._value = ui.label("").props(f"id=value-{key}")
         self._error = ui.label("").classes("text-negative").props(f"id=error-{key} role=alert")
 
     def _ask(self) -> None:
@@ -116,6 +118,8 @@ class Control:
         """Show what is set, if that is something else than before; and what was wrong."""
         self._change.look()
         self._error.set_text(self._change.error)
+        is_set = entry["value"] not in (None, [])
+        self._value.set_text(f"set to {inline(entry['value'])}" if is_set else "not set")
         if not self._change.is_open and entry["value"] not in (None, self._shown):
             self._shown = entry["value"]
             self._element.set_value(entry["value"])
@@ -134,5 +138,5 @@ def _element_for(outline: dict[str, Any], ask: Callable[[], None]) -> ui.select 
     if outline["kind"] == "bool":
         return ui.switch("on").on("update:model-value", ask)
     low, high = outline["minimum"], outline["maximum"]
-    slider = ui.slider(min=low, max=high, step=(high - low) / STEPS).props("label")
+    slider = ui.slider(min=low, max=high, step=(high - low) / STEPS, value=low).props("label")
     return slider.on("change", ask)  # which a hand causes that lets go, and no new value
