@@ -33,8 +33,6 @@ SETTINGS = (
     "operator.speech_commands=[come back, stop, look around]",
     "operator.persons=[Anna, Ben]",
     "operator.objects=[red bag, helmet]",
-    "operator.tabs={drive: null, view: null, map: null, cameras: null, mission: null, speech: null, "
-    "system: null, parameters: null, devices: null, plots: null, trace: null, messages: null}",
     "victims.confirms_by_itself=false",
     "victims.answer_s=600",
 )

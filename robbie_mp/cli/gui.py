@@ -37,7 +37,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
             "robbie gui",
             "robbie gui --attach 1f0c --port 8090",
             "ROBBIE_OPERATOR_TOKEN=… robbie gui --host 0.0.0.0",
-            "robbie gui --set 'tabs={drive: null, map: null}' --set max_linear_m_per_s=0.3",
+            "robbie gui --set 'tabs={drive: Pad, map: Where am I}' --set max_linear_m_per_s=0.3",
         ],
     )
     add_run_argument(parser, "--attach")

@@ -140,7 +140,7 @@ def test_one_page_drives_until_another_takes_over_on_purpose() -> None:
         ({"host": "0.0.0.0"}, "set operator_token"),
         ({"operator_token": "short"}, "at least 16 characters"),
         ({"observer_token": OBSERVER}, "must be an operator_token"),
-        ({"tabs": {"sistem": None}}, "there is no panel 'sistem'"),
+        ({"tabs": {"sistem": ""}}, "there is no panel 'sistem'"),
     ],
 )
 def test_unsafe_or_wrong_settings_are_errors_before_anything_starts(

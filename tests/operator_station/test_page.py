@@ -12,7 +12,7 @@ PROFILE = """
 modules:
   operator:
     class: robbie_mp.services.operator_station:OperatorStation
-    settings: {port: 0, tabs: {system: Processes, drive: null}}
+    settings: {port: 0, tabs: {system: Processes, drive: ""}}
   base: {class: "zoo.modules:StandingBase"}
 """
 

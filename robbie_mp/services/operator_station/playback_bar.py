@@ -59,7 +59,7 @@ class PlaybackBar:
                     step = ui.button(icon="skip_next", on_click=lambda: self.order("step"))
                     step.props('id=playback-step aria-label="Step" title="One message"')
                     rate = ui.select(RATES, label="rate").classes("w-20").props("id=playback-rate")
-                    rate.on("update:model-value", lambda: self.order("rate", float(rate.value)))
+                    rate.on_value_change(lambda event: choose_rate(event.value))
                 with ui.column().classes("w-full gap-0"):
                     marks = EventMarks(self, page)
                     place = ui.slider(min=0.0, max=1.0, step=0.001).props('aria-label="Position in s"')
@@ -70,6 +70,11 @@ class PlaybackBar:
                 place.on("pan", lambda event: held.append(True) if event.args == "start" else held.clear())
         bar.set_visibility(False)
         shown = [0]
+        shown_rate: list[float | None] = [None]
+
+        def choose_rate(chosen: float | None) -> None:
+            if chosen is not None and chosen != shown_rate[0]:  # by hand
+                self.order("rate", chosen)
 
         def update() -> None:
             state = self._state.message
@@ -86,7 +91,8 @@ class PlaybackBar:
             if page.role is Role.OPERATOR:
                 pause.set_visibility(not state.paused)
                 play.set_visibility(state.paused)
-                rate.set_value(state.rate if state.rate in RATES else None)
+                shown_rate[0] = state.rate if state.rate in RATES else None
+                rate.set_value(shown_rate[0])
 
         page.always(0.1, update)
 

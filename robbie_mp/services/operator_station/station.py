@@ -78,8 +78,8 @@ class OperatorStation(Module):
     port: int = setting(8080, "port to listen on; 0: any that is free", minimum=0, maximum=65535)
     operator_token: str = setting("", "what an operator logs in with; '': everybody here is one")
     observer_token: str = setting("", "what an observer logs in with; '': there are none")
-    tabs: dict[str, str | None] = setting(
-        {}, "which panels to show, in this order, and their titles (null: its own); {}: all of use"
+    tabs: dict[str, str] = setting(
+        {}, "which panels to show, in this order, and their titles ('': its own); {}: all of use"
     )
     max_linear_m_per_s: float = setting(0.7, "fastest that may be driven by hand", minimum=0.05)
     max_angular_rad_per_s: float = setting(1.5, "fastest that may be turned by hand", minimum=0.1)

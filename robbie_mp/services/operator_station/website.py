@@ -42,7 +42,7 @@ class Website:
         self.victim_watch = VictimWatch(station)
         self._map = LiveMap(station)
         wanted = [name for name, panel in PANELS.items() if panel.is_wanted(station)]
-        titles = station.tabs or dict.fromkeys(wanted)
+        titles = station.tabs or dict.fromkeys(wanted, "")
         self._panels = [PANELS[name](station) for name in titles]
         titled = [(panel, titles[panel.name] or panel.title) for panel in self._panels]
         tools = [MomentMarker(station).build, EmergencyStopBar(station).build]

@@ -110,9 +110,10 @@ class Control:
         self._value = ui.label("").props(f"id=value-{key}")
         self._error = ui.label("").classes("text-negative").props(f"id=error-{key} role=alert")
 
-    def _ask(self) -> None:
-        self._shown = None
-        self._change.ask(json.dumps(self._element.value))
+    def _ask(self, value: Any) -> None:
+        if value != self._shown:  # by hand
+            self._shown = value
+            self._change.ask(json.dumps(value))
 
     def update(self, entry: Entry) -> None:
         """Show what is set, if that is something else than before; and what was wrong."""
@@ -131,12 +132,13 @@ def has_control(outline: dict[str, Any]) -> bool:
     return bool(outline["choices"]) or (not outline["is_list"] and (is_range or outline["kind"] == "bool"))
 
 
-def _element_for(outline: dict[str, Any], ask: Callable[[], None]) -> ui.select | ui.switch | ui.slider:
+def _element_for(outline: dict[str, Any], ask: Callable[[Any], None]) -> ui.select | ui.switch | ui.slider:
     if outline["choices"]:
         choice = ui.select(outline["choices"], multiple=outline["is_list"]).classes("w-full")
-        return choice.on("update:model-value", ask)
+        return choice.on_value_change(lambda event: ask(event.value))
     if outline["kind"] == "bool":
-        return ui.switch("on").on("update:model-value", ask)
+        return ui.switch("on").on_value_change(lambda event: ask(event.value))
     low, high = outline["minimum"], outline["maximum"]
     slider = ui.slider(min=low, max=high, step=(high - low) / STEPS, value=low).props("label")
-    return slider.on("change", ask)  # which a hand causes that lets go, and no new value
+    # "change" is when a hand lets go, and no new value.
+    return slider.on("change", lambda event: ask(event.args))

@@ -13,10 +13,12 @@ from robbie_mp.services.operator_station.composer import FormError, compose, for
 if TYPE_CHECKING:
     from robbie_mp.messages import Message
     from robbie_mp.messages.descriptions import KnownTypes
+    from robbie_mp.services.operator_station.panel import Page
     from robbie_mp.services.operator_station.station import OperatorStation
 
 MOST_FIELDS = 200
 MOST_HZ = 20.0
+COUNT_PERIOD_S = 0.5
 
 
 class MessageForm:
@@ -28,9 +30,10 @@ class MessageForm:
     Args:
         station: who publishes.
         types: to choose from.
+        page: where it is.
     """
 
-    def __init__(self, station: OperatorStation, types: KnownTypes):
+    def __init__(self, station: OperatorStation, types: KnownTypes, page: Page):
         self._station = station
         self._types = types
         self._type: type[Message] | None = None
@@ -57,6 +60,7 @@ class MessageForm:
         self._timer: ui.timer | None = None
         ui.context.client.on_disconnect(lambda: self._end("the page was closed, or its connection lost"))
         self._show_repeating()
+        page.every(COUNT_PERIOD_S, "messages", self._show_count)
 
     def _build(self, name: str | None) -> None:
         self._fields.clear()
@@ -133,7 +137,10 @@ class MessageForm:
             self._end("it could not be sent")
             return
         self._count += 1
-        self._result.set_text(f"sent {self._count} times")
+
+    def _show_count(self) -> None:
+        if self._repeated is not None:
+            self._result.set_text(f"sent {self._count} times")
 
     def _end(self, why: str) -> None:
         if self._repeated is None:

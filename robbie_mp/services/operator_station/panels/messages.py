@@ -63,7 +63,7 @@ class MessagesPanel(Panel):
             with (
                 ui.expansion("Compose a message", icon="send").classes("w-full").props("id=messages-compose")
             ):
-                MessageForm(self.station, self.types)
+                MessageForm(self.station, self.types, page)
         view = MessageView(self, page, title, tree)
         table.on("row-click", view.choose, js_handler="(event, row) => emit(row.key)")
 

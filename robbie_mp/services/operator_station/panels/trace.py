@@ -116,13 +116,16 @@ class RecordedKinds:
         self._run_folder = run_folder
         self._module = ""
         self._order: Order | None = None
+        self._shown: list[str] = []
         self._kinds = ui.select([str(kind) for kind in Kind], multiple=True, label="recorded of all")
-        self._kinds.classes("w-80").props("id=trace-recorded").on("update:model-value", self._record)
+        self._kinds.classes("w-80").props("id=trace-recorded")
+        self._kinds.on_value_change(lambda event: self._record(event.value or []))
         self._kinds.set_enabled(page.role is Role.OPERATOR)
 
-    def _record(self) -> None:
-        kinds = [str(kind) for kind in self._kinds.value or ()]
-        self._order = Order(self._run_folder, "record", self._module or None, kinds=kinds)
+    def _record(self, kinds: list[str]) -> None:
+        if kinds != self._shown:  # by hand
+            self._shown = kinds
+            self._order = Order(self._run_folder, "record", self._module or None, kinds=kinds)
 
     def update(self, module: str) -> None:
         """Show what is recorded of a module, '': of any, unless that is just being changed."""
@@ -137,7 +140,8 @@ class RecordedKinds:
         recorded = read_recorded(self._run_folder)
         names = [module] if module else [name for name in recorded if name not in (SUPERVISOR, CORE)]
         found = {kind for name in names for kind in recorded.get(name, ())}
-        self._kinds.set_value([str(kind) for kind in Kind if kind in found])
+        self._shown = [str(kind) for kind in Kind if kind in found]
+        self._kinds.set_value(self._shown)
 
 
 class Filter:
