@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page
 
+from tests.run.robot import LIMIT_S
 from tools.operator_trials.chromium import CHROMIUM, chromium
 
 __all__ = ["CHROMIUM", "LAPTOP", "RECONNECTING", "TABLET", "browser", "needs_chromium", "page_of"]
@@ -32,6 +33,7 @@ def page_of(
     said: list[str] = []
     context = started.new_context(**device)
     page = context.new_page()
+    page.set_default_timeout(1000 * LIMIT_S)
     page.on("console", lambda message: message.type in COMPLAINTS and said.append(message.text))
     page.on("pageerror", lambda error: said.append(str(error)))
     page.goto(address)
