@@ -10,9 +10,25 @@ from rosbags.typesys.store import Typestore
 from robbie_mp.messages import Message
 from robbie_mp.messages.field_types import fields_of
 
+# Fields as in https://github.com/ros-perception/vision_msgs, branch ros2 (4.1.1); rosbags does not have them.
+VISION_MSGS = {
+    "Point2D": "float64 x\nfloat64 y",
+    "Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
+    "BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
+    "ObjectHypothesis": "string class_id\nfloat64 score",
+    "ObjectHypothesisWithPose": "ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose",
+    "Detection2D": (
+        "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox2D bbox\nstring id"
+    ),
+    "Detection2DArray": "std_msgs/Header header\nDetection2D[] detections",
+}
+
 
 def jazzy() -> Typestore:
-    return get_typestore(Stores.ROS2_JAZZY)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, fields in VISION_MSGS.items():
+        store.register(get_types_from_msg(fields, f"vision_msgs/msg/{name}"))
+    return store
 
 
 def store_with(type_name: str, schema: str) -> Typestore:
