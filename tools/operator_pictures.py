@@ -129,8 +129,11 @@ def take_panels(page: Page) -> None:
         page.fill("#plot-field", field)
         page.click("#plot-add")
     turn_to(page, "cameras")
-    page.wait_for_selector(".detection-boxes > div", timeout=1000 * LIMIT_S)
-    take(page, "cameras", settled_s=0.0)
+    box, is_seen = page.locator(".detection-boxes > div"), False
+    while not is_seen:  # also when the picture has been taken
+        box.first.wait_for(timeout=1000 * LIMIT_S)
+        take(page, "cameras", settled_s=0.0)
+        is_seen = box.first.is_visible()
     turn_to(page, "map")
     for _ in range(VICTIMS_BEFORE):
         page.wait_for_selector(QUESTION, timeout=1000 * LIMIT_S)
