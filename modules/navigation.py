@@ -43,6 +43,7 @@ class Navigation(Module):
     command_valid_for_s: float = setting(0.3, "the drive stops when no newer command comes", minimum=0.01)
     max_linear_m_per_s: float = setting(0.5, "fastest speed ahead", minimum=0.05, changeable=True)
     clearance_m: float = setting(0.27, "planned ways keep the robot's centre this far off", minimum=0.05)
+    tight_clearance_m: float = setting(0.22, "this far, where no other way leads to the goal", minimum=0.05)
     tolerance_m: float = setting(0.25, "a goal counts as reached from so near to it", minimum=0.01)
     heading_tolerance_rad: float = setting(0.15, "how exactly; pi: any heading will do", minimum=0.02)
     stale_s: float = setting(0.6, "pose or laser silent for so long: the robot stands", minimum=0.05)
@@ -169,6 +170,7 @@ class Navigation(Module):
         """Make the navigator for a laser's geometry."""
         settings = NavigatorSettings(
             clearance_m=self.clearance_m,
+            tight_clearance_m=self.tight_clearance_m,
             tolerance_m=self.tolerance_m,
             heading_tolerance_rad=self.heading_tolerance_rad,
             stale_s=self.stale_s,

@@ -91,6 +91,22 @@ def test_robot_that_stands_in_too_narrow_a_place_gets_out_on_either_side(goal_x_
     assert elsewhere.obstruction is Obstruction.NO_WAY
 
 
+def test_robot_drives_through_a_gap_where_it_just_fits_if_no_other_way_leads_to_the_goal():
+    arena = demo_arena()
+    gap = [(0, 1.6, 2.0, 1.6), (2.56, 1.6, 8, 1.6)]
+    world = NavigationWorld(replace(arena, segments=np.vstack([arena.segments, gap])))
+    goal = (2.3, 0.8, 0.0)
+    narrow = plan_way(
+        NavigationGrid(world.cells, 0.05, world.corner, NavigatorSettings().clearance_m),
+        world.drive.ground_truth().pose, goal[:2], snap_m=0.4, tolerance_m=0.25,
+    )  # fmt: skip
+    assert narrow.obstruction is Obstruction.NO_WAY
+    world.navigator.go_to(goal)
+    world.run(60.0)
+    assert world.navigator.state is NavigatorState.ARRIVED, world.navigator.status
+    assert world.drive.collisions == 0
+
+
 def test_way_that_stays_blocked_is_given_up_after_all_recoveries():
     arena = demo_arena()
     gates = [[x_m, 1.62, 0.1] for left_m in (2.25, 4.75) for x_m in np.arange(left_m, left_m + 1.5, 0.2)]
