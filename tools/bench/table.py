@@ -46,6 +46,11 @@ def number(value: float | None, digits: int = 1) -> str:
     return "" if value is None else f"{value:,.{digits}f}"
 
 
+def short_number(value: float | None) -> str:
+    """Format a figure of whatever size in three digits, or all before the point; '' if there is none."""
+    return "" if value is None else f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
 def reference(result: Row) -> Row:
     """Return the row that the others are compared to; {} if it was not measured."""
     name = result.get("reference", "")

@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from tools.bench.machine import describe_machine
-from tools.bench.table import render
+from tools.bench.table import render, short_number
 from tools.logger_load.measure import CLASSES, WITHOUT, Result, measure
 
 GOAL = 1.2
@@ -81,7 +81,7 @@ def ratios_to_without(results: list[Result]) -> dict[str, dict[str, float]]:
 
 def as_table(results: list[Result], ratios: dict[str, dict[str, float]]) -> str:
     """Show each session as a row, and the ratios below."""
-    rows = [[one["recorder"], *(_cell(read(one)) for read in COLUMNS.values())] for one in results]
+    rows = [[one["recorder"], *(short_number(read(one)) for read in COLUMNS.values())] for one in results]
     lines = [render(["recorder", *COLUMNS], rows), ""]
     for recorder, kinds in ratios.items():
         shown = ", ".join(
@@ -89,10 +89,6 @@ def as_table(results: list[Result], ratios: dict[str, dict[str, float]]) -> str:
         )
         lines.append(f"{recorder} beside nobody (median of rounds; goal {GOAL}): {shown}")
     return "\n".join(lines)
-
-
-def _cell(value: float | None) -> str:
-    return "" if value is None else f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def _parser() -> argparse.ArgumentParser:

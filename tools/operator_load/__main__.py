@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 from tools.bench.machine import describe_machine
-from tools.bench.table import render
+from tools.bench.table import render, short_number
 from tools.operator_load.measure import KINDS, Result, Session, measure, own_mb, updates_hz
 
 TABS = ("view", "map", "cameras", "view", "map", "cameras")
@@ -69,11 +69,7 @@ def row(result: Result) -> list[str]:
     connections = result["memory"][-1]["connections"] if result["memory"] else None
     latencies = [result[kind][quantile] for kind in ("small", "image") for quantile in ("p50_us", "p99_us")]
     shares = [result.get("station_percent"), result.get("pages_percent"), result["machine_percent"]]
-    return [result["session"], *map(_cell, [*rates, *shares, *memory, connections, *latencies])]
-
-
-def _cell(value: float | None) -> str:
-    return "" if value is None else f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
+    return [result["session"], *map(short_number, [*rates, *shares, *memory, connections, *latencies])]
 
 
 def _parser() -> argparse.ArgumentParser:
