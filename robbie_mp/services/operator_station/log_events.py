@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from robbie_mp.errors import RobbieError
@@ -55,7 +56,8 @@ class LogEvents:
         try:
             with open_log(Path(file)) as log:
                 channels = [one for one in log.channels if (one.type_name, one.version) in TYPES]
-                found = tuple(_first(events_of(_in_peace(log.messages(channels=channels)))))
+                events = events_of(_in_peace(log.messages(channels=channels)))
+                found = tuple(islice(events, MOST_EVENTS))
         except (RobbieError, OSError) as unreadable:
             error = str(unreadable)
         if file == self._file:
@@ -67,13 +69,6 @@ def _in_peace(messages: Iterable[LoggedMessage]) -> Iterator[LoggedMessage]:
         if count % AT_ONCE == 0:
             time.sleep(0.001)
         yield message
-
-
-def _first(events: Iterator[LogEvent]) -> Iterator[LogEvent]:
-    for _ in range(MOST_EVENTS):
-        if (event := next(events, None)) is None:
-            return
-        yield event
 
 
 def events_of(messages: Iterable[LoggedMessage]) -> Iterator[LogEvent]:

@@ -18,12 +18,10 @@ class PlacesWatch:
 
     Attributes:
         places: those of all lists; replaced and never changed, for other threads look at it.
-        count: lists so far.
     """
 
     def __init__(self, station: OperatorStation):
         self.places: tuple[PointOfInterest, ...] = ()
-        self.count = 0
         self._station = station
         self._lists: dict[str, list[PointOfInterest]] = {}
         station.hear(PointsOfInterest, self._on_places)
@@ -38,4 +36,3 @@ class PlacesWatch:
     def _keep(self, lists: dict[str, list[PointOfInterest]]) -> None:
         self._lists = lists
         self.places = tuple(place for points in lists.values() for place in points)[:MOST_PLACES]
-        self.count += 1

@@ -76,7 +76,6 @@ class VictimWatch:
 
     def _forget(self) -> None:
         """Begin anew: time has jumped, and what was found later is not found yet."""
-        self.count += 1
         self.victims = {}
 
     def _answer(self, number: int) -> Response:
