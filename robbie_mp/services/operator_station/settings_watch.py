@@ -33,8 +33,8 @@ class SettingsWatch:
     def __init__(self, station: OperatorStation):
         self.changeable: dict[str, dict[str, Entry]] = {}
         self._station = station
-        names = [module.name for module in RunPlan.load(station.run_folder).modules]
-        self._files = {name: SettingsFile(station.run_folder, name) for name in names}
+        names = [module.name for module in RunPlan.load(station.known_run.folder).modules]
+        self._files = {name: SettingsFile(station.known_run.folder, name) for name in names}
         self._next_s = 0.0
         self._answers: OrderedDict[int, SettingChanged] = OrderedDict()
         station.hear(SettingChanged, self._on_answer)

@@ -129,8 +129,8 @@ class OperatorStation(Module):
             self.log.error("%s", missing)
             self.stop()
             return
-        self.run_folder = next(run.folder for run in list_runs() if run.run_id == self.run_id)
-        self._claim = StationClaim(self.run_folder)
+        self.known_run = next(run for run in list_runs() if run.run_id == self.run_id)
+        self._claim = StationClaim(self.known_run.folder)
         before = self.restored or {"port": 0, "sessions": {}}
         self.access = Access(self.operator_token, self.observer_token, before["sessions"])
         self.drivers_seat = DriversSeat()

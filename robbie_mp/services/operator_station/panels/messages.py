@@ -11,10 +11,9 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.panel import Page, Panel
 from robbie_mp.services.operator_station.panels.message_form import MessageForm
-from robbie_mp.services.operator_station.panels.mission import columns
 from robbie_mp.services.operator_station.run_watch import REFRESH_S
+from robbie_mp.services.operator_station.table_columns import columns
 from robbie_mp.services.operator_station.topic_watch import TopicWatch
-from robbie_mp.supervisor.run_directory import list_runs
 from robbie_mp.transport.endpoint import ChannelName
 
 if TYPE_CHECKING:
@@ -34,8 +33,7 @@ class MessagesPanel(Panel):
 
     def __init__(self, station: OperatorStation):
         super().__init__(station)
-        self.run = next(run for run in list_runs() if run.run_id == station.run_id)
-        self.types = types_of_run(self.run)
+        self.types = types_of_run(station.known_run)
         self.watches: dict[str, TopicWatch] = {}
         """By key of the page that looks."""
 
@@ -99,7 +97,7 @@ class MessagesPanel(Panel):
             self.watches.pop(key).close()
         if len(self.watches) >= MOST_WATCHES:
             return f"{MOST_WATCHES} other pages look into messages; more may not"
-        self.watches[key] = TopicWatch(self.run, self.types, channel)
+        self.watches[key] = TopicWatch(self.station.known_run, self.types, channel)
         return ""
 
 

@@ -9,6 +9,7 @@ from nicegui import ui
 from robbie_mp.services.operator_station.mission_control import MissionControl
 from robbie_mp.services.operator_station.panel import Page, Panel
 from robbie_mp.services.operator_station.run_watch import REFRESH_S
+from robbie_mp.services.operator_station.table_columns import columns
 from robbie_mp.services.operator_station.victim_watch import STATES, KnownVictim
 
 if TYPE_CHECKING:
@@ -52,11 +53,6 @@ class MissionPanel(Panel):
             for module in (reading.modules if reading else ())
             if module.states
         ]
-
-
-def columns(*names: str) -> list[dict[str, Any]]:
-    """Describe columns of a table whose rows have these names as keys."""
-    return [{"name": name, "label": name, "field": name, "align": "left", "sortable": True} for name in names]
 
 
 def victim_row(victim: KnownVictim) -> dict[str, Any]:

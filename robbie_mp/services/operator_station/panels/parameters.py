@@ -27,7 +27,7 @@ class ParametersPanel(Panel):
 
     def __init__(self, station: OperatorStation):
         super().__init__(station)
-        modules = RunPlan.load(station.run_folder).modules
+        modules = RunPlan.load(station.known_run.folder).modules
         self.given = {module.name: shown_settings(module.settings) for module in modules}
 
     def tick(self) -> None:

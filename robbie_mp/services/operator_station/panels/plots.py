@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
+from robbie_mp.cli.known_types import types_of_run
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
-from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.services.operator_station.charts import History, chart_options, fill
 from robbie_mp.services.operator_station.latest import Latest
 from robbie_mp.services.operator_station.numeric_fields import number_reader, numeric_paths
 from robbie_mp.services.operator_station.panel import Page, Panel
-from robbie_mp.supervisor.plan import RunPlan
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
@@ -38,7 +37,7 @@ class PlotsPanel(Panel):
 
     def __init__(self, station: OperatorStation):
         super().__init__(station)
-        self._known = KnownTypes(TypeDescription(*one) for one in RunPlan.load(station.run_folder).types)
+        self._known = types_of_run(station.known_run)
         self._wishes: SimpleQueue[Line] = SimpleQueue()
 
     def tick(self) -> None:

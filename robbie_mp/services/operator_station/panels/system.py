@@ -147,7 +147,7 @@ class Orders:
 
     def _give(self) -> None:
         self._dialog.close()
-        self._given.append(Order(self._panel.station.run_folder, self._action, self._module))
+        self._given.append(Order(self._panel.station.known_run.folder, self._action, self._module))
 
     def update(self) -> None:
         """Tell what has become of the orders."""

@@ -79,7 +79,7 @@ class TracePanel(Panel):
             module = ui.select([""], label="module", value="").props("id=trace-module").classes("w-40")
             words = ui.input("text").props("for=trace-text clearable")
             ui.space()
-            recorded = RecordedKinds(self.station.run_folder, page)
+            recorded = RecordedKinds(self.station.known_run.folder, page)
         log = ui.log(max_lines=SHOWN).classes("w-full").style("height: 50vh").props("id=trace-log")
         reports = ui.column().classes("w-full").props("id=trace-crashes")
         shown = Shown()
