@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 from nicegui.events import KeyEventArguments
 
-from robbie_mp.messages import EmergencyStop, Header, Time
+from robbie_mp.messages import EmergencyStop
 from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.panel import Page
+from robbie_mp.services.operator_station.sending import header_of_now, send_or_notify
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
@@ -33,10 +34,9 @@ class EmergencyStopBar:
 
     def request(self, *, engaged: bool, reason: str) -> None:
         """Ask the base to stop and stay, or to be ready to drive again."""
-        header = Header(stamp=Time.from_nanoseconds(self._station.clock.now_ns()))
+        header = header_of_now(self._station)
         message = EmergencyStop(header=header, engaged=engaged, reason=reason)
-        if not self._station.publish(message, topic=REQUEST_TOPIC):
-            ui.notify("the emergency stop was not sent: the robot's memory is full", type="negative")
+        send_or_notify(self._station, message, "the emergency stop", REQUEST_TOPIC)
 
     def build(self, page: Page) -> None:
         """Make button and indicator for a page. Everybody may stop the robot; operators release it."""

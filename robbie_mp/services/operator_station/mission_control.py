@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from robbie_mp.messages import Header, MissionOrder, MissionStatus, Time
+from robbie_mp.messages import MissionOrder, MissionStatus
 from robbie_mp.services.operator_station.access import Role
+from robbie_mp.services.operator_station.sending import header_of_now, send_or_notify
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.panel import Page
@@ -30,9 +31,8 @@ class MissionControl:
 
     def order(self, order: int) -> None:
         """Send an order to the mission."""
-        header = Header(stamp=Time.from_nanoseconds(self._station.clock.now_ns()))
-        if not self._station.publish(MissionOrder(header=header, order=order)):
-            ui.notify("the order was not sent: the robot's memory is full", type="negative")
+        message = MissionOrder(header=header_of_now(self._station), order=order)
+        send_or_notify(self._station, message, "the order")
 
     def build(self, page: Page, panel: str, period_s: float) -> None:
         """Make buttons and texts on a panel of a page."""

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from robbie_mp.messages import Header, Mark, Time
+from robbie_mp.messages import Mark
 from robbie_mp.services.operator_station.access import Role
+from robbie_mp.services.operator_station.sending import header_of_now, send_or_notify
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.panel import Page
@@ -28,13 +29,11 @@ class MomentMarker:
             return
 
         def mark() -> None:
-            header = Header(stamp=Time.from_nanoseconds(self._station.clock.now_ns()))
             text = f"mark {next(self._numbers)}"
-            if self._station.publish(Mark(header=header, text=text)):
+            message = Mark(header=header_of_now(self._station), text=text)
+            if send_or_notify(self._station, message, text):
                 self._station.log.info("%s, by hand", text)
                 ui.notify(text)
-            else:
-                ui.notify("not marked: the robot's memory is full", type="negative")
 
         button = ui.button(icon="bookmark_add", on_click=mark).props("flat dense color=white id=mark")
         button.props('aria-label="Mark this moment" title="Mark this moment"')

@@ -13,6 +13,7 @@ from robbie_mp.cli.playback import describe
 from robbie_mp.messages import PlaybackControl, PlaybackState
 from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.log_events import LogEvent, LogEvents
+from robbie_mp.services.operator_station.sending import send_or_notify
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.panel import Page
@@ -39,8 +40,7 @@ class PlaybackBar:
     def order(self, command: str, value: float = 0.0) -> None:
         """Steer the playback."""
         control = PlaybackControl(request=secrets.randbits(63), command=command, value=value)
-        if not self._station.publish(control):
-            ui.notify(f"{command} was not sent: the robot's memory is full", type="negative")
+        send_or_notify(self._station, control, command)
 
     def _on_seek(self, event: GenericEventArguments) -> None:
         if isinstance(event.args, int | float) and math.isfinite(event.args):

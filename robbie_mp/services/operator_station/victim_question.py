@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from robbie_mp.messages import Header, Time, VictimConfirmation
+from robbie_mp.messages import VictimConfirmation
 from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.panels.newest_image import NewestImage
+from robbie_mp.services.operator_station.sending import header_of_now, send_or_notify
 from robbie_mp.services.operator_station.victim_watch import KnownVictim
 
 if TYPE_CHECKING:
@@ -33,9 +34,9 @@ class VictimQuestion:
 
     def answer(self, number: int, answer: int) -> None:
         """Tell the robot what the operator has said about a victim."""
-        header = Header(stamp=Time.from_nanoseconds(self._station.clock.now_ns()))
-        if not self._station.publish(VictimConfirmation(header=header, id=number, answer=answer)):
-            ui.notify("the answer was not sent: the robot's memory is full", type="negative")
+        header = header_of_now(self._station)
+        message = VictimConfirmation(header=header, id=number, answer=answer)
+        send_or_notify(self._station, message, "the answer")
 
     def build(self, page: Page) -> None:
         """Make the question for a page."""

@@ -10,10 +10,11 @@ from nicegui import ui
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from robbie_mp.messages import DriveCommand, Duration, Header, Odometry, Time
+from robbie_mp.messages import DriveCommand, Duration, Odometry
 from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.dead_man import DeadManSwitch
 from robbie_mp.services.operator_station.panel import Page, Panel
+from robbie_mp.services.operator_station.sending import header_of_now
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
@@ -109,10 +110,9 @@ class DriverControls:
             self._switch.begin()
         if not self._switch.accept(sent_s, time.monotonic()) and held:
             return
-        stamp = Time.from_nanoseconds(self._station.clock.now_ns())
         self._station.publish(
             DriveCommand(
-                header=Header(stamp=stamp, frame_id="base_link"),
+                header=header_of_now(self._station, "base_link"),
                 linear_m_per_s=linear * float(self._linear.value),
                 angular_rad_per_s=angular * float(self._angular.value),
                 valid_for=VALID_FOR,

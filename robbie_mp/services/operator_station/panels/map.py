@@ -12,7 +12,6 @@ from nicegui.events import GenericEventArguments
 
 from robbie_mp.messages import (
     Frontiers,
-    Header,
     OccupancyGrid,
     Path,
     Point,
@@ -20,7 +19,6 @@ from robbie_mp.messages import (
     Pose,
     PoseStamped,
     Quaternion,
-    Time,
     VictimFound,
 )
 from robbie_mp.scene_graph import RigidTransform
@@ -28,6 +26,7 @@ from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.live import SCRIPTS
 from robbie_mp.services.operator_station.panel import Page, Panel
 from robbie_mp.services.operator_station.scene_view.other_robots import other_robots
+from robbie_mp.services.operator_station.sending import header_of_now, send_or_notify
 from robbie_mp.services.operator_station.victim_watch import KnownVictim
 
 if TYPE_CHECKING:
@@ -156,9 +155,8 @@ class MapPanel(Panel):
             robot = planar(self._pose.message) or [x_m, y_m, 0.0]
             yaw_rad = math.atan2(y_m - robot[1], x_m - robot[0])
         pose = Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(yaw_rad))
-        header = Header(stamp=Time.from_nanoseconds(self.station.clock.now_ns()), frame_id="map")
-        if not self.station.publish(PoseStamped(header=header, pose=pose), topic=topic):
-            ui.notify(f"the {topic} was not sent: the robot's memory is full", type="negative")
+        message = PoseStamped(header=header_of_now(self.station, "map"), pose=pose)
+        send_or_notify(self.station, message, f"the {topic}", topic)
 
 
 def way_points(path: Path | None) -> list[list[float]]:

@@ -11,6 +11,7 @@ from nicegui import ui
 from robbie_mp.messages import String
 from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.panel import Page, Panel
+from robbie_mp.services.operator_station.sending import send_or_notify
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
@@ -44,8 +45,7 @@ class SpeechPanel(Panel):
 
     def say(self, command: str) -> None:
         """Give a command."""
-        if not self.station.publish(String(data=command), topic=TOPIC):
-            ui.notify("not said: the robot's memory is full", type="negative")
+        send_or_notify(self.station, String(data=command), "the command", TOPIC)
 
     def build(self, page: Page) -> None:
         """Make the commands, the words that they may be about, and what was heard."""
