@@ -7,7 +7,6 @@ Chromium, records a log meanwhile, and plays that beside virtual devices. Needs 
 import io
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -18,11 +17,12 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from PIL import Image
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page
 
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver
 from robbie_mp.transport.segment import SegmentMissing
+from tools.operator_trials.chromium import chromium
 
 FOLDER = Path("docs/images")
 SIZE = {"width": 1280, "height": 800}
@@ -51,24 +51,20 @@ PLOTS = (
 
 def main() -> None:
     """Take all pictures."""
-    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+    with tempfile.TemporaryDirectory() as folder, chromium() as browser:
         (Path(folder) / "runtime").mkdir(mode=0o700)
         os.environ["XDG_RUNTIME_DIR"] = f"{folder}/runtime"
-        chromium = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-dev-shm-usage"]
-        )
         settings = [word for setting in SETTINGS for word in ("--set", setting)]
         with running("run", "rescue", *settings, output=f"{folder}/rescue"):
-            page = chromium.new_page(viewport=SIZE)
+            page = browser.new_page(viewport=SIZE)
             page.goto(wait_for(address))
             with recording(f"{folder}/log"):
                 take_panels(page)
         play = ("play", f"{folder}/log", "virtual-playback", "--set", "operator.port=0", "--rate", "0.5")
         with running(*play, output=f"{folder}/play"):
-            page = chromium.new_page(viewport=SIZE)
+            page = browser.new_page(viewport=SIZE)
             page.goto(wait_for(address))
             take_playback(page)
-        chromium.close()
 
 
 @contextmanager

@@ -5,17 +5,15 @@ line `drag` how often in a second while a mouse drags and zooms there; as JSON. 
 """
 
 import json
-import shutil
 import sys
 import time
 from typing import Any
 
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page
 
 from tools.operator_load import token_of
+from tools.operator_trials.chromium import chromium
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
 LOAD_LIMIT_MS = 180_000
 COUNT_IMAGES = """addEventListener("load", (event) => {
   if (event.target.classList?.contains("newest-image")) window.images = (window.images ?? 0) + 1;
@@ -26,8 +24,6 @@ COUNTS = """() => {
   return { view: updates("view-moving"), map: updates("map-view"), cameras: window.images ?? 0,
     frames: scene?.renderer.info.render.frame ?? 0 };
 }"""
-
-
 CANVASES = {"map": "#map-view", "view": "#view-scene canvas"}
 DRAG_S = 10.0
 COUNT_FRAMES = """() => {
@@ -75,8 +71,7 @@ def drag(page: Page, tab: str) -> dict[str, float]:
 
 def main(address: str, visits: list[str]) -> None:
     """Open pages, and count until the input ends."""
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+    with chromium() as browser:
         pages: list[tuple[Page, str]] = []
         for visit in visits:
             role, tab = visit.split("/")
@@ -90,7 +85,6 @@ def main(address: str, visits: list[str]) -> None:
                 drag(page, tab) if is_drag else page.evaluate(COUNTS) for page, tab in pages
             ]
             print(json.dumps(found), flush=True)
-        browser.close()
 
 
 if __name__ == "__main__":
