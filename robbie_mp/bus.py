@@ -26,9 +26,18 @@ class SubscribedTwice(RobbieError, ValueError):
       - two helpers of a module each subscribe to ModuleState for all topics
     """
 
+    def __init__(self, type_name: str, topic: str):
+        super().__init__(
+            f"this module subscribes to {type_name} on topic '{topic}' already; "
+            "let one handler call the other"
+        )
+
 
 class EmptyPattern(RobbieError, ValueError):
     """A module subscribed by an empty pattern for the type; no type has an empty name."""
+
+    def __init__(self) -> None:
+        super().__init__("an empty pattern matches no type; '*' matches all")
 
 
 class Envelope(NamedTuple):

@@ -89,7 +89,7 @@ class GuestBus:
             EmptyPattern: no type has such a name.
         """
         if not type_pattern:
-            raise EmptyPattern("an empty pattern matches no type; '*' matches all")
+            raise EmptyPattern
         name = ChannelName(type_pattern, ANY_VERSION, topic_pattern)
         self._want(_Wish(name, MessageHandling.ALWAYS_DELIVER, _as_bytes, handler))
 
@@ -184,10 +184,7 @@ class GuestBus:
 
     def _want(self, wish: _Wish) -> None:
         if wish.name in self._wishes:
-            raise SubscribedTwice(
-                f"this module subscribes to {wish.name.type_name} on topic '{wish.name.topic}' already; "
-                "let one handler call the other"
-            )
+            raise SubscribedTwice(wish.name.type_name, wish.name.topic)
         self._wishes[wish.name] = wish
         self._subscribe(wish)
 

@@ -9,7 +9,14 @@ from types import TracebackType
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 from weakref import finalize
 
-from robbie_mp.bus import EncodedMessage, Envelope, MessageType, PublishAfterStop, SubscribedTwice
+from robbie_mp.bus import (
+    EmptyPattern,
+    EncodedMessage,
+    Envelope,
+    MessageType,
+    PublishAfterStop,
+    SubscribedTwice,
+)
 from robbie_mp.checkpoint.decoder import decode
 from robbie_mp.checkpoint.encoder import encode
 from robbie_mp.clock import ManualClock
@@ -214,13 +221,15 @@ class HarnessBus:
         self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
     ) -> None:
         """Remember who handles what bytes."""
+        if not type_pattern:
+            raise EmptyPattern
         self._subscribe(ChannelName(type_pattern, ANY_VERSION, topic_pattern), None, handler)
 
     def _subscribe(
         self, wish: ChannelName, message_type: type[Message] | None, handler: Callable[[Any], None]
     ) -> None:
         if any(wish == known for known, _, _ in self._subscriptions):
-            raise SubscribedTwice(f"this module subscribes to {wish.type_name} on '{wish.topic}' already")
+            raise SubscribedTwice(wish.type_name, wish.topic)
         self._subscriptions.append((wish, message_type, handler))
 
     def deliver(self, name: ChannelName, data: bytes, sender: str) -> None:

@@ -1,40 +1,32 @@
-"""The routing of handles: plain code over shared words, without system calls of its own.
+"""The core without its process: whose turn it is, who comes and goes, and taking over from a dead core.
 
-What is written where, and why each step can be repeated after a crash, is the ledger's affair; here is who
-gets what and when.
+Plain code over shared words, without system calls of its own. What becomes of a message is in `message_flow`.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from robbie_mp.core.declarations import Declarations
-from robbie_mp.core.directory import Channel, Directory, Subscription, TableFull
+from robbie_mp.core.directory import Directory, TableFull
 from robbie_mp.core.freed_blocks import FreedBlocks
-from robbie_mp.core.ledger import Handle, Ledger, Outcome
+from robbie_mp.core.ledger import Ledger, Outcome
 from robbie_mp.core.link import Link, LinkMemory, ProtocolViolation, Slot
 from robbie_mp.core.lockstep_queues import LockstepQueues
 from robbie_mp.core.members import SUPERVISOR_SLOT, Members, RouterLimits, name_of
+from robbie_mp.core.message_flow import MessageFlow
 from robbie_mp.core.queues import Queues
-from robbie_mp.core.recovery import (
-    restore_declarations,
-    restore_references,
-    restore_slot,
-    unclaimed,
-)
+from robbie_mp.core.recovery import restore_declarations, restore_references, restore_slot
 from robbie_mp.core.tables import CoreTables
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound, Outbound
 from robbie_mp.transport.ring import Record, RingCorrupt
-from robbie_mp.transport.words import WORD_MAX, new_fence, row_writer
+from robbie_mp.transport.words import new_fence
 
 # Looked up once, not for every message: each look-up costs as much as what is done with it.
 _PUBLISH, _RELEASE = int(Outbound.PUBLISH), int(Outbound.RELEASE)
-_CORE_LAST_SEQUENCE, _PUBLISHER_ROUTED = layout.CORE_LAST_SEQUENCE, layout.PUBLISHER_ROUTED
-_SOURCE_OF_INCARNATION = layout.SOURCE_OF_INCARNATION
-_LARGEST_OFFSET = WORD_MAX >> 1
 _AT_ONCE = 16
 """So many records of a module are handled before it is the next one's turn, and its subscribers are woken."""
-_new_tuple = tuple.__new__  # a named tuple's own constructor takes twice as long
+_CONTROL = (Outbound.MODULE_UP, Outbound.MODULE_DOWN, Outbound.MODULE_GONE)
 
 BROKEN = (ProtocolViolation, RingCorrupt, TableFull)
 """What a module is faulted for."""
@@ -75,8 +67,6 @@ class Router:
         lockstep: bool = False,
     ):
         self._words = tables.words
-        self._write_channel = row_writer(tables.words, 4)
-        self._message_bytes = limits.message_bytes
         self._report = report
         tools = frozenset(index for index, bound in enumerate(slots) if bound.is_tool)
         self._directory = Directory(tables, tools)
@@ -101,8 +91,17 @@ class Router:
         self._blocks = FreedBlocks(self._words, self._slots, self._members)
         declarations = Declarations(self._words, self._slots, self._ledger, self._directory, self._queues)
         self._declarations = declarations
+        self._flow = MessageFlow(
+            self._words,
+            limits.message_bytes,
+            self._ledger,
+            self._directory,
+            self._queues,
+            self._blocks,
+            self._give_back,
+        )
+        self._publish, self._release = self._flow.publish, self._flow.release
         self._fence = new_fence()
-        self._sequence = 0
         self._unfinished: list[Link] = []
         """Whose rings have more records than were handled at once."""
         self._wanting = True
@@ -111,7 +110,7 @@ class Router:
             Outbound.ADVERTISE: declarations.advertise,
             Outbound.SUBSCRIBE: declarations.subscribe,
             Outbound.READY: declarations.ready,
-            Outbound.DONE: self._done,
+            Outbound.DONE: self._flow.done,
             Outbound.WAIT_FREED: self._blocks.wait,
         }
 
@@ -125,7 +124,7 @@ class Router:
         On fresh tables this does nothing.
         """
         words = self._words
-        self._sequence = words[layout.CORE_LAST_SEQUENCE]
+        self._flow.sequence = words[layout.CORE_LAST_SEQUENCE]
         for slot in self._slots:
             restore_slot(slot, words)
             if incarnation := words[slot.at + layout.PUBLISHER_LINKED]:
@@ -142,7 +141,7 @@ class Router:
         entered = self._ledger.entered()
         for link in self._members.links:
             try:
-                self._finish_publishing(link, entered)
+                self._flow.finish_publishing(self._slots[link.slot], link, entered)
             except BROKEN as error:
                 self._members.fault(link, error)
         for index in handles:
@@ -159,34 +158,8 @@ class Router:
         for link in self._members.links:
             self._blocks.await_total(link, link.out_words[layout.OUT_AWAITED_FREED])
 
-    def _finish_publishing(self, link: Link, entered: Mapping[tuple[int, int, int], int]) -> None:
-        """Bring the record at a ring's tail to its end if it is a message that was entered or refused."""
-        if link.has_ended or not link.outbound.waiting() or link.outbound.peek()[0] != Outbound.PUBLISH:
-            return
-        slot = self._slots[link.slot]
-        if slot.refused_tag == refused_tag(link):
-            self._refuse(slot, link, link.outbound.peek()[6])
-            link.outbound.take()
-            return
-        index = entered.get((link.slot, link.incarnation, link.outbound.tail))
-        if index is None:
-            return
-        nth = self._ledger.row(index, layout.HANDLE_PUBLISHER_ROUTED)
-        sequence = self._ledger.row(index, layout.HANDLE_SEQUENCE)
-        if 0 < sequence < self._sequence:
-            # Cut short under an earlier core, which found the ring destroyed: others have come since.
-            link.outbound.take()
-        elif sequence:
-            channel = self._directory.by_index(self._ledger.handle(index).channel)
-            slot.routed = nth - 1
-            channel.messages = self._ledger.row(index, layout.HANDLE_CHANNEL_MESSAGES) - 1
-            channel.bytes = (
-                self._ledger.row(index, layout.HANDLE_CHANNEL_BYTES) - self._ledger.handle(index).size
-            )
-            self._route(slot, channel, index, unclaimed(self._ledger, self._directory, index, channel))
-            link.outbound.take()
-        elif slot.routed >= nth:
-            link.outbound.take()  # routed to its end, and even given back
+    def _give_back(self, index: int) -> None:
+        self._blocks.give_back(self._ledger, index)
 
     # -- the loop's view -------------------------------------------------------------------------------
 
@@ -255,8 +228,8 @@ class Router:
         """Wake who waits for it that nothing is left to handle."""
         if not self._queues.is_settled():
             return
-        if self._words[layout.CORE_SETTLED] != self._sequence:
-            self._words[layout.CORE_SETTLED] = self._sequence
+        if self._words[layout.CORE_SETTLED] != self._flow.sequence:
+            self._words[layout.CORE_SETTLED] = self._flow.sequence
             self._fence()
         for link in self._members.links:
             if link.out_words[layout.OUT_AWAITS_SETTLED]:
@@ -320,84 +293,3 @@ class Router:
             self._ledger.close_reference(reference)
         self._queues.outdate(slot)
         link.close()
-
-    # -- messages ----------------------------------------------------------------------------------------
-
-    def _publish(self, slot: Slot, link: Link, record: Record) -> None:
-        _, declaration, source, offset, size, stamp, block, _ = record
-        channel = link.channels.get(declaration)
-        if channel is None or source & _SOURCE_OF_INCARNATION != link.source:
-            raise ProtocolViolation(f"it published on declaration {declaration} from source {source:#x}")
-        if size > self._message_bytes or offset > _LARGEST_OFFSET:
-            raise ProtocolViolation(f"it published {size} bytes at offset {offset}")
-        subscriptions = channel.subscriptions
-        ledger = self._ledger
-        if not ledger.has_room(len(subscriptions)):
-            self._refuse(slot, link, block)
-            return
-        handle = _new_tuple(Handle, (self._sequence + 1, source, offset, size, channel.index, stamp, block))
-        index = ledger.open_handle(handle, link.outbound.tail, slot.routed + 1, channel)
-        self._route(slot, channel, index, subscriptions)
-
-    def _route(self, slot: Slot, channel: Channel, index: int, subscriptions: Sequence[Subscription]) -> None:
-        """Send an entered message to everyone who wants it, or queue it for them, and count it."""
-        ledger, words, add = self._ledger, self._words, self._queues.add
-        handle = ledger.handle(index)
-        sequence, _, _, size, _, stamp_ns, _ = handle
-        self._sequence = words[_CORE_LAST_SEQUENCE] = sequence
-        claims = ledger.open_references(subscriptions, index)
-        for subscription, reference in claims:
-            add(subscription, reference, handle)
-        slot.routed = words[slot.at + _PUBLISHER_ROUTED] = slot.routed + 1
-        channel.count(self._write_channel, size, stamp_ns)
-        if not claims and not ledger.is_held(index):
-            self._give_back(index)
-
-    def _give_back(self, index: int) -> None:
-        self._blocks.give_back(self._ledger, index)
-
-    def _refuse(self, slot: Slot, link: Link, block: int) -> None:
-        """Count a message for which the tables have no row, and give its block back."""
-        tag = refused_tag(link)
-        # A core that died over this record may have counted it already.
-        if tag != slot.refused_tag or not link.is_said_again():
-            slot.refused += 1
-            slot.refused_tag = tag
-            self._words[slot.at + layout.PUBLISHER_REFUSED] = slot.refused << layout.REFUSED_TAG_BITS | tag
-        self._blocks.free(link, block)
-
-    def _done(self, slot: Slot, link: Link, record: Record) -> None:
-        """Handled, but held: the credit comes back, the block does not."""
-        reference = record[1]
-        if reference not in link.pushed or self._ledger.reference(reference)[0] != record[2]:
-            if link.is_said_again():
-                return
-            raise ProtocolViolation(f"it is done with reference {reference}, which it does not have")
-        del link.pushed[reference]
-        link.pinned.add(reference)
-        self._ledger.count(reference, Outcome.DELIVERED)
-        self._queues.pump(slot, link)
-        self._queues.outdate(slot)
-
-    def _release(self, slot: Slot, link: Link, record: Record) -> None:
-        """Let go of a message; it counts as delivered now, if it did not before."""
-        reference = record[1]
-        if reference in link.pushed and self._ledger.reference(reference)[0] == record[2]:
-            del link.pushed[reference]
-            self._ledger.deliver(reference)
-        elif reference in link.pinned and self._ledger.reference(reference)[0] == record[2]:
-            link.pinned.remove(reference)
-            self._ledger.close_reference(reference)
-        elif not link.is_said_again():
-            raise ProtocolViolation(f"it released reference {reference}, which it does not have")
-        if slot.waiting:
-            self._queues.pump(slot, link)
-        self._queues.outdate(slot)
-
-
-def refused_tag(link: Link) -> int:
-    """Name the record at the tail of a link's outbound ring in few bits."""
-    return (link.incarnation & 0xFF) << 16 | link.outbound.tail & 0xFFFF
-
-
-_CONTROL = (Outbound.MODULE_UP, Outbound.MODULE_DOWN, Outbound.MODULE_GONE)

@@ -90,7 +90,7 @@ class Inbox:
             EmptyPattern: no type has such a name.
         """
         if not type_pattern:
-            raise EmptyPattern("an empty pattern matches no type; '*' matches all")
+            raise EmptyPattern
         wish = ChannelName(type_pattern, ANY_VERSION, topic_pattern)
         self._subscribe(wish, MessageHandling.ALWAYS_DELIVER, _AsBytes(self), handler)
 
@@ -102,10 +102,7 @@ class Inbox:
         handler: Callable[[Any], None],
     ) -> None:
         if wish in self._subscribed:
-            raise SubscribedTwice(
-                f"this module subscribes to {wish.type_name} on topic '{wish.topic}' already; "
-                "let one handler call the other"
-            )
+            raise SubscribedTwice(wish.type_name, wish.topic)
         self._subscribed.add(wish)
         name = getattr(handler, "__qualname__", type(handler).__qualname__)
         number = self._endpoint.subscribe(*wish, handling, name)

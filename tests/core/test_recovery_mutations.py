@@ -4,11 +4,13 @@ from collections.abc import Callable
 
 import pytest
 
+from robbie_mp.core import message_flow as message_flow_module
 from robbie_mp.core import router as router_module
 from robbie_mp.core.directory import Channel, Directory, Subscription
 from robbie_mp.core.ledger import Ledger
 from robbie_mp.core.link import Link
 from robbie_mp.core.lockstep_queues import LockstepQueues
+from robbie_mp.core.message_flow import MessageFlow
 from robbie_mp.core.queues import Queues
 from robbie_mp.core.router import Router
 from tests.core.test_crash_points import SCENARIOS, SETTINGS, play
@@ -26,9 +28,9 @@ def forget_what_was_claimed(
 
 MUTATIONS: dict[str, tuple[object, str, Callable[..., object]]] = {
     "counts are not completed": (Ledger, "_complete_count", nothing),
-    "a message cut short in routing is not finished": (Router, "_finish_publishing", nothing),
+    "a message cut short in routing is not finished": (MessageFlow, "finish_publishing", nothing),
     "a message cut short in routing is sent to everybody again": (
-        router_module, "unclaimed", forget_what_was_claimed,
+        message_flow_module, "unclaimed", forget_what_was_claimed,
     ),
     "a record said again is taken for a violation": (Link, "is_said_again", lambda _link: False),
     "pushing is not noted": (Ledger, "mark_pushed", nothing),

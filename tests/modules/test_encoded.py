@@ -2,7 +2,7 @@
 
 import pytest
 
-from robbie_mp.bus import EncodedMessage, Envelope, SubscribedTwice
+from robbie_mp.bus import EmptyPattern, EncodedMessage, Envelope, SubscribedTwice
 from robbie_mp.harness import ModuleHarness, PublishedEncoded
 from robbie_mp.messages import DecodeError, DriveCommand, LaserScan
 from robbie_mp.module import Module
@@ -53,3 +53,8 @@ def test_bytes_that_are_no_message_and_patterns_that_stand_twice_are_refused() -
             harness.module.publish_encoded("team_msgs/msg/Secret", 2, b"\x00\x01")
         with pytest.raises(SubscribedTwice):
             harness.module.subscribe_encoded("*/DriveCommand", print)
+
+
+def test_empty_pattern_is_refused_as_in_a_robot() -> None:
+    with ModuleHarness(Mirror) as harness, pytest.raises(EmptyPattern, match="matches all"):
+        harness.module.subscribe_encoded("", print)

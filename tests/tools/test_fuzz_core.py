@@ -10,6 +10,7 @@ from random import Random
 import pytest
 
 from robbie_mp.core.link import Link
+from robbie_mp.core.message_flow import MessageFlow
 from robbie_mp.core.router import Router
 from tools.fuzz_core.__main__ import main
 from tools.fuzz_core.corpus import mutate, seeds
@@ -20,24 +21,25 @@ MOST = 1500
 """Inputs that a defect may take to be found."""
 MOST_OF_WHAT_IS_SOUND = 300
 PLANTED: dict[str, tuple[type, str, str, str]] = {
-    "a message in another's name": (Router, "_publish", "!= link.source", "== None"),
+    "a message in another's name": (MessageFlow, "publish", "!= link.source", "== None"),
     "a message on a channel not advertised": (
-        Router, "_publish", "channel = link.channels.get(declaration)",
+        MessageFlow, "publish", "channel = link.channels.get(declaration)",
         "channel = link.channels.get(declaration) or next(iter(link.channels.values()))",
     ),
-    "a message larger than any memory": (Router, "_publish", "if size > ", "if False and size > "),
-    "a message beyond any segment": (Router, "_publish", "or offset > ", "or False and offset > "),
+    "a message larger than any memory": (MessageFlow, "publish", "if size > ", "if False and size > "),
+    "a message beyond any segment": (MessageFlow, "publish", "or offset > ", "or False and offset > "),
     "a release of what it does not have": (
-        Router, "_release", "elif not link.is_said_again():", "elif False:",
+        MessageFlow, "release", "elif not link.is_said_again():", "elif False:",
     ),
     "a release of an older message": (
-        Router, "_release", "reference in link.pushed and self._ledger.reference(reference)[0] == record[2]",
+        MessageFlow, "release",
+        "reference in link.pushed and self._ledger.reference(reference)[0] == record[2]",
         "reference in link.pushed",
     ),
     "done with an older message": (
-        Router, "_done", "or self._ledger.reference(reference)[0] != record[2]", "",
+        MessageFlow, "done", "or self._ledger.reference(reference)[0] != record[2]", "",
     ),
-    "done twice": (Router, "_done", "if link.is_said_again():", "if True:"),
+    "done twice": (MessageFlow, "done", "if link.is_said_again():", "if True:"),
     "a word that only the supervisor has": (Router, "_receive", "and link.slot == SUPERVISOR_SLOT", ""),
     "a record of no kind": (
         Router, "_receive", 'raise ProtocolViolation(f"record of unknown kind {kind}")', "pass",
