@@ -1,6 +1,7 @@
 """The benchmarks with tiny counts: what they measure, and what they say of those they cannot measure."""
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -66,6 +67,23 @@ def test_latency_of_robbie_and_others_in_one_run(tmp_path, capsys):
     assert "rospy is not installed" in printed
     assert "p50 ÷ floor" in printed
     assert run["machine"]["cores"] > 0
+
+
+def test_ways_to_wake_a_process_are_measured_beside_one_another(tmp_path):
+    floors = "floor,floor_futex,floor_eventfd,floor_fifo,floor_datagram"
+    run = measure(tmp_path, "wake", f"--only={floors},robbie", "--count=20")
+    rows = run["results"][0]["contenders"]
+    assert len({row["name"] for row in rows}) == len(rows) == 2 * 6
+    assert [row["trouble"] for row in rows] == [""] * 12
+    assert all((row["lost"], row["wanted"]) == ([0], [20]) for row in rows)
+
+
+def test_all_processes_run_where_the_work_says(tmp_path):
+    cpu = min(os.sched_getaffinity(0))
+    RobbieContender().write_workspace(tmp_path, {"one": {}}, (cpu,))
+    profile = yaml.safe_load((tmp_path / "profiles" / "bench.yaml").read_text())
+    assert profile["core"] == {"scheduling": {"cpus": [cpu]}}
+    assert profile["modules"]["one"]["scheduling"] == {"cpus": [cpu]}
 
 
 def test_arrays_copied_and_filled_in_place_reach_the_last_subscriber(tmp_path):

@@ -17,6 +17,7 @@ from tools.bench.table import table
 
 BENCHMARKS = {
     "latency": messages.latency,
+    "wake": messages.wake,
     "large": messages.large,
     "fanout": messages.fanout,
     "throughput": messages.throughput,

@@ -126,6 +126,12 @@ def _restart_ms(results: Results) -> tuple[float | None, str]:
     return parts.get("kill to handler", {}).get("median_ms"), ""
 
 
+def _throughput_share(results: Results) -> tuple[float | None, str]:
+    row, compared = results.row("throughput", WATCHED), results.row("throughput", "robbie")
+    return ratio(row, compared, "received_per_s"), compared.get("title", "robbie")
+
+
+WATCHED = "robbie-top"
 ALONE = "4 modules, nobody else"
 """What the other buses of `scale` are compared to."""
 GOALS = (
@@ -157,6 +163,10 @@ GOALS = (
     Goal("4 → most modules: p50 ÷", 1.2, _of_bus("all traffic among", "p50_us", ALONE)),
     Goal("20 idle modules: % of a core", 1.0, _of_row("idle", "robbie", "cpu_percent")),
     Goal("20 modules, 1,500 messages/s: core %", 10.0, _of_bus("1,500", "core_percent")),
+    Goal("watched by `top`: p50 of 64 B ÷ unwatched", 1.1, _against("latency", WATCHED, "robbie")),
+    Goal("watched by `top`: p50 of 6.2 MB ÷ unwatched", 1.1, _against("large", WATCHED, "robbie", "6.2")),
+    Goal("watched by `top`: p50 of 1 MB to 8 ÷ unwatched", 1.1, _against("fanout", WATCHED, "robbie")),
+    Goal("watched by `top`: flat out ÷ unwatched", 0.9, _throughput_share, at_least=True),
     Goal("SIGKILL to next message: median ms", 60.0, _restart_ms),
 )
 

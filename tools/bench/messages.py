@@ -1,9 +1,11 @@
-"""The benchmarks of one publisher: `latency`, `large`, `fanout` and `throughput`."""
+"""The benchmarks of one publisher: `latency`, `wake`, `large`, `fanout` and `throughput`."""
 
+import os
 from pathlib import Path
 from typing import Any
 
 from tools.bench.options import IN_PLACE, Options, peer, peers
+from tools.bench.robbie import RobbieContender
 from tools.bench.rounds import Series, run_work
 from tools.bench.work import PROBE_BYTES, Work
 
@@ -14,6 +16,17 @@ IMAGE_BYTES = 1920 * 1080 * 3
 """6.2 MB."""
 IMAGE_HZ = 30.0
 FANOUT = 8
+FLOORS = ("floor", "floor_futex", "floor_eventfd", "floor_fifo", "floor_datagram")
+SCHEDULED = (
+    RobbieContender("robbie-spinning", "Robbie-MP, core spins 2 ms", {"scheduling": {"spin_us": 2000}}),
+    RobbieContender(
+        "robbie-realtime",
+        "Robbie-MP at real-time priority",
+        {"scheduling": {"realtime_priority": 10}},
+        {"scheduling": {"realtime_priority": 10}},
+    ),
+)
+"""Robbie with what a profile may set for its processes."""
 
 
 def latency(options: Options) -> list[Result]:
@@ -21,6 +34,19 @@ def latency(options: Options) -> list[Result]:
     work = Work("", Path(), count=options.messages(3000, 500), rate_hz=1000.0, warm_up=100)
     series = [Series(one) for one in (peer("floor"), *options.robbies(), *peers())]
     return [_latencies(options, "latency", "64 bytes, 1 kHz, 1 subscriber", work, series, (5, 2))]
+
+
+def wake(options: Options) -> list[Result]:
+    """Ways to wake a process, on all processors and on one, bare and in Robbie."""
+    work = Work("", Path(), count=options.messages(3000, 500), rate_hz=1000.0, warm_up=100)
+    rows = [*(peer(name) for name in FLOORS), *options.robbies(), *SCHEDULED]
+    series = [
+        Series(one, {"cpus": cpus}, suffix)
+        for cpus, suffix in (((), ""), ((min(os.sched_getaffinity(0)),), "one processor"))
+        for one in rows
+        if not (cpus and one in SCHEDULED)
+    ]
+    return [_latencies(options, "wake", "64 bytes, 1 kHz, through three processes", work, series, (5, 1))]
 
 
 def large(options: Options) -> list[Result]:

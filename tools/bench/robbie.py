@@ -2,7 +2,7 @@
 
 import contextlib
 import subprocess
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -77,7 +77,7 @@ class RobbieContender:
         """Run a profile with one publisher and the work's subscribers to its end."""
         with work_folder() as (topic, folder):
             here = replace(work.at(topic, folder), settle_s=self.settle_s)
-            with self.robot(folder, self.pair(here)) as robot:
+            with self.robot(folder, self.pair(here), work.cpus) as robot:
                 robot.wait_for_end(LIMIT_S)
                 if robot.supervisor.returncode:
                     raise Trouble(last_words(folder / "stderr"))
@@ -106,21 +106,26 @@ class RobbieContender:
         }
         return described
 
-    def write_workspace(self, folder: Path, modules: Mapping[str, dict[str, Any]]) -> None:
-        """Write the profile `bench` with these modules into a folder."""
+    def write_workspace(
+        self, folder: Path, modules: Mapping[str, dict[str, Any]], cpus: Sequence[int] = ()
+    ) -> None:
+        """Write the profile `bench` with these modules, all on these processors, into a folder."""
         (folder / "profiles").mkdir()
-        complete = {name: {**MODULE, **own, **self._module} for name, own in modules.items()}
-        text = yaml.safe_dump({"core": self._core, "modules": complete}, sort_keys=False)
+        place = {"scheduling": {"cpus": list(cpus)}} if cpus else {}
+        complete = {name: {**MODULE, **place, **own, **self._module} for name, own in modules.items()}
+        text = yaml.safe_dump({"core": {**place, **self._core}, "modules": complete}, sort_keys=False)
         (folder / "profiles" / "bench.yaml").write_text(text)
 
     @contextlib.contextmanager
-    def robot(self, folder: Path, modules: Mapping[str, dict[str, Any]]) -> Iterator[Robot]:
+    def robot(
+        self, folder: Path, modules: Mapping[str, dict[str, Any]], cpus: Sequence[int] = ()
+    ) -> Iterator[Robot]:
         """Start a profile of these modules; at the end it is stopped, and killed if it does not.
 
         Raises:
             Trouble: from the block too, if the robot did not do what it must.
         """
-        self.write_workspace(folder, modules)
+        self.write_workspace(folder, modules, cpus)
         robot = Robot(folder, folder, "bench")
         try:
             with watched(robot) if self._with_top else contextlib.nullcontext():

@@ -27,6 +27,7 @@ class Work:
         lossless: the publisher shall wait for slow subscribers if it can be told to.
         settle_s: how long Robbie's publisher waits before it begins.
         pause_s: with a count of 0, how long all processes wait for messages that do not come.
+        cpus: processors on which all processes run; (): all.
     """
 
     topic: str
@@ -40,6 +41,7 @@ class Work:
     lossless: bool = False
     settle_s: float = 0.0
     pause_s: float = 0.0
+    cpus: tuple[int, ...] = ()
 
     @property
     def has_array(self) -> bool:

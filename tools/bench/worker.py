@@ -1,6 +1,7 @@
 """One process of a peer: `python -m tools.bench.worker PEER ROLE WORK.json`."""
 
 import importlib
+import os
 import sys
 from pathlib import Path
 
@@ -22,6 +23,8 @@ def load_peer(name: str) -> Peer:
 
 def run(peer: Peer, role: str, work: Work) -> None:
     """Play one role to its end."""
+    if work.cpus:
+        os.sched_setaffinity(0, work.cpus)
     if role == PUBLISHER:
         with peer.publisher(work) as send:
             publish_all(work, send)
