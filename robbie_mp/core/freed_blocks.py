@@ -18,12 +18,14 @@ class FreedBlocks:
 
     Args:
         words: the core segment.
+        ledger: every message there is.
         slots: the modules.
         members: those of them that are connected.
     """
 
-    def __init__(self, words: Words, slots: Sequence[Slot], members: Members):
+    def __init__(self, words: Words, ledger: Ledger, slots: Sequence[Slot], members: Members):
         self._words = words
+        self._ledger = ledger
         self._slots = slots
         self._members = members
         self._dead_sources: set[tuple[int, int]] = set()
@@ -31,18 +33,18 @@ class FreedBlocks:
         self.waits = 0
         """Links that wait for freed blocks."""
 
-    def give_back(self, ledger: Ledger, index: int) -> None:
+    def give_back(self, index: int) -> None:
         """Give a message's block back to its owner, if that still lives, and then free its row."""
-        handle = ledger.handle(index)
+        handle = self._ledger.handle(index)
         source = handle[1] & _SOURCE_OF_INCARNATION
         link = self._slots[source & 0xFFFF].link
         if link is not None and source == link.source:
             self.free(link, handle.block)
-        if not ledger.close_handle(index) and self._dead_sources:
+        if not self._ledger.close_handle(index) and self._dead_sources:
             slot, _, incarnation = layout.unpack_source(source)
             if (slot, incarnation) in self._dead_sources:
                 self._dead_sources.remove((slot, incarnation))
-                self._announce_gone(ledger, slot, incarnation)
+                self._announce_gone(slot, incarnation)
 
     def free(self, link: Link, block: int) -> None:
         """Give one block back."""
@@ -66,19 +68,19 @@ class FreedBlocks:
         """Wake a dead module no more."""
         self.waits -= link.awaited_freed > 0
 
-    def bury(self, ledger: Ledger, slot: int, incarnation: int) -> None:
+    def bury(self, slot: int, incarnation: int) -> None:
         """Note that an incarnation is dead and has been taken back; its messages may live on."""
-        if ledger.has_live(slot, incarnation):
+        if self._ledger.has_live(slot, incarnation):
             self._dead_sources.add((slot, incarnation))
         else:
-            self._announce_gone(ledger, slot, incarnation)
+            self._announce_gone(slot, incarnation)
         if self._slots[slot].link is None:
             self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = 0
 
-    def restore(self, ledger: Ledger) -> None:
+    def restore(self) -> None:
         """Find out, as a new core, whose messages outlive them, and say again whose do not."""
         connected = {(link.slot, link.incarnation) for link in self._members.links}
-        self._dead_sources = ledger.sources() - connected
+        self._dead_sources = self._ledger.sources() - connected
         for slot in self._slots:
             last = max(
                 self._words[slot.at + column] for column in (layout.PUBLISHER_LINKED, layout.PUBLISHER_READY)
@@ -86,9 +88,9 @@ class FreedBlocks:
             for incarnation in range(max(1, last - KNOWN_DEAD), last + 1):
                 source = (slot.index, incarnation)
                 if source not in connected and source not in self._dead_sources:
-                    self._announce_gone(ledger, *source)
+                    self._announce_gone(*source)
 
-    def _announce_gone(self, ledger: Ledger, slot: int, incarnation: int) -> None:
+    def _announce_gone(self, slot: int, incarnation: int) -> None:
         """Say that a dead publisher's last message is gone."""
-        ledger.forget_source(slot, incarnation)
+        self._ledger.forget_source(slot, incarnation)
         self._members.announce_gone((slot, incarnation))

@@ -52,10 +52,15 @@ class Ledger:
 
     Args:
         tables: the core's tables.
+
+    Attributes:
         give_back: called with a handle to which nobody refers any more.
+        handle: returns the live message of an index.
     """
 
-    def __init__(self, tables: CoreTables, give_back: Callable[[int], None]):
+    give_back: Callable[[int], None]
+
+    def __init__(self, tables: CoreTables):
         self._tables = tables
         self._words = tables.words
         self._write_handle = row_writer(tables.words, 9)
@@ -64,8 +69,8 @@ class Ledger:
         self._free_handles = list(range(tables.sizes.handles - 1, -1, -1))
         """Rows; the last one is taken next."""
         self._free_references = list(range(tables.sizes.references - 1, -1, -1))
-        self._give_back = give_back
         self._handles: list[Handle] = [Handle(0, 0, 0, 0, 0, 0, 0)] * tables.sizes.handles
+        self.handle = self._handles.__getitem__
         self._holders = [0] * tables.sizes.handles
         self._references: list[tuple[int, int, Subscription] | None] = [None] * tables.sizes.references
         self._live_of_source: dict[int, int] = {}
@@ -93,10 +98,6 @@ class Ledger:
         source &= _SOURCE_OF_INCARNATION
         self._live_of_source[source] = self._live_of_source.get(source, 0) + 1
         return index
-
-    def handle(self, index: int) -> Handle:
-        """A live message."""
-        return self._handles[index]
 
     def close_handle(self, index: int) -> int:
         """Free a handle's row; return how many messages of its publisher are left."""
@@ -174,16 +175,15 @@ class Ledger:
         self._free_references.append(index)
         self._holders[handle] = left = self._holders[handle] - 1
         if not left:
-            self._give_back(handle)
+            self.give_back(handle)
 
     def finish(self, index: int, outcome: Outcome) -> None:
         """Enter what became of a reference and free it."""
         self.count(index, outcome)
         self.close_reference(index)
 
-    def deliver(self, index: int) -> None:
+    def deliver(self, index: int, handle: int, subscription: Subscription) -> None:
         """Do as `finish` with DELIVERED, in fewer steps: it happens to almost every reference."""
-        _, handle, subscription = self.reference(index)
         words, at, counts = self._words, self._references_at + index * _REFERENCE_WORDS, subscription.counts
         counts[1] = nth = counts[1] + 1
         words[at] = _DELIVERED | nth << 8  # commits
@@ -193,7 +193,7 @@ class Ledger:
         self._free_references.append(index)
         self._holders[handle] = left = self._holders[handle] - 1
         if not left:
-            self._give_back(handle)
+            self.give_back(handle)
 
     # -- after a crash of the core -----------------------------------------------------------------------
 

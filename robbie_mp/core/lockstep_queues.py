@@ -74,7 +74,7 @@ class LockstepQueues(Queues):
         _, handle, subscription = self._ledger.reference(reference)
         self.remove(slot, reference)
         self._push(subscription, reference, self._ledger.handle(handle), link)
-        self._to_post.add(link)
+        self.to_post.add(link)
         self.outdate(slot)
 
     def _next_sequence(self, slot: Slot) -> int:

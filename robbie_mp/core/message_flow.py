@@ -3,7 +3,7 @@
 Each step can be repeated after a crash of the core; why, is the ledger's affair.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from robbie_mp.core.directory import Channel, Directory, Subscription
 from robbie_mp.core.freed_blocks import FreedBlocks
@@ -33,7 +33,6 @@ class MessageFlow:
         directory: who wants what.
         queues: what waits for each module.
         blocks: the way back of memory.
-        give_back: called with a handle to which nobody refers.
     """
 
     def __init__(
@@ -44,7 +43,6 @@ class MessageFlow:
         directory: Directory,
         queues: Queues,
         blocks: FreedBlocks,
-        give_back: Callable[[int], None],
     ):
         self._words = words
         self._write_channel = row_writer(words, 4)
@@ -53,7 +51,6 @@ class MessageFlow:
         self._directory = directory
         self._queues = queues
         self._blocks = blocks
-        self._give_back = give_back
         self.sequence = 0
         """Of the last message: the one order of the run."""
 
@@ -76,12 +73,13 @@ class MessageFlow:
             return
         handle = _new_tuple(Handle, (self.sequence + 1, source, offset, size, channel.index, stamp, block))
         index = ledger.open_handle(handle, link.outbound.tail, slot.routed + 1, channel)
-        self._route(slot, channel, index, subscriptions)
+        self._route(slot, channel, index, handle, subscriptions)
 
-    def _route(self, slot: Slot, channel: Channel, index: int, subscriptions: Sequence[Subscription]) -> None:
+    def _route(
+        self, slot: Slot, channel: Channel, index: int, handle: Handle, subscriptions: Sequence[Subscription]
+    ) -> None:
         """Send an entered message to everyone who wants it, or queue it for them, and count it."""
         ledger, words, add = self._ledger, self._words, self._queues.add
-        handle = ledger.handle(index)
         sequence, _, _, size, _, stamp_ns, _ = handle
         self.sequence = words[_CORE_LAST_SEQUENCE] = sequence
         claims = ledger.open_references(subscriptions, index)
@@ -90,7 +88,7 @@ class MessageFlow:
         slot.routed = words[slot.at + _PUBLISHER_ROUTED] = slot.routed + 1
         channel.count(self._write_channel, size, stamp_ns)
         if not claims and not ledger.is_held(index):
-            self._give_back(index)
+            self._blocks.give_back(index)
 
     def _refuse(self, slot: Slot, link: Link, block: int) -> None:
         """Count a message for which the tables have no row, and give its block back."""
@@ -118,12 +116,13 @@ class MessageFlow:
     def release(self, slot: Slot, link: Link, record: Record) -> None:
         """Let go of a message; it counts as delivered now, if it did not before."""
         reference = record[1]
-        if reference in link.pushed and self._ledger.reference(reference)[0] == record[2]:
+        ledger = self._ledger
+        if reference in link.pushed and (entry := ledger.reference(reference))[0] == record[2]:
             del link.pushed[reference]
-            self._ledger.deliver(reference)
-        elif reference in link.pinned and self._ledger.reference(reference)[0] == record[2]:
+            ledger.deliver(reference, entry[1], entry[2])
+        elif reference in link.pinned and ledger.reference(reference)[0] == record[2]:
             link.pinned.remove(reference)
-            self._ledger.close_reference(reference)
+            ledger.close_reference(reference)
         elif not link.is_said_again():
             raise ProtocolViolation(f"it released reference {reference}, which it does not have")
         if slot.waiting:
@@ -131,7 +130,8 @@ class MessageFlow:
         self._queues.outdate(slot)
 
     def finish_publishing(
-        self, slot: Slot, link: Link, entered: Mapping[tuple[int, int, int], int]) -> None:
+        self, slot: Slot, link: Link, entered: Mapping[tuple[int, int, int], int]
+    ) -> None:
         """Bring the record at a ring's tail to its end if it is a message that was entered or refused."""
         if link.has_ended or not link.outbound.waiting() or link.outbound.peek()[0] != Outbound.PUBLISH:
             return
@@ -148,13 +148,13 @@ class MessageFlow:
             # Cut short under an earlier core, which found the ring destroyed: others have come since.
             link.outbound.take()
         elif sequence:
-            channel = self._directory.by_index(self._ledger.handle(index).channel)
+            handle = self._ledger.handle(index)
+            channel = self._directory.by_index(handle.channel)
             slot.routed = nth - 1
             channel.messages = self._ledger.row(index, layout.HANDLE_CHANNEL_MESSAGES) - 1
-            channel.bytes = (
-                self._ledger.row(index, layout.HANDLE_CHANNEL_BYTES) - self._ledger.handle(index).size
-            )
-            self._route(slot, channel, index, unclaimed(self._ledger, self._directory, index, channel))
+            channel.bytes = self._ledger.row(index, layout.HANDLE_CHANNEL_BYTES) - handle.size
+            left = unclaimed(self._ledger, self._directory, index, channel)
+            self._route(slot, channel, index, handle, left)
             link.outbound.take()
         elif slot.routed >= nth:
             link.outbound.take()  # routed to its end, and even given back

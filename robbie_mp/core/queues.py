@@ -28,11 +28,14 @@ class Queues:
         self._write_figures = row_writer(words, 4)
         self.holds_posts = False
         """Whether more messages are about to follow, so that modules are better woken for all of them."""
-        self._to_post: set[Link] = set()
+        self.to_post: set[Link] = set()
+        """Modules that have been sent something and are to be woken."""
         self.not_empty: set[Slot] = set()
         """Modules for which messages wait."""
         self._outdated: set[Slot] = set()
         """Modules whose figures are to be written again."""
+        self.outdate = self._outdated.add
+        """Note that what waits for a module, or what it has, has changed."""
 
     def add(self, subscription: Subscription, reference: int, handle: Handle) -> None:
         """Send a message on if nothing is before it, else let it wait; the oldest goes if too many wait."""
@@ -46,12 +49,12 @@ class Queues:
         ):
             self._push(subscription, reference, handle, link)
             if self.holds_posts:
-                self._to_post.add(link)
+                self.to_post.add(link)
             else:
                 link.wake()
         else:
             self._queue(slot, subscription, reference, handle.size)
-        self._outdated.add(slot)
+        self.outdate(slot)
 
     def _queue(self, slot: Slot, subscription: Subscription, reference: int, size: int) -> None:
         if subscription.newest_only:
@@ -93,7 +96,7 @@ class Queues:
             self._push(subscription, reference, self._ledger.handle(handle), link)
             sent = True
         if sent:
-            self._to_post.add(link)
+            self.to_post.add(link)
 
     def _may_push(self, subscription: Subscription, link: Link) -> bool:
         """Whether a module may be given the next message: by its credit, or for the newest by having none.
@@ -130,13 +133,13 @@ class Queues:
 
     def post(self) -> None:
         """Wake the modules that have been sent something."""
-        while self._to_post:
-            self._to_post.pop().wake()
+        while self.to_post:
+            self.to_post.pop().wake()
 
     def end_round(self) -> None:
         """Do what is left when everything in the rings has been handled."""
-        while self._to_post:  # as `post` does, without a call for each message
-            self._to_post.pop().wake()
+        while self.to_post:  # as `post` does, without a call for each message
+            self.to_post.pop().wake()
         self.write_figures()
 
     def is_settled(self) -> bool:
@@ -146,10 +149,6 @@ class Queues:
     def restore(self) -> None:
         """Find out, as a new core, for whom messages wait."""
         self.not_empty = {slot for slot in self._slots if slot.waiting}
-
-    def outdate(self, slot: Slot) -> None:
-        """Note that what waits for a module, or what it has, has changed."""
-        self._outdated.add(slot)
 
     def write_figures(self) -> None:
         """Show what waits for the modules, and what they have, to whoever watches."""

@@ -70,7 +70,7 @@ class Router:
         self._report = report
         tools = frozenset(index for index, bound in enumerate(slots) if bound.is_tool)
         self._directory = Directory(tables, tools)
-        self._ledger = Ledger(tables, self._give_back)
+        self._ledger = Ledger(tables)
         self._slots = [
             Slot(
                 index,
@@ -88,7 +88,8 @@ class Router:
             else Queues(self._words, self._ledger, self._slots)
         )
         self._members = Members(self._words, self._slots, limits, connect, report)
-        self._blocks = FreedBlocks(self._words, self._slots, self._members)
+        self._blocks = FreedBlocks(self._words, self._ledger, self._slots, self._members)
+        self._ledger.give_back = self._blocks.give_back
         declarations = Declarations(self._words, self._slots, self._ledger, self._directory, self._queues)
         self._declarations = declarations
         self._flow = MessageFlow(
@@ -98,7 +99,6 @@ class Router:
             self._directory,
             self._queues,
             self._blocks,
-            self._give_back,
         )
         self._publish, self._release = self._flow.publish, self._flow.release
         self._fence = new_fence()
@@ -146,8 +146,8 @@ class Router:
                 self._members.fault(link, error)
         for index in handles:
             if self._ledger.row(index, layout.HANDLE_SEQUENCE) and not self._ledger.is_held(index):
-                self._give_back(index)
-        self._blocks.restore(self._ledger)
+                self._blocks.give_back(index)
+        self._blocks.restore()
         for slot in self._slots:
             if slot.link is not None:
                 if slot.link.ready:
@@ -157,9 +157,6 @@ class Router:
         self._queues.write_figures()
         for link in self._members.links:
             self._blocks.await_total(link, link.out_words[layout.OUT_AWAITED_FREED])
-
-    def _give_back(self, index: int) -> None:
-        self._blocks.give_back(self._ledger, index)
 
     # -- the loop's view -------------------------------------------------------------------------------
 
@@ -254,7 +251,8 @@ class Router:
             else:
                 raise ProtocolViolation(f"record of unknown kind {kind}")
             outbound.take()
-        queues.post()
+        if queues.to_post:
+            queues.post()
 
     # -- modules come and go -----------------------------------------------------------------------------
 
@@ -266,7 +264,7 @@ class Router:
         elif kind == Outbound.MODULE_DOWN:
             if link is not None and link.incarnation == incarnation:
                 self._reclaim(link)
-            self._blocks.bury(self._ledger, slot, incarnation)
+            self._blocks.bury(slot, incarnation)
             self._members.notify(SUPERVISOR_SLOT, (Inbound.RECLAIMED, slot, incarnation, 0))
         elif kind == Outbound.MODULE_GONE:
             outcome = Outcome.DROPPED if record[2] else Outcome.LOST

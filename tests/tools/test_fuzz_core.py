@@ -33,8 +33,8 @@ PLANTED: dict[str, tuple[type, str, str, str]] = {
     ),
     "a release of an older message": (
         MessageFlow, "release",
-        "reference in link.pushed and self._ledger.reference(reference)[0] == record[2]",
-        "reference in link.pushed",
+        "(entry := ledger.reference(reference))[0] == record[2]",
+        "(entry := ledger.reference(reference))",
     ),
     "done with an older message": (
         MessageFlow, "done", "or self._ledger.reference(reference)[0] != record[2]", "",

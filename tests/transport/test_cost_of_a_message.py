@@ -160,9 +160,9 @@ def test_message_takes_few_calls(chain: Chain) -> None:
     handling, _ = calls_of(lambda: chain.inbox.handle(delivery))
     releasing, _ = calls_of(chain.core.drain)
     assert publishing <= 13
-    assert routing <= 27
+    assert routing <= 24
     assert handling <= 10
-    assert releasing <= 25
+    assert releasing <= 20
 
 
 def test_array_is_copied_once_on_its_way(chain: Chain) -> None:
