@@ -49,7 +49,7 @@ class Floor(Peer):
 
     def __init__(self, wakes: Wakes):
         self._wakes = wakes
-        self.title = f"floor: 3 processes, {wakes.title}"
+        self.title = f"floor: 3 processes with {wakes.title}"
         self.how = f"{wakes.how}; 64 bytes packed into and unpacked from mapped memory; bare Python loops"
 
     @contextmanager
