@@ -82,6 +82,8 @@ class Scheduling:
     """Numbers of the processors it may run on; empty: all."""
     spin_us: float = bounded(0.0, 0, 1e6)
     """It looks for the next message so long before it sleeps: faster, but it keeps a processor busy."""
+    wake_latency_us: int | None = bounded(None, 0, 1_000_000)
+    """While it lives, processors sleep no deeper than to be awake again within that; None: as they do."""
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,15 @@
 import logging
 import os
+import struct
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from robbie_mp.profile.model import Scheduling
-from robbie_mp.supervisor.scheduling import NoSuchCpu, apply_scheduling
+from robbie_mp.supervisor.scheduling import WAKE_LATENCY_DEVICE, NoSuchCpu, apply_scheduling
 from robbie_mp.transport.wakeup import Wakeup
 
 SCHEDULE = """
@@ -44,6 +46,48 @@ def test_missing_permission_is_a_warning(
 def test_processor_that_is_not_there_is_an_error_that_names_those_that_are() -> None:
     with pytest.raises(NoSuchCpu, match=r"scheduling.cpus is \[100000\], but this process may only use 0"):
         apply_scheduling(Scheduling(cpus=[100000]), logging.getLogger("core"))
+
+
+LIMIT_LATENCY = """
+import logging
+from robbie_mp.profile.model import Scheduling
+from robbie_mp.supervisor import scheduling
+scheduling.WAKE_LATENCY_DEVICE = "{device}"
+scheduling.apply_scheduling(Scheduling(wake_latency_us=17), logging.getLogger())
+print("set", flush=True)
+input()
+"""
+
+
+def wake_latency_us() -> int:
+    (latency_us,) = struct.unpack("=i", Path(WAKE_LATENCY_DEVICE).read_bytes()[:4])
+    return int(latency_us)
+
+
+@pytest.mark.skipif(
+    not os.access(WAKE_LATENCY_DEVICE, os.R_OK | os.W_OK), reason=f"{WAKE_LATENCY_DEVICE} cannot be written"
+)
+def test_processors_sleep_lightly_as_long_as_the_process_lives() -> None:
+    before_us = wake_latency_us()
+    code = LIMIT_LATENCY.format(device=WAKE_LATENCY_DEVICE)
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "set\n"
+        assert wake_latency_us() == min(17, before_us)
+        process.kill()
+    assert wake_latency_us() == before_us
+
+
+@pytest.mark.parametrize("device", ["/nowhere/cpu_dma_latency", "/dev/full"])
+def test_wake_latency_that_cannot_be_limited_is_a_warning(device: str) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", LIMIT_LATENCY.format(device=device)],
+        check=False, capture_output=True, text=True, timeout=30, input="\n",
+    )  # fmt: skip
+    assert (ended.returncode, ended.stdout) == (0, "set\n"), ended.stderr
+    assert f"processors sleep as deep as usual, for {device} cannot be written (No " in ended.stderr
 
 
 def test_who_spins_looks_for_a_post_before_it_sleeps() -> None:

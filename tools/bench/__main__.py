@@ -2,14 +2,17 @@
 
 import argparse
 import json
+import os
 import signal
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from robbie_mp.supervisor.scheduling import WAKE_LATENCY_DEVICE
 from tools.bench import load, messages
 from tools.bench.goals import goal_table
-from tools.bench.machine import describe_machine
+from tools.bench.machine import describe_machine, processors_awake
 from tools.bench.options import Options, read_variant
 from tools.bench.report import write_report
 from tools.bench.restarting import restart
@@ -35,11 +38,14 @@ def main(arguments: list[str] | None = None) -> int:
     unknown = set(parsed.benchmarks) - set(BENCHMARKS)
     if unknown:
         parser.error(f"there is no benchmark {', '.join(sorted(unknown))}; there are {', '.join(BENCHMARKS)}")
+    if parsed.awake and not os.access(WAKE_LATENCY_DEVICE, os.W_OK):
+        parser.error(f"--awake: {WAKE_LATENCY_DEVICE} cannot be written")
     if parsed.read:
         run = json.loads(parsed.read.read_text())
     else:
         machine = describe_machine()
-        results = _measure(parsed.benchmarks or list(BENCHMARKS), _options(parsed))
+        with processors_awake() if parsed.awake else nullcontext():
+            results = _measure(parsed.benchmarks or list(BENCHMARKS), _options(parsed))
         run = {"machine": machine, "command": " ".join(["python -m tools.bench", *given]), "results": results}
     if parsed.json:
         parsed.json.write_text(json.dumps(run, indent=1))
@@ -73,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--count", type=int, default=0, help="messages in each round")
     add("--modules", type=int, default=0, help="the largest number of modules or subscribers")
     add("--seconds", type=float, default=0.0, help="for which processor time is measured")
+    add("--awake", action="store_true", help="processors do not sleep meanwhile; needs permission")
     add("--with-top", action="store_true", help="also measure Robbie watched by robbie top")
     add(
         "--variant",

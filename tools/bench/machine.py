@@ -2,11 +2,31 @@
 
 import os
 import platform
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import psutil
+
+from robbie_mp.supervisor.scheduling import WAKE_LATENCY_DEVICE
+
+
+@contextmanager
+def processors_awake() -> Iterator[None]:
+    """Keep processors from sleeping, for whoever runs.
+
+    Raises:
+        OSError: this machine does not let us.
+    """
+    device = os.open(WAKE_LATENCY_DEVICE, os.O_WRONLY)
+    try:
+        os.write(device, struct.pack("=i", 0))
+        yield
+    finally:
+        os.close(device)
 
 
 def describe_machine() -> dict[str, Any]:

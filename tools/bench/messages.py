@@ -18,7 +18,14 @@ IMAGE_HZ = 30.0
 FANOUT = 8
 FLOORS = ("floor", "floor_futex", "floor_eventfd", "floor_fifo", "floor_datagram")
 SCHEDULED = (
-    RobbieContender("robbie-spinning", "Robbie-MP with a core that spins 2 ms", {"scheduling": {"spin_us": 2000}}),
+    RobbieContender(
+        "robbie-spinning", "Robbie-MP with a core that spins 2 ms", {"scheduling": {"spin_us": 2000}}
+    ),
+    RobbieContender(
+        "robbie-awake",
+        "Robbie-MP with processors that do not sleep",
+        {"scheduling": {"wake_latency_us": 0}},
+    ),
     RobbieContender(
         "robbie-realtime",
         "Robbie-MP at real-time priority",
