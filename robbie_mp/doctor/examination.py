@@ -34,7 +34,7 @@ def examine(profile: Profile | None = None) -> list[Finding]:
         "Python": look_at_python,
         "memory": lambda: look_at_memory(needs),
         "limits": lambda: look_at_limits(needs),
-        "processors": look_at_processors,
+        "processors": lambda: look_at_processors(needs),
         "clock": look_at_clock,
         "permissions": look_at_permissions,
         "runs": look_at_runs,

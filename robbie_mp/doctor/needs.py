@@ -30,6 +30,7 @@ class Needs:
         descriptors_to_start: of the process that needs most of them, as long as little is mapped.
         descriptors: the same when every module maps every segment of every other.
         realtime_priority: the highest that any process asks for; 0: none does.
+        limits_wake_latency: some process asks that processors sleep less deeply.
     """
 
     profile: str
@@ -40,6 +41,7 @@ class Needs:
     descriptors_to_start: int
     descriptors: int
     realtime_priority: int = 0
+    limits_wake_latency: bool = False
 
     @classmethod
     def of(cls, profile: Profile) -> Self:
@@ -68,6 +70,7 @@ class Needs:
             descriptors_to_start=to_start,
             descriptors=max(to_start, OWN_DESCRIPTORS + maps),
             realtime_priority=max(one.realtime_priority for one in schedulings),
+            limits_wake_latency=any(one.wake_latency_us is not None for one in schedulings),
         )
 
 

@@ -6,7 +6,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from robbie_mp.doctor.finding import Finding, ok, warn
+from robbie_mp.doctor.needs import Needs
 from robbie_mp.doctor.read import read_line
+from robbie_mp.supervisor.scheduling import WAKE_LATENCY_DEVICE
 
 PROCESSORS = Path("/sys/devices/system/cpu")
 QUOTA = Path("/sys/fs/cgroup/cpu.max")
@@ -15,13 +17,14 @@ DYNAMIC_DRIVERS = ("intel_pstate", "amd-pstate-epp")
 """With these, `powersave` is the name of a governor that does follow the load."""
 
 
-def look_at_processors() -> Iterator[Finding]:
+def look_at_processors(needs: Needs | None) -> Iterator[Finding]:
     """Judge this machine's processors."""
     yield check_count(len(os.sched_getaffinity(0)), read_line(QUOTA))
     folders = sorted(PROCESSORS.glob("cpu[0-9]*/cpufreq"))
     governors = Counter(line for folder in folders if (line := read_line(folder / "scaling_governor")))
     driver = read_line(folders[0] / "scaling_driver") if folders else None
     yield check_governor(governors, driver)
+    yield check_wake_latency(may_limit=os.access(WAKE_LATENCY_DEVICE, os.W_OK), needs=needs)
 
 
 def check_count(processors: int, quota: str | None) -> Finding:
@@ -56,3 +59,18 @@ def check_governor(governors: Mapping[str, int], driver: str | None) -> Finding:
         advice = "they stay at their lowest frequency: sudo cpupower frequency-set -g schedutil"
         return warn("frequency", found, advice)
     return ok("frequency", found)
+
+
+def check_wake_latency(*, may_limit: bool, needs: Needs | None) -> Finding:
+    """Judge whether a robot may keep processors from deep sleep.
+
+    Args:
+        may_limit: the device for it can be written.
+        needs: whether the robot asks for that.
+    """
+    may = "may" if may_limit else "may not"
+    found = f"a robot {may} keep processors from deep sleep ({WAKE_LATENCY_DEVICE})"
+    if needs is not None and needs.limits_wake_latency and not may_limit:
+        advice = 'a udev rule: KERNEL=="cpu_dma_latency", GROUP="robot", MODE="0660"'
+        return warn("wake latency", f"{found}; {needs.profile} asks for it", advice)
+    return ok("wake latency", found)
