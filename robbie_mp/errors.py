@@ -4,6 +4,9 @@ Each package declares its own errors next to the code that raises them; each is 
 built-in it resembles, so that `except ValueError` works for who does not know us.
 """
 
+from types import FunctionType
+from typing import Any, Self
+
 
 class RobbieError(Exception):
     """Something that Robbie-MP refuses or cannot do; the text says what, where, and what to do.
@@ -12,3 +15,16 @@ class RobbieError(Exception):
       - a profile names a module class that does not exist
       - a message is larger than a segment can hold
     """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Say how to copy it: not by a constructor of its own, which would make its text anew."""
+        if not isinstance(type(self).__init__, FunctionType):
+            return super().__reduce__()  # type: ignore[return-value]
+        return self._rebuilt, (self.args, self.__dict__)
+
+    @classmethod
+    def _rebuilt(cls, args: tuple[Any, ...], attributes: dict[str, Any]) -> Self:
+        error = cls.__new__(cls, *args)
+        error.args = args
+        error.__dict__.update(attributes)
+        return error

@@ -33,7 +33,7 @@ class Queues:
         self.not_empty: set[Slot] = set()
         """Modules for which messages wait."""
         self._outdated: set[Slot] = set()
-        """Modules whose figures are to be written again."""
+        """Modules whose figures are to be written again; always the same set, which `outdate` is bound to."""
         self.outdate = self._outdated.add
         """Note that what waits for a module, or what it has, has changed."""
 

@@ -1,0 +1,54 @@
+"""Errors can be sent to another process, as `concurrent.futures` and `multiprocessing` do."""
+
+import copy
+import importlib
+import pickle
+import pkgutil
+from collections.abc import Iterator
+
+import pytest
+
+import robbie_mp
+from robbie_mp.bus import EmptyPattern, SubscribedTwice
+from robbie_mp.errors import RobbieError
+from robbie_mp.profile.problem import Problem, ProfileError
+from robbie_mp.scene_graph.errors import SceneFileError, TooNew, TooOld, UnknownNode
+from robbie_mp.services.operator_station.composer import FormError
+from robbie_mp.settings import SettingError
+
+PROBLEMS = [Problem("one"), Problem("two")]
+WITH_CONSTRUCTORS = [
+    SubscribedTwice("std_msgs/msg/String", "talk"),
+    EmptyPattern(),
+    ProfileError(PROBLEMS),
+    SceneFileError(PROBLEMS),
+    UnknownNode("there is no lasser", "lasser", ["laser"]),
+    TooOld("too old", 0.5),
+    TooNew("too new", 0.5),
+    FormError({"x": "not a number"}),
+    SettingError("too large", "speed"),
+]
+
+
+def all_errors(of: type[RobbieError] = RobbieError) -> Iterator[type[RobbieError]]:
+    for derived in of.__subclasses__():
+        yield derived
+        yield from all_errors(derived)
+
+
+@pytest.mark.parametrize("error", WITH_CONSTRUCTORS, ids=lambda error: type(error).__name__)
+def test_error_with_a_constructor_of_its_own_is_the_same_elsewhere(error: RobbieError) -> None:
+    for there in (pickle.loads(pickle.dumps(error)), copy.copy(error), copy.deepcopy(error)):
+        assert type(there) is type(error)
+        assert (str(there), there.args, vars(there)) == (str(error), error.args, vars(error))
+
+
+def test_no_error_with_a_constructor_is_left_out_here() -> None:
+    for module in pkgutil.walk_packages(robbie_mp.__path__, "robbie_mp."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+    own = {error for error in all_errors() if error.__module__.startswith("robbie_mp.")}
+    assert {error for error in own if "__init__" in vars(error)} == set(map(type, WITH_CONSTRUCTORS))
+    for error in own - set(map(type, WITH_CONSTRUCTORS)):
+        there = pickle.loads(pickle.dumps(error("some text")))
+        assert (type(there), str(there)) == (error, "some text")
