@@ -71,10 +71,10 @@ def test_latency_of_robbie_and_others_in_one_run(tmp_path, capsys):
 
 def test_ways_to_wake_a_process_are_measured_beside_one_another(tmp_path):
     floors = "floor,floor_futex,floor_eventfd,floor_fifo,floor_datagram"
-    run = measure(tmp_path, "wake", f"--only={floors},robbie", "--count=20")
+    run = measure(tmp_path, "wake", f"--only={floors}", "--count=20")
     rows = run["results"][0]["contenders"]
-    assert len({row["name"] for row in rows}) == len(rows) == 2 * 6
-    assert [row["trouble"] for row in rows] == [""] * 12
+    assert len({row["name"] for row in rows}) == len(rows) == 2 * 5
+    assert [row["trouble"] for row in rows] == [""] * 10
     assert all((row["lost"], row["wanted"]) == ([0], [20]) for row in rows)
 
 
