@@ -11,6 +11,8 @@ import pytest
 
 from robbie_mp.harness import ModuleHarness
 from robbie_mp.messages import DriveCommand, Image, LaserScan, ModuleState, TwistStamped
+from robbie_mp.profile.load import load_profile
+from robbie_mp.services.message_logger import MessageLogger
 from robbie_mp.settings import SettingError
 from tests.docs.pages import block
 
@@ -102,6 +104,16 @@ def test_settings() -> None:
     with ModuleHarness(recorder, {"file": "scans.bin", "mode": "scans"}) as harness:
         assert harness.module.file == Path("scans.bin").absolute()
         assert harness.module.give_up_after_s is None
+
+
+def test_profile_that_wakes_up_sooner(tmp_path: Path) -> None:
+    (tmp_path / "profiles").mkdir()
+    (tmp_path / "profiles" / "sooner.yaml").write_text(block("docs/how-to.md", "sooner"))
+    profile = load_profile("sooner", tmp_path)
+    assert profile.core.scheduling.wake_latency_us == 0
+    niceness = {module.name: module.scheduling.nice for module in profile.modules}
+    assert niceness == {"mapping": 5, "logger": None}
+    assert MessageLogger.nice > 0
 
 
 def test_its_own_tests_pass() -> None:
