@@ -138,8 +138,8 @@ class Queues:
 
     def end_round(self) -> None:
         """Do what is left when everything in the rings has been handled."""
-        while self.to_post:  # as `post` does, without a call for each message
-            self.to_post.pop().wake()
+        if self.to_post:
+            self.post()
         self.write_figures()
 
     def is_settled(self) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 from robbie_mp.doctor.finding import Finding, ok, warn
 from robbie_mp.doctor.needs import Needs
 from robbie_mp.doctor.read import read_line
-from robbie_mp.supervisor.scheduling import WAKE_LATENCY_DEVICE
+from robbie_mp.wake_latency import DEVICE, HOW_TO_ALLOW
 
 PROCESSORS = Path("/sys/devices/system/cpu")
 QUOTA = Path("/sys/fs/cgroup/cpu.max")
@@ -24,7 +24,7 @@ def look_at_processors(needs: Needs | None) -> Iterator[Finding]:
     governors = Counter(line for folder in folders if (line := read_line(folder / "scaling_governor")))
     driver = read_line(folders[0] / "scaling_driver") if folders else None
     yield check_governor(governors, driver)
-    yield check_wake_latency(may_limit=os.access(WAKE_LATENCY_DEVICE, os.W_OK), needs=needs)
+    yield check_wake_latency(may_limit=os.access(DEVICE, os.W_OK), needs=needs)
 
 
 def check_count(processors: int, quota: str | None) -> Finding:
@@ -69,8 +69,7 @@ def check_wake_latency(*, may_limit: bool, needs: Needs | None) -> Finding:
         needs: whether the robot asks for that.
     """
     may = "may" if may_limit else "may not"
-    found = f"a robot {may} keep processors from deep sleep ({WAKE_LATENCY_DEVICE})"
+    found = f"a robot {may} keep processors from deep sleep ({DEVICE})"
     if needs is not None and needs.limits_wake_latency and not may_limit:
-        advice = 'a udev rule: KERNEL=="cpu_dma_latency", GROUP="robot", MODE="0660"'
-        return warn("wake latency", f"{found}; {needs.profile} asks for it", advice)
+        return warn("wake latency", f"{found}; {needs.profile} asks for it", HOW_TO_ALLOW)
     return ok("wake latency", found)

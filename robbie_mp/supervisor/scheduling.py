@@ -2,13 +2,11 @@
 
 import logging
 import os
-import struct
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.profile.model import Scheduling
 from robbie_mp.stepping_back import step_back
-
-WAKE_LATENCY_DEVICE = "/dev/cpu_dma_latency"
+from robbie_mp.wake_latency import DEVICE, HOW_TO_ALLOW, limit_wake_latency
 
 
 class NoSuchCpu(RobbieError, ValueError):
@@ -36,7 +34,15 @@ def apply_scheduling(wanted: Scheduling, log: logging.Logger, nice: int = 0) -> 
                 "change it in the profile"
             ) from error
     if wanted.wake_latency_us is not None:
-        _limit_wake_latency(wanted.wake_latency_us, log)
+        try:
+            limit_wake_latency(wanted.wake_latency_us)  # until this process ends
+        except OSError as error:
+            log.warning(
+                "processors sleep as deep as usual, for %s cannot be written (%s); %s",
+                DEVICE,
+                error.strerror,
+                HOW_TO_ALLOW,
+            )
     nice = nice if wanted.nice is None else wanted.nice
     if nice:
         step_back(nice, log)
@@ -51,20 +57,3 @@ def apply_scheduling(wanted: Scheduling, log: logging.Logger, nice: int = 0) -> 
                 "`ulimit -r`, rtprio in /etc/security/limits.conf, or CAP_SYS_NICE",
                 wanted.realtime_priority,
             )
-
-
-def _limit_wake_latency(latency_us: int, log: logging.Logger) -> None:
-    """Keep all processors from sleeps that take longer to end; the kernel forgets it when this process ends.
-
-    Linux, Documentation/power/pm_qos_interface.rst: the file holds the limit for as long as it is open.
-    """
-    try:
-        device = os.open(WAKE_LATENCY_DEVICE, os.O_WRONLY)
-        os.write(device, struct.pack("=i", latency_us))
-    except OSError as error:
-        log.warning(
-            "processors sleep as deep as usual, for %s cannot be written (%s); allow it with a udev rule, as "
-            "KERNEL==\"cpu_dma_latency\", GROUP=\"robot\", MODE=\"0660\"",
-            WAKE_LATENCY_DEVICE,
-            error.strerror,
-        )

@@ -9,8 +9,9 @@ from types import SimpleNamespace
 import pytest
 
 from robbie_mp.profile.model import Scheduling
-from robbie_mp.supervisor.scheduling import WAKE_LATENCY_DEVICE, NoSuchCpu, apply_scheduling
+from robbie_mp.supervisor.scheduling import NoSuchCpu, apply_scheduling
 from robbie_mp.transport.wakeup import Wakeup
+from robbie_mp.wake_latency import DEVICE
 
 SCHEDULE = """
 import logging, os
@@ -51,8 +52,9 @@ def test_processor_that_is_not_there_is_an_error_that_names_those_that_are() -> 
 LIMIT_LATENCY = """
 import logging
 from robbie_mp.profile.model import Scheduling
+from robbie_mp import wake_latency
 from robbie_mp.supervisor import scheduling
-scheduling.WAKE_LATENCY_DEVICE = "{device}"
+wake_latency.DEVICE = scheduling.DEVICE = "{device}"
 scheduling.apply_scheduling(Scheduling(wake_latency_us=17), logging.getLogger())
 print("set", flush=True)
 input()
@@ -60,16 +62,16 @@ input()
 
 
 def wake_latency_us() -> int:
-    (latency_us,) = struct.unpack("=i", Path(WAKE_LATENCY_DEVICE).read_bytes()[:4])
+    (latency_us,) = struct.unpack("=i", Path(DEVICE).read_bytes()[:4])
     return int(latency_us)
 
 
 @pytest.mark.skipif(
-    not os.access(WAKE_LATENCY_DEVICE, os.R_OK | os.W_OK), reason=f"{WAKE_LATENCY_DEVICE} cannot be written"
+    not os.access(DEVICE, os.R_OK | os.W_OK), reason=f"{DEVICE} cannot be written"
 )
 def test_processors_sleep_lightly_as_long_as_the_process_lives() -> None:
     before_us = wake_latency_us()
-    code = LIMIT_LATENCY.format(device=WAKE_LATENCY_DEVICE)
+    code = LIMIT_LATENCY.format(device=DEVICE)
     with subprocess.Popen(
         [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:

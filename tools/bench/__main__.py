@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from robbie_mp.supervisor.scheduling import WAKE_LATENCY_DEVICE
+from robbie_mp.wake_latency import DEVICE, HOW_TO_ALLOW
 from tools.bench import load, messages
 from tools.bench.goals import goal_table
 from tools.bench.machine import describe_machine, processors_awake
@@ -38,8 +38,8 @@ def main(arguments: list[str] | None = None) -> int:
     unknown = set(parsed.benchmarks) - set(BENCHMARKS)
     if unknown:
         parser.error(f"there is no benchmark {', '.join(sorted(unknown))}; there are {', '.join(BENCHMARKS)}")
-    if parsed.awake and not os.access(WAKE_LATENCY_DEVICE, os.W_OK):
-        parser.error(f"--awake: {WAKE_LATENCY_DEVICE} cannot be written")
+    if parsed.awake and not os.access(DEVICE, os.W_OK):
+        parser.error(f"--awake: {DEVICE} cannot be written; {HOW_TO_ALLOW}")
     if parsed.read:
         run = json.loads(parsed.read.read_text())
     else:

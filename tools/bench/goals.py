@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tools.bench.options import IN_PLACE
+from tools.bench.options import IN_PLACE, WATCHED
 from tools.bench.table import middle, ratio, render
 
 Row = dict[str, Any]
@@ -131,7 +131,6 @@ def _throughput_share(results: Results) -> tuple[float | None, str]:
     return ratio(row, compared, "received_per_s"), compared.get("title", "robbie")
 
 
-WATCHED = "robbie-top"
 ALONE = "4 modules, nobody else"
 """What the other buses of `scale` are compared to."""
 GOALS = (

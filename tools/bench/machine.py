@@ -2,7 +2,6 @@
 
 import os
 import platform
-import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -11,7 +10,7 @@ from typing import Any
 
 import psutil
 
-from robbie_mp.supervisor.scheduling import WAKE_LATENCY_DEVICE
+from robbie_mp.wake_latency import limit_wake_latency
 
 
 @contextmanager
@@ -21,9 +20,8 @@ def processors_awake() -> Iterator[None]:
     Raises:
         OSError: this machine does not let us.
     """
-    device = os.open(WAKE_LATENCY_DEVICE, os.O_WRONLY)
+    device = limit_wake_latency(0)
     try:
-        os.write(device, struct.pack("=i", 0))
         yield
     finally:
         os.close(device)

@@ -14,6 +14,7 @@ from tools.bench.worker import load_peer
 PEERS = ("iceoryx2", "ecal", "lcm", "zeromq", "zenoh", "cyclonedds", "dora", "rospy", "queue")
 QUICK_BUDGET_S = 22.0
 IN_PLACE = "in place"
+WATCHED = "robbie-top"
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class Options:
         """Robbie, and what the command line adds to it."""
         found = [RobbieContender()]
         if self.with_top:
-            found.append(RobbieContender("robbie-top", "Robbie-MP watched by robbie top", with_top=True))
+            found.append(RobbieContender(WATCHED, "Robbie-MP watched by robbie top", with_top=True))
         for name, profile in self.variants.items():
             core, module = profile.get("core"), profile.get("module")
             found.append(RobbieContender(name, f"Robbie-MP {name}", core, module))
