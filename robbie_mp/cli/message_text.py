@@ -11,7 +11,8 @@ import numpy as np
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import FieldTypeError, Message, as_dict, from_dict
-from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, fields_of
+from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers
+from robbie_mp.messages.message import fields_of, nested
 from robbie_mp.profile.reader import read_text
 from robbie_mp.profile.show import inline
 from robbie_mp.suggest import did_you_mean
@@ -40,7 +41,7 @@ class FieldPath:
 
     def __init__(self, message_type: type[Message], path: str):
         self._steps: list[str | int] = []
-        kind: FieldType = Nested(message_type)
+        kind: FieldType = nested(message_type)
         for part in path.split(".") if path else ():
             found = STEP.fullmatch(part)
             if found is None:

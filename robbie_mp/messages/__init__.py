@@ -3,6 +3,7 @@
 How to declare one, versions, loans and limits: docs/messages.md.
 """
 
+from robbie_mp.messages.declaration import Upgrade
 from robbie_mp.messages.errors import (
     BufferTooSmall,
     DeclarationError,
@@ -108,7 +109,7 @@ from robbie_mp.messages.stock.vision_msgs import (
     Point2D,
     Pose2D,
 )
-from robbie_mp.messages.versions import Upgrade, VersionDecoder, decode_version
+from robbie_mp.messages.versions import VersionDecoder, decode_version
 
 __all__ = [
     "DEFAULT",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import keyword
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin, get_type_hints
 
@@ -16,6 +16,7 @@ from robbie_mp.messages.field_types import (
     FixedLength,
     Items,
     MaxLength,
+    MessageLayout,
     Nested,
     Numbers,
     Primitive,
@@ -48,6 +49,18 @@ class Constant(NamedTuple):
     name: str
     type: Primitive | Text
     value: Any
+
+
+class Upgrade(NamedTuple):
+    """One step from a version of a message type to the next.
+
+    Attributes:
+        step: takes the fields of the older version, returns those of the next one.
+        schema: the ros2msg text of the older version; "" if it always comes with the bytes.
+    """
+
+    step: Callable[[dict[str, Any]], dict[str, Any]]
+    schema: str = ""
 
 
 class Declaration(NamedTuple):
@@ -148,8 +161,8 @@ def field_type(path: str, annotation: Any) -> FieldType:
         return Text()
     if get_origin(annotation) is list:
         return _items(path, get_args(annotation)[0])
-    if isinstance(annotation, type) and hasattr(annotation, "_fields") and hasattr(annotation, "type_name"):
-        return Nested(annotation)
+    if isinstance(layout := getattr(annotation, "_layout", None), MessageLayout):
+        return Nested(layout)
     raise DeclarationError(f"{path}: {annotation!r} has no encoding; {_advice(annotation)}")
 
 

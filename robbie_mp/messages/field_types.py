@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from robbie_mp.messages.errors import DeclarationError
-
-if TYPE_CHECKING:
-    from robbie_mp.messages.message import Message
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +49,15 @@ class Text:
 class Nested:
     """Another message inside a message."""
 
-    message: type[Message]
+    layout: MessageLayout
+
+    @property
+    def message(self) -> type[Any]:
+        """The class of the inner message."""
+        return self.layout.final
 
     def __str__(self) -> str:
-        return short_name(self.message.type_name)
+        return short_name(self.layout.type_name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +133,35 @@ class Field:
         return natural_default(self.type) if self.declared_default is DEFAULT else self.declared_default
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MessageLayout:
+    """A message type as the codec sees it.
+
+    Attributes:
+        type_name: its ROS name, as in `sensor_msgs/msg/LaserScan`.
+        version: counts the changes of its fields, from 1.
+        fields: in the order in which they are encoded.
+        blank: the class of a message that is being filled: it has the slots and lets them be set.
+        final: the class that a filled message gets, which lets nothing be set: the message class itself.
+    """
+
+    type_name: str
+    version: int
+    fields: tuple[Field, ...]
+    blank: type[Any]
+    final: type[Any]
+
+    @property
+    def has_views(self) -> bool:
+        """Whether a decoded message may hold arrays that are views of the buffer it was decoded from."""
+        return any(map(_has_arrays, self.fields))
+
+
+def _has_arrays(field: Field) -> bool:
+    kind = field.type.element if isinstance(field.type, Items) else field.type
+    return isinstance(kind, Numbers) or (isinstance(kind, Nested) and kind.layout.has_views)
+
+
 @dataclass(frozen=True, slots=True)
 class FixedLength:
     """Annotation for exactly `length` elements: `Annotated[list[Point], FixedLength(4)]`."""
@@ -143,11 +174,6 @@ class MaxLength:
     """Annotation for at most `length` elements, or bytes of a string: `Annotated[str, MaxLength(20)]`."""
 
     length: int
-
-
-def fields_of(message_type: type[Message]) -> tuple[Field, ...]:
-    """Return the fields of a message type, in the order in which they are encoded."""
-    return message_type._fields
 
 
 def short_name(type_name: str) -> str:

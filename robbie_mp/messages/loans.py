@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from robbie_mp.messages.codec.generate import loan_encoder
 from robbie_mp.messages.errors import FieldTypeError, FieldValueError
-from robbie_mp.messages.field_types import Numbers, fields_of
-from robbie_mp.messages.message import Message, replace
+from robbie_mp.messages.field_types import Numbers
+from robbie_mp.messages.message import Message, fields_of, loan_encoder, replace
 
 _Message = TypeVar("_Message", bound=Message)
 

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self, TypeVar, dataclass_transform
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self, TypeVar, cast, dataclass_transform
 
 import numpy as np
 
-from robbie_mp.messages.codec.generate import LoanEncoder, generate
-from robbie_mp.messages.declaration import Constant, read_declaration
+from robbie_mp.messages.codec.generate import LoanEncoder, generate, generate_loan_encoder
+from robbie_mp.messages.declaration import Constant, Upgrade, read_declaration
 from robbie_mp.messages.errors import DeclarationError
-from robbie_mp.messages.field_types import Field, Items, Nested, Numbers, natural_default
+from robbie_mp.messages.field_types import Field, MessageLayout, Nested, Numbers, natural_default
 from robbie_mp.messages.text import represent
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
-
-    from robbie_mp.messages.versions import Upgrade
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)
@@ -60,15 +58,15 @@ class MessageType(type):
             "__slots__": (),
             "type_name": name,
             "version": version,
-            "has_views": any(map(_has_arrays, declaration.fields)),
-            "_fields": declaration.fields,
             "_constants": declaration.constants,
             "_upgrades": dict(upgrades or {}),
             "_source": {},
             "_loan_encoders": {},
-            "_blank": blank,
         }
-        return super().__new__(metacls, class_name, (*bases, blank), body)
+        made: Any = super().__new__(metacls, class_name, (*bases, blank), body)
+        made._layout = MessageLayout(name, version, declaration.fields, blank, made)
+        made.has_views = made._layout.has_views
+        return cast("MessageType", made)
 
 
 class Message(metaclass=MessageType):
@@ -92,28 +90,27 @@ class Message(metaclass=MessageType):
     """Its ROS name, as in `sensor_msgs/msg/LaserScan`."""
     version: ClassVar[int]
     """Counts the changes of its fields, from 1."""
+
     has_views: ClassVar[bool]
     """Whether a decoded message may hold arrays that are views of the buffer it was decoded from."""
 
-    _fields: ClassVar[tuple[Field, ...]]
+    _layout: ClassVar[MessageLayout]
     _constants: ClassVar[tuple[Constant, ...]]
     _upgrades: ClassVar[dict[int, Upgrade]]
     _source: ClassVar[dict[str, str]]
     """The source of the functions generated so far, by name."""
     _loan_encoders: ClassVar[dict[frozenset[str], LoanEncoder]]
-    _blank: ClassVar[type[Any]]
-    """Holds the slots, mutable: a message is filled as an object of that, then gets its class."""
 
     # Four functions are generated for each class when they are first called: these here generate them.
 
     def __new__(cls, **fields: Any) -> Self:
         """Make a message."""
-        made: Self = generate(cls, "__new__")(cls, **fields)
+        made: Self = _install(cls, "__new__")(cls, **fields)
         return made
 
     def encoded_size(self) -> int:
         """Return the bytes of the encoding, the 4 of the encapsulation header included."""
-        size: int = generate(type(self), "encoded_size")(self)
+        size: int = _install(type(self), "encoded_size")(self)
         return size
 
     def encode_into(self, buffer: memoryview, offset: int = 0) -> int:
@@ -130,7 +127,7 @@ class Message(metaclass=MessageType):
             BufferTooSmall: it does not fit.
             FieldError: a list or an array was changed after the message was made and does not fit its field.
         """
-        size: int = generate(type(self), "encode_into")(self, buffer, offset)
+        size: int = _install(type(self), "encode_into")(self, buffer, offset)
         return size
 
     def encode(self) -> bytes:
@@ -148,7 +145,7 @@ class Message(metaclass=MessageType):
         Raises:
             DecodeError: the bytes are no encoding of this type.
         """
-        message: Self = generate(cls, "decode")(buffer)
+        message: Self = _install(cls, "decode")(buffer)
         return message
 
     def forget_arrays(self) -> None:
@@ -156,7 +153,7 @@ class Message(metaclass=MessageType):
 
         For who lent the memory they lie in and takes it back; nobody else should see a message change.
         """
-        for field in self._fields:
+        for field in fields_of(type(self)):
             if isinstance(field.type, Numbers):
                 object.__setattr__(self, field.name, natural_default(field.type))
 
@@ -174,14 +171,16 @@ class Message(metaclass=MessageType):
         return all(
             np.array_equal(mine, theirs) if isinstance(mine, np.ndarray) else mine == theirs
             for mine, theirs in (
-                (getattr(self, field.name), getattr(other, field.name)) for field in self._fields
+                (getattr(self, field.name), getattr(other, field.name)) for field in fields_of(type(self))
             )
         )
 
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        return represent(self)
+        return represent(
+            type(self).__name__, ((field.name, getattr(self, field.name)) for field in fields_of(type(self)))
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _decode_as, (type(self), self.encode())
@@ -191,9 +190,34 @@ def _decode_as(message_type: type[Message], data: bytes) -> Message:
     return message_type.decode(data)
 
 
-def _has_arrays(field: Field) -> bool:
-    kind = field.type.element if isinstance(field.type, Items) else field.type
-    return isinstance(kind, Numbers) or (isinstance(kind, Nested) and kind.message.has_views)
+def _install(message_type: type[Message], name: str) -> Callable[..., Any]:
+    """Generate one of the four functions of a message class, give it to the class, and return it."""
+    made, message_type._source[name] = generate(message_type._layout, name)
+    made.__doc__ = getattr(message_type, name).__doc__
+    made.__qualname__ = f"{message_type.__qualname__}.{name}"
+    setattr(message_type, name, staticmethod(made) if name in ("__new__", "decode") else made)
+    return made
+
+
+def fields_of(message_type: type[Message]) -> tuple[Field, ...]:
+    """Return the fields of a message type, in the order in which they are encoded."""
+    return message_type._layout.fields
+
+
+def nested(message_type: type[Message]) -> Nested:
+    """Return the field type of a message type that is a field of another."""
+    return Nested(message_type._layout)
+
+
+def loan_encoder(message_type: type[Message], loaned: frozenset[str]) -> LoanEncoder:
+    """Return the function that encodes a message around the elements of the sequences named in `loaned`.
+
+    It is generated when it is first needed, and kept by the class.
+    """
+    known = message_type._loan_encoders
+    if loaned not in known:
+        known[loaned] = generate_loan_encoder(message_type._layout, loaned)
+    return known[loaned]
 
 
 _Message = TypeVar("_Message", bound=Message)
@@ -205,5 +229,5 @@ def replace(message: _Message, **changes: Any) -> _Message:
     Raises:
         FieldError: a value does not fit its field.
     """
-    fields = {field.name: getattr(message, field.name) for field in message._fields}
+    fields = {field.name: getattr(message, field.name) for field in fields_of(type(message))}
     return type(message)(**fields | changes)

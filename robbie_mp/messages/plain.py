@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from robbie_mp.messages.errors import FieldError, FieldTypeError
-from robbie_mp.messages.field_types import FieldType, Items, Nested, fields_of
-from robbie_mp.messages.message import Message
+from robbie_mp.messages.field_types import FieldType, Items, Nested
+from robbie_mp.messages.message import Message, fields_of
 from robbie_mp.suggest import did_you_mean
 
 _Message = TypeVar("_Message", bound=Message)

@@ -21,11 +21,10 @@ from robbie_mp.messages.field_types import (
     Numbers,
     Primitive,
     Text,
-    fields_of,
     natural_default,
     short_name,
 )
-from robbie_mp.messages.message import Message
+from robbie_mp.messages.message import Message, fields_of
 
 SEPARATOR = "=" * 80
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, cast
 from robbie_mp.messages.declaration import python_name
 from robbie_mp.messages.errors import MessageError, SchemaError
 from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Text, short_name
-from robbie_mp.messages.message import Message, MessageType
+from robbie_mp.messages.message import Message, MessageType, nested
 from robbie_mp.messages.primitives import PRIMITIVES
 from robbie_mp.suggest import did_you_mean
 
@@ -123,7 +123,7 @@ class _Builder:
             return Text(text_bound)
         if name == "wstring":
             raise ValueError("wstring is not supported")
-        return Nested(self._nested(owner, name))
+        return nested(self._nested(owner, name))
 
     def _nested(self, owner: str, name: str) -> type[Message]:
         short = _short(name) if "/" in name else f"{owner.partition('/')[0]}/{name}"

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
-
-from robbie_mp.messages.field_types import fields_of
-
-if TYPE_CHECKING:
-    from robbie_mp.messages.message import Message
 
 SHOWN = 6
 """Elements of an array or list that are shown; of longer ones the first few and the last."""
 
 
-def represent(message: Message) -> str:
-    """Return the message on one line, long arrays and lists abbreviated."""
-    parts = (f"{field.name}={_value(getattr(message, field.name))}" for field in fields_of(type(message)))
-    return f"{type(message).__name__}({', '.join(parts)})"
+def represent(class_name: str, fields: Iterable[tuple[str, Any]]) -> str:
+    """Return a message on one line, long arrays and lists abbreviated."""
+    return f"{class_name}({', '.join(f'{name}={_value(value)}' for name, value in fields)})"
 
 
 def _value(value: Any) -> str:

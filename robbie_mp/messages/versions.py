@@ -15,10 +15,11 @@ Old bytes are decoded by the old schema, which the log carries; `schema` is for 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
+from robbie_mp.messages.declaration import Upgrade
 from robbie_mp.messages.errors import VersionError
+from robbie_mp.messages.message import Message
 from robbie_mp.messages.plain import as_dict, from_dict
 from robbie_mp.messages.schema import layout, schema_text
 from robbie_mp.messages.schema_parser import message_type_from_schema
@@ -26,21 +27,7 @@ from robbie_mp.messages.schema_parser import message_type_from_schema
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
-    from robbie_mp.messages.message import Message
-
-_Message = TypeVar("_Message", bound="Message")
-
-
-class Upgrade(NamedTuple):
-    """One step from a version to the next.
-
-    Attributes:
-        step: takes the fields of the older version, returns those of the next one.
-        schema: the ros2msg text of the older version; "" if it always comes with the bytes.
-    """
-
-    step: Callable[[dict[str, Any]], dict[str, Any]]
-    schema: str = ""
+_Message = TypeVar("_Message", bound=Message)
 
 
 def decode_version(message_type: type[_Message], data: Buffer, version: int, schema: str = "") -> _Message:

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from robbie_mp.messages import Message
-from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Primitive, Text, fields_of
+from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Primitive, Text
+from robbie_mp.messages.message import fields_of, nested
 
 Columns = dict[str, np.ndarray[Any, Any]]
 LENGTHS = ".lengths"
@@ -21,7 +22,7 @@ def columns(message_type: type[Message], messages: Iterable[Message]) -> Columns
     `numpy.split(ranges, numpy.cumsum(lengths)[:-1])` parts them again.
     """
     found: Columns = {}
-    _add(found, Nested(message_type), list(messages), "")
+    _add(found, nested(message_type), list(messages), "")
     return found
 
 

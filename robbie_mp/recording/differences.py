@@ -8,7 +8,8 @@ import numpy as np
 
 from robbie_mp.messages import Header, Message
 from robbie_mp.messages.errors import MessageError
-from robbie_mp.messages.field_types import FieldType, Items, Nested, fields_of
+from robbie_mp.messages.field_types import FieldType, Items, Nested
+from robbie_mp.messages.message import fields_of, nested
 from robbie_mp.recording.decoding import logged_type
 from robbie_mp.recording.errors import NotDecodable
 from robbie_mp.recording.reader import LogChannel, LoggedMessage
@@ -92,7 +93,7 @@ def without_stamps(channel: LogChannel) -> Callable[[bytes], bytes]:
         written = logged_type(channel)
     except (MessageError, NotDecodable):
         return bytes
-    if not _has_header(Nested(written)):
+    if not _has_header(nested(written)):
         return bytes
 
     def plain(data: bytes) -> bytes:

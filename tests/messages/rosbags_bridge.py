@@ -8,7 +8,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from robbie_mp.messages import Message
-from robbie_mp.messages.field_types import fields_of
+from robbie_mp.messages.message import fields_of
 
 # Fields as in https://github.com/ros-perception/vision_msgs, branch ros2 (4.1.1); rosbags does not have them.
 VISION_MSGS = {

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from robbie_mp.messages import Message
-from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Primitive, Text, fields_of
+from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Primitive, Text
+from robbie_mp.messages.message import fields_of
 from robbie_mp.messages.primitives import PRIMITIVES
 
 MAX_ELEMENTS = 20

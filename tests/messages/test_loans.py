@@ -22,7 +22,8 @@ from robbie_mp.messages import (
     lay_out,
     stock_registry,
 )
-from robbie_mp.messages.field_types import Numbers, fields_of
+from robbie_mp.messages.field_types import Numbers
+from robbie_mp.messages.message import fields_of
 
 from .strategies import PATIENT, messages
 

@@ -8,25 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from struct import Struct
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robbie_mp.messages.codec.source import Source
-from robbie_mp.messages.field_types import Field, Items, Nested, Numbers, Primitive, Text, fields_of
-
-if TYPE_CHECKING:
-    from robbie_mp.messages.message import Message
+from robbie_mp.messages.field_types import Field, Items, MessageLayout, Nested, Numbers, Primitive, Text
 
 
-def write_constructor(source: Source, message_type: type[Message]) -> None:
+def write_constructor(source: Source, layout: MessageLayout) -> None:
     """Append the function `__new__(cls, *, field=default, …)`.
 
     The lines expect a name `_fit`: given the name of a field and a value it returns what the field can hold,
     or raises a FieldError.
     """
-    fields = fields_of(message_type)
-    blank, final = source.name("_Blank", message_type._blank), source.name("_message", message_type)
+    fields = layout.fields
+    blank, final = source.name("_Blank", layout.blank), source.name("_message", layout.final)
     parameters = [f"{field.name}={source.name('_default', field.default)}" for field in fields]
     with source.block(f"def __new__({', '.join(['_cls', *(['*', *parameters] if fields else [])])}):"):
         _write_scalars(source, [f for f in fields if isinstance(f.type, Primitive) and f.type.name != "bool"])

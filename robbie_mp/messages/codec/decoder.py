@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pickle import PickleBuffer
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,20 +28,17 @@ from robbie_mp.messages.codec.plan import (
 )
 from robbie_mp.messages.codec.source import Source
 from robbie_mp.messages.codec.step_writer import StepWriter
-from robbie_mp.messages.field_types import Nested, Numbers, Primitive, Text, fields_of, natural_default
-
-if TYPE_CHECKING:
-    from robbie_mp.messages.message import Message
+from robbie_mp.messages.field_types import MessageLayout, Nested, Numbers, Primitive, Text, natural_default
 
 MAX_TRAILING_BYTES = 3  # some writers pad a message to a multiple of four
 
 
-def write_decoder(source: Source, plan: Plan, message_type: type[Message]) -> None:
+def write_decoder(source: Source, plan: Plan, layout: MessageLayout) -> None:
     """Append the function `decode(buffer)`.
 
     The lines expect a name `_locate_failure`: given buffer and error it returns the error to raise.
     """
-    _DecoderWriter(source).write(plan, message_type)
+    _DecoderWriter(source).write(plan, layout)
 
 
 def pinned(buffer: Any) -> memoryview:
@@ -60,23 +57,23 @@ def read_truths(data: memoryview, _dtype: object, count: int, offset: int) -> ND
 
 
 class _DecoderWriter(StepWriter):
-    def write(self, plan: Plan, message_type: type[Message]) -> None:
+    def write(self, plan: Plan, layout: MessageLayout) -> None:
         line, block = self.source.line, self.source.block
         with block("def decode(_buffer):"):
             with block("try:"):
-                line(f"_data = {self._access(plan, message_type)}")
+                line(f"_data = {self._access(plan, layout)}")
                 line("_end = _len(_data)")
                 self._body(plan)
                 with block(f"if _end - {self.cursor.expression} > {MAX_TRAILING_BYTES}:"):
                     line('raise _ValueError("bytes behind the last field")')
-                self._build(Structure(ROOT, Nested(message_type)))
+                self._build(Structure(ROOT, Nested(layout)))
                 line("return self")
             with block("except _Exception as _error:"):
                 line("raise _locate_failure(_buffer, _error) from _error")
 
-    def _access(self, plan: Plan, message_type: type[Message]) -> str:
+    def _access(self, plan: Plan, layout: MessageLayout) -> str:
         """Return the expression for the bytes in the form that suits what is read from them."""
-        if message_type.has_views:
+        if layout.has_views:
             return f"{self.source.name('_pinned', pinned)}(_buffer)"
         # One run needs one unpack, which takes any buffer; strings are cut faster out of bytes.
         return "_buffer" if len(plan.steps) == 1 else "_bytes(_buffer)"
@@ -91,11 +88,11 @@ class _DecoderWriter(StepWriter):
 
         It is filled while it has a class that allows that, then gets its own, which does not.
         """
-        name, message = structure.value.variable, structure.type.message
-        blank = self.source.name(f"_Blank{message.__name__}", message._blank)
-        final = self.source.name(f"_{message.__name__}", message)
+        name, layout = structure.value.variable, structure.type.layout
+        blank = self.source.name(f"_Blank{layout.final.__name__}", layout.blank)
+        final = self.source.name(f"_{layout.final.__name__}", layout.final)
         self.source.line(f"{name} = {blank}()")
-        for field in fields_of(message):
+        for field in layout.fields:
             member = structure.value.member(field.name)
             self.source.line(f"{name}.{field.name} = {member.variable}")
         self.source.line(f"{name}.__class__ = {final}")

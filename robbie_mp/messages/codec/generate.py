@@ -1,10 +1,13 @@
-"""Generates the functions of a message type."""
+"""Generates the functions of a message type from its layout.
+
+Nothing is installed here: `message.py` gives the functions to the class.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 from robbie_mp.messages.codec.constructor import write_constructor
 from robbie_mp.messages.codec.decoder import write_decoder
@@ -14,93 +17,87 @@ from robbie_mp.messages.codec.plan import plan_message
 from robbie_mp.messages.codec.sizer import write_sizer
 from robbie_mp.messages.codec.source import Source
 from robbie_mp.messages.errors import BufferTooSmall, DecodeError, FieldError, MessageError
-from robbie_mp.messages.field_types import Items, fields_of
+from robbie_mp.messages.field_types import Items, MessageLayout, Nested
 from robbie_mp.messages.fitting import fit
 
-if TYPE_CHECKING:
-    from robbie_mp.messages.message import Message
+LoanEncoder = Callable[[Any, memoryview, int], dict[str, Any]]
 
 
-def generate(message_type: type[Message], name: str) -> Callable[..., Any]:
-    """Generate one of the functions of a message class, give it to the class, and return it.
+class Generated(NamedTuple):
+    """A generated function and its source, which `inspect.getsource` and tracebacks find too."""
 
-    Its source stays readable: `inspect.getsource` and tracebacks find it, and `message_type._source` has it.
+    function: Callable[..., Any]
+    source: str
+
+
+def generate(layout: MessageLayout, name: str) -> Generated:
+    """Generate one of the functions of a message type.
 
     Args:
-        message_type: the class.
+        layout: the type.
         name: `__new__`, `encoded_size`, `encode_into` or `decode`.
     """
     source = Source()
-    fields = fields_of(message_type)
     match name:
         case "__new__":
-            source.name("_fit", partial(_fit_field, message_type))
-            write_constructor(source, message_type)
+            source.name("_fit", partial(_fit_field, layout))
+            write_constructor(source, layout)
         case "encoded_size":
-            source.name("_explain", _explain_encoding)
-            write_sizer(source, plan_message(fields))
+            source.name("_explain", partial(_explain_encoding, layout))
+            write_sizer(source, plan_message(layout.fields))
         case "encode_into":
-            source.name("_explain", _explain_encoding)
-            write_encoder(source, plan_message(fields))
+            source.name("_explain", partial(_explain_encoding, layout))
+            write_encoder(source, plan_message(layout.fields))
         case "decode":
-            source.name("_locate_failure", partial(_locate_failure, message_type))
-            write_decoder(source, plan_message(fields), message_type)
-    made: Callable[..., Any] = source.compile(
-        f"<{name} of {message_type.type_name} version {message_type.version}>"
-    )[name]
-    made.__doc__ = getattr(message_type, name).__doc__
-    made.__qualname__ = f"{message_type.__qualname__}.{name}"
-    message_type._source[name] = source.text
-    setattr(message_type, name, staticmethod(made) if name in ("__new__", "decode") else made)
-    return made
+            source.name("_locate_failure", partial(_locate_failure, layout))
+            write_decoder(source, plan_message(layout.fields), layout)
+    made = source.compile(f"<{name} of {layout.type_name} version {layout.version}>")
+    return Generated(made[name], source.text)
 
 
-LoanEncoder = Callable[["Message", memoryview, int], dict[str, Any]]
+def generate_loan_encoder(layout: MessageLayout, loaned: frozenset[str]) -> LoanEncoder:
+    """Generate the function that encodes a message around the elements of the sequences named in `loaned`.
 
-
-def loan_encoder(message_type: type[Message], loaned: frozenset[str]) -> LoanEncoder:
-    """Return the function that encodes a message around the elements of the sequences named in `loaned`.
-
-    It takes message, buffer and offset, and returns views of where these elements are, by name. It is
-    generated when it is first needed, and kept by the class.
+    It takes message, buffer and offset, and returns views of where these elements are, by name.
     """
-    known = message_type._loan_encoders
-    if loaned not in known:
-        source = Source()
-        source.name("_explain", _explain_encoding)
-        write_loan_encoder(source, plan_message(fields_of(message_type)), loaned)
-        made = source.compile(f"<loan of {', '.join(sorted(loaned))} of {message_type.type_name}>")
-        known[loaned] = made["encode_around_loans"]
-    return known[loaned]
+    source = Source()
+    source.name("_explain", partial(_explain_encoding, layout))
+    write_loan_encoder(source, plan_message(layout.fields), loaned)
+    made = source.compile(f"<loan of {', '.join(sorted(loaned))} of {layout.type_name}>")
+    encoder: LoanEncoder = made["encode_around_loans"]
+    return encoder
 
 
-def _fit_field(message_type: type[Message], name: str, value: object) -> Any:
-    field = next(field for field in fields_of(message_type) if field.name == name)
-    return fit(f"{message_type.type_name}.{field.schema_name}", field.type, value)
+def _fit_field(layout: MessageLayout, name: str, value: object) -> Any:
+    field = next(field for field in layout.fields if field.name == name)
+    return fit(f"{layout.type_name}.{field.schema_name}", field.type, value)
 
 
-def _explain_encoding(message: Message, buffer: memoryview | None, error: Exception) -> Exception:
+def _explain_encoding(
+    layout: MessageLayout, message: Any, buffer: memoryview | None, error: Exception
+) -> Exception:
     """Return the error that says why a message could not be encoded."""
     try:
         if buffer is not None and len(buffer) < (size := message.encoded_size()):
-            return BufferTooSmall(f"{message.type_name} needs {size} bytes, the buffer has {len(buffer)}")
-        _check_fields(message)
+            return BufferTooSmall(f"{layout.type_name} needs {size} bytes, the buffer has {len(buffer)}")
+        _check_fields(layout, message)
     except FieldError as found:
         return found.with_traceback(None)
-    return MessageError(f"{message.type_name} cannot be encoded into this buffer: {error}")
+    return MessageError(f"{layout.type_name} cannot be encoded into this buffer: {error}")
 
 
-def _check_fields(message: Message) -> None:
+def _check_fields(layout: MessageLayout, message: Any) -> None:
     """Raise the FieldError for what does not fit in a message or in a nested one."""
-    for field in fields_of(type(message)):
+    for field in layout.fields:
         value = getattr(message, field.name)
-        fit(f"{message.type_name}.{field.schema_name}", field.type, value)
-        for inner in value if isinstance(field.type, Items) else [value]:
-            if hasattr(inner, "type_name"):
-                _check_fields(inner)
+        fit(f"{layout.type_name}.{field.schema_name}", field.type, value)
+        kind, inner = (field.type.element, value) if isinstance(field.type, Items) else (field.type, [value])
+        if isinstance(kind, Nested):
+            for one in inner:
+                _check_fields(kind.layout, one)
 
 
-def _locate_failure(message_type: type[Message], buffer: Any, error: Exception) -> Exception:
+def _locate_failure(layout: MessageLayout, buffer: Any, error: Exception) -> Exception:
     """Return the error that says why bytes could not be decoded."""
-    found = find_failure(message_type.type_name, fields_of(message_type), memoryview(buffer).cast("B"))
-    return found or DecodeError(f"{message_type.type_name}: {error}")
+    found = find_failure(layout.type_name, layout.fields, memoryview(buffer).cast("B"))
+    return found or DecodeError(f"{layout.type_name}: {error}")

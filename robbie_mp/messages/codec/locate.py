@@ -20,7 +20,6 @@ from robbie_mp.messages.field_types import (
     Numbers,
     Primitive,
     Text,
-    fields_of,
 )
 
 
@@ -65,7 +64,7 @@ class _Walk:
             case Text():
                 self._text(path, kind)
             case Nested():
-                self._fields(path, fields_of(kind.message))
+                self._fields(path, kind.layout.fields)
             case Numbers():
                 self._numbers(path, kind.element, self._count(path, kind, kind.element.size))
             case Items():

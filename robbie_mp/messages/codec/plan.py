@@ -21,7 +21,6 @@ from robbie_mp.messages.field_types import (
     Numbers,
     Primitive,
     Text,
-    fields_of,
 )
 
 UINT8 = Primitive("uint8", "B", 1, 0)
@@ -187,7 +186,7 @@ class Plan:
                 self.steps.append(TextBody(value))
             case Nested():
                 self.structures.append(Structure(value, kind))
-                self.add_fields(value, fields_of(kind.message))
+                self.add_fields(value, kind.layout.fields)
             case Numbers() if kind.length is not None:
                 self.add_fixed(FixedNumbers(value, kind))
             case Numbers():

@@ -7,7 +7,8 @@ from typing import Any
 from robbie_mp.cli.message_text import FieldPath, to_yaml
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import FieldError, Message, from_dict
-from robbie_mp.messages.field_types import FieldType, Nested, Text, fields_of
+from robbie_mp.messages.field_types import FieldType, Nested, Text
+from robbie_mp.messages.message import fields_of
 from robbie_mp.profile.problem import ProfileError
 from robbie_mp.profile.reader import read_text
 

@@ -8,7 +8,8 @@ from typing import Any
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
-from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Primitive, fields_of
+from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Primitive
+from robbie_mp.messages.message import fields_of, nested
 from robbie_mp.suggest import did_you_mean
 
 Step = str | int
@@ -51,7 +52,7 @@ def number_reader(message_type: type[Message], path: str) -> Callable[[Message],
         NoSuchNumber: the path leads to none.
     """
     steps = _steps(path)
-    kind: FieldType = Nested(message_type)
+    kind: FieldType = nested(message_type)
     for step in steps:
         kind = _after(kind, step, path)
     if not isinstance(kind, Primitive):
