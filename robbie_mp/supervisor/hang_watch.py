@@ -27,7 +27,7 @@ class HangWatch:
         """Return for how long the child has been hung in what it is doing, None if it is not.
 
         Args:
-            doing: what it is doing now; None: nothing.
+            doing: what it is doing now; None: nothing, and nothing is there for it to do.
             now_s: a time that never goes back and stands still with everybody else.
         """
         if doing is None or doing != self._doing:

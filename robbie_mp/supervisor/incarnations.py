@@ -14,7 +14,7 @@ class Doing(NamedTuple):
     subscription: int
     """Its own number, in a handler."""
     since_ns: int
-    """Begin, on the machine's monotonic clock."""
+    """Begin, on the machine's monotonic clock; of IDLE, which records were ever taken from its ring."""
 
 
 class Incarnations(Protocol):
@@ -43,7 +43,10 @@ class Incarnations(Protocol):
         """Tell whether it may wait for the run's time, which a module that is being started will set."""
 
     def doing(self, name: str, incarnation: int) -> Doing | None:
-        """Tell what it is doing now, None if nothing; asked every turn of the loop while RUNNING."""
+        """Tell what it is doing now; asked every turn of the loop while RUNNING.
+
+        None: nothing, and nothing is there for it to do. IDLE: nothing, though messages wait in its ring.
+        """
 
     def describe(self, name: str, incarnation: int, doing: Doing) -> str:
         """Put what it has been doing for too long into words, as "hung in tick"."""

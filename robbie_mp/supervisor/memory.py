@@ -154,18 +154,25 @@ class RunMemory:
         return self.slot_state(source).state in _BEING_STARTED
 
     def doing(self, name: str, incarnation: int) -> Doing | None:
-        """Return what a child is doing now, None if it is idle.
+        """Return what a child is doing now, None if it is idle and has taken all its messages.
 
         A module writes the two words one after the other; one that is just between them seems to begin
         something new, which is right. The core is never idle, and begins something new with each heartbeat.
+        A module that leaves messages in its ring is "idle since" the message that it took last: a healthy
+        one takes the next at once, so one that stays so is stopped, or its loop hangs.
         """
         if name == CORE:
             return Doing(Activity.HANDLER, 0, self._core_words[layout.CORE_HEARTBEAT_NS])
         current, memory = self._incarnations[self._slots[name]]
         words = memory.out.words
         activity = words[layout.OUT_ACTIVITY]
-        if current != incarnation or activity == Activity.IDLE:
+        if current != incarnation:
             return None
+        if activity == Activity.IDLE:
+            taken = words[layout.OUT_INBOUND_TAIL]
+            # Before the run's start nobody takes messages.
+            leaves_messages = self.board.may_go and memory.into.words[layout.IN_HEAD] != taken
+            return Doing(Activity.IDLE, 0, taken) if leaves_messages else None
         try:
             kind = Activity(activity & 0xFF)
         except ValueError:
@@ -176,6 +183,8 @@ class RunMemory:
         """Put what a child has been doing for too long into words."""
         if name == CORE:
             return "gave no sign of life"
+        if doing.activity is Activity.IDLE:
+            return "hung: it took none of the messages in its ring"
         words = self._incarnations[self._slots[name]][1].out.words
         return f"hung in {describe_activity(words, doing.activity | doing.subscription << 8)}"
 

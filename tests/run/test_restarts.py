@@ -126,6 +126,29 @@ def test_module_that_waits_for_messages_is_not_suspected(robot: Robot) -> None:
     assert stopped(robot).exit_code == 0
 
 
+def test_idle_module_that_is_stopped_and_leaves_its_messages_is_restarted(robot: Robot) -> None:
+    profile = """
+    modules:
+      waiting: {class: "zoo.hanging:Passive", handler_deadline_s: 0.5}
+      source: {class: "zoo.hanging:Source"}
+    """
+    started(robot, profile)
+    figures = robot.until(lambda modules: modules["waiting"]["handled"] > 10)
+    pid, now_idle = figures["waiting"]["pid"], False
+    while not now_idle:  # a handler that is interrupted has a rule of its own
+        os.kill(pid, signal.SIGSTOP)
+        wait_until(lambda: psutil.Process(pid).status() == psutil.STATUS_STOPPED)
+        now_idle = robot.top()["waiting"]["activity"] == "idle"
+        if not now_idle:
+            os.kill(pid, signal.SIGCONT)
+    figures = robot.until(lambda modules: modules["waiting"]["restarts"] == 1)
+    handled = figures["waiting"]["handled"]
+    robot.until(lambda modules: modules["waiting"]["handled"] > handled + 10)
+    ended = stopped(robot)
+    assert "waiting: BACKOFF (hung: it took none of the messages in its ring for 0." in ended.stderr
+    assert ended.modules["waiting"]["lost"] == 0
+
+
 def test_core_that_stands_still_is_replaced_and_nothing_is_lost(robot: Robot) -> None:
     started(robot, PROFILE % "" + "core: {deadline_s: 0.5}\n")
     figures = robot.until(lambda modules: modules["sink"]["handled"] > 20)
