@@ -5,6 +5,7 @@
         map_file: Path = setting(REQUIRED, "where the map is kept")
 
 A relative path starts from the workspace; given on the command line it starts from the current directory.
+A setting of type `Secret` is never given in clear text; see `robbie_mp.secret`.
 """
 
 import inspect
@@ -15,7 +16,15 @@ from typing import Any, Final, TypeVar, get_type_hints, overload
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.suggest import did_you_mean
-from robbie_mp.value_check import Limits, ValueMismatch, check_value, describe, describe_limits, outline
+from robbie_mp.value_check import (
+    Limits,
+    ValueMismatch,
+    check_value,
+    describe,
+    describe_limits,
+    holds_secret,
+    outline,
+)
 
 T = TypeVar("T")
 
@@ -92,6 +101,9 @@ class Setting:
             describe(declared)
         except (NameError, TypeError, SyntaxError) as error:
             raise SettingError(f"{self}: {error}", self.name) from None
+        if self.changeable and holds_secret(declared):
+            # A change is a message, which everybody who attaches to the run can read and record.
+            raise SettingError(f"{self}: a secret cannot be changeable", self.name)
         return declared
 
     def describe(self) -> str:

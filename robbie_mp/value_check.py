@@ -10,6 +10,7 @@ from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.secret import Secret, SecretError, read_secret
 
 
 class ValueMismatch(RobbieError, ValueError):
@@ -36,7 +37,7 @@ def check_value(declared: Any, value: object, limits: Limits = NO_LIMITS, folder
     """Return `value` as the declared type: an int becomes a float, a text a path; containers are copied.
 
     Args:
-        declared: bool, int, float, str, Path, a StrEnum, X | None, list[X] or dict[str, X].
+        declared: bool, int, float, str, Path, Secret, a StrEnum, X | None, list[X] or dict[str, X].
         value: what was written.
         limits: what the value, or each element of it, must satisfy.
         folder: what a relative path starts from; the current directory by default.
@@ -52,14 +53,14 @@ def check_value(declared: Any, value: object, limits: Limits = NO_LIMITS, folder
         return check_value(_without_none(declared), value, limits, folder)
     if origin is list:
         if not isinstance(value, list):
-            raise _mismatch(describe(declared), value)
+            raise _mismatch(describe(declared), value, secret=holds_secret(declared))
         return [
             _element(f"element {index}", arguments[0], element, limits, folder)
             for index, element in enumerate(value)
         ]
     if origin is dict:
         if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
-            raise _mismatch(describe(declared), value)
+            raise _mismatch(describe(declared), value, secret=holds_secret(declared))
         return {
             key: _element(f"key {key!r}", arguments[1], element, limits, folder)
             for key, element in value.items()
@@ -82,19 +83,26 @@ def describe(declared: Any) -> str:
         return f"map of str to {describe(arguments[1])}"
     if isinstance(declared, type) and issubclass(declared, StrEnum):
         return _one_of(tuple(declared))
+    if declared is Secret:
+        return "secret, as file:PATH or environment:NAME"
     if declared in _SCALARS:
         return "path" if declared is Path else str(declared.__name__)
     raise TypeError(
-        f"{declared!r} is no type of a setting; use bool, int, float, str, pathlib.Path, a StrEnum, "
+        f"{declared!r} is no type of a setting; use bool, int, float, str, pathlib.Path, Secret, a StrEnum, "
         f"X | None, list[X] or dict[str, X]"
     )
+
+
+def holds_secret(declared: Any) -> bool:
+    """Tell whether values of a declared type are, or contain, secrets."""
+    return declared is Secret or any(map(holds_secret, get_args(declared)))
 
 
 def outline(declared: Any, limits: Limits) -> dict[str, Any]:
     """Return what a form needs to know of a type and its limits, as plain data.
 
     Returns:
-        `kind`: bool, int, float, str or path; of a list that of its elements, and "map" of a map.
+        `kind`: bool, int, float, str, path or secret; of a list that of its elements, and "map" of a map.
         `is_list`: whether it is a list. `choices`: all that it, or each element, may be; [] if not said.
         `minimum`, `maximum`: None if there are none.
     """
@@ -104,9 +112,15 @@ def outline(declared: Any, limits: Limits) -> dict[str, Any]:
     if origin is list:
         return outline(arguments[0], limits) | {"is_list": True}
     is_enum = isinstance(declared, type) and issubclass(declared, StrEnum)
+    if origin is dict:
+        kind = "map"
+    elif is_enum:
+        kind = "str"
+    else:
+        kind = "secret" if declared is Secret else describe(declared)
     choices = [str(one) for one in declared] if is_enum else list(limits.choices)
     return {
-        "kind": "map" if origin is dict else "str" if is_enum else describe(declared),
+        "kind": kind,
         "is_list": False,
         "choices": choices,
         "minimum": limits.minimum,
@@ -129,6 +143,11 @@ def _element(where: str, declared: Any, value: object, limits: Limits, folder: P
 
 
 def _check_scalar(declared: Any, value: object, limits: Limits, folder: Path | None) -> Any:
+    if declared is Secret:
+        try:
+            return read_secret(value, folder)
+        except SecretError as error:
+            raise ValueMismatch(str(error)) from None
     expected = describe(declared) + describe_limits(limits)
     if isinstance(declared, type) and issubclass(declared, StrEnum):
         if not isinstance(value, str) or value not in list(declared):
@@ -187,8 +206,9 @@ def _one_of(choices: tuple[object, ...]) -> str:
     return "one of " + ", ".join(words)
 
 
-def _mismatch(expected: str, value: object) -> ValueMismatch:
-    got = "null" if value is None else f"{reprlib.repr(value)} ({type(value).__name__})"
+def _mismatch(expected: str, value: object, *, secret: bool = False) -> ValueMismatch:
+    shown = "" if secret else f"{reprlib.repr(value)} "
+    got = "null" if value is None else f"{shown}({type(value).__name__})"
     return ValueMismatch(f"expected {expected}; got {got}")
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 NAME = "operator station"
 TOKENS = {"operator_token": "ROBBIE_OPERATOR_TOKEN", "observer_token": "ROBBIE_OBSERVER_TOKEN"}
-"""Settings that are secrets, and the variables that may hold them."""
+"""Settings that are secrets, and the variables that hold them unless it is said otherwise."""
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -36,7 +36,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         [
             "robbie gui",
             "robbie gui --attach 1f0c --port 8090",
-            "ROBBIE_OPERATOR_TOKEN=… robbie gui --host 0.0.0.0",
+            "robbie gui --host 0.0.0.0 --operator-token file:operator.token",
             "robbie gui --set 'tabs={drive: Pad, map: Where am I}' --set max_linear_m_per_s=0.3",
         ],
     )
@@ -46,9 +46,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     for setting, variable in TOKENS.items():
         parser.add_argument(
             f"--{setting.replace('_', '-')}",
-            metavar="SECRET",
-            default=os.environ.get(variable),
-            help=f"as in a profile; better given as {variable} in the environment, which others cannot see",
+            metavar="PLACE",
+            default=f"environment:{variable}" if os.environ.get(variable) else None,
+            help=f"where the token is kept, as in profiles: file:PATH, environment:NAME ({variable}, if set)",
         )
     parser.add_argument(
         "--set",

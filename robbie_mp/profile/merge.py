@@ -78,9 +78,9 @@ def override(profile: Node, overrides: Sequence[str]) -> Node:
 
 
 def _read_override(text: str, profile: Node) -> Node:
-    option = f"--set {text}"
-    place = Place(option)
     key, equals, value_text = text.partition("=")
+    option = f"--set {key}"  # not the value: it may be a secret that should not be here
+    place = Place(option)
     name, _, setting = key.partition(".")
     if not (equals and key):
         raise refuse("expected MODULE.SETTING=VALUE or CONFIG.KEY=VALUE", place)

@@ -10,6 +10,7 @@ import pytest
 from starlette.types import Message, Scope
 
 from robbie_mp.harness import ModuleHarness
+from robbie_mp.secret import Secret
 from robbie_mp.services.operator_station import OperatorStation
 from robbie_mp.services.operator_station.access import SESSIONS, Access, DriversSeat, Role
 from robbie_mp.services.operator_station.gate import SESSION_COOKIE, Gate
@@ -138,8 +139,8 @@ def test_one_page_drives_until_another_takes_over_on_purpose() -> None:
     ("settings", "expected"),
     [
         ({"host": "0.0.0.0"}, "set operator_token"),
-        ({"operator_token": "short"}, "at least 16 characters"),
-        ({"observer_token": OBSERVER}, "must be an operator_token"),
+        ({"operator_token": Secret("short")}, "at least 16 characters"),
+        ({"observer_token": Secret(OBSERVER)}, "must be an operator_token"),
         ({"tabs": {"sistem": ""}}, "there is no panel 'sistem'"),
     ],
 )

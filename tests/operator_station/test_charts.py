@@ -1,9 +1,8 @@
-"""Histories, sparklines, and settings as text."""
+"""Histories and sparklines."""
 
 import math
 
 from robbie_mp.services.operator_station.charts import History, chart_options, fill, sparkline
-from robbie_mp.services.operator_station.panels.parameters import shown_settings
 
 
 def test_a_history_keeps_the_last_values_and_shows_what_is_no_number_as_a_gap() -> None:
@@ -23,8 +22,3 @@ def test_each_line_of_a_chart_gets_its_own_values() -> None:
 
 def test_a_sparkline_is_low_for_small_values_and_never_beyond_its_ends() -> None:
     assert sparkline([0.0, 50.0, 100.0, 170.0, -3.0], 100.0) == "▁▅██▁"
-
-
-def test_secrets_of_modules_are_not_shown_among_their_settings() -> None:
-    shown = shown_settings({"operator_token": "0123456789abcdef", "port": 8080, "names": ["a", "b"]})
-    assert shown == {"operator_token": "…", "port": "8080", "names": "[a, b]"}

@@ -209,8 +209,9 @@ def guest_of(robot: Robot) -> Iterator[tuple["subprocess.Popen[str]", str]]:
 
 @pytest.mark.skipif(bool(NO_LINK), reason=f"WHAT A CUT LINK DOES IS NOT TESTED: {NO_LINK}")
 def test_robot_stands_when_the_link_is_cut_and_drives_when_it_is_mended(robot: Robot) -> None:
+    robot.write_secret("operator.token", "drives-from-far-away")
     start_in_hall(
-        robot, PROFILE.replace("{port: 0", "{port: 0, host: 0.0.0.0, operator_token: drives-from-far-away")
+        robot, PROFILE.replace("{port: 0", "{port: 0, host: 0.0.0.0, operator_token: file:operator.token")
     )
     address = address_of(robot).replace("0.0.0.0", HERE_ADDRESS)
     journal = Journal(robot)

@@ -28,8 +28,8 @@ modules:
     class: robbie_mp.services.operator_station:OperatorStation
     settings:
       port: 0
-      operator_token: opens-everything
-      observer_token: opens-all-our-eyes
+      operator_token: file:operator.token
+      observer_token: file:observer.token
       speech_commands: [come here]
       persons: [Anna]
       objects: [cup]
@@ -83,6 +83,8 @@ def test_panels_show_what_the_robot_has_and_the_robot_hears_what_is_said_there(
     (robot.folder / "zoo" / "known_robot.py").write_text((HERE / "known_robot.py").read_text())
     with LogFile(robot.folder / "old.mcap") as log:
         log.add(Mark(text="here it was"), time_ns=104 * 10**9)
+    robot.write_secret("operator.token", "opens-everything")
+    robot.write_secret("observer.token", "opens-all-our-eyes")
     robot.write_profile(PROFILE)
     robot.start()
     address = address_of(robot)

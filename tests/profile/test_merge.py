@@ -167,8 +167,8 @@ def test_overrides_set_settings_and_config(robot: Robot) -> None:
     profile = robot.load("demo", "a.x=2e-1", "a.y=[1, 2]", "a.m={q: no}", "robot.name=x=y", "quick=true")
     assert profile.modules[0].settings == {"x": 0.2, "m": {"p": 1, "q": "no"}, "y": [1, 2]}
     assert profile.config == {"robot.name": "x=y", "quick": True, "a.key": 1}
-    assert str(profile.place_of("modules", "a", "settings", "x")) == "--set a.x=2e-1"
-    assert str(profile.place_of("config", "quick")) == "--set quick=true"
+    assert str(profile.place_of("modules", "a", "settings", "x")) == "--set a.x"
+    assert str(profile.place_of("config", "quick")) == "--set quick"
 
 
 def test_of_two_overrides_the_later_wins_and_null_removes(robot: Robot) -> None:
@@ -209,6 +209,6 @@ def test_relative_paths_of_overrides_start_from_the_current_folder(robot: Robot)
         ("robot.name=.nan", "config.robot.name: expected float, finite; got nan (float)"),
     ],
 )
-def test_a_wrong_override_is_named_as_it_was_typed(robot: Robot, override: str, problem: str) -> None:
+def test_a_wrong_override_is_named_without_its_value(robot: Robot, override: str, problem: str) -> None:
     robot.write("demo", OVERRIDDEN)
-    assert robot.problems("demo", override) == [f"--set {override}: {problem}"]
+    assert robot.problems("demo", override) == [f"--set {override.partition('=')[0]}: {problem}"]

@@ -108,7 +108,7 @@ def test_a_class_that_is_no_module_is_an_error_of_the_profile(
 )
 def test_a_wrong_setting_is_reported_where_it_was_set(mapper: Robot, override: str, problem: str) -> None:
     assert mapper.preflight_problems(f"mapping.{override}") == [
-        f"--set mapping.{override}: modules.mapping.settings: {problem}"
+        f"--set mapping.{override.partition('=')[0]}: modules.mapping.settings: {problem}"
     ]
 
 

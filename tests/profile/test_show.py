@@ -61,7 +61,7 @@ def test_each_value_says_where_it_is_from(capsys: Out) -> None:
     assert comments["names: ['no']"] == "default"
     assert comments["max_restarts: 1"] == "profiles/demo.yaml:5"
     assert comments["policy: on-failure"] == "default"
-    assert comments["robot.radius_m: 0.3"] == "--set robot.radius_m=0.3"
+    assert comments["robot.radius_m: 0.3"] == "--set robot.radius_m"
     assert comments["handles: 16384"] == "default"
 
 

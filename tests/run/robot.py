@@ -40,6 +40,12 @@ class Robot:
     def write_profile(self, text: str, name: str = "robot") -> None:
         (self.folder / "profiles" / f"{name}.yaml").write_text(text)
 
+    def write_secret(self, name: str, text: str) -> None:
+        """Write a file that is the user's alone."""
+        path = self.folder / name
+        path.touch(mode=0o600)
+        path.write_text(f"{text}\n")
+
     def command(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         """Run a command to its end."""
         return subprocess.run(

@@ -20,7 +20,7 @@ from tools.bench.contender import work_folder
 from tools.bench.cpu import family
 from tools.kill_campaign.robot import REPOSITORY, Robot
 from tools.logger_load.measure import latency_of
-from tools.operator_load import token_of
+from tools.operator_load import ROLES, token_of
 from tools.operator_load.narrow_link import NarrowLink, narrow_link
 
 Result = dict[str, Any]
@@ -79,7 +79,7 @@ def profile(has_station: bool, cells: int, points: int) -> dict[str, Any]:
         modules[f"talker{number}"] = {"class": "tools.logger_load.modules:Talker", "settings": settings}
     if has_station:
         station = "robbie_mp.services.operator_station:OperatorStation"
-        tokens = {f"{role}_token": token_of(role) for role in ("operator", "observer")}
+        tokens = {f"{role}_token": f"file:{role}.token" for role in ROLES}
         modules[OPERATOR] = {"class": station, "settings": {"port": 0, **tokens}}
     return {"modules": modules}
 
@@ -177,6 +177,9 @@ def running(session: Session, cells: int, points: int) -> Iterator[Robot]:
         (folder / "profiles").mkdir()
         text = yaml.safe_dump(profile(session.has_station, cells, points), sort_keys=False)
         (folder / "profiles" / "load.yaml").write_text(text)
+        for role in ROLES:
+            (folder / f"{role}.token").touch(mode=0o600)
+            (folder / f"{role}.token").write_text(token_of(role))
         robot = Robot(folder, folder, "load")
         try:
             robot.wait_until_running()

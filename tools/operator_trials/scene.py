@@ -30,7 +30,12 @@ POLL_S = 0.002
 def profile(arena: Path) -> dict[str, object]:
     """Describe a robot that maps what it sees, with an operator station and a witness of its base."""
     settings = {"arena": str(arena)}
-    station = {"host": "0.0.0.0", "port": 0, "operator_token": TOKEN, "max_linear_m_per_s": 0.4}
+    station = {
+        "host": "0.0.0.0",
+        "port": 0,
+        "operator_token": "file:operator.token",
+        "max_linear_m_per_s": 0.4,
+    }
     return {
         "modules": {
             "mapping": {"class": "modules.mapping:Mapping", "restart": OFTEN},
@@ -58,6 +63,8 @@ class Scene:
         workspace = folder / "workspace"
         (workspace / "profiles").mkdir(parents=True)
         wall, floor = "#" * (LENGTH_CELLS + 3), "." * LENGTH_CELLS
+        (workspace / "operator.token").touch(mode=0o600)
+        (workspace / "operator.token").write_text(TOKEN)
         arena = workspace / "arena.yaml"
         arena.write_text(f"cell_m: 1.0\ndrawing: |\n  {wall}\n  #R{floor}#\n  {wall}\n")
         (workspace / "profiles" / "trial.yaml").write_text(yaml.safe_dump(profile(arena), sort_keys=False))

@@ -13,6 +13,7 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.messages import TimeJump
 from robbie_mp.module import MessageHandling, Module, setting
 from robbie_mp.scene_graph import SceneGraphListener
+from robbie_mp.secret import Secret, reveal
 from robbie_mp.services.operator_station.access import SHORTEST_TOKEN, Access, DriversSeat, is_loopback
 from robbie_mp.services.operator_station.claim import StationClaim
 from robbie_mp.services.operator_station.latest import Latest
@@ -76,8 +77,10 @@ class OperatorStation(Module):
     follows_run_clock = False
     host: str = setting("127.0.0.1", "address to listen on; 0.0.0.0: all of this machine's")
     port: int = setting(8080, "port to listen on; 0: any that is free", minimum=0, maximum=65535)
-    operator_token: str = setting("", "what an operator logs in with; '': everybody here is one")
-    observer_token: str = setting("", "what an observer logs in with; '': there are none")
+    operator_token: Secret | None = setting(
+        None, "what an operator logs in with; null: everybody here is one"
+    )
+    observer_token: Secret | None = setting(None, "what an observer logs in with; null: there are none")
     tabs: dict[str, str] = setting(
         {}, "which panels to show, in this order, and their titles ('': its own); {}: all of use"
     )
@@ -98,12 +101,12 @@ class OperatorStation(Module):
     def check(cls, settings: dict[str, Any]) -> None:
         """See that nobody can steer the robot who should not, and that every tab is a panel."""
         for name in ("operator_token", "observer_token"):
-            if settings[name] and len(settings[name]) < SHORTEST_TOKEN:
+            if settings[name] is not None and len(settings[name].reveal()) < SHORTEST_TOKEN:
                 raise SettingError(f"expected at least {SHORTEST_TOKEN} characters; got fewer", name)
         if not is_loopback(settings["host"]) and not settings["operator_token"]:
             raise SettingError(
-                f"{settings['host']} is reached from other machines: set operator_token, a secret of at "
-                f"least {SHORTEST_TOKEN} characters, or host to 127.0.0.1",
+                f"{settings['host']} is reached from other machines: set operator_token, to where a "
+                f"secret of at least {SHORTEST_TOKEN} characters is kept, or host to 127.0.0.1",
                 "host",
             )
         if settings["observer_token"] and not settings["operator_token"]:
@@ -132,7 +135,7 @@ class OperatorStation(Module):
         self.known_run = next(run for run in list_runs() if run.run_id == self.run_id)
         self._claim = StationClaim(self.known_run.folder)
         before = self.restored or {"port": 0, "sessions": {}}
-        self.access = Access(self.operator_token, self.observer_token, before["sessions"])
+        self.access = Access(reveal(self.operator_token), reveal(self.observer_token), before["sessions"])
         self.drivers_seat = DriversSeat()
         self.pages: dict[str, Page] = {}
         self.run_watch = RunWatch(self.run_id)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from nicegui import ui
 
@@ -15,8 +15,6 @@ from robbie_mp.supervisor.plan import RunPlan
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
 
-HIDDEN = ("token", "password", "secret")
-
 
 class ParametersPanel(Panel):
     """Settings with their types, limits and values."""
@@ -28,7 +26,10 @@ class ParametersPanel(Panel):
     def __init__(self, station: OperatorStation):
         super().__init__(station)
         modules = RunPlan.load(station.known_run.folder).modules
-        self.given = {module.name: shown_settings(module.settings) for module in modules}
+        self.given = {
+            module.name: {name: inline(value) for name, value in module.settings.items()}
+            for module in modules
+        }
 
     def tick(self) -> None:
         """Read what the modules have written down."""
@@ -107,11 +108,3 @@ class Field:
     def _ask(self) -> None:
         assert self._input is not None
         self._change.ask(str(self._input.value))
-
-
-def shown_settings(settings: dict[str, Any]) -> dict[str, str]:
-    """Return settings as text, without what is nobody's business."""
-    return {
-        name: "…" if any(word in name for word in HIDDEN) else inline(value)
-        for name, value in settings.items()
-    }
