@@ -94,10 +94,18 @@ class ChildProcess:
         Raises:
             OSError: the command cannot be executed.
         """
-        out_read, out_write = os.pipe2(os.O_CLOEXEC)
-        error_read, error_write = os.pipe2(os.O_CLOEXEC)
-        channel_read, channel_write = open_channel()
-        try:
+        with contextlib.ExitStack() as on_failure, contextlib.ExitStack() as theirs:
+
+            def ends(reader: int, writer: int) -> tuple[int, int]:
+                on_failure.callback(os.close, reader)
+                theirs.callback(os.close, writer)
+                return reader, writer
+
+            out_read, out_write = ends(*os.pipe2(os.O_CLOEXEC))
+            error_read, error_write = ends(*os.pipe2(os.O_CLOEXEC))
+            channel_read, channel_write = ends(*open_channel())
+            os.set_blocking(out_read, False)
+            os.set_blocking(error_read, False)
             popen = subprocess.Popen(
                 argv,
                 stdin=stdin,
@@ -109,18 +117,11 @@ class ChildProcess:
                 close_fds=True,
                 pass_fds=(channel_write,),
             )
-        except BaseException:
-            os.close(out_read)
-            os.close(error_read)
-            os.close(channel_read)
-            raise
-        finally:
-            os.close(out_write)
-            os.close(error_write)
-            os.close(channel_write)
-        os.set_blocking(out_read, False)
-        os.set_blocking(error_read, False)
-        return cls(popen, os.pidfd_open(popen.pid), out_read, error_read, channel_read, child_marker)
+            on_failure.callback(popen.wait)
+            on_failure.callback(popen.kill)  # it is not reaped before, so its pid is still its own
+            pidfd = os.pidfd_open(popen.pid)
+            on_failure.pop_all()
+        return cls(popen, pidfd, out_read, error_read, channel_read, child_marker)
 
     def exit_status(self) -> ExitStatus | None:
         """Return how it ended, None while it runs; it stays a zombie, so that its pid is still its own."""

@@ -1,6 +1,8 @@
 """One child process, without a tree."""
 
+import errno
 import os
+import resource
 import select
 import signal
 import subprocess
@@ -87,6 +89,65 @@ def test_child_gets_the_given_environment_and_our_two_variables_alone() -> None:
 def test_command_that_does_not_exist_leaves_nothing_open() -> None:
     with pytest.raises(FileNotFoundError):
         ChildProcess.start(("/no/such/command",), {}, "run/child/1")
+
+
+@contextmanager
+def only_free_descriptors(count: int) -> Iterator[None]:
+    """Let this process open so many descriptors and no more."""
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    highest = max(map(int, os.listdir("/proc/self/fd")))
+    taken: list[int] = []
+    resource.setrlimit(resource.RLIMIT_NOFILE, (highest + 1 + count, before[1]))
+    try:
+        while True:
+            try:
+                taken.append(os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC))
+            except OSError:
+                break
+        for fd in taken[-count:] if count else ():
+            os.close(fd)
+        del taken[len(taken) - count :]
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+        for fd in taken:
+            os.close(fd)
+
+
+@pytest.mark.parametrize("free", range(13))
+def test_start_for_which_descriptors_run_out_leaves_neither_descriptor_nor_process(free: int) -> None:
+    """Wherever they run out: at a pipe, within Popen, or at the pidfd of a process that runs already."""
+    before = sorted(os.listdir("/proc/self/fd"))
+    with only_free_descriptors(free):
+        try:
+            process = ChildProcess.start(("/bin/sleep", "60"), {}, "run/child/1")
+        except OSError as error:
+            assert error.errno == errno.EMFILE
+            process = None
+    if process is None:
+        assert sorted(os.listdir("/proc/self/fd")) == before
+        with pytest.raises(ChildProcessError):
+            os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG)
+        assert free < 12, "with that many it starts"
+        return
+    process.kill()
+    ended(process)
+    process.reap()
+    for fd in (process.stdout, process.stderr, process.log_channel):
+        os.close(fd)
+
+
+def test_child_whose_process_cannot_be_watched_is_killed_and_reaped(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_pid: int) -> int:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    before = sorted(os.listdir("/proc/self/fd"))
+    monkeypatch.setattr(os, "pidfd_open", refuse)
+    with pytest.raises(OSError, match="Too many open files"):
+        ChildProcess.start(("/bin/sleep", "60"), {}, "run/child/1")
+    assert sorted(os.listdir("/proc/self/fd")) == before
+    with pytest.raises(ChildProcessError):
+        os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG)
 
 
 def test_child_whose_parent_died_before_it_could_ask_dies_too() -> None:
