@@ -16,10 +16,17 @@ class ProcessIdentity:
 
     @classmethod
     def own(cls) -> Self:
-        """Return the identity of this process."""
-        stat = read_stat(os.getpid())
-        if stat is None:
-            raise FileNotFoundError("/proc/self/stat is missing; mount /proc, supervision needs it")
+        """Return the identity of this process.
+
+        Raises:
+            OSError: /proc is not mounted, which supervision needs, or there is no descriptor left.
+        """
+        try:
+            stat = _parse_stat(os.getpid(), _read_stat(os.getpid()))
+        except FileNotFoundError as error:
+            raise FileNotFoundError(
+                "/proc/self/stat is missing; mount /proc, supervision needs it"
+            ) from error
         return cls(stat.pid, stat.start_ticks)
 
     @property
@@ -51,10 +58,17 @@ class ProcessStat:
 def read_stat(pid: int) -> ProcessStat | None:
     """Return what /proc says of a process, None when there is none."""
     try:
-        with open(f"/proc/{pid}/stat", "rb") as file:
-            text = file.read()
+        return _parse_stat(pid, _read_stat(pid))
     except OSError:
         return None  # gone, or hidden from us
+
+
+def _read_stat(pid: int) -> bytes:
+    with open(f"/proc/{pid}/stat", "rb") as file:
+        return file.read()
+
+
+def _parse_stat(pid: int, text: bytes) -> ProcessStat:
     # The command's name, in parentheses, may itself hold blanks and parentheses: count from the last one.
     fields = text.rpartition(b")")[2].split()
     cpu_ticks = int(fields[11]) + int(fields[12])

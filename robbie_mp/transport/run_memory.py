@@ -1,6 +1,7 @@
 """How the processes of a run find one another's memory: names, sizes, and who maps what how."""
 
 from collections.abc import Callable
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import Self
 
@@ -36,34 +37,44 @@ class IncarnationMemory:
         Raises:
             SharedMemoryFull: there is no room.
         """
-        out_name = names.outbound(run_id, slot, incarnation)
-        out = Segment.create(out_name, layout.out_words(sizes.records), SegmentKind.OUT, slot, incarnation)
-        in_name = names.inbound(run_id, slot, incarnation)
-        try:
-            into = Segment.create(in_name, layout.in_words(sizes.credit), SegmentKind.IN, slot, incarnation)
-        except BaseException:
-            out.close()
-            out.unlink()
-            raise
-        return cls(out, into, Wakeup.create(names.wakeup(run_id, slot, incarnation)))
+        with ExitStack() as on_failure:
+
+            def segment(name: str, words: int, kind: SegmentKind) -> Segment:
+                made = Segment.create(name, words, kind, slot, incarnation)
+                on_failure.callback(made.unlink)
+                on_failure.callback(made.close)
+                return made
+
+            out_name = names.outbound(run_id, slot, incarnation)
+            in_name = names.inbound(run_id, slot, incarnation)
+            out = segment(out_name, layout.out_words(sizes.records), SegmentKind.OUT)
+            into = segment(in_name, layout.in_words(sizes.credit), SegmentKind.IN)
+            memory = cls(out, into, Wakeup.create(names.wakeup(run_id, slot, incarnation)))
+            on_failure.pop_all()
+        return memory
 
     @classmethod
     def attach_as_module(cls, run_id: str, slot: int, incarnation: int) -> Self:
         """Map it as the module itself does: it writes `out` and only reads `in`."""
-        return cls(
-            Segment.attach(names.outbound(run_id, slot, incarnation), SegmentKind.OUT, write=True),
-            Segment.attach(names.inbound(run_id, slot, incarnation), SegmentKind.IN),
-            Wakeup.attach(names.wakeup(run_id, slot, incarnation)),
-        )
+        return cls._attach(run_id, slot, incarnation, written=SegmentKind.OUT)
 
     @classmethod
     def attach_as_core(cls, run_id: str, slot: int, incarnation: int) -> Self:
         """Map it as the core does: it writes `in` and only reads `out`."""
-        return cls(
-            Segment.attach(names.outbound(run_id, slot, incarnation), SegmentKind.OUT),
-            Segment.attach(names.inbound(run_id, slot, incarnation), SegmentKind.IN, write=True),
-            Wakeup.attach(names.wakeup(run_id, slot, incarnation)),
-        )
+        return cls._attach(run_id, slot, incarnation, written=SegmentKind.IN)
+
+    @classmethod
+    def _attach(cls, run_id: str, slot: int, incarnation: int, written: SegmentKind) -> Self:
+        with ExitStack() as on_failure:
+
+            def segment(name: str, kind: SegmentKind) -> Segment:
+                return on_failure.enter_context(closing(Segment.attach(name, kind, write=kind is written)))
+
+            out = segment(names.outbound(run_id, slot, incarnation), SegmentKind.OUT)
+            into = segment(names.inbound(run_id, slot, incarnation), SegmentKind.IN)
+            memory = cls(out, into, Wakeup.attach(names.wakeup(run_id, slot, incarnation)))
+            on_failure.pop_all()
+        return memory
 
     def close(self) -> None:
         """Unmap it here."""

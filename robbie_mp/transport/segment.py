@@ -23,7 +23,16 @@ class SharedMemoryFull(RobbieError, MemoryError):
     Example scenarios:
       - /dev/shm is smaller than the profile's limits (a container's default is 64 MB)
       - another program fills it
+      - the process has as many descriptors open as it may (`ulimit -n`)
     """
+
+    @classmethod
+    def of(cls, piece: str, error: OSError) -> Self:
+        """Say for what there was no room, and what the system said."""
+        return cls(
+            f"no room in /dev/shm for {piece} ({error.strerror or error}); "
+            "lower the profile's memory limits, enlarge /dev/shm, or allow more descriptors (ulimit -n)"
+        )
 
 
 class SegmentMissing(RobbieError, FileNotFoundError):
@@ -71,18 +80,18 @@ class Segment:
         """
         size = words * WORD_BYTES
         try:
+            creator = ProcessIdentity.own()
             shared = posix_ipc.SharedMemory(f"/{name}", posix_ipc.O_CREX, mode=0o600)
         except posix_ipc.ExistentialError as error:
             raise FileExistsError(f"shared memory {name} exists already") from error
+        except OSError as error:  # no inode, or no descriptor
+            raise SharedMemoryFull.of(f"segment {name} of {size} bytes", error) from error
         try:
             os.posix_fallocate(shared.fd, 0, size)
             mapping = mmap.mmap(shared.fd, size)
         except OSError as error:
             shared.unlink()
-            raise SharedMemoryFull(
-                f"no room in /dev/shm for segment {name} of {size} bytes ({error.strerror}); "
-                "lower the profile's memory limits or enlarge /dev/shm"
-            ) from error
+            raise SharedMemoryFull.of(f"segment {name} of {size} bytes", error) from error
         finally:
             shared.close_fd()
         segment = cls(name, mapping)
@@ -92,7 +101,6 @@ class Segment:
         header[layout.HEADER_BYTES] = size
         header[layout.HEADER_SLOT] = slot
         header[layout.HEADER_INCARNATION] = incarnation
-        creator = ProcessIdentity.own()
         header[layout.HEADER_CREATOR_PID] = creator.pid
         header[layout.HEADER_CREATOR_START] = creator.start_ticks
         header[layout.HEADER_MAGIC] = layout.MAGIC

@@ -6,7 +6,7 @@ from typing import Self
 
 import posix_ipc
 
-from robbie_mp.transport.segment import SegmentMissing
+from robbie_mp.transport.segment import SegmentMissing, SharedMemoryFull
 
 
 class Wakeup:
@@ -29,12 +29,15 @@ class Wakeup:
         """Create the semaphore.
 
         Raises:
+            SharedMemoryFull: there is no room for it.
             FileExistsError: the name is taken.
         """
         try:
             return cls(posix_ipc.Semaphore(f"/{name}", posix_ipc.O_CREX, mode=0o600))
         except posix_ipc.ExistentialError as error:
             raise FileExistsError(f"semaphore {name} exists already") from error
+        except OSError as error:
+            raise SharedMemoryFull.of(f"semaphore {name}", error) from error
 
     @classmethod
     def attach(cls, name: str) -> Self:

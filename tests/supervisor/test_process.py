@@ -2,7 +2,6 @@
 
 import errno
 import os
-import resource
 import select
 import signal
 import subprocess
@@ -14,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.supervisor.process import ChildProcess, ExitStatus
+from tests.few_descriptors import only_free_descriptors
 from tests.supervisor.running import PROJECT, is_gone, wait_for
 
 
@@ -89,29 +89,6 @@ def test_child_gets_the_given_environment_and_our_two_variables_alone() -> None:
 def test_command_that_does_not_exist_leaves_nothing_open() -> None:
     with pytest.raises(FileNotFoundError):
         ChildProcess.start(("/no/such/command",), {}, "run/child/1")
-
-
-@contextmanager
-def only_free_descriptors(count: int) -> Iterator[None]:
-    """Let this process open so many descriptors and no more."""
-    before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    highest = max(map(int, os.listdir("/proc/self/fd")))
-    taken: list[int] = []
-    resource.setrlimit(resource.RLIMIT_NOFILE, (highest + 1 + count, before[1]))
-    try:
-        while True:
-            try:
-                taken.append(os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC))
-            except OSError:
-                break
-        for fd in taken[-count:] if count else ():
-            os.close(fd)
-        del taken[len(taken) - count :]
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, before)
-        for fd in taken:
-            os.close(fd)
 
 
 @pytest.mark.parametrize("free", range(13))

@@ -1,0 +1,142 @@
+"""A /dev/shm without room, a process without descriptors: an error says so, and nothing is left behind.
+
+/dev/shm is a small one of the test's own, in a namespace of mounts of a process of its own.
+"""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.transport import layout
+from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes, unlink_incarnation
+from robbie_mp.transport.segment import SharedMemoryFull
+from tests.few_descriptors import only_free_descriptors
+from tests.transport.pair import Pair, picture
+
+RUN_ID = "7e57f012"
+SIZES = RingSizes(16, 4)
+PROJECT = Path(__file__).parents[2]
+IN_OWN_MEMORY = ["unshare", "--mount", "--propagation", "private"]
+
+CREATE = """
+import os, subprocess, sys
+from robbie_mp.transport.layout import in_words, out_words
+from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes, unlink_incarnation
+from robbie_mp.transport.segment import SharedMemoryFull
+
+sizes = RingSizes(16, 4)
+out, into = (-(-8 * words // 4096) for words in (out_words(16), in_words(4)))
+pages = [1, out - 1, out, out + into - 1, out + into, out + into + 1, out + into + 3]
+outcomes = []
+for option in [*[f"nr_inodes={number}" for number in range(1, 8)],
+               *[f"size={4096 * number}" for number in pages]]:
+    subprocess.run(["mount", "-t", "tmpfs", "-o", option, "none", "/dev/shm"], check=True)
+    opened = len(os.listdir("/proc/self/fd"))
+    try:
+        memory = IncarnationMemory.create("7e57f011", 1, 1, sizes)
+    except SharedMemoryFull as error:
+        assert "no room in /dev/shm for " in str(error), error
+        outcomes.append(str(error).split(" for ")[1].split(" of ")[0].split(" (")[0])
+    else:
+        memory.close()
+        unlink_incarnation("7e57f011", 1, 1)
+        outcomes.append("made")
+    assert os.listdir("/dev/shm") == [], (option, os.listdir("/dev/shm"))
+    assert len(os.listdir("/proc/self/fd")) == opened, option
+    subprocess.run(["umount", "/dev/shm"], check=True)
+print(*dict.fromkeys(outcomes), sep="\\n")
+"""
+
+
+def has_own_mounts() -> bool:
+    """Whether this user may mount a /dev/shm that nobody else sees."""
+    mount = ["mount", "-t", "tmpfs", "none", "/dev/shm"]
+    try:
+        return subprocess.run([*IN_OWN_MEMORY, *mount], check=False, capture_output=True).returncode == 0
+    except FileNotFoundError:
+        return False
+
+
+def run(code: str) -> str:
+    if not has_own_mounts():
+        pytest.skip("NOT TESTED: only root may mount a small /dev/shm for this test")
+    ended = subprocess.run(
+        [*IN_OWN_MEMORY, sys.executable, "-c", code],
+        check=False, capture_output=True, text=True, timeout=50,
+        env={**os.environ, "PYTHONPATH": str(PROJECT)},
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
+
+
+def test_incarnation_for_which_any_piece_finds_no_room_leaves_no_name() -> None:
+    outcomes = run(CREATE).splitlines()
+    assert outcomes == [
+        "segment robbie-7e57f011-out-1-1",
+        "segment robbie-7e57f011-in-1-1",
+        "semaphore robbie-7e57f011-wakeup-1-1",
+        "made",
+    ]
+
+
+def ours() -> set[str]:
+    return {name for name in os.listdir("/dev/shm") if RUN_ID in name}
+
+
+def descriptors() -> list[str]:
+    return sorted(os.listdir("/proc/self/fd"))
+
+
+@pytest.mark.parametrize("free", range(4))
+def test_incarnation_for_which_descriptors_run_out_leaves_nothing(free: int) -> None:
+    before = descriptors()
+    with only_free_descriptors(free):
+        try:
+            memory = IncarnationMemory.create(RUN_ID, 1, 1, SIZES)
+        except SharedMemoryFull as error:
+            assert "ulimit -n" in str(error)
+            memory = None
+    if memory is None:
+        assert ours() == set()
+    else:
+        assert free == 3, (
+            "an incarnation takes a descriptor for each of its two segments, and one more to make them"
+        )
+        memory.close()
+        unlink_incarnation(RUN_ID, 1, 1)
+    assert descriptors() == before
+
+
+@pytest.mark.parametrize("attach", [IncarnationMemory.attach_as_module, IncarnationMemory.attach_as_core])
+def test_attaching_for_which_descriptors_run_out_keeps_none(
+    attach: Callable[[str, int, int], IncarnationMemory],
+) -> None:
+    memory = IncarnationMemory.create(RUN_ID, 1, 1, SIZES)
+    before = descriptors()
+    try:
+        for free in range(3):
+            with only_free_descriptors(free), pytest.raises(OSError, match=r"open files|files open"):
+                attach(RUN_ID, 1, 1)
+            assert descriptors() == before
+        with only_free_descriptors(4):
+            attach(RUN_ID, 1, 1).close()
+    finally:
+        memory.close()
+        unlink_incarnation(RUN_ID, 1, 1)
+
+
+def test_message_whose_segment_cannot_be_made_for_want_of_descriptors_is_refused_and_counted(
+    pair: Pair,
+) -> None:
+    with only_free_descriptors(0):
+        assert not pair.outbox.publish(picture(1), "")
+    assert pair.sender_words[layout.OUT_REFUSED] == 1
+    assert pair.outbox.publish(picture(2), "")
+    seen: list[int] = []
+    pair.on_image = lambda image: seen.append(int(image.data[0]))
+    pair.pass_on()
+    assert seen == [2]
