@@ -3,9 +3,9 @@
 from hw.laser import LaserGeometry
 from robbie_mp.messages import DriveCommand, Duration, Header, LaserScan, OccupancyGrid, PoseStamped, Time
 from robbie_mp.module import MessageHandling, Module, setting
-from workers.collision_guard import CollisionGuard
-from workers.explorer import Explorer, ExplorerSettings
-from workers.path_follower import FollowerSettings, PathFollower
+from workers.exploration.explorer import Explorer, ExplorerSettings
+from workers.navigation.collision_guard import CollisionGuard
+from workers.navigation.path_follower import FollowerSettings, PathFollower
 
 
 class Exploration(Module):

@@ -15,9 +15,9 @@ from robbie_mp.messages import (
     TimeJump,
 )
 from robbie_mp.module import MessageHandling, Module, setting
-from workers.likelihood_field import LikelihoodField
-from workers.localization import Localization, LocalizationSettings, Localizer
-from workers.map_file import read_map
+from workers.localization.likelihood_field import LikelihoodField
+from workers.localization.localizer import Localization, LocalizationSettings, Localizer
+from workers.maps.map_file import read_map
 
 
 class MonteCarloLocalization(Module):

@@ -22,9 +22,9 @@ from robbie_mp.messages import (
     TimeJump,
 )
 from robbie_mp.module import MessageHandling, Module, setting
-from workers.grid_mapper import GridMapper
-from workers.map_file import write_map
-from workers.map_picture import draw_map
+from workers.mapping.grid_mapper import GridMapper
+from workers.maps.map_file import write_map
+from workers.maps.map_picture import draw_map
 from workers.row_log import RowLog
 
 

@@ -22,11 +22,11 @@ from robbie_mp.messages import (
     TimeJump,
 )
 from robbie_mp.module import MessageHandling, Module, setting
-from workers.collision_guard import CollisionGuard
-from workers.laser_sweep import LaserSweep
-from workers.navigator import Navigator
-from workers.navigator_states import RESTING, NavigatorSettings, NavigatorState
-from workers.path_follower import FollowerSettings, PathFollower
+from workers.laser.laser_sweep import LaserSweep
+from workers.navigation.collision_guard import CollisionGuard
+from workers.navigation.navigator import Navigator
+from workers.navigation.navigator_states import RESTING, NavigatorSettings, NavigatorState
+from workers.navigation.path_follower import FollowerSettings, PathFollower
 
 MAP_FRAMES = ("map", "")
 

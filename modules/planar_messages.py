@@ -18,7 +18,7 @@ from robbie_mp.messages import (
     SearchedWalls,
     TFMessage,
 )
-from workers.frontiers import Frontier
+from workers.exploration.frontiers import Frontier
 
 
 class MapCells(NamedTuple):

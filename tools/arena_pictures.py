@@ -11,17 +11,17 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from hw.arena import Arena
-from hw.arena_contents import VictimKind, WallSpot
-from hw.arena_file import read_arena
-from hw.generate_arena import generate_arena
-from hw.panel_textures import SIGN_COLOURS
 from hw.pose import Pose
-from hw.reachable_area import reachable_area
-from hw.simulated_camera import SimulatedCamera, SimulatedThermalCamera
+from hw.simulation.arena import Arena
+from hw.simulation.arena_contents import VictimKind, WallSpot
+from hw.simulation.arena_file import read_arena
+from hw.simulation.camera import SimulatedCamera, SimulatedThermalCamera
+from hw.simulation.generate_arena import generate_arena
+from hw.simulation.panel_textures import SIGN_COLOURS
+from hw.simulation.reachable_area import reachable_area
 
 FOLDER = Path("docs/images")
-ARENAS = Path("hw/arenas")
+ARENAS = Path("hw/simulation/arenas")
 STOCK = ("rescue_maze", "office", "hall")
 SEED = 3
 HEIGHT_PX = 300

@@ -22,15 +22,15 @@ from numpy.typing import NDArray
 
 from hw.laser import LaserGeometry
 from hw.pose import Pose
-from hw.simulated_drive import SimulatedDrive, WorldState
-from hw.simulated_laser import SimulatedLaser
+from hw.simulation.drive import SimulatedDrive, WorldState
+from hw.simulation.laser import SimulatedLaser
 from tools.random_rooms import drawn_map, random_rooms
-from workers.collision_guard import CollisionGuard
-from workers.likelihood_field import LikelihoodField
-from workers.localization import Localizer
-from workers.navigation_grid import NavigationGrid
-from workers.path_follower import PathFollower
-from workers.path_planner import PathField
+from workers.localization.likelihood_field import LikelihoodField
+from workers.localization.localizer import Localizer
+from workers.maps.navigation_grid import NavigationGrid
+from workers.navigation.collision_guard import CollisionGuard
+from workers.navigation.path_follower import PathFollower
+from workers.navigation.path_planner import PathField
 from workers.planar_pose import wrap_angle
 
 RESOLUTION_M = 0.05

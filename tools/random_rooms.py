@@ -3,9 +3,9 @@
 import numpy as np
 from scipy import ndimage
 
-from hw.arena import Arena, Array
-from hw.arena_file import box_segments
 from hw.pose import Pose
+from hw.simulation.arena import Arena, Array
+from hw.simulation.arena_file import box_segments
 
 SMALLEST_ROOM_M = 2.4
 DOOR_M = 1.1

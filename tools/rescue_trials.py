@@ -2,8 +2,8 @@
 
     python -m tools.rescue_trials --seeds 20 --json FILE [--kill] [--first 0] [--profile rescue-fast]
 
-Each seed makes an arena (`hw.generate_arena`), and the profile runs in it until its mission has ended. With
-`--kill` every module is killed once, at a random moment of the mission. In lockstep, as in the profile
+Each seed makes an arena (`hw.simulation.generate_arena`). The profile runs in it until its mission has ended.
+With `--kill` every module is killed once, at a random moment of the mission. In lockstep, as in the profile
 `rescue-fast`, a module that is restarted is waited for; what a death does to a robot that drives on meanwhile
 is seen with `--profile rescue`, at real-time speed.
 """
@@ -25,16 +25,16 @@ from typing import Any
 
 import numpy as np
 
-from hw.arena import Arena
-from hw.arena_file import read_arena
-from hw.arena_generator import ArenaWishes
-from hw.generate_arena import generate_arena
-from hw.reachable_area import reachable_area
+from hw.simulation.arena import Arena
+from hw.simulation.arena_file import read_arena
+from hw.simulation.arena_generator import ArenaWishes
+from hw.simulation.generate_arena import generate_arena
+from hw.simulation.reachable_area import reachable_area
 from robbie_mp.clock import SystemClock
 from robbie_mp.profile.load import load_profile
 from robbie_mp.run_clock import RunClock
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
-from workers.map_file import read_map
+from workers.maps.map_file import read_map
 from workers.planar_pose import relative, transform_points
 
 NOISY = ("base", "laser", "camera")

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from hw import generate_arena
-from hw.arena_file import read_arena
+from hw.simulation import generate_arena
+from hw.simulation.arena_file import read_arena
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.preflight import preflight
 from tests.docs.pages import ROOT, block
@@ -21,7 +21,9 @@ def test_arena_of_the_page_is_read(tmp_path: Path) -> None:
 
 
 def test_command_of_the_page_writes_an_arena(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    (words,) = re.findall(r"^    python -m hw.generate_arena (.*) > arena.yaml", PAGE, re.MULTILINE)
+    (words,) = re.findall(
+        r"^    python -m hw.simulation.generate_arena (.*) > arena.yaml", PAGE, re.MULTILINE
+    )
     assert generate_arena.main(words.split()) == 0
     (tmp_path / "arena.yaml").write_text(capsys.readouterr().out)
     assert read_arena(tmp_path / "arena.yaml").victims

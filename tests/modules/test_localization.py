@@ -25,7 +25,7 @@ from robbie_mp.messages import (
 )
 from tools.localization_trials import RESOLUTION_M, Conditions, Drive
 from tools.random_rooms import drawn_map
-from workers.map_file import write_map
+from workers.maps.map_file import write_map
 
 Harness = ModuleHarness[MonteCarloLocalization]
 

@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-from hw.arena_file import read_arena
-from hw.simulated_drive import SimulatedDrive
-from hw.simulated_laser import SimulatedLaser
+from hw.simulation.arena_file import read_arena
+from hw.simulation.drive import SimulatedDrive
+from hw.simulation.laser import SimulatedLaser
 from modules.navigation import Navigation
 from robbie_mp.harness import ModuleHarness
 from robbie_mp.messages import (
@@ -28,9 +27,10 @@ from robbie_mp.messages import (
     TimeJump,
 )
 from robbie_mp.messages import Path as PathMessage
+from tests._support.places import ARENAS
 from tools.random_rooms import drawn_map
 
-ARENA = read_arena(Path(__file__).parents[2] / "hw" / "arenas" / "demo.yaml")
+ARENA = read_arena(ARENAS / "demo.yaml")
 CELLS, CORNER = drawn_map(ARENA, 0.05)
 STEP_S = 0.12
 

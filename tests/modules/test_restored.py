@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from modules.base import SimulatedBase
+from modules.devices.base import SimulatedBase
 from modules.exploration import Exploration
 from modules.mapping import Mapping
 from robbie_mp.checkpoint.errors import CheckpointTooLarge
@@ -31,10 +31,11 @@ from robbie_mp.messages import (
     TransformStamped,
     Vector3,
 )
+from tests._support.places import ARENAS
 from tests.checkpoint.states import same
-from tests.workers.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
+from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
 
-ARENA = Path(__file__).parents[2] / "hw" / "arenas" / "demo.yaml"
+ARENA = ARENAS / "demo.yaml"
 EVERY_SCAN = {"checkpoint_share": 1.0}
 DRIVE = Drive.around_the_pillar(12.0)
 

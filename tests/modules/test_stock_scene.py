@@ -8,12 +8,13 @@ import pytest
 from hw.camera import CameraGeometry
 from hw.laser import LaserGeometry
 from hw.pan_tilt import PanTiltLimits
-from modules.base import SimulatedBase
-from modules.pan_tilt import SimulatedPanTiltModule
+from modules.devices.base import SimulatedBase
+from modules.devices.pan_tilt import SimulatedPanTiltModule
 from robbie_mp.harness import ModuleHarness
 from robbie_mp.messages import Odometry, PanTiltCommand, PoseStamped
 from robbie_mp.scene_graph import SceneGraph, read_scene
 from robbie_mp.services.scene_graph import SceneGraphService
+from tests._support.places import ARENAS
 
 HW = Path(__file__).parents[2] / "hw"
 SCENE = HW / "robots" / "rescue.yaml"
@@ -34,7 +35,7 @@ def test_devices_sit_and_turn_where_the_scene_says() -> None:
 def test_messages_of_the_stock_modules_move_it() -> None:
     with (
         ModuleHarness(SceneGraphService, {"file": str(SCENE)}) as scene,
-        ModuleHarness(SimulatedBase, {"arena": str(HW / "arenas" / "demo.yaml")}) as base,
+        ModuleHarness(SimulatedBase, {"arena": str(ARENAS / "demo.yaml")}) as base,
         ModuleHarness(SimulatedPanTiltModule) as pan_tilt,
     ):
         pan_tilt.send(PanTiltCommand(pan_rad=0.5, tilt_rad=0.25))

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from hw.arena_file import read_arena
-from tests.robot.test_stock_robot import PROJECT, StockRobot
+from hw.simulation.arena_file import read_arena
+from tests._support.places import ARENAS
+from tests.robot.test_stock_robot import StockRobot
 from tools.rescue_trials import Outcome, judge
 
 # The time of the mission is simulated, but that of the machine is not; on a busy one it takes its time.
@@ -27,7 +28,7 @@ def test_small_mission_finds_every_victim_maps_everything_and_comes_home(robot: 
     exit_code, modules, errors = robot.run("rescue-small", timeout_s=380.0)
     assert exit_code == 0, errors
     assert {module["restarts"] for module in modules.values()} == {0}
-    arena = read_arena(PROJECT / "hw" / "arenas" / "rescue_small.yaml")
+    arena = read_arena(ARENAS / "rescue_small.yaml")
     outcome = Outcome(seed=0, victims=len(arena.victims))
     judge(outcome, arena, robot.output)
     assert outcome.is_home, outcome.reason

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.arena import Arena
-from hw.arena_contents import Victim, VictimKind, WallSpot
-from hw.box_segments import box_segments
 from hw.pose import Pose
+from hw.simulation.arena import Arena
+from hw.simulation.arena_contents import Victim, VictimKind, WallSpot
+from hw.simulation.box_segments import box_segments
 from tools.rescue_trials import Outcome, judge, mapped_share, summary
-from workers.map_file import write_map
+from workers.maps.map_file import write_map
 
 # The robot starts at (1, 2) and looks along y: the map's x axis is the arena's y axis.
 ARENA = Arena(

@@ -9,7 +9,7 @@ import pytest
 
 from robbie_mp.recording.carmen import CarmenLog, LaserRecord
 from tools.slam_metric import BadInput, main, measure, read_table
-from workers.grid_mapper import GridMapper
+from workers.mapping.grid_mapper import GridMapper
 
 DATA = Path(__file__).parents[3] / "shared/data"
 needs_intel = pytest.mark.skipif(not DATA.exists(), reason=f"the Intel log is not in {DATA}")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workers.corrected_track import corrected
+from workers.mapping.corrected_track import corrected
 from workers.odometry_track import OdometryTrack
 
 

@@ -39,8 +39,11 @@ def profile(arena: Path) -> dict[str, object]:
     return {
         "modules": {
             "mapping": {"class": "modules.mapping:Mapping", "restart": OFTEN},
-            "base": {"class": "modules.base:SimulatedBase", "settings": settings | {"period_s": 0.01}},
-            "laser": {"class": "modules.laser:SimulatedLaserRangeFinder", "settings": settings},
+            "base": {
+                "class": "modules.devices.base:SimulatedBase",
+                "settings": settings | {"period_s": 0.01},
+            },
+            "laser": {"class": "modules.devices.laser:SimulatedLaserRangeFinder", "settings": settings},
             "witness": {"class": "tools.operator_trials.witness:Witness"},
             "operator": {
                 "class": "robbie_mp.services.operator_station:OperatorStation",

@@ -1,0 +1,1 @@
+"""Hokuyo laser range finders."""

@@ -1,0 +1,1 @@
+"""Simulated devices, and the arenas that they are in."""

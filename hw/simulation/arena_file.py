@@ -1,0 +1,178 @@
+"""Reads arenas from YAML files; every error names the file and the line."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from hw.pose import Pose
+from hw.simulation.arena import Arena
+from hw.simulation.arena_contents import AppearingObstacle, HazardSign, SignKind, Victim, VictimKind, WallSpot
+from hw.simulation.arena_drawing import Drawing, DrawingError
+from hw.simulation.aruco import TAG_COUNT
+from hw.simulation.box_segments import box_segments
+from hw.simulation.yaml_map import ArenaError, YamlMap, read_yaml_map
+
+__all__ = ["ArenaError", "read_arena"]
+
+KEYS = (
+    "cell_m",
+    "drawing",
+    "start_heading_rad",
+    "wall_height_m",
+    "segments",
+    "boxes",
+    "circles",
+    "victims",
+    "signs",
+    "appearing",
+)
+SPOT_KEYS = ("x_m", "y_m", "height_m", "facing_rad")
+# What hangs on a wall is no farther from it.
+ON_WALL_M = 0.05
+# Free space around a point so far in front of what hangs on a wall.
+IN_FRONT_M = 0.2
+
+
+def read_arena(path: Path | str) -> Arena:
+    """Read an arena from a YAML file.
+
+    The file has these keys; the first two are required:
+
+    - `cell_m`: edge of one character of the drawing, m.
+    - `drawing`: a block (`drawing: |`) of lines of equal length: `#` wall, `.` or space free, `o` round
+      obstacle as wide as a cell, `R` where the robot starts. The last line is at y = 0.
+    - `start_heading_rad`: the robot's first heading, 0 (along x) if absent.
+    - `wall_height_m`: of walls and obstacles, 1.2 if absent.
+    - `segments`: a list of thin walls `[x1, y1, x2, y2]`, m.
+    - `boxes`: a list of boxes by two opposite corners `[x1, y1, x2, y2]`, m.
+    - `circles`: a list of round obstacles `[x, y, radius]`, m.
+    - `victims`: a list of maps: `tag` (0 to 49), `x_m`, `y_m`, `facing_rad` (out of the wall), `height_m` (of
+      the middle of the tag, 0.35 if absent), `kind` (still, moving or cold; still if absent).
+    - `signs`: a list of maps: `kind`, and `x_m`, `y_m`, `facing_rad`, `height_m` as for victims.
+    - `appearing`: obstacles that come and go, a list of maps: `circle: [x, y, radius]` or
+      `box: [x1, y1, x2, y2]`, `from_s`, and `until_s` if it goes again; in s since the world began.
+
+    Raises:
+        ArenaError: the file is not such a file; the text names the line.
+        OSError: the file cannot be read.
+    """
+    return _ArenaReader(read_yaml_map(Path(path), "an arena", KEYS)).arena()
+
+
+class _ArenaReader:
+    """Makes an arena of a file: first what is solid, then what hangs on it."""
+
+    def __init__(self, file: YamlMap) -> None:
+        self._file = file
+        self._cell_m = file.positive("cell_m")
+        self._drawing = _drawing(file)
+        self._boxes, _ = file.rows("boxes", 4)
+        self._circles = _circles(file)
+        self._check_start()
+        self._walls = self._solid()
+
+    def arena(self) -> Arena:
+        return replace(
+            self._walls, victims=self._victims(), signs=self._signs(), appearing=_appearing(self._file)
+        )
+
+    def _solid(self) -> Arena:
+        drawing, cell_m = self._drawing, self._cell_m
+        thin, _ = self._file.rows("segments", 4)
+        return Arena(
+            segments=np.concatenate([drawing.wall_segments(cell_m), thin, box_segments(self._boxes)]),
+            circles=np.concatenate([drawing.round_obstacles(cell_m), self._circles]),
+            start=Pose(*drawing.start_m(cell_m), self._file.number("start_heading_rad", 0.0)),
+            width_m=drawing.columns * cell_m,
+            height_m=drawing.rows * cell_m,
+            wall_height_m=self._file.positive("wall_height_m", 1.2),
+        )
+
+    def _check_start(self) -> None:
+        x, y = self._drawing.start_m(self._cell_m)
+        if self._in_box(x, y):
+            self._file.fail(self._file.node("boxes"), f"the robot's start ({x:g}, {y:g}) lies within a box")
+        if self._in_circle(x, y):
+            node = self._file.node("circles")
+            self._file.fail(node, f"the robot's start ({x:g}, {y:g}) lies within a circle")
+
+    def _in_box(self, x: float, y: float) -> bool:
+        x1, y1, x2, y2 = self._boxes.T
+        within_x = (np.minimum(x1, x2) <= x) & (x <= np.maximum(x1, x2))
+        return bool(np.any(within_x & (np.minimum(y1, y2) <= y) & (y <= np.maximum(y1, y2))))
+
+    def _in_circle(self, x: float, y: float) -> bool:
+        return bool(np.any(np.hypot(self._circles[:, 0] - x, self._circles[:, 1] - y) <= self._circles[:, 2]))
+
+    def _victims(self) -> tuple[Victim, ...]:
+        victims: dict[int, Victim] = {}
+        for entry in self._file.maps("victims", "a victim", ("tag", "kind", *SPOT_KEYS)):
+            tag = entry.number("tag")
+            if tag not in range(TAG_COUNT):
+                entry.fail(entry.node("tag"), f"tag must be a whole number from 0 to {TAG_COUNT - 1}")
+            if tag in victims:
+                entry.fail(entry.node("tag"), f"another victim has the tag {tag:g} already")
+            kind = entry.name("kind", VictimKind, VictimKind.STILL)
+            victims[int(tag)] = Victim(int(tag), kind, self._spot(entry))
+        return tuple(victims.values())
+
+    def _signs(self) -> tuple[HazardSign, ...]:
+        entries = self._file.maps("signs", "a sign", ("kind", *SPOT_KEYS))
+        return tuple(
+            HazardSign(entry.name("kind", SignKind, SignKind.EXPLOSIVE), self._spot(entry))
+            for entry in entries
+        )
+
+    def _spot(self, entry: YamlMap) -> WallSpot:
+        """Read a place on a wall, and check that there is one, with free space in front of it."""
+        x, y, facing = entry.number("x_m"), entry.number("y_m"), entry.number("facing_rad")
+        distance_m = float(self._walls.clearance_m(np.array([x, y])))
+        if distance_m > ON_WALL_M:
+            place = f"({x:g}, {y:g})"
+            entry.fail(None, f"{place} is not on a wall: the nearest is {distance_m:.2f} m away")
+        front = x + IN_FRONT_M * math.cos(facing), y + IN_FRONT_M * math.sin(facing)
+        # Straight away from the wall, and neither into nor through anything.
+        if (
+            self._walls.clearance_m(np.array(front)) < 0.9 * IN_FRONT_M
+            or self._drawing.is_wall(*front, self._cell_m)
+            or self._in_box(*front)
+            or self._in_circle(*front)
+        ):
+            what = f"out of the wall at ({x:g}, {y:g}), with {IN_FRONT_M:g} m of free space around"
+            entry.fail(entry.node("facing_rad"), f"facing_rad must point {what}")
+        return WallSpot(x, y, entry.positive("height_m", 0.35), facing)
+
+
+def _drawing(file: YamlMap) -> Drawing:
+    lines, first = file.block("drawing")
+    try:
+        return Drawing(lines)
+    except DrawingError as error:
+        file.fail_at(first + error.row, str(error))
+
+
+def _circles(file: YamlMap) -> np.ndarray:
+    circles, nodes = file.rows("circles", 3)
+    for (_, _, radius), node in zip(circles, nodes, strict=True):
+        if radius <= 0:
+            file.fail(node, f"the radius of a circle must be greater than 0, not {radius:g}")
+    return circles
+
+
+def _appearing(file: YamlMap) -> tuple[AppearingObstacle, ...]:
+    obstacles = []
+    for entry in file.maps("appearing", "an appearing obstacle", ("circle", "box", "from_s", "until_s")):
+        if ("circle" in entry) == ("box" in entry):
+            entry.fail(None, "an appearing obstacle has either a circle or a box")
+        shape = entry.row("circle", 3) if "circle" in entry else entry.row("box", 4)
+        if len(shape) == 3 and shape[2] <= 0:
+            entry.fail(
+                entry.node("circle"), f"the radius of a circle must be greater than 0, not {shape[2]:g}"
+            )
+        obstacle = AppearingObstacle(shape, entry.number("from_s"), entry.number("until_s", math.inf))
+        if obstacle.until_s <= obstacle.from_s:
+            entry.fail(entry.node("until_s"), "until_s must be later than from_s")
+        obstacles.append(obstacle)
+    return tuple(obstacles)

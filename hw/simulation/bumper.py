@@ -1,0 +1,59 @@
+"""A simulated bumper in an arena."""
+
+import math
+
+import numpy as np
+
+from hw.bumper import PARTS, Bumper, Contact
+from hw.pose import Pose
+from hw.simulation.arena import Arena
+
+# Two rays are less than a centimetre apart where they leave the stock robot's body.
+RAYS = 180
+
+
+class BumperNotPlaced(RuntimeError):
+    """The simulated bumper was asked what it touches before it was told where the robot is."""
+
+
+class SimulatedBumper(Bumper):
+    """Touches whatever is nearer to the robot's body than its own travel.
+
+    Args:
+        arena: the world; it may be replaced by what has become of it.
+        body_radius_m: the robot's.
+        travel_m: how far the bumper stands out; more than the robot drives in one step of its simulation.
+    """
+
+    def __init__(self, arena: Arena, body_radius_m: float = 0.20, travel_m: float = 0.012) -> None:
+        self.arena = arena
+        self._reach_m = body_radius_m + travel_m
+        self._placed: tuple[Pose, float] | None = None
+
+    def place(self, robot: Pose, stamp_s: float) -> None:
+        """Put the bumper's robot at a true pose.
+
+        Args:
+            robot: pose of the robot, arena frame.
+            stamp_s: when the robot was there.
+        """
+        self._placed = (robot, stamp_s)
+
+    def read(self) -> Contact:
+        """Return what it touches where it was last placed.
+
+        Raises:
+            BumperNotPlaced: nobody has called `place` yet.
+        """
+        if self._placed is None:
+            raise BumperNotPlaced(
+                "the simulated bumper does not know where it is: call place() before read()"
+            )
+        robot, stamp_s = self._placed
+        if self.arena.clearance_m(np.array(robot[:2])) >= self._reach_m:
+            return Contact(stamp_s, ())
+        directions = (np.arange(RAYS) + 0.5) * 2 * math.pi / RAYS
+        ranges = self.arena.ranges_m(robot.x_m, robot.y_m, directions + robot.heading_rad)
+        touched = np.flatnonzero(ranges < self._reach_m)
+        # The parts are quarters, counter-clockwise from straight ahead.
+        return Contact(stamp_s, tuple(PARTS[part] for part in np.unique(touched * len(PARTS) // RAYS)))

@@ -1,0 +1,152 @@
+"""Simulated cameras in an arena: one for colours, one for heat."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.camera import Camera, CameraFrame, CameraGeometry
+from hw.pose import Pose
+from hw.simulation.arena import Arena
+from hw.simulation.arena_contents import VictimKind
+from hw.simulation.hanging import Hanging
+from hw.simulation.panel_textures import centikelvin, sign_texture, victim_heat, victim_textures
+from hw.simulation.renderer import Paint, Renderer
+
+WAVE_S = 0.5
+"""A victim that waves changes its picture so often."""
+STRIPE_M = 0.4
+# What is farther away is darker: half as bright after so many metres.
+DIM_M = 12.0
+WALL_COLOURS = ((196, 198, 190), (176, 186, 196), (186, 190, 176), (168, 174, 184))
+REST_COLOURS = ((104, 106, 108), (124, 126, 128), (214, 222, 230))
+WALL_CELSIUS, REST_CELSIUS = 20.0, (19.0, 19.0, 20.5)
+
+Pictures = dict[int, list[Hanging]]
+
+
+class CameraNotPlaced(RuntimeError):
+    """The simulated camera was asked for an image before it was told where the robot is."""
+
+
+class SimulatedCamera(Camera):
+    """Sees an arena from where it was last placed, in red, green, blue, with noise.
+
+    Args:
+        arena: the world; it may be replaced by what has become of it, as long as the victims are the same.
+        geometry: how it projects and where it sits.
+        noise: standard deviation of a pixel's values.
+        seed: of the noise; the same seed and poses give the same images.
+    """
+
+    def __init__(
+        self, arena: Arena, geometry: CameraGeometry | None = None, noise: float = 2.0, seed: int = 0
+    ) -> None:
+        self.arena = arena
+        self._geometry = geometry or CameraGeometry()
+        self._renderer = Renderer(self._geometry, self._paint())
+        self._pictures = {phase: self._hang(phase) for phase in (0, 1)}
+        self._noise = _Noise(noise, self._geometry, seed)
+        self._placed: tuple[Pose, float] | None = None
+        self._direction = (0.0, 0.0)
+
+    @property
+    def geometry(self) -> CameraGeometry:
+        """Return how it projects and where it sits."""
+        return self._geometry
+
+    def place(self, robot: Pose, stamp_s: float) -> None:
+        """Put the camera's robot at a true pose.
+
+        Args:
+            robot: pose of the robot, arena frame.
+            stamp_s: when the robot was there.
+        """
+        self._placed = (robot, stamp_s)
+
+    def look(self, pan_rad: float, tilt_rad: float) -> None:
+        """Turn the camera: pan positive to the left, tilt positive below the horizon."""
+        self._direction = (pan_rad, tilt_rad)
+
+    def capture(self) -> CameraFrame:
+        """Return what it sees from where it was last placed, with that moment's stamp.
+
+        Raises:
+            CameraNotPlaced: nobody has called `place` yet.
+        """
+        if self._placed is None:
+            raise CameraNotPlaced("the simulated camera does not know where it is: call place() first")
+        robot, stamp_s = self._placed
+        pictures = self._pictures[int(stamp_s / WAVE_S) % 2]
+        image = self._renderer.render(self.arena, robot, self._direction, pictures)
+        return CameraFrame(stamp_s, self._noise.added(image))
+
+    def _paint(self) -> Paint:
+        return ColourPaint()
+
+    def _hang(self, phase: int) -> list[Hanging]:
+        signs = [Hanging(sign.spot, sign_texture(sign)) for sign in self.arena.signs]
+        return signs + [Hanging(victim.spot, victim_textures(victim)[phase]) for victim in self.arena.victims]
+
+
+class SimulatedThermalCamera(SimulatedCamera):
+    """Sees how warm things are, in hundredths of a kelvin: walls, floor, and victims that are not cold.
+
+    The unit is that of FLIR's Lepton cameras in their mode TLinear. The noise is in hundredths of a kelvin.
+    """
+
+    def _paint(self) -> Paint:
+        return HeatPaint()
+
+    def _hang(self, phase: int) -> list[Hanging]:
+        warm = [victim for victim in self.arena.victims if victim.kind is not VictimKind.COLD]
+        return [Hanging(victim.spot, victim_heat(victim)[phase]) for victim in warm]
+
+
+class ColourPaint:
+    """Walls in some pale colours, with stripes, darker when they are far away."""
+
+    def walls(
+        self, surfaces: NDArray[np.intp], points_m: NDArray[np.float64], ranges_m: NDArray[np.float64]
+    ) -> NDArray[np.uint8]:
+        """Return red, green, blue of walls and of their skirting: (2 B, 3)."""
+        stripe = np.floor(points_m.sum(axis=1) / STRIPE_M).astype(np.int64) & 1
+        light = (1.0 - 0.05 * stripe) * 0.5 ** (ranges_m / DIM_M)
+        walls = np.array(WALL_COLOURS)[surfaces % len(WALL_COLOURS)] * light[:, None]
+        return np.concatenate([walls, 0.6 * walls]).astype(np.uint8)
+
+    def rest(self) -> NDArray[np.uint8]:
+        """Return red, green, blue of tiles and sky: (3, 3)."""
+        return np.array(REST_COLOURS, np.uint8)
+
+
+class HeatPaint:
+    """Walls, floor and ceiling at almost the same temperature."""
+
+    def walls(
+        self, surfaces: NDArray[np.intp], points_m: NDArray[np.float64], ranges_m: NDArray[np.float64]
+    ) -> NDArray[np.uint16]:
+        """Return the temperature of walls and of their skirting, hundredths of a kelvin: (2 B,)."""
+        return centikelvin(np.full(2 * len(surfaces), WALL_CELSIUS))
+
+    def rest(self) -> NDArray[np.uint16]:
+        """Return the temperature of tiles and ceiling: (3,)."""
+        return centikelvin(np.array(REST_CELSIUS))
+
+
+class _Noise:
+    """Adds noise from a table of it, cut at a random place for each image."""
+
+    def __init__(self, deviation: float, geometry: CameraGeometry, seed: int) -> None:
+        self._random = np.random.default_rng(seed)
+        self._reach = 4096
+        size = geometry.width * geometry.height * 3 + self._reach
+        self._table = np.rint(self._random.normal(0.0, deviation, size)).astype(np.int16)
+
+    def added(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return the image with noise, in its own type."""
+        begin = int(self._random.integers(self._reach))
+        noise = self._table[begin : begin + image.size].reshape(image.shape)
+        if image.dtype == np.uint8:
+            return np.clip(image + noise, 0, 255, dtype=np.int16, casting="unsafe").astype(np.uint8)
+        return image + noise.view(np.uint16)

@@ -1,0 +1,186 @@
+"""A simulated differential drive in an arena; it owns the truth about where the robot is."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hw.drive import Drive, DriveState, check_command
+from hw.pose import ORIGIN, Pose
+from hw.simulation.arena import Arena
+from hw.simulation.changing_arena import ChangingArena
+from hw.simulation.differential_drive import DifferentialDrive
+from hw.simulation.wheel import SimulatedWheel, WheelErrors
+
+STEP_S = 0.01
+# The robot has left what it touched when it is this far away.
+RELEASE_M = 0.01
+
+
+@dataclass(frozen=True)
+class WorldState:
+    """What the simulated world must not forget when the process that simulates it is replaced.
+
+    Attributes:
+        true_pose: where the robot is, arena frame.
+        odometry: where its wheels say it is, odometry frame.
+        collisions: how often it has touched something.
+        expired_commands: how often it stopped because no new command came.
+        emergency_stopped: whether it stands until it is released.
+        elapsed_s: how long the world has been simulated.
+        obstacles: which of the arena's appearing obstacles are there.
+    """
+
+    true_pose: Pose
+    odometry: Pose = ORIGIN
+    collisions: int = 0
+    expired_commands: int = 0
+    emergency_stopped: bool = False
+    elapsed_s: float = 0.0
+    obstacles: tuple[int, ...] = ()
+
+
+class SimulatedDrive(Drive):
+    """Moves a robot through an arena by the time of a clock.
+
+    The motion is computed when the drive is asked, in fixed steps up to the clock's time, so the result does
+    not depend on how often it is asked. A new drive starts at rest.
+
+    Args:
+        arena: the world; its walls stop the robot.
+        clock: returns the time in s; it must not go back.
+        seed: of the wheels' slip; the same seed and commands give the same odometry.
+        body: geometry and limits.
+        errors: what is wrong with the wheels.
+        resumed: the world as an earlier drive left it; if absent the robot is at the arena's start.
+    """
+
+    def __init__(
+        self,
+        arena: Arena,
+        clock: Callable[[], float],
+        seed: int = 0,
+        body: DifferentialDrive | None = None,
+        errors: WheelErrors | None = None,
+        resumed: WorldState | None = None,
+    ) -> None:
+        self._clock = clock
+        self._body = body or DifferentialDrive()
+        errors = errors or WheelErrors()
+        world = resumed or WorldState(arena.start)
+        self._true_pose = world.true_pose
+        self._odometry = world.odometry
+        self.collisions = world.collisions
+        self.expired_commands = world.expired_commands
+        self._emergency_stopped = world.emergency_stopped
+        self._surroundings = ChangingArena(arena, self._body.body_radius_m, world.obstacles)
+        tick_m, slip = self._body.tick_m, errors.slip_m_per_sqrt_m
+        self._left = SimulatedWheel(tick_m, errors.left_scale, slip, (seed, 0))
+        self._right = SimulatedWheel(tick_m, errors.right_scale, slip, (seed, 1))
+        self._time_s = clock()
+        self._began_s = self._time_s - world.elapsed_s
+        self._speeds = (0.0, 0.0)
+        self._wanted = (0.0, 0.0)
+        self._expires_s = self._time_s
+        self._has_expired = False
+        self._touching = False
+
+    def command(self, linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:
+        """Follow the command, within the limits, until it expires."""
+        check_command(linear_m_per_s, angular_rad_per_s, valid_for_s)
+        self._advance()
+        if not self._emergency_stopped:
+            self._wanted = self._body.limited(linear_m_per_s, angular_rad_per_s)
+            self._expires_s = self._time_s + valid_for_s
+            self._has_expired = False
+
+    def read(self) -> DriveState:
+        """Return where the wheels say the robot is (odometry frame) and how it moves."""
+        self._advance()
+        return DriveState(self._time_s, self._odometry, *self._speeds)
+
+    def stop(self) -> None:
+        """Brake to a halt."""
+        self._advance()
+        self._wanted = (0.0, 0.0)
+
+    def stop_for_emergency(self) -> None:
+        """Brake as hard as possible, and do not move again before `release`."""
+        self.stop()
+        self._emergency_stopped = True
+
+    def release(self) -> None:
+        """End the emergency stop; the drive stands until the next command."""
+        self._advance()
+        self._emergency_stopped = False
+
+    @property
+    def is_emergency_stopped(self) -> bool:
+        """Say whether the drive is in an emergency stop."""
+        return self._emergency_stopped
+
+    @property
+    def obstacles(self) -> tuple[int, ...]:
+        """Return which of the arena's appearing obstacles are there."""
+        return self._surroundings.obstacles
+
+    def ground_truth(self) -> DriveState:
+        """Return where the robot really is (arena frame) and how it moves."""
+        self._advance()
+        return DriveState(self._time_s, self._true_pose, *self._speeds)
+
+    def world_state(self) -> WorldState:
+        """Return what a drive in a new process needs to go on where this one is."""
+        self._advance()
+        return WorldState(
+            self._true_pose,
+            self._odometry,
+            self.collisions,
+            self.expired_commands,
+            self._emergency_stopped,
+            self._time_s - self._began_s,
+            self.obstacles,
+        )
+
+    def _advance(self) -> None:
+        now_s = self._clock()
+        while self._time_s + STEP_S <= now_s:
+            self._expire()
+            if self._wanted == (0.0, 0.0) == self._speeds:
+                self._time_s = now_s  # nothing moves until the next command
+            else:
+                self._step()
+                self._time_s += STEP_S
+            self._surroundings.change(self._time_s - self._began_s, self._true_pose)
+
+    def _expire(self) -> None:
+        if self._time_s >= self._expires_s and self._wanted != (0.0, 0.0):
+            self._wanted = (0.0, 0.0)
+            self._has_expired = True
+            self.expired_commands += 1
+
+    def _step(self) -> None:
+        if self._emergency_stopped or self._has_expired:
+            self._speeds = self._body.braked(self._speeds, STEP_S)
+        else:
+            self._speeds = self._body.approached(self._speeds, self._wanted, STEP_S)
+        way_m, turn_rad = self._speeds[0] * STEP_S, self._speeds[1] * STEP_S
+        if way_m and not self._passes(self._true_pose.after_arc(way_m, turn_rad)):
+            way_m = 0.0
+            self._speeds = (0.0, self._speeds[1])
+        self._true_pose = self._true_pose.after_arc(way_m, turn_rad)
+        half_m = turn_rad * self._body.axle_m / 2
+        self._odometry = self._body.after_ticks(
+            self._odometry, self._left.roll(way_m - half_m), self._right.roll(way_m + half_m)
+        )
+
+    def _passes(self, there: Pose) -> bool:
+        """Say whether the robot can go there, and count where it begins to touch something."""
+        positions = np.array([self._true_pose[:2], there[:2]])
+        before_m, after_m = self._surroundings.arena.clearance_m(positions)
+        if after_m >= self._body.body_radius_m or after_m > before_m:
+            self._touching = self._touching and after_m < self._body.body_radius_m + RELEASE_M
+            return True
+        self.collisions += not self._touching
+        self._touching = True
+        return False

@@ -1,0 +1,106 @@
+"""A simulated laser range finder in an arena."""
+
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.laser import LaserGeometry, LaserRangeFinder, LaserSweep
+from hw.pose import Pose
+from hw.simulation.arena import Arena
+
+
+class LaserNotPlaced(RuntimeError):
+    """The simulated laser was asked for a sweep before it was told where the robot is."""
+
+
+class LaserSilent(TimeoutError):
+    """The simulated laser has been made to send nothing."""
+
+
+class LaserFailure(StrEnum):
+    """What may be wrong with a laser."""
+
+    NONE = "none"
+    SILENT = "silent"
+    """It sends nothing."""
+    BLIND = "blind"
+    """Nothing comes back to it."""
+    FROZEN = "frozen"
+    """It sends its last sweep again and again, as if that were new."""
+
+
+class SimulatedLaser(LaserRangeFinder):
+    """Measures an arena from where it was last placed, with noise.
+
+    Where the robot is, only the drive that simulates its motion knows; whoever owns both hands the true pose
+    over. A sweep bears the stamp of that pose, so it is right for its stamp however late the pose came.
+
+    Args:
+        arena: the world to measure; it may be replaced by what has become of it.
+        geometry: where the laser sits and where its beams go.
+        noise_m: standard deviation of a range.
+        missing: fraction of beams that return nothing.
+        seed: of the noise; the same seed and poses give the same sweeps.
+    """
+
+    def __init__(
+        self,
+        arena: Arena,
+        geometry: LaserGeometry | None = None,
+        noise_m: float = 0.01,
+        missing: float = 0.003,
+        seed: int = 0,
+    ) -> None:
+        self.arena = arena
+        self._geometry = geometry or LaserGeometry()
+        self._angles_rad = self._geometry.angles_rad()
+        self._noise_m = noise_m
+        self._missing = missing
+        self._random = np.random.default_rng(seed)
+        self._placed: tuple[Pose, float] | None = None
+        self._last_m: NDArray[np.float32] | None = None
+        self.failure = LaserFailure.NONE
+        """What is wrong with it from now on."""
+
+    @property
+    def geometry(self) -> LaserGeometry:
+        """Return where the laser sits and where its beams go."""
+        return self._geometry
+
+    def place(self, robot: Pose, stamp_s: float) -> None:
+        """Put the laser's robot at a true pose.
+
+        Args:
+            robot: pose of the robot, arena frame.
+            stamp_s: when the robot was there.
+        """
+        self._placed = (Pose(*robot), stamp_s)
+
+    def scan(self) -> LaserSweep:
+        """Return a sweep from where the laser was last placed, with that moment's stamp.
+
+        Raises:
+            LaserNotPlaced: nobody has called `place` yet.
+            LaserSilent: that is its failure.
+        """
+        if self._placed is None:
+            raise LaserNotPlaced("the simulated laser does not know where it is: call place() before scan()")
+        if self.failure is LaserFailure.SILENT:
+            raise LaserSilent("the simulated laser has been made to fail: it sends nothing")
+        robot, stamp_s = self._placed
+        if self.failure is not LaserFailure.FROZEN or self._last_m is None:
+            self._last_m = self._measure(robot)
+        return LaserSweep(stamp_s, self._last_m.copy())
+
+    def _measure(self, robot: Pose) -> NDArray[np.float32]:
+        if self.failure is LaserFailure.BLIND:
+            return np.full(self._geometry.beams, np.inf, np.float32)
+        eye = robot.plus(self._geometry.mount)
+        ranges = self.arena.ranges_m(eye.x_m, eye.y_m, self._angles_rad + eye.heading_rad)
+        ranges += self._random.normal(0.0, self._noise_m, len(ranges))
+        too_near = ranges < self._geometry.range_min_m
+        lost = self._random.random(len(ranges)) < self._missing
+        ranges[lost | (ranges > self._geometry.range_max_m)] = np.inf
+        ranges[too_near] = -np.inf
+        return ranges.astype(np.float32)

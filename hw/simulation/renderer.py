@@ -1,0 +1,104 @@
+"""Draws an arena as a camera sees it: walls, floor, and what hangs on the walls."""
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.camera import CameraGeometry
+from hw.pose import Pose
+from hw.simulation.arena import Arena
+from hw.simulation.hanging import Hanging, HangingView
+from hw.simulation.view_rays import ViewRays
+
+Values = NDArray[Any]
+
+TILE_M = 0.5
+SKIRTING_M = 0.06
+
+
+class Paint(Protocol):
+    """What surfaces look like: values of one kind, colours or temperatures."""
+
+    def walls(self, surfaces: NDArray[np.intp], points_m: Values, ranges_m: Values) -> Values:
+        """Return what walls look like where they are seen.
+
+        Args:
+            surfaces: (B,), index of the surface in the arena.
+            points_m: (B, 2), arena frame.
+            ranges_m: (B,), from the eye.
+
+        Returns:
+            (2 B, …), first of the walls, then of their lowest centimetres.
+        """
+
+    def rest(self) -> Values:
+        """Return (3, …): the two kinds of tiles on the floor, and what is above the walls."""
+
+
+class Renderer:
+    """Makes images of an arena.
+
+    Args:
+        geometry: the camera.
+        paint: what surfaces look like.
+    """
+
+    def __init__(self, geometry: CameraGeometry, paint: Paint) -> None:
+        self._geometry = geometry
+        self._paint = paint
+        self._rays = ViewRays(geometry, 0.0)
+        self._tilt_rad = 0.0
+
+    def render(
+        self, arena: Arena, robot: Pose, direction: tuple[float, float], hangings: list[Hanging]
+    ) -> Values:
+        """Return what the camera sees: (height, width, …).
+
+        Args:
+            arena: the world.
+            robot: pose of the robot that carries the camera, arena frame.
+            direction: pan and tilt of the camera on the robot, rad.
+            hangings: what hangs on the walls.
+        """
+        pan_rad, tilt_rad = direction
+        if tilt_rad != self._tilt_rad:
+            self._rays, self._tilt_rad = ViewRays(self._geometry, tilt_rad), tilt_rad
+        x, y, _ = self._geometry.mount_m
+        eye = robot.plus(Pose(x, y, pan_rad))
+        ranges_m, surfaces = self._ranges(arena, eye)
+        image = self._surroundings(arena, eye, ranges_m, surfaces)
+        view = HangingView(self._geometry, self._rays, tilt_rad, eye)
+        for hanging in hangings:
+            view.draw(image, hanging, ranges_m)
+        return image
+
+    def _ranges(self, arena: Arena, eye: Pose) -> tuple[Values, NDArray[np.intp]]:
+        return arena.hits(eye.x_m, eye.y_m, self._rays.bearings_rad + eye.heading_rad)
+
+    def _surroundings(self, arena: Arena, eye: Pose, ranges_m: Values, surfaces: NDArray[np.intp]) -> Values:
+        """Draw walls, floor and what is above the walls, by one look into a table for each pixel."""
+        rays, eye_z = self._rays, np.float32(self._geometry.mount_m[2])
+        directions = rays.bearings_rad + eye.heading_rad
+        points = np.stack([np.cos(directions), np.sin(directions)], axis=1) * ranges_m[:, None] + eye[:2]
+        table = np.concatenate([self._paint.walls(surfaces, points, ranges_m), self._paint.rest()])
+        count = len(ranges_m)
+        height = ranges_m.astype(np.float32)[rays.bearing_of]
+        height *= rays.slope
+        height += eye_z
+        entry = np.where(height < SKIRTING_M, rays.bearing_of + count, rays.bearing_of)
+        entry[height > arena.wall_height_m] = 2 * count + 2
+        floor = np.flatnonzero(height.ravel() < 0.0)
+        entry.ravel()[floor] = 2 * count + self._tiles(eye, floor)
+        return table[entry]
+
+    def _tiles(self, eye: Pose, pixels: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return 0 or 1 for each of some pixels that show the floor, as on a chessboard."""
+        rays = self._rays
+        distance = -np.float32(self._geometry.mount_m[2]) / rays.slope.ravel()[pixels]
+        ahead, left = distance * rays.cos.ravel()[pixels], distance * rays.sin.ravel()[pixels]
+        cos, sin = np.float32(math.cos(eye.heading_rad)), np.float32(math.sin(eye.heading_rad))
+        column = np.floor((ahead * cos - left * sin + np.float32(eye.x_m)) / np.float32(TILE_M))
+        row = np.floor((ahead * sin + left * cos + np.float32(eye.y_m)) / np.float32(TILE_M))
+        return (column + row).astype(np.intp) & 1

@@ -1,0 +1,1 @@
+"""Modules that connect one device each with messages."""

@@ -1,0 +1,89 @@
+"""The robot's cameras."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from hw.camera import CameraGeometry
+from hw.simulation.camera import SimulatedCamera, SimulatedThermalCamera
+from modules.devices.pan_tilt_history import PanTiltHistory
+from modules.devices.simulated_world import SharedWorld, SimulatedDevice
+from robbie_mp.messages import CameraInfo, Header, Image, JointState
+from robbie_mp.module import setting
+
+
+class SimulatedCameraModule(SimulatedDevice):
+    """A simulated camera on the pan-tilt unit; publishes `Image` and `CameraInfo` on topic `camera`.
+
+    Without a pan-tilt unit it looks straight ahead.
+    """
+
+    width: int = setting(320, "columns of an image", minimum=16, maximum=1280)
+    height: int = setting(240, "rows of an image", minimum=16, maximum=1024)
+    field_of_view_rad: float = setting(1.047, "horizontal", minimum=0.1, maximum=2.0)
+    noise: float = setting(2.0, "standard deviation of a pixel's values", minimum=0.0)
+    seed: int = setting(0, "of the noise")
+    period_s: float = setting(0.1, "time between images", minimum=0.01)
+
+    camera_class: ClassVar[type[SimulatedCamera]] = SimulatedCamera
+    topic: ClassVar[str] = "camera"
+    encoding: ClassVar[str] = "rgb8"
+
+    def setup(self) -> None:
+        """Make the camera; it sees nothing until it knows where it is."""
+        geometry = CameraGeometry(self.width, self.height, self.field_of_view_rad)
+        self.world = SharedWorld(self, self.arena)
+        self.camera = self.camera_class(self.world.arena, geometry, self.noise, self.seed)
+        self.projection = projection(geometry)
+        self.images = 0
+        self.directions = PanTiltHistory()
+        self.subscribe(JointState, self.directions.add, topic="pan_tilt")
+
+    def tick(self) -> None:
+        """Publish an image."""
+        truth = self.world.truth
+        if truth is None:
+            self.status = "waits for the simulated base"
+            return
+        self.camera.arena = self.world.arena
+        self.camera.place(truth.pose, truth.stamp_s)
+        self.camera.look(*self.directions.at(truth.stamp_s))
+        pixels = self.camera.capture().pixels
+        header = Header(stamp=self.world.stamp, frame_id=f"{self.topic}_optical")
+        self.publish(
+            CameraInfo(header=header, height=self.height, width=self.width, **self.projection),
+            topic=self.topic,
+        )
+        self.publish(
+            Image(
+                header=header,
+                height=self.height,
+                width=self.width,
+                encoding=self.encoding,
+                step=pixels.strides[0],
+                data=pixels.view(np.uint8).ravel(),
+            ),
+            topic=self.topic,
+        )
+        self.images += 1
+        self.status = f"{self.images} images"
+
+
+class SimulatedThermalCameraModule(SimulatedCameraModule):
+    """A simulated thermal camera; publishes `Image` (mono16, hundredths of a kelvin) on topic `thermal`."""
+
+    width: int = setting(160, "columns of an image", minimum=16, maximum=1280)
+    height: int = setting(120, "rows of an image", minimum=16, maximum=1024)
+    noise: float = setting(5.0, "standard deviation of a pixel, hundredths of a kelvin", minimum=0.0)
+
+    camera_class = SimulatedThermalCamera
+    topic = "thermal"
+    encoding = "mono16"
+
+
+def projection(geometry: CameraGeometry) -> dict[str, object]:
+    """Return the fields of a `CameraInfo` that say how a camera projects."""
+    focal, (x, y) = geometry.focal_length_px, geometry.centre_px
+    k = np.array([[focal, 0.0, x], [0.0, focal, y], [0.0, 0.0, 1.0]])
+    p = np.hstack([k, np.zeros((3, 1))])
+    return {"distortion_model": "plumb_bob", "k": k.ravel(), "r": np.eye(3).ravel(), "p": p.ravel()}

@@ -1,0 +1,46 @@
+"""The robot's inertial measurement unit."""
+
+import numpy as np
+
+from hw.drive import DriveState
+from hw.simulation.imu import SimulatedImu
+from modules.devices.simulated_world import SharedWorld, SimulatedDevice
+from robbie_mp.messages import Header, Imu, Vector3
+from robbie_mp.module import setting
+
+# How ROS says that a message has no orientation.
+NO_ORIENTATION = np.array([-1.0] + [0.0] * 8)
+
+
+class SimulatedImuModule(SimulatedDevice):
+    """A simulated IMU: a sample for each true pose that the simulated base tells; on topic `imu`."""
+
+    seed: int = setting(0, "of noise and biases")
+
+    def setup(self) -> None:
+        """Make the unit."""
+        self.imu = SimulatedImu(self.seed)
+        self.samples = 0
+        self.world = SharedWorld(self, self.arena, self.on_truth)
+        self.status = "waits for the simulated base"
+
+    def on_truth(self, truth: DriveState) -> None:
+        """Publish what the unit has felt."""
+        if not self.imu.move(truth):
+            return
+        sample = self.imu.read()
+        self.publish(
+            Imu(
+                header=Header(stamp=self.world.stamp, frame_id="imu"),
+                orientation_covariance=NO_ORIENTATION,
+                angular_velocity=Vector3(**_axes(sample.turn_rad_per_s)),
+                linear_acceleration=Vector3(**_axes(sample.acceleration_m_per_s2)),
+            ),
+            topic="imu",
+        )
+        self.samples += 1
+        self.status = f"{self.samples} samples"
+
+
+def _axes(values: np.ndarray) -> dict[str, float]:
+    return dict(zip("xyz", values.tolist(), strict=True))

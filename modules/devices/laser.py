@@ -1,0 +1,63 @@
+"""The robot's laser range finder."""
+
+from hw.laser import LaserGeometry
+from hw.simulation.laser import LaserFailure, LaserSilent, SimulatedLaser
+from modules.devices.simulated_world import SharedWorld, SimulatedDevice
+from robbie_mp.messages import Header, LaserScan
+from robbie_mp.module import setting
+
+
+class SimulatedLaserRangeFinder(SimulatedDevice):
+    """A simulated laser; it learns from the simulated base where the robot really is."""
+
+    seed: int = setting(0, "of the noise")
+    noise_m: float = setting(0.01, "standard deviation of a range", minimum=0.0)
+    range_max_m: float = setting(10.0, "farther things are not measured", minimum=0.1)
+    period_s: float = setting(0.1, "time between scans", minimum=0.005)
+    virtual_failure: LaserFailure = setting(
+        LaserFailure.NONE,
+        "fails by hand: silent sends nothing, blind sees nothing, frozen repeats its last sweep",
+        changeable=True,
+    )
+
+    def setup(self) -> None:
+        """Make the laser; it measures nothing until it knows where it is."""
+        geometry = LaserGeometry(range_max_m=self.range_max_m)
+        self.world = SharedWorld(self, self.arena)
+        self.laser = SimulatedLaser(self.world.arena, geometry, noise_m=self.noise_m, seed=self.seed)
+        self.laser.failure = self.virtual_failure
+        self.scans = 0
+
+    def setting_changed(self, _name: str) -> None:
+        """Fail, or work again."""
+        self.laser.failure = self.virtual_failure
+
+    def tick(self) -> None:
+        """Publish a scan."""
+        truth = self.world.truth
+        if truth is None:
+            self.status = "waits for the simulated base"
+            return
+        self.laser.arena = self.world.arena
+        self.laser.place(truth.pose, truth.stamp_s)
+        try:
+            sweep = self.laser.scan()
+        except LaserSilent:
+            self.status = f"{self.scans} scans, silent by hand"
+            return
+        geometry = self.laser.geometry
+        self.publish(
+            LaserScan(
+                header=Header(stamp=self.world.stamp, frame_id="laser"),
+                angle_min=geometry.angle_min_rad,
+                angle_max=geometry.angle_max_rad,
+                angle_increment=geometry.angle_increment_rad,
+                scan_time=self.period_s,
+                range_min=geometry.range_min_m,
+                range_max=geometry.range_max_m,
+                ranges=sweep.ranges_m,
+            )
+        )
+        self.scans += 1
+        failure = "" if self.virtual_failure is LaserFailure.NONE else f", {self.virtual_failure} by hand"
+        self.status = f"{self.scans} scans of {geometry.beams} beams{failure}"

@@ -1,0 +1,48 @@
+"""The robot's pan-tilt unit."""
+
+from hw.pan_tilt import PanTiltError, PanTiltLimits
+from hw.simulation.pan_tilt import SimulatedPanTilt
+from robbie_mp.messages import Header, JointState, PanTiltCommand, Time
+from robbie_mp.module import Module, setting
+
+
+class SimulatedPanTiltModule(Module):
+    """A simulated pan-tilt unit: follows `PanTiltCommand`, publishes `JointState` on topic `pan_tilt`.
+
+    The joints are `pan` and `tilt`. A restarted unit looks where it looked at the last tick.
+    """
+
+    rate_rad_per_s: float = setting(2.0, "how fast each joint turns", minimum=0.01)
+    period_s: float = setting(0.05, "time between messages", minimum=0.01)
+
+    def setup(self) -> None:
+        """Make the unit; it looks straight ahead, or where it looked."""
+        limits = PanTiltLimits(rate_rad_per_s=self.rate_rad_per_s)
+        direction = (0.0, 0.0) if self.restored is None else tuple(self.restored["direction"])
+        self.unit = SimulatedPanTilt(self._time_s, limits, direction)
+        self.subscribe(PanTiltCommand, self.on_command)
+
+    def on_command(self, command: PanTiltCommand) -> None:
+        """Begin to look there."""
+        try:
+            self.unit.look(command.pan_rad, command.tilt_rad)
+        except PanTiltError as error:
+            self.log.error("a command from %s cannot be followed: %s", self.envelope.sender, error)
+
+    def tick(self) -> None:
+        """Publish where the unit looks, and remember it."""
+        state = self.unit.read()
+        self.publish(
+            JointState(
+                header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns())),
+                name=["pan", "tilt"],
+                position=[state.pan_rad, state.tilt_rad],
+                velocity=[state.pan_rad_per_s, state.tilt_rad_per_s],
+            ),
+            topic="pan_tilt",
+        )
+        self.checkpoint({"direction": (state.pan_rad, state.tilt_rad)})
+        self.status = f"pan {state.pan_rad:.2f} rad, tilt {state.tilt_rad:.2f} rad"
+
+    def _time_s(self) -> float:
+        return self.clock.monotonic_ns() / 1e9

@@ -1,0 +1,273 @@
+"""Application control of the rescue robot: explores, searches for victims, has them confirmed, comes home."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modules.planar_messages import frontiers_message, map_cells, planar, pose_stamped
+from robbie_mp.messages import (
+    BatteryState,
+    CameraInfo,
+    CancelGoal,
+    Header,
+    MissionOrder,
+    MissionStatus,
+    NavigationState,
+    OccupancyGrid,
+    PanTiltCommand,
+    PointOfInterest,
+    PointsOfInterest,
+    PoseStamped,
+    SearchedWalls,
+    Time,
+    VictimFound,
+)
+from robbie_mp.module import MessageHandling, Module, setting
+from workers.rescue.look_around import LookAround
+from workers.rescue.mission import Mission
+from workers.rescue.mission_orders import OperatorOrder
+from workers.rescue.mission_states import MissionSettings, MissionState
+from workers.rescue.mission_targets import SearchedGrid
+from workers.rescue.mission_victims import VictimReport
+from workers.rescue.rescue_report import MissionFigures, write_report
+from workers.rescue.victim_map import VictimState
+
+HOLDS = (MissionState.PAUSE, MissionState.DONE)
+CANNOT_DRIVE = ("STOPPED_", "EMERGENCY_")
+TELL_S = 1.0
+"""The mission's status is told so often, if it does not change."""
+REPEAT_S = 2.0
+"""A goal that navigation does not have after so long is sent again."""
+
+
+class RescueMission(Module):
+    """Sends goals to navigation and directions to the pan-tilt unit until the mission has ended.
+
+    The operator starts, pauses, aborts it or calls it home with `MissionOrder`; `MissionStatus` tells which
+    orders fit, and why one was refused. Also publishes the `Frontiers` among which it has chosen.
+
+    At the end it writes the report: a map with victims and path in the manner of RoboCup Rescue
+    (`NAME_map.png`), the victims as `NAME_victims.csv`, and figures in `mission.json`.
+
+    Restarted, it goes on: it still knows where home is, what it has found, how much of its time it has used,
+    what the operator has ordered, and whether it was on its way back.
+    """
+
+    period_s: float = setting(0.2, "time between decisions", minimum=0.02)
+    starts_by_itself: bool = setting(True, "false: the robot stands until the operator starts the mission")
+    time_limit_s: float = setting(600.0, "the robot is home again by then", minimum=10.0)
+    reserve: float = setting(0.15, "the battery is not used below this ratio", minimum=0.0, maximum=1.0)
+    clearance_m: float = setting(0.27, "ways keep so far from obstacles: as navigation's", minimum=0.05)
+    report_name: str = setting("rescue", "beginning of the names of the report's files")
+    ends_after_s: float = setting(
+        1.0, "the mission's end is shown so long before the module ends", minimum=0.0
+    )
+
+    def setup(self) -> None:
+        """Make the mission; hear map, pose, navigation, victims, camera and battery."""
+        settings = MissionSettings(
+            starts_by_itself=self.starts_by_itself,
+            time_limit_s=self.time_limit_s,
+            reserve=self.reserve,
+            clearance_m=self.clearance_m,
+        )
+        self.mission = Mission(self._time_s, settings, self._state_changed)
+        if self.restored is not None:
+            self.mission.remember(self.restored)
+        self.notes_told = len(self.mission.notes)
+        self.show_state(self.mission.state)
+        self.look = LookAround()
+        self.pose: tuple[float, float, float] | None = None
+        self.goal: NDArray[np.float64] | None = None
+        self.sent_s = -math.inf
+        self.judged = True
+        self.is_known = False
+        self.stands = self.is_cancelled = False
+        self.pan_rad = math.nan
+        self.map: OccupancyGrid | None = None
+        self.frontiers = self.mission.frontiers
+        self.refusal = ""
+        self.told: tuple[str, list[OperatorOrder], str] | None = None
+        self.told_s = -math.inf
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        self.subscribe(OccupancyGrid, self.on_map, newest)
+        self.subscribe(SearchedWalls, self.on_searched, newest)
+        self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
+        self.subscribe(MissionOrder, self.on_order)
+        self.subscribe(NavigationState, self.on_navigation)
+        self.subscribe(VictimFound, self.on_victim)
+        self.subscribe(CameraInfo, self.on_camera, newest, topic="camera")
+        self.subscribe(BatteryState, self.on_battery, newest, topic="battery")
+
+    def on_map(self, grid: OccupancyGrid) -> None:
+        """Take a new map."""
+        self.map = grid
+        self.mission.see_map(*map_cells(grid))
+
+    def on_searched(self, grid: SearchedWalls) -> None:
+        """Learn which walls were searched."""
+        self.mission.see_searched(SearchedGrid(*map_cells(grid)))
+
+    def on_pose(self, message: PoseStamped) -> None:
+        """Learn where the robot is."""
+        self.pose = planar(message.pose)
+        self.mission.see_pose(self.pose)
+
+    def on_camera(self, _camera: CameraInfo) -> None:
+        """Learn that the camera works."""
+        self.mission.see_camera()
+
+    def on_battery(self, battery: BatteryState) -> None:
+        """Learn what is left in the battery."""
+        self.mission.limits.see_battery(battery.percentage)
+
+    def on_victim(self, victim: VictimFound) -> None:
+        """Learn of a victim."""
+        position = victim.pose.position
+        report = VictimReport(
+            id=victim.id,
+            name=victim.name,
+            x_m=position.x,
+            y_m=position.y,
+            z_m=position.z,
+            facing_rad=victim.pose.orientation.yaw,
+            found_s=victim.header.stamp.nanoseconds / 1e9,
+            confidence=victim.confidence,
+            state=VictimState(victim.state),
+        )
+        self.mission.victims.see(report)
+
+    def on_order(self, order: MissionOrder) -> None:
+        """Obey the operator at once, or say why not."""
+        self.refusal = self.mission.order(order.order) or ""
+        if self.refusal:
+            self.log.warning("refused an order of %s: %s", self.envelope.sender, self.refusal)
+        self.told_s = -math.inf
+        self.tick()
+
+    def on_navigation(self, state: NavigationState) -> None:
+        """Learn how far the robot is on its way to the goal."""
+        self.mission.see_stopped(
+            f"{state.state}: {state.reason}" if state.state.startswith(CANNOT_DRIVE) else None
+        )
+        # Without a goal navigation names none: its zeros are not the home that lies there.
+        self.is_known = self.goal is not None and state.state != "IDLE" and self._is_goal(state)
+        if self.judged or not self.is_known:
+            return
+        if state.state in ("ARRIVED", "UNREACHABLE"):
+            self.judged = True
+            self.log.debug("goal %s: %s %s", self.goal.round(2), state.state, state.reason)
+            if state.state == "ARRIVED":
+                self.mission.arrived()
+            else:
+                self.mission.unreachable(state.reason)
+
+    def tick(self) -> None:
+        """Think, and tell the others what to do."""
+        orders = self.mission.step()
+        self.checkpoint(self.mission.memory())  # first: what the operator has ordered must not be forgotten
+        if self.pose is not None and self.mission.state is not MissionState.WAIT:
+            if self.mission.state in HOLDS:
+                self._cancel_goal()
+            else:
+                self._send_goal(orders.goal)
+            self._turn_camera(orders.look_at_xy_m)
+        for note in self.mission.notes[self.notes_told :]:
+            self.log.warning("%s", note)
+        self.notes_told = len(self.mission.notes)
+        self._tell()
+        self.status = self.mission.status
+        if self.mission.machine.is_final and self.mission.machine.time_in_state_s >= self.ends_after_s:
+            self.log.info("the mission has ended: %s", self.status)
+            self.stop()
+
+    def teardown(self) -> None:
+        """Write the report."""
+        mission = self.mission
+        figures = MissionFigures(
+            state=mission.state.name,
+            reason=mission.machine.reason,
+            duration_s=mission.limits.used_s,
+            battery=mission.limits.battery,
+            notes=mission.notes,
+        )
+        write_report(
+            self.output_directory,
+            self.report_name,
+            figures,
+            None if self.map is None else map_cells(self.map),
+            mission.searched,
+            list(mission.victims.reports.values()),
+            mission.path_m,
+            mission.home,
+        )
+
+    def _tell(self) -> None:
+        """Publish what the mission is about, if that is new or was told long ago; and new frontiers."""
+        mission = self.mission
+        told = (mission.state.name, mission.operator.fitting(mission.state), self.refusal)
+        if told != self.told or self._time_s() - self.told_s >= TELL_S:
+            self.told, self.told_s = told, self._time_s()
+            state, orders, refusal = told
+            header, text = self._header("map"), mission.status
+            self.publish(MissionStatus(header=header, state=state, text=text, orders=orders, refusal=refusal))
+            if mission.home is not None:
+                home = PointOfInterest(name="home", pose=pose_stamped(mission.home, header).pose)
+                self.publish(PointsOfInterest(header=header, points=[home]), topic="mission")
+        if mission.frontiers is not self.frontiers:
+            self.frontiers = mission.frontiers
+            self.publish(frontiers_message(self.frontiers, self._header("map")))
+
+    def _state_changed(self, state: MissionState) -> None:
+        self.show_state(state)
+        self.log.info("%s (%s)", state.name, self.mission.machine.reason)
+
+    def _cancel_goal(self) -> None:
+        """Have navigation forget the mission's goal; again if it was restarted and drives on to it.
+
+        The operator may send the robot to another one meanwhile.
+        """
+        now_s = self._time_s()
+        if self.is_cancelled and not (self.is_known and now_s - self.sent_s >= REPEAT_S):
+            return
+        self.is_cancelled = self.judged = True
+        self.is_known = self.stands = False
+        self.sent_s = now_s
+        self.publish(CancelGoal(header=self._header("map"), reason=self.mission.machine.reason))
+
+    def _send_goal(self, wanted: NDArray[np.float64] | None) -> None:
+        """Send a goal if it is another one, or if navigation has lost it; to stand is to go where one is."""
+        if wanted is not None:
+            goal = wanted
+        else:
+            goal = self.goal if self.stands and self.goal is not None else np.array(self.pose)
+        self.stands = wanted is None
+        now_s = self._time_s()
+        is_new = self.is_cancelled or self.goal is None or not np.array_equal(goal, self.goal)
+        is_wanted_again = self.judged and wanted is not None
+        if not is_new and (now_s - self.sent_s < REPEAT_S or (self.is_known and not is_wanted_again)):
+            return
+        self.goal, self.sent_s = goal, now_s
+        self.is_known = self.judged = self.is_cancelled = False
+        self.publish(pose_stamped(goal, self._header("map")), topic="goal")
+
+    def _is_goal(self, state: NavigationState) -> bool:
+        """Say whether a state is about the goal that was sent last."""
+        assert self.goal is not None
+        x_m, y_m, heading_rad = np.asarray(planar(state.goal)) - self.goal
+        # The heading, too: many goals at one place follow each other, and one is not reached by the other.
+        return math.hypot(x_m, y_m, math.remainder(heading_rad, math.tau)) < 1e-6
+
+    def _turn_camera(self, look_at_xy_m: NDArray[np.float64] | None) -> None:
+        assert self.pose is not None
+        pan_rad = self.look.pan_rad(self._time_s(), self.pose, look_at_xy_m)
+        if not abs(pan_rad - self.pan_rad) < 0.02:
+            self.pan_rad = pan_rad
+            self.publish(PanTiltCommand(header=self._header("base_link"), pan_rad=pan_rad))
+
+    def _header(self, frame: str) -> Header:
+        return Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id=frame)
+
+    def _time_s(self) -> float:
+        return self.clock.monotonic_ns() / 1e9

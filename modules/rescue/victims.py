@@ -1,0 +1,285 @@
+"""Victims: found in the camera's images, placed in the map, and shown to the operator."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from modules.planar_messages import map_cells
+from robbie_mp.messages import (
+    BoundingBox2D,
+    CameraInfo,
+    Detection2D,
+    Detection2DArray,
+    Header,
+    Image,
+    MapMetaData,
+    ObjectHypothesis,
+    ObjectHypothesisWithPose,
+    OccupancyGrid,
+    Point,
+    Point2D,
+    Pose,
+    Pose2D,
+    Quaternion,
+    SearchedWalls,
+    Time,
+    VictimConfirmation,
+    VictimFound,
+)
+from robbie_mp.module import MessageHandling, Module, setting
+from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
+from robbie_mp.settings import SettingError
+from workers.rescue.searched_walls import CameraView, WallFronts, WallMemory
+from workers.rescue.victim_detection import Projection, TagSighting, VictimDetector, VisionMissing
+from workers.rescue.victim_map import Victim, VictimMap, VictimState
+
+TURNED_S, TURNED_RAD = 0.1, 0.02
+"""An image is not used when the camera has turned so much on the robot in so much time before it."""
+
+
+class Victims(Module):
+    """Looks for victims, tells of each with `VictimFound`, and asks the operator about those it knows well.
+
+    Where tags are in an image it tells with `Detection2DArray` on the image's topic.
+    The operator answers with `VictimConfirmation`; who does not answer in time is asked again later.
+    `SearchedWalls` tells which walls the camera has seen well.
+
+    Restarted, it still knows all victims, all answers and all that was searched.
+    """
+
+    tag_edge_m: float = setting(0.25, "edge of a victim's tag, its black border included", minimum=0.01)
+    confirms_by_itself: bool = setting(False, "do without an operator: whoever is known well is confirmed")
+    answer_s: float = setting(20.0, "the operator may take so long", minimum=0.1)
+    ask_again_s: float = setting(60.0, "wait so long before the same question", minimum=0.0)
+    max_questions: int = setting(2, "about one victim", minimum=1)
+    near_m: float = setting(1.8, "a victim must have been seen from so near", minimum=0.1)
+    far_m: float = setting(2.4, "walls farther away are not searched", minimum=0.5)
+    camera_frame: str = setting("base_link", "what the pan-tilt unit stands on")
+    period_s: float = setting(0.1, "time between looks at what has come", minimum=0.01)
+    searched_period_s: float = setting(0.5, "time between messages about searched walls", minimum=0.1)
+    repeat_s: float = setting(5.0, "each victim is told of again after this time", minimum=0.1)
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Check that there is OpenCV before anything starts."""
+        try:
+            VictimDetector()
+        except VisionMissing as error:
+            raise SettingError(str(error)) from error
+
+    def setup(self) -> None:
+        """Make the workers; hear camera and operator."""
+        self.detector = VictimDetector(self.tag_edge_m)
+        self.victims = VictimMap(near_m=self.near_m)
+        self.searched = WallMemory(CameraView(far_m=self.far_m))
+        self.projection: Projection | None = None
+        self.half_width_rad = 0.0
+        self.fronts: WallFronts | None = None
+        self.map_info: MapMetaData | None = None
+        self.image: Image | None = None
+        self.images = 0
+        self.next_s = {"searched": 0.0, "repeat": 0.0}
+        if self.restored is not None:
+            self.victims.restore(self.restored["victims"])
+            self.searched.restore(self.restored["searched"])
+            self.images = self.restored["images"]
+        self.scene = SceneGraphListener(self)
+        self.subscribe(CameraInfo, self.on_camera, MessageHandling.KEEP_ONLY_NEWEST, topic="camera")
+        self.subscribe(Image, self.on_image, MessageHandling.KEEP_ONLY_NEWEST, topic="camera")
+        self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST)
+        self.subscribe(VictimConfirmation, self.on_confirmation)
+
+    def on_camera(self, camera: CameraInfo) -> None:
+        """Learn how the camera projects."""
+        k = camera.k
+        self.projection = Projection((float(k[0]), float(k[4])), (float(k[2]), float(k[5])))
+        self.half_width_rad = math.atan(camera.width / 2 / float(k[0]))
+
+    def on_image(self, image: Image) -> None:
+        """Keep the newest image until it is known where it was taken."""
+        self.image = image
+
+    def on_map(self, grid: OccupancyGrid) -> None:
+        """Learn where the walls are."""
+        self.fronts = WallFronts(*map_cells(grid))
+        self.map_info = grid.info
+
+    def on_confirmation(self, answer: VictimConfirmation) -> None:
+        """Take the operator's word for it."""
+        victim = self.victims.victims.get(answer.id)
+        if victim is None or answer.answer not in (
+            VictimConfirmation.NO,
+            VictimConfirmation.YES,
+            VictimConfirmation.LATER,
+        ):
+            self.log.warning("the answer %d for victim %d is none to any question", answer.answer, answer.id)
+            return
+        if answer.answer == VictimConfirmation.LATER:
+            self._ask_later(victim)
+        else:
+            yes = answer.answer == VictimConfirmation.YES
+            victim.state = VictimState.CONFIRMED if yes else VictimState.REJECTED
+        self._tell(victim)
+
+    def tick(self) -> None:
+        """Look at the newest image; ask what is to be asked; tell what has changed."""
+        if self.image is not None and self.projection is not None:
+            self._look()
+        now_s = self._now_s()
+        for victim in self.victims.victims.values():
+            self._ask(victim, now_s)
+        if now_s >= self.next_s["repeat"]:
+            self.next_s["repeat"] = now_s + self.repeat_s
+            for victim in self.victims.victims.values():
+                self._tell(victim)
+        if now_s >= self.next_s["searched"] and self.fronts is not None:
+            self.next_s["searched"] = now_s + self.searched_period_s
+            self._tell_searched()
+        states = [victim.state for victim in self.victims.victims.values()]
+        self.status = (
+            f"{len(states)} victims, {states.count(VictimState.CONFIRMED)} confirmed; {self.images} images"
+        )
+
+    def _look(self) -> None:
+        """Look for victims in the newest image, as soon as it is known where the camera was."""
+        assert self.image is not None
+        assert self.projection is not None
+        image, stamp_ns = self.image, self.image.header.stamp.nanoseconds
+        try:
+            X_MC = self.scene.pose("map", image.header.frame_id, stamp_ns)
+            turning = self._is_turning(image.header.frame_id, stamp_ns)
+        except TooNew:
+            return  # the transforms will come
+        except SceneGraphError as error:
+            self.log.debug("no use of an image: %s", error)
+            self.image = None
+            return
+        self.image = None
+        if turning:
+            return
+        self.images += 1
+        pixels = image.data.reshape(image.height, image.step)[:, : 3 * image.width]
+        pixels = np.ascontiguousarray(pixels).reshape(image.height, image.width, 3)
+        sightings = self.detector.detect(pixels, self.projection)
+        self.publish(
+            Detection2DArray(
+                header=image.header, detections=[detection(image.header, one) for one in sightings]
+            ),
+            topic="camera",
+        )
+        for sighting in sightings:
+            facing = X_MC.apply(sighting.normal) - X_MC.translation
+            victim = self.victims.see(
+                sighting.tag,
+                X_MC.apply(sighting.position_m),
+                math.atan2(facing[1], facing[0]),
+                float(np.linalg.norm(sighting.position_m)),
+                stamp_ns / 1e9,
+                sighting.patch,
+            )
+            self._tell(victim)
+        if self.fronts is not None:
+            self.searched.look(self.fronts, optical_axis(X_MC), self.half_width_rad)
+
+    def _is_turning(self, frame: str, stamp_ns: int) -> bool:
+        """Say whether the camera turns on the robot: then it is not known well where it looks."""
+        before = self.scene.pose(self.camera_frame, frame, stamp_ns - round(TURNED_S * 1e9))
+        now = self.scene.pose(self.camera_frame, frame, stamp_ns)
+        return abs(math.remainder(optical_axis(now)[2] - optical_axis(before)[2], math.tau)) > TURNED_RAD
+
+    def _ask(self, victim: Victim, now_s: float) -> None:
+        """Ask the operator, or give up waiting for the answer."""
+        if victim.state is VictimState.ASKED and now_s - victim.asked_s >= self.answer_s:
+            self.log.info("no answer for victim %d", victim.tag)
+            self._ask_later(victim)
+            self._tell(victim)
+        elif (
+            victim.state is VictimState.SUSPECTED
+            and self.victims.is_known_well(victim)
+            and now_s >= victim.not_before_s
+            and victim.questions < self.max_questions
+        ):
+            victim.state = VictimState.CONFIRMED if self.confirms_by_itself else VictimState.ASKED
+            victim.asked_s = now_s
+            victim.questions += 1
+            self.log.info("victim %d at %s: %s", victim.tag, victim.position_m.round(2), victim.state.name)
+            self._tell(victim)
+
+    def _ask_later(self, victim: Victim) -> None:
+        victim.state = VictimState.SUSPECTED
+        victim.not_before_s = self._now_s() + self.ask_again_s
+
+    def _tell(self, victim: Victim) -> None:
+        """Publish what is known of a victim, and remember it."""
+        x_m, y_m, z_m = victim.position_m.tolist()
+        rows, columns, _ = victim.patch.shape
+        header = Header(stamp=Time.from_nanoseconds(round(victim.last_s * 1e9)), frame_id="map")
+        self.publish(
+            VictimFound(
+                header=header,
+                id=victim.tag,
+                name=f"tag {victim.tag}",
+                pose=Pose(
+                    position=Point(x=x_m, y=y_m, z=z_m), orientation=Quaternion.from_yaw(victim.facing_rad)
+                ),
+                spread_m=victim.spread_m,
+                confidence=victim.confidence,
+                views=victim.views,
+                state=int(victim.state),
+                answer_within_s=self._answer_within_s(victim),
+                image=Image(
+                    header=header,
+                    height=rows,
+                    width=columns,
+                    encoding="rgb8",
+                    step=3 * columns,
+                    data=victim.patch.ravel(),
+                ),
+            )
+        )
+        self._remember()
+
+    def _answer_within_s(self, victim: Victim) -> float:
+        if victim.state is not VictimState.ASKED:
+            return 0.0
+        return max(0.0, victim.asked_s + self.answer_s - self._now_s())
+
+    def _tell_searched(self) -> None:
+        assert self.fronts is not None
+        assert self.map_info is not None
+        cells = self.searched.grid(self.fronts)
+        header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="map")
+        self.publish(SearchedWalls(header=header, info=self.map_info, data=cells.ravel()))
+        self._remember()
+
+    def _remember(self) -> None:
+        state: dict[str, Any] = {
+            "victims": self.victims.state(),
+            "searched": self.searched.state(),
+            "images": self.images,
+        }
+        self.checkpoint(state)
+
+    def _now_s(self) -> float:
+        return self.clock.monotonic_ns() / 1e9
+
+
+def detection(header: Header, sighting: TagSighting) -> Detection2D:
+    """Return where in its image a tag was seen."""
+    low, high = sighting.corners_px.min(axis=0), sighting.corners_px.max(axis=0)
+    x, y = ((low + high) / 2).tolist()
+    size_x, size_y = (high - low).tolist()
+    name = f"tag {sighting.tag}"
+    return Detection2D(
+        header=header,
+        results=[ObjectHypothesisWithPose(hypothesis=ObjectHypothesis(class_id=name, score=1.0))],
+        bbox=BoundingBox2D(center=Pose2D(position=Point2D(x=x, y=y)), size_x=size_x, size_y=size_y),
+        id=str(sighting.tag),
+    )
+
+
+def optical_axis(X_AC: RigidTransform) -> tuple[float, float, float]:
+    """Return x, y (m) of a camera and the heading (rad) of its optical axis, in the frame A."""
+    ahead = X_AC.apply((0.0, 0.0, 1.0)) - X_AC.translation
+    return X_AC.x, X_AC.y, math.atan2(ahead[1], ahead[0])

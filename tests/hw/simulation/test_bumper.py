@@ -1,0 +1,63 @@
+"""The simulated bumper feels what the robot touches, and on which side."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hw.pose import ORIGIN, Pose
+from hw.simulation.arena import Arena
+from hw.simulation.box_segments import box_segments
+from hw.simulation.bumper import BumperNotPlaced, SimulatedBumper
+from hw.simulation.drive import SimulatedDrive, WorldState
+
+ROOM = Arena(box_segments(np.array([[0.0, 0.0, 4.0, 4.0]])), np.empty((0, 3)), ORIGIN, 4.0, 4.0)
+
+
+def pressed(robot: Pose, arena: Arena = ROOM) -> set[str]:
+    bumper = SimulatedBumper(arena)
+    bumper.place(robot, 7.0)
+    contact = bumper.read()
+    assert contact.stamp_s == 7.0
+    return set(contact.pressed)
+
+
+@pytest.mark.parametrize(
+    ("robot", "parts"),
+    [
+        (Pose(2.0, 2.0, 0.0), set()),
+        (Pose(3.78, 2.0, 0.0), set()),
+        (Pose(3.795, 2.0, 0.0), {"front_left", "front_right"}),
+        (Pose(3.795, 2.0, math.pi), {"back_left", "back_right"}),
+        (Pose(2.0, 3.795, 0.0), {"front_left", "back_left"}),
+        (Pose(2.0, 3.795, -math.pi / 4), {"back_left"}),
+        (Pose(2.0, 0.205, math.pi / 4), {"back_right"}),
+        (Pose(2.0, 0.205, -math.pi / 4), {"front_right"}),
+    ],
+)
+def test_parts_that_touch_are_those_on_that_side(robot, parts):
+    assert pressed(robot) == parts
+
+
+def test_round_post_is_felt():
+    post = replace(ROOM, circles=np.array([[2.28, 2.12, 0.1]]))
+    assert pressed(Pose(2.0, 2.0, 0.0), post) == {"front_left"}
+    assert pressed(Pose(1.9, 2.0, 0.0), post) == set()
+
+
+@pytest.mark.parametrize("heading_rad", np.linspace(-1.2, 1.2, 7))
+def test_robot_that_a_wall_stopped_feels_it(heading_rad):
+    now = [0.0]
+    drive = SimulatedDrive(ROOM, lambda: now[0], resumed=WorldState(Pose(3.5, 2.0, heading_rad)))
+    drive.command(0.8, 0.0, 10.0)
+    now[0] = 8.0
+    assert drive.read().linear_m_per_s == 0.0
+    bumper = SimulatedBumper(ROOM)
+    bumper.place(drive.ground_truth().pose, now[0])
+    assert any(part.startswith("front") for part in bumper.read().pressed)
+
+
+def test_bumper_that_was_not_placed_says_so():
+    with pytest.raises(BumperNotPlaced, match="place"):
+        SimulatedBumper(ROOM).read()

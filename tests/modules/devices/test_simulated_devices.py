@@ -1,0 +1,322 @@
+"""The modules of the simulated devices say what their devices say, in ROS's messages."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hw.camera import CameraGeometry
+from hw.pose import Pose
+from hw.simulation.arena_file import read_arena
+from hw.simulation.camera import SimulatedCamera
+from modules.devices.base import SimulatedBase
+from modules.devices.battery import SimulatedBatteryModule
+from modules.devices.bumper import SimulatedBumperModule
+from modules.devices.camera import SimulatedCameraModule, SimulatedThermalCameraModule
+from modules.devices.imu import SimulatedImuModule
+from modules.devices.laser import SimulatedLaserRangeFinder
+from modules.devices.pan_tilt import SimulatedPanTiltModule
+from robbie_mp.harness import ModuleHarness
+from robbie_mp.messages import (
+    BatteryState,
+    Bumper,
+    CameraInfo,
+    DriveCommand,
+    Duration,
+    EmergencyStop,
+    Header,
+    Image,
+    Imu,
+    JointState,
+    LaserScan,
+    Odometry,
+    PanTiltCommand,
+    SimulatedWorld,
+    Time,
+)
+from robbie_mp.settings import SettingError
+
+# A corridor along x; the robot starts at (0.75, 0.75). A box comes in front of it after 2 s, before a victim.
+ARENA = """\
+cell_m: 0.5
+drawing: |
+  ############
+  #R.........#
+  ############
+victims: [{tag: 5, x_m: 5.5, y_m: 0.75, facing_rad: 3.14159}]
+appearing: [{box: [2.0, 0.6, 2.2, 0.9], from_s: 2.0}]
+"""
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> dict[str, object]:
+    (tmp_path / "arena.yaml").write_text(ARENA)
+    return {"arena": tmp_path / "arena.yaml"}
+
+
+@pytest.fixture
+def base(settings: dict[str, object]) -> Iterator[ModuleHarness[SimulatedBase]]:
+    with ModuleHarness(SimulatedBase, settings, name="base") as harness:
+        yield harness
+
+
+def drive(base: ModuleHarness[SimulatedBase], seconds: float, linear: float, angular: float = 0.0) -> None:
+    """Command at 10 Hz."""
+    for _ in range(round(seconds * 10)):
+        valid = Duration.from_seconds(0.3)
+        base.send(DriveCommand(linear_m_per_s=linear, angular_rad_per_s=angular, valid_for=valid))
+        base.advance(0.1)
+
+
+def tell(base: ModuleHarness[SimulatedBase], *devices: ModuleHarness[Any]) -> Odometry:
+    """Pass on what the base has told of the world; returns the newest truth."""
+    told = [entry for entry in base.published if entry.topic == "ground_truth"]
+    base.published.clear()
+    for message, topic in told:
+        for device in devices:
+            device.send(message, topic=topic)
+    return next(m for m, _ in reversed(told) if isinstance(m, Odometry))
+
+
+def test_imu_has_a_sample_for_each_pose_and_its_turns_add_up(base, settings):
+    with ModuleHarness(SimulatedImuModule, settings) as imu:
+        drive(base, 2.0, 0.2, 0.5)
+        truth = tell(base, imu)
+        samples = imu.take(Imu, "imu")
+    assert len(samples) == 40
+    assert samples[-1].header.stamp == truth.header.stamp
+    turned = sum(sample.angular_velocity.z * 0.05 for sample in samples)
+    assert turned == pytest.approx(truth.pose.pose.orientation.yaw, abs=0.02)
+    assert samples[-1].linear_acceleration.z == pytest.approx(9.81, abs=0.3)
+    assert samples[-1].orientation_covariance[0] == -1.0
+
+
+def test_battery_is_drained_and_a_restarted_one_holds_what_it_held(base, settings):
+    settings |= {"capacity_ah": 0.02}
+    with ModuleHarness(SimulatedBatteryModule, settings) as battery:
+        battery.advance(0.0)
+        assert not battery.published
+        drive(base, 4.0, 0.0, 1.0)
+        tell(base, battery)
+        battery.advance(1.0)
+        state = battery.take(BatteryState, "battery")[-1]
+    # 26 W at some 16 V for 4 s.
+    assert 1.0 - state.percentage == pytest.approx(26 / 16.4 * 4 / 3600 / 0.02, rel=0.05)
+    assert state.current == pytest.approx(-26 / 16, rel=0.1)
+    assert state.charge / state.capacity == pytest.approx(state.percentage)
+    with ModuleHarness(SimulatedBatteryModule, settings, restored=battery.checkpoint) as again:
+        drive(base, 1.0, 0.0)
+        tell(base, again)
+        again.advance(1.0)
+        assert again.take(BatteryState)[-1].percentage < state.percentage
+
+
+def test_base_stands_when_the_battery_is_empty(base):
+    base.send(BatteryState(percentage=0.0), topic="battery")
+    drive(base, 1.0, 0.3)
+    assert tell(base).pose.pose.position.x == 0.0
+
+
+def test_emergency_stop_is_confirmed_and_kept_before_anything_else_happens(base, settings):
+    base.take(EmergencyStop)
+    base.send(EmergencyStop(engaged=True), topic="emergency_stop")
+    assert base.take(EmergencyStop, "emergency_stop_state")[-1].engaged
+    with ModuleHarness(SimulatedBase, settings, restored=base.checkpoint) as again:
+        assert again.module.drive.is_emergency_stopped
+
+
+def test_emergency_stop_latches_is_told_and_outlives_the_base(base, settings):
+    base.send(EmergencyStop(engaged=True, reason="somebody pressed the button"), topic="emergency_stop")
+    drive(base, 1.0, 0.3)
+    state = base.take(EmergencyStop, "emergency_stop_state")[-1]
+    assert (state.engaged, state.reason) == (True, "somebody pressed the button")
+    assert tell(base).pose.pose.position.x == 0.0
+    with ModuleHarness(SimulatedBase, settings, restored=base.checkpoint) as again:
+        drive(again, 1.0, 0.3)
+        assert again.take(EmergencyStop, "emergency_stop_state")[-1].engaged
+        assert tell(again).pose.pose.position.x == 0.0
+        again.send(EmergencyStop(engaged=False), topic="emergency_stop")
+        drive(again, 1.0, 0.3)
+        assert not again.take(EmergencyStop, "emergency_stop_state")[-1].engaged
+        assert tell(again).pose.pose.position.x > 0.2
+
+
+def test_box_that_comes_stops_the_robot_and_laser_bumper_and_camera_notice(base, settings):
+    with (
+        ModuleHarness(SimulatedLaserRangeFinder, settings | {"noise_m": 0.0}) as laser,
+        ModuleHarness(SimulatedBumperModule, settings) as bumper,
+        ModuleHarness(SimulatedCameraModule, settings | {"noise": 0.0}) as camera,
+    ):
+        devices = (laser, bumper, camera)
+        seen = []
+        for seconds, linear in [(1.0, 0.0), (1.5, 0.0), (4.0, 0.4)]:
+            drive(base, seconds, linear)
+            truth = tell(base, *devices)
+            for device in devices:
+                device.advance(0.1)
+            seen.append(
+                (
+                    laser.take(LaserScan)[-1].ranges[180],
+                    bumper.take(Bumper, "bumper")[-1].pressed,
+                    camera.take(Image, "camera")[-1],
+                )
+            )
+    assert truth.pose.pose.position.x == pytest.approx(2.0 - 0.2 - 0.75, abs=0.01)
+    assert [scan for scan, _, _ in seen] == pytest.approx([4.75, 1.25, 0.2], abs=0.01)
+    assert [pressed for _, pressed, _ in seen] == [[], [], ["front_left", "front_right"]]
+    images = [image.data.reshape(240, 320, 3).astype(int) for _, _, image in seen]
+    assert np.abs(images[0] - images[1]).max() > 100
+    assert seen[-1][2].header.stamp == truth.header.stamp
+
+
+@pytest.mark.parametrize(
+    "module", [SimulatedBase, SimulatedLaserRangeFinder, SimulatedCameraModule, SimulatedBatteryModule]
+)
+def test_mistake_in_the_arena_is_found_before_anything_starts(module, tmp_path):
+    (tmp_path / "broken.yaml").write_text(ARENA.replace("tag: 5", "tag: 99"))
+    with pytest.raises(SettingError, match=r"broken\.yaml:6: tag must be"):
+        ModuleHarness(module, {"arena": tmp_path / "broken.yaml"})
+
+
+def test_base_tells_of_obstacles_only_where_there_are_any(base, tmp_path):
+    base.advance(0.1)
+    assert base.take(SimulatedWorld, "ground_truth")
+    (tmp_path / "plain.yaml").write_text(ARENA[: ARENA.index("appearing")])
+    with ModuleHarness(SimulatedBase, {"arena": tmp_path / "plain.yaml"}) as plain:
+        plain.advance(0.1)
+        assert not plain.take(SimulatedWorld)
+
+
+def test_cameras_follow_the_pan_tilt_unit_and_tell_their_projection(base, settings):
+    with (
+        ModuleHarness(SimulatedCameraModule, settings) as camera,
+        ModuleHarness(SimulatedThermalCameraModule, settings) as thermal,
+        ModuleHarness(SimulatedPanTiltModule) as unit,
+    ):
+        camera.advance(0.0)
+        assert not camera.published
+        warm = []
+        for pan in (0.0, 0.9):
+            unit.send(PanTiltCommand(pan_rad=pan))
+            unit.advance(0.5)
+            joints = unit.take(JointState, "pan_tilt")[-1]
+            assert (list(joints.name), joints.position[0]) == (["pan", "tilt"], pan)
+            base.advance(0.6)
+            tell(base, camera, thermal)
+            for device in (camera, thermal):
+                device.send(joints, topic="pan_tilt")
+                device.advance(0.1)
+            heat = thermal.take(Image, "thermal")[-1]
+            assert (heat.encoding, heat.step, heat.header.frame_id) == ("mono16", 320, "thermal_optical")
+            warm.append(int((heat.data.view("<u2") > 30000).sum()))
+        image, info = camera.take(Image, "camera")[-1], camera.take(CameraInfo, "camera")[-1]
+    assert warm[0] > 20 and warm[1] == 0
+    assert (image.encoding, image.step, len(image.data)) == ("rgb8", 960, 320 * 240 * 3)
+    assert image.header == info.header
+    focal = 160 / math.tan(1.047 / 2)
+    np.testing.assert_allclose(info.k, [focal, 0, 159.5, 0, focal, 119.5, 0, 0, 1])
+    np.testing.assert_allclose(info.p.reshape(3, 4)[:, :3].ravel(), info.k)
+
+
+@pytest.mark.parametrize(
+    ("told", "pan"),
+    [
+        ([(-0.05, 0.1, 2.0), (0.05, 0.3, 2.0), (0.09, 0.9, 0.0)], 0.2),
+        ([(-0.15, 0.0, 2.0), (-0.05, 0.1, 2.0)], 0.2),
+        ([(-5.0, 0.0, 2.0)], 0.2),
+        ([(-5.0, 0.2, 0.0)], 0.2),
+    ],
+    ids=["between", "turning on", "long ago", "at rest"],
+)
+def test_image_is_taken_in_the_direction_of_its_stamp(base, settings, told, pan):
+    base.advance(0.1)
+    with ModuleHarness(SimulatedCameraModule, settings | {"noise": 0.0}) as camera:
+        truth = tell(base, camera)
+        for after_s, position, rate in told:
+            stamp = Time.from_nanoseconds(truth.header.stamp.nanoseconds + round(after_s * 1e9))
+            at = {"position": [0.0, position], "velocity": [0.0, rate]}
+            camera.send(JointState(header=Header(stamp=stamp), name=["tilt", "pan"], **at), topic="pan_tilt")
+        for name, position in [
+            (["wheel"], [1.0]),
+            (["pan", "tilt"], [math.nan, 0.0]),
+            (["pan", "tilt"], [1.0]),
+        ]:
+            camera.send(JointState(name=name, position=position), topic="pan_tilt")
+        camera.advance(0.0)
+        (image,) = camera.take(Image, "camera")
+    there = SimulatedCamera(read_arena(settings["arena"]), CameraGeometry(320, 240, 1.047), noise=0.0)
+    there.look(pan, 0.0)
+    there.place(Pose(0.75, 0.75, 0.0), 0.0)
+    difference = np.abs(there.capture().pixels.ravel().astype(int) - image.data)
+    assert (difference > 0).mean() < 0.01
+
+
+def test_restarted_pan_tilt_unit_looks_where_it_looked():
+    with ModuleHarness(SimulatedPanTiltModule) as unit:
+        unit.send(PanTiltCommand(pan_rad=0.5, tilt_rad=math.nan))
+        unit.send(PanTiltCommand(pan_rad=0.5, tilt_rad=-0.1))
+        unit.advance(1.0)
+    with ModuleHarness(SimulatedPanTiltModule, restored=unit.checkpoint) as again:
+        again.advance(0.0)
+        (joints,) = again.take(JointState)
+    assert joints.position.tolist() == pytest.approx([0.5, -0.1])
+
+
+def command(base: ModuleHarness[SimulatedBase], linear: float, topic: str = "", valid_s: float = 0.3) -> None:
+    valid_for = Duration.from_nanoseconds(round(valid_s * 1e9))
+    base.send(DriveCommand(linear_m_per_s=linear, valid_for=valid_for), topic=topic)
+
+
+def speed(base: ModuleHarness[SimulatedBase]) -> float:
+    return base.take(Odometry, topic="odom")[-1].twist.twist.linear.x
+
+
+def test_commands_by_hand_go_before_all_others_until_they_have_ended_for_a_while(
+    base: ModuleHarness[SimulatedBase],
+) -> None:
+    base.advance(0.1)
+    for _ in range(10):
+        command(base, 0.2, "manual")
+        command(base, -0.5)
+        base.advance(0.1)
+        assert speed(base) >= 0
+    assert speed_after_a_while(base) == 0
+    for _ in range(3):  # 2 s are not over yet
+        command(base, -0.5)
+        base.advance(0.1)
+    assert speed(base) == 0
+    base.advance(2.0)
+    command(base, -0.2)
+    base.advance(0.2)
+    assert speed(base) < 0
+
+
+def speed_after_a_while(base: ModuleHarness[SimulatedBase]) -> float:
+    base.advance(0.4)
+    return speed(base)
+
+
+def test_drive_stands_soon_after_its_last_command_has_expired(base: ModuleHarness[SimulatedBase]) -> None:
+    for _ in range(10):
+        command(base, 0.7, "manual", 0.22)
+        base.advance(0.1)
+    assert speed(base) == pytest.approx(0.7)
+    base.advance(0.25)  # since a tick after the last command: 0.35 s since that, two of them until it expired
+    assert speed(base) == 0
+
+
+def test_command_that_waited_until_it_had_expired_is_not_followed(
+    base: ModuleHarness[SimulatedBase], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    base.advance(0.5)
+    envelope = base.bus.envelope
+    monkeypatch.setattr(base.bus, "envelope", lambda: envelope()._replace(published_ns=100_000_000))
+    command(base, 0.5, valid_s=0.3)
+    base.advance(0.2)
+    assert speed(base) == 0
+    command(base, 0.5, valid_s=1.0)
+    base.advance(0.2)
+    assert speed(base) > 0

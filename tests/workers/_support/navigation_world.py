@@ -1,0 +1,69 @@
+"""A simulated robot that drives to goals, in simulated time: arena, laser, drive and navigator."""
+
+
+import numpy as np
+
+from hw.simulation.arena import Arena
+from hw.simulation.arena_file import read_arena
+from hw.simulation.drive import SimulatedDrive
+from hw.simulation.laser import SimulatedLaser
+from tests._support.places import ARENAS
+from tools.random_rooms import drawn_map
+from workers.laser.laser_sweep import LaserSweep
+from workers.navigation.collision_guard import CollisionGuard
+from workers.navigation.navigator import Navigator
+from workers.navigation.navigator_states import RESTING, NavigatorSettings
+
+DEMO = ARENAS / "demo.yaml"
+RESOLUTION_M = 0.05
+LATENCY_S = 0.05
+
+
+def demo_arena() -> Arena:
+    return read_arena(DEMO)
+
+
+class NavigationWorld:
+    """A robot in an arena, with the map of `mapped`; a step is a sweep and a command, 0.1 s."""
+
+    def __init__(self, mapped: Arena, arena: Arena | None = None, settings: NavigatorSettings | None = None):
+        self.now_s = 0.0
+        arena = arena or mapped
+        self.drive = SimulatedDrive(arena, lambda: self.now_s, seed=1)
+        self.laser = SimulatedLaser(arena, seed=1)
+        self.laser_works = self.pose_works = True
+        guard = CollisionGuard(self.laser.geometry.angles_rad())
+        self.navigator = Navigator(lambda: self.now_s, guard, settings=settings)
+        self.cells, self.corner = drawn_map(mapped, RESOLUTION_M)
+        self.navigator.see_map(self.cells, RESOLUTION_M, self.corner)
+        self.states: list[str] = []
+
+    def run(self, limit_s: float) -> None:
+        """Go on until the navigator rests."""
+        end_s = self.now_s + limit_s
+        while self.now_s < end_s - 1e-9:
+            self._step()
+            if self.navigator.state in RESTING:
+                break
+
+    def _step(self) -> None:
+        truth = self.drive.ground_truth()
+        if self.pose_works:
+            self.navigator.see_pose(truth.pose, truth.stamp_s, self.now_s)
+        if self.laser_works:
+            self.laser.place(truth.pose, truth.stamp_s)
+            ranges, geometry = self.laser.scan().ranges_m, self.laser.geometry
+            sweep = LaserSweep.from_ranges(
+                ranges, geometry.angle_min_rad, geometry.angle_increment_rad, 0.05, geometry.range_max_m
+            )
+            self.navigator.see_sweep(sweep, ranges, truth.stamp_s, self.now_s)
+        self.now_s += LATENCY_S
+        speeds = self.navigator.drive()
+        if speeds is not None:
+            self.drive.command(*speeds, valid_for_s=0.4)
+        self.now_s += 0.1 - LATENCY_S
+        if not self.states or self.states[-1] != self.navigator.state.name:
+            self.states.append(self.navigator.state.name)
+
+    def off_m(self, goal) -> float:
+        return float(np.hypot(*(np.array(self.drive.ground_truth().pose[:2]) - goal[:2])))

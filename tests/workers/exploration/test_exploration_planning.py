@@ -1,0 +1,173 @@
+"""Frontiers are found, ways to them are planned, and goals that cannot be had are given up."""
+
+
+import numpy as np
+import pytest
+
+from tests.workers._support.exploration_world import CLEARANCE_M, RESOLUTION_M, drawn_cells, drawn_grid
+from workers.exploration.exploration import ExplorationSettings, FrontierExploration, PlanResult
+from workers.exploration.frontiers import find_frontiers
+from workers.maps.navigation_grid import NavigationGrid
+from workers.navigation.path_planner import PathField
+
+# A character is 0.25 m: a room of 3.5 m by 1.5 m, open to the unknown at the right and at the upper left.
+TWO_WAYS_ON = """
+###    ########
+#......#.......
+#..............
+#..............
+#..............
+#..............
+#......#.......
+###############
+"""
+CLOSED = TWO_WAYS_ON.replace("    ", "####").replace(".\n", "#\n")
+LEFT, RIGHT = (0.825, 1.025, 0.0), (3.225, 1.025, 0.0)
+
+
+def nearest_wall_m(grid: NavigationGrid, path: np.ndarray) -> float:
+    return min(grid.obstacle_distance_m[grid.cell(point)] for point in path)
+
+
+def test_frontiers_lie_between_free_and_unknown():
+    frontiers = find_frontiers(drawn_grid(TWO_WAYS_ON), 0.4)
+    assert [round(frontier.length_m, 2) for frontier in frontiers] == [1.5, 1.0]
+    right, upper = (frontier.middle_xy_m for frontier in frontiers)
+    assert right == pytest.approx([3.725, 1.0], abs=0.05)
+    assert upper == pytest.approx([1.25, 1.725], abs=0.05)
+
+
+def test_known_room_has_no_frontier():
+    assert find_frontiers(drawn_grid(CLOSED), 0.1) == []
+
+
+def test_gaps_between_beams_are_no_frontier():
+    cells = drawn_cells(CLOSED)
+    cells[10:30, 30:32] = -1
+    assert find_frontiers(NavigationGrid(cells, RESOLUTION_M, (0, 0), CLEARANCE_M), 0.1) == []
+    cells[10:30, 30:33] = -1
+    assert find_frontiers(NavigationGrid(cells, RESOLUTION_M, (0, 0), CLEARANCE_M), 0.1) != []
+
+
+def test_short_frontiers_are_left_out():
+    assert len(find_frontiers(drawn_grid(TWO_WAYS_ON), 1.2)) == 1
+
+
+@pytest.mark.parametrize(("pose", "goal"), [(LEFT, (1.25, 1.5)), (RIGHT, (3.7, 1.0))])
+def test_near_frontier_is_the_goal(pose, goal):
+    plan = FrontierExploration().plan_exploration(drawn_grid(TWO_WAYS_ON), pose)
+    assert plan.result is PlanResult.GO
+    assert np.hypot(*(plan.goal_xy_m - goal)) < 0.35
+
+
+def test_path_begins_at_the_robot_and_keeps_its_clearance():
+    grid = drawn_grid(TWO_WAYS_ON)
+    plan = FrontierExploration().plan_exploration(grid, RIGHT)
+    assert np.hypot(*(plan.path[0] - RIGHT[:2])) < RESOLUTION_M
+    assert np.hypot(*np.diff(plan.path, axis=0).T).max() <= RESOLUTION_M * 1.42
+    assert nearest_wall_m(grid, plan.path) >= CLEARANCE_M
+
+
+def test_shortest_way_in_the_open_is_as_long_as_eight_neighbours_allow():
+    grid = NavigationGrid(np.zeros((101, 101), dtype=np.int8), RESOLUTION_M, (0, 0), CLEARANCE_M)
+    start = grid.cell((0.525, 0.525))
+    ways = PathField(grid, start)
+    assert ways.cost_m[grid.cell((4.525, 0.525))] == pytest.approx(4.0)
+    assert ways.cost_m[grid.cell((4.525, 4.525))] == pytest.approx(4.0 * np.sqrt(2))
+    assert ways.cost_m[grid.cell((2.525, 4.525))] == pytest.approx(2.0 * np.sqrt(2) + 2.0)
+
+
+def test_way_leads_around_a_wall_through_its_door():
+    cells = np.zeros((100, 100), dtype=np.int8)
+    cells[50, :80] = 100
+    grid = NavigationGrid(cells, RESOLUTION_M, (0, 0), CLEARANCE_M)
+    path = grid.middles_m(PathField(grid, grid.cell((1.0, 1.0))).path(grid.cell((1.0, 4.0))))
+    assert path[:, 0].max() > 4.0
+    assert nearest_wall_m(grid, path) >= CLEARANCE_M
+
+
+def test_door_too_narrow_for_the_robot_leads_nowhere():
+    cells = np.zeros((100, 100), dtype=np.int8)
+    cells[50] = 100
+    cells[50, 45:54] = 0  # 0.45 m
+    grid = NavigationGrid(cells, RESOLUTION_M, (0, 0), CLEARANCE_M)
+    ways = PathField(grid, grid.cell((1.0, 1.0)))
+    beyond = grid.cell((1.0, 4.0))
+    assert np.isinf(ways.cost_m[beyond])
+    with pytest.raises(ValueError, match="no way"):
+        ways.path(beyond)
+
+
+def test_robot_slightly_inside_the_clearance_still_finds_a_way():
+    plan = FrontierExploration().plan_exploration(drawn_grid(TWO_WAYS_ON), (0.4, 0.4, 0.0))
+    assert plan.result is PlanResult.GO
+
+
+def test_robot_far_from_every_drivable_place_has_no_way():
+    plan = FrontierExploration().plan_exploration(drawn_grid(TWO_WAYS_ON), (9.0, 9.0, 0.0))
+    assert plan.result is PlanResult.NO_WAY
+
+
+def test_room_without_frontiers_is_explored():
+    plan = FrontierExploration().plan_exploration(drawn_grid(CLOSED), LEFT)
+    assert plan.result is PlanResult.EXPLORED
+    assert plan.goal_xy_m is None
+
+
+def test_frontier_behind_a_window_does_not_keep_the_robot_busy():
+    """The robot sees through a gap of 0.25 m it can never pass."""
+    window = CLOSED.replace("####", "# ##", 1)
+    grid = drawn_grid(window)
+    assert find_frontiers(grid, 0.2) != []
+    settings = ExplorationSettings(min_frontier_m=0.2, near_frontier_m=0.2)
+    assert FrontierExploration(settings).plan_exploration(grid, LEFT).result is PlanResult.EXPLORED
+
+
+def test_goal_given_up_is_not_chosen_again():
+    grid = drawn_grid(TWO_WAYS_ON)
+    exploration = FrontierExploration()
+    first = exploration.plan_exploration(grid, LEFT).goal_xy_m
+    exploration.give_up_goal()
+    second = exploration.plan_exploration(grid, LEFT).goal_xy_m
+    assert np.hypot(*(first - second)) > 1.0
+    exploration.give_up_goal()
+    assert exploration.plan_exploration(grid, LEFT).result is PlanResult.EXPLORED
+
+
+def test_goals_given_up_are_bounded():
+    exploration = FrontierExploration(ExplorationSettings(max_avoided=1))
+    grid = drawn_grid(TWO_WAYS_ON)
+    for _ in range(5):
+        assert exploration.plan_exploration(grid, LEFT).result is PlanResult.GO
+        exploration.give_up_goal()
+    assert len(exploration.avoided_xy_m) == 1
+
+
+def test_goal_is_kept_while_another_is_only_a_little_better():
+    grid = drawn_grid(TWO_WAYS_ON)
+    left_first, right_first = FrontierExploration(), FrontierExploration()
+    left_first.plan_exploration(grid, LEFT)
+    right_first.plan_exploration(grid, RIGHT)
+    # From one place in between, both go on to where they were going.
+    between = (2.3, 1.0, 1.6)
+    kept = [e.plan_exploration(grid, between).goal_xy_m[0] for e in (left_first, right_first)]
+    assert kept[0] < 2.0 < kept[1]
+
+
+def test_map_may_grow_and_its_corner_move():
+    exploration = FrontierExploration()
+    plain = exploration.plan_exploration(drawn_grid(TWO_WAYS_ON), LEFT).path
+    cells = np.pad(drawn_cells(TWO_WAYS_ON), 40, constant_values=-1)
+    moved = NavigationGrid(cells, RESOLUTION_M, (-2.0, -2.0), CLEARANCE_M)
+    np.testing.assert_allclose(exploration.plan_exploration(moved, LEFT).path, plain)
+
+
+def test_unknown_map_gives_no_way_and_no_error():
+    nothing = NavigationGrid(np.full((50, 50), -1, dtype=np.int8), RESOLUTION_M, (0, 0), CLEARANCE_M)
+    assert FrontierExploration().plan_exploration(nothing, LEFT).result is PlanResult.NO_WAY
+
+
+def test_way_home_ends_at_home():
+    plan = FrontierExploration().plan_way_to(drawn_grid(TWO_WAYS_ON), RIGHT, LEFT[:2])
+    assert np.hypot(*(plan.goal_xy_m - LEFT[:2])) < RESOLUTION_M
+    assert plan.cost_m >= 2.4

@@ -1,0 +1,99 @@
+"""A sweep is found where it was taken."""
+
+import numpy as np
+import pytest
+
+from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, measure
+from workers.laser.laser_sweep import LaserSweep
+from workers.laser.surface_points import SurfacePoints
+from workers.mapping.correlative_search import ScoreField, Window, search
+from workers.mapping.scan_matcher import ScanMatcher
+from workers.planar_pose import compose, relative
+
+HERE = np.array([2.5, 1.5, 0.4])
+OFFSETS = [(0.25, -0.2, 0.15), (-0.3, 0.1, -0.3), (0.0, 0.0, 0.0), (0.1, 0.3, 0.35)]
+
+
+def sweep_at(pose, seed=0, noise_m=0.01):
+    ranges = measure(np.asarray(pose, float), np.random.default_rng(seed), noise_m)
+    return LaserSweep.from_ranges(ranges, ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
+
+
+@pytest.fixture(scope="module")
+def reference() -> SurfacePoints:
+    poses = [HERE, compose(HERE, [0.4, 0.1, 0.3]), compose(HERE, [-0.4, 0.0, -0.4])]
+    return SurfacePoints.joined([sweep_at(pose, seed).hits.moved(pose) for seed, pose in enumerate(poses)])
+
+
+@pytest.mark.parametrize("offset", OFFSETS)
+def test_search_finds_the_pose_to_a_cell(reference, offset):
+    true = compose(HERE, [0.2, 0.1, 0.1])
+    field = ScoreField(reference.points, 0.1, 0.1, reach_m=0.5)
+    found = search(field, sweep_at(true, 7).hits.points, true + offset, Window(0.5, 0.5))
+    assert np.abs(relative(true, found.pose)[:2]).max() < 0.1
+    assert abs(relative(true, found.pose)[2]) < 0.05
+    assert found.score > 0.7
+
+
+@pytest.mark.parametrize("offset", OFFSETS)
+def test_search_and_refinement_find_the_pose_to_a_centimetre(reference, offset):
+    true = compose(HERE, [0.2, 0.1, 0.1])
+    hits = sweep_at(true, 7).hits
+    field = ScoreField(reference.points, 0.1, 0.1, reach_m=0.5)
+    start = search(field, hits.points, true + offset, Window(0.5, 0.5))
+    match = ScanMatcher(reference).refine(hits, start.pose)
+    error = relative(true, match.pose)
+    assert np.hypot(error[0], error[1]) < 0.01
+    assert abs(error[2]) < np.radians(0.3)
+    assert match.on_surface.mean() > 0.9
+
+
+def test_search_finds_the_same_as_trying_every_pose(reference):
+    true = compose(HERE, [0.2, 0.1, 0.1])
+    points, guess = sweep_at(true, 3).hits.points[::6], true + np.array([0.2, -0.3, 0.1])
+    window = Window(0.4, 0.2, doubt_per_m2=0.5, doubt_per_rad2=1.0)
+    field = ScoreField(reference.points, 0.1, 0.1, reach_m=0.4)
+    found = search(field, points, guess, window)
+    farthest = np.percentile(np.hypot(*points.T), 90)
+    turns = np.linspace(-0.2, 0.2, 2 * int(np.ceil(0.2 / (0.1 / farthest))) + 1)
+    best = -np.inf
+    for turn in turns:
+        placed = SurfacePoints(points, np.zeros_like(points)).moved([*guess[:2], guess[2] + turn]).points
+        cells = np.floor(placed / 0.1).astype(int) - field.corner
+        for right in range(-4, 5):
+            for up in range(-4, 5):
+                fit = field.level(0)[cells[:, 1] + up, cells[:, 0] + right].mean()
+                best = max(best, fit - 0.5 * (right**2 + up**2) * 0.01 - turn**2)
+    assert found.score == pytest.approx(best, abs=1e-6)
+
+
+def test_search_finds_nothing_where_nothing_fits(reference):
+    field = ScoreField(reference.points, 0.1, 0.1, reach_m=0.3)
+    away = np.column_stack([np.linspace(30, 40, 50), np.zeros(50)])
+    assert search(field, away, HERE, Window(0.3, 0.2), least_score=0.1) is None
+
+
+def test_a_corridor_leaves_the_way_along_it_open():
+    along = np.linspace(-10, 10, 400)
+    walls = [np.column_stack([along, np.full(400, side)]) for side in (-1.0, 1.0)]
+    facing = [np.tile([0.0, -np.sign(wall[0, 1])], (400, 1)) for wall in walls]
+    corridor = SurfacePoints(np.concatenate(walls), np.concatenate(facing))
+    hits = SurfacePoints(corridor.points[100:700:5], corridor.normals[100:700:5])
+    match = ScanMatcher(corridor).refine(hits, [0.2, 0.1, 0.02])
+    assert abs(match.pose[1]) < 0.005
+    assert match.information[0, 0] < 1e-3 * match.information[1, 1]
+
+
+def test_odometry_decides_what_the_walls_leave_open():
+    along = np.linspace(-10, 10, 400)
+    corridor = SurfacePoints(np.column_stack([along, np.ones(400)]), np.tile([0.0, -1.0], (400, 1)))
+    hits = SurfacePoints(corridor.points[100:300:5], corridor.normals[100:300:5])
+    prior = np.array([0.5, 0.05, 0.0])
+    match = ScanMatcher(corridor).refine(hits, [0.1, 0.1, 0.02], prior, np.diag([100.0, 100.0, 100.0]))
+    assert match.pose == pytest.approx([0.5, 0.0, 0.0], abs=0.005)
+
+
+def test_what_a_sweep_looked_through_is_free_and_what_it_hit_is_not():
+    sweep = sweep_at((2.0, 1.0, 0.0), noise_m=0.0)
+    in_front, behind_the_wall, out_of_view = [1.0, 0.0], [3.0, -1.5], [-1.0, 0.0]
+    assert sweep.looked_through([in_front, behind_the_wall, out_of_view]).tolist() == [True, False, False]

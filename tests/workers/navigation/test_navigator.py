@@ -1,0 +1,202 @@
+"""Driving to goals: around what is in the way, and what becomes of goals that cannot be reached."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.docs.pages import ROOT
+from tests.workers._support.exploration_world import drawn_cells
+from tests.workers._support.navigation_world import NavigationWorld, demo_arena
+from workers.laser.laser_sweep import LaserSweep
+from workers.maps.navigation_grid import NavigationGrid
+from workers.navigation.costmap import Costmap
+from workers.navigation.live_obstacles import LiveObstacles
+from workers.navigation.navigator_states import TRANSITIONS, NavigatorSettings, NavigatorState
+from workers.navigation.path_follower import HALT
+from workers.navigation.way_planner import Obstruction, plan_way
+from workers.state_machine import mermaid
+
+ANGLES = (-np.pi, np.pi / 180)
+ROOM = "##########\n#........#\n#........#\n#........#\n##########"
+
+
+def seen(ranges) -> LaserSweep:
+    return LaserSweep.from_ranges(ranges, *ANGLES, 0.05, 10.0)
+
+
+def with_circles(arena, *circles):
+    return replace(arena, circles=np.vstack([arena.circles, circles]))
+
+
+def test_robot_drives_through_two_rooms_and_takes_the_goals_heading():
+    world, goal = NavigationWorld(demo_arena()), (7.0, 1.0, 1.5)
+    world.navigator.go_to(goal)
+    world.run(60.0)
+    assert world.states == ["DRIVE", "ALIGN", "ARRIVED"], world.navigator.status
+    assert world.off_m(goal) < 0.2
+    assert world.drive.ground_truth().pose.heading_rad == pytest.approx(1.5, abs=0.2)
+    assert world.drive.collisions == 0
+    assert world.navigator.drive() is None
+
+
+def test_robot_drives_around_what_is_not_on_the_map():
+    arena = demo_arena()
+    blocked = with_circles(arena, [3.3, 2.1, 0.2], [4.6, 2.75, 0.15])
+    world, goal = NavigationWorld(arena, blocked), (6.8, 2.4, 0.0)
+    world.navigator.go_to(goal)
+    world.run(60.0)
+    assert world.navigator.state is NavigatorState.ARRIVED, world.navigator.status
+    assert world.off_m(goal) < 0.2
+    assert world.drive.collisions == 0
+
+
+@pytest.mark.parametrize(
+    ("goal", "reason"),
+    [
+        ((0.9, 5.0, 0.0), "the goal lies in an obstacle"),
+        ((20.0, 1.0, 0.0), "nobody knows what is at the goal"),
+    ],
+)
+def test_goal_that_nobody_can_drive_to_is_given_up_at_once(goal, reason):
+    world = NavigationWorld(demo_arena())
+    world.navigator.go_to(goal)
+    world.run(2.0)
+    assert world.navigator.state is NavigatorState.UNREACHABLE
+    assert reason in world.navigator.machine.reason
+
+
+def test_goal_behind_a_wall_without_a_door_is_given_up():
+    arena = demo_arena()
+    closed = replace(arena, segments=np.vstack([arena.segments, [(0, 1.6, 8, 1.6)]]))
+    world = NavigationWorld(closed)
+    known = np.where(world.cells < 0, 0, world.cells)  # the map knows the rooms behind the wall
+    world.navigator.see_map(known, 0.05, world.corner)
+    world.navigator.go_to((7.0, 1.0, 0.0))
+    world.run(2.0)
+    assert world.navigator.machine.reason == "no way leads to the goal"
+
+
+@pytest.mark.parametrize("goal_x_m", [1.0, 3.0])
+def test_robot_that_stands_in_too_narrow_a_place_gets_out_on_either_side(goal_x_m):
+    cells = np.zeros((60, 80), dtype=np.int8)
+    cells[:, 39:41] = 100
+    cells[25:35, 39:41] = 0  # 0.5 m wide: on this map nobody would drive in
+    grid = NavigationGrid(cells, 0.05, (0.0, 0.0), NavigatorSettings().clearance_m)
+    way = plan_way(grid, (1.95, 1.5, 0.0), (goal_x_m, 1.5), snap_m=0.4, tolerance_m=0.25)
+    assert way.obstruction is Obstruction.NONE
+    assert abs(way.path[0][0] - 1.95) < 0.4
+    assert way.path[-1][0] == pytest.approx(goal_x_m, abs=0.05)
+    elsewhere = plan_way(grid, (1.0, 1.5, 0.0), (3.0, 1.5), snap_m=0.4, tolerance_m=0.25)
+    assert elsewhere.obstruction is Obstruction.NO_WAY
+
+
+def test_robot_drives_through_a_gap_where_it_just_fits_if_no_other_way_leads_to_the_goal():
+    arena = demo_arena()
+    gap = [(0, 1.6, 2.0, 1.6), (2.56, 1.6, 8, 1.6)]
+    world = NavigationWorld(replace(arena, segments=np.vstack([arena.segments, gap])))
+    goal = (2.3, 0.8, 0.0)
+    narrow = plan_way(
+        NavigationGrid(world.cells, 0.05, world.corner, NavigatorSettings().clearance_m),
+        world.drive.ground_truth().pose, goal[:2], snap_m=0.4, tolerance_m=0.25,
+    )  # fmt: skip
+    assert narrow.obstruction is Obstruction.NO_WAY
+    world.navigator.go_to(goal)
+    world.run(60.0)
+    assert world.navigator.state is NavigatorState.ARRIVED, world.navigator.status
+    assert world.drive.collisions == 0
+
+
+def test_way_that_stays_blocked_is_given_up_after_all_recoveries():
+    arena = demo_arena()
+    gates = [[x_m, 1.62, 0.1] for left_m in (2.25, 4.75) for x_m in np.arange(left_m, left_m + 1.5, 0.2)]
+    settings = NavigatorSettings(max_recoveries=3)
+    world = NavigationWorld(arena, with_circles(arena, *gates), settings)
+    world.navigator.go_to((7.0, 1.0, 0.0))
+    world.run(60.0)
+    assert {"CLEAR_COSTMAP", "BACK_UP", "ROTATE"} <= set(world.states)
+    assert world.navigator.state is NavigatorState.UNREACHABLE
+    assert "3 attempts did not help" in world.navigator.machine.reason
+    assert world.drive.collisions == 0
+
+
+@pytest.mark.parametrize(
+    ("sense", "state"), [("laser_works", "STOPPED_NO_LASER"), ("pose_works", "STOPPED_NO_POSE")]
+)
+def test_robot_stands_while_it_is_blind_and_then_drives_on(sense, state):
+    world = NavigationWorld(demo_arena())
+    world.navigator.go_to((7.0, 1.0, 0.0))
+    world.run(3.0)
+    assert world.drive.read().linear_m_per_s > 0.2
+    setattr(world, sense, False)
+    world.run(2.0)
+    assert world.navigator.state.name == state
+    assert " for 0." in world.navigator.machine.reason
+    assert world.drive.read().linear_m_per_s == 0.0
+    assert world.navigator.drive() == HALT
+    setattr(world, sense, True)
+    world.run(1.5)
+    assert world.navigator.state is NavigatorState.DRIVE
+    assert world.drive.read().linear_m_per_s > 0.2
+
+
+def test_emergency_stop_halts_and_the_goal_is_kept():
+    world = NavigationWorld(demo_arena())
+    world.navigator.go_to((7.0, 1.0, 0.0))
+    world.run(2.0)
+    world.navigator.see_emergency_stop("somebody pressed the button")
+    world.run(1.0)
+    assert world.navigator.state is NavigatorState.EMERGENCY_STOP
+    assert "somebody pressed the button" in world.navigator.status
+    assert world.drive.read().linear_m_per_s == 0.0
+    world.navigator.see_emergency_stop("")
+    world.run(1.5)
+    assert world.drive.read().linear_m_per_s > 0.2
+
+
+def test_newer_goal_takes_the_place_of_the_older():
+    world = NavigationWorld(demo_arena())
+    world.navigator.go_to((7.0, 1.0, 0.0))
+    world.run(1.0)
+    world.navigator.go_to((2.5, 2.4, 0.0))
+    world.run(30.0)
+    assert world.navigator.state is NavigatorState.ARRIVED
+    assert world.off_m((2.5, 2.4)) < 0.2
+
+
+def test_obstacles_are_seen_kept_while_hidden_and_gone_when_looked_through():
+    obstacles = LiveObstacles(decay_s=10.0)
+    ranges = np.full(360, 3.0)
+    ranges[175:186] = 1.0
+    obstacles.see((0, 0, 0), seen(ranges), 0.0)
+    assert np.abs(obstacles.points(0.0) - (1.0, 0.0)).max(axis=1).min() < 0.05
+    obstacles.see((0, 0, np.pi / 2), seen(np.full(360, np.inf)), 5.0)
+    before = len(obstacles.points(5.0))
+    assert before > 0
+    obstacles.see((0, 0, 0), seen(np.full(360, 3.0)), 6.0)
+    assert np.hypot(*obstacles.points(6.0).T).min() > 2.5
+    assert len(obstacles.points(17.0)) == 0
+
+
+def test_live_obstacles_are_bounded():
+    obstacles = LiveObstacles(most=500)
+    for number in range(20):
+        obstacles.see((number, 0, 0), seen(np.full(360, 2.0)), float(number))
+    assert len(obstacles) == 500
+
+
+def test_costmap_blocks_what_is_seen_and_leaves_the_walls_as_they_are():
+    costmap = Costmap(drawn_cells(ROOM), 0.05, (0.0, 0.0), 0.1)
+    obstacles = LiveObstacles()
+    obstacles.see((1.0, 0.6, 0.0), seen(np.full(360, 0.28)), 0.0)  # most of it is within the walls' vicinity
+    grid = costmap.grid(obstacles, 0.0)
+    assert not grid.drivable[grid.cell((1.28, 0.6))]
+    assert costmap.static_grid.drivable[grid.cell((1.28, 0.6))]
+    far_off = LiveObstacles()
+    far_off.see((100.0, 0.0, 0.0), seen(np.full(360, 1.0)), 0.0)
+    assert costmap.grid(far_off, 0.0) is costmap.static_grid
+
+
+def test_picture_of_the_states_in_the_documentation_is_that_of_the_code():
+    page = (ROOT / "docs" / "navigation.md").read_text()
+    assert mermaid(NavigatorState.IDLE, TRANSITIONS, NavigatorSettings().time_outs()) in page

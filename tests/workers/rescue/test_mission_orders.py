@@ -1,0 +1,173 @@
+"""The operator starts, pauses, aborts the mission and calls the robot home; what does not fit is refused."""
+
+import numpy as np
+import pytest
+
+from tests.workers._support.mission_world import HALL, START, Rescue
+from workers.rescue.mission_orders import OperatorOrder, OperatorOrders
+from workers.rescue.mission_states import MissionState
+
+S = MissionState
+
+
+def under_way() -> Rescue:
+    rescue = Rescue(HALL)
+    rescue.begin()
+    assert rescue.state is S.SEARCH
+    return rescue
+
+
+def restarted(rescue: Rescue) -> Rescue:
+    """The same robot, after the mission's process has been killed."""
+    again = Rescue(HALL)
+    again.now_s, again.pose, again.memory = rescue.now_s, rescue.pose, rescue.memory
+    again.mission.remember(rescue.mission.memory())
+    return again
+
+
+def test_mission_that_is_to_be_started_stands_until_then_and_its_time_has_not_begun():
+    rescue = Rescue(HALL, starts_by_itself=False, time_limit_s=100.0)
+    rescue.begin()
+    assert rescue.step(1000.0).goal is None
+    assert rescue.state is S.WAIT
+    assert "the operator's start" in rescue.mission.status
+    rescue.pose = np.add(rescue.pose, (0.5, 0.0, 0.0))  # somebody carries it to where it begins
+    rescue.step()
+    assert rescue.mission.order(OperatorOrder.START) is None
+    assert rescue.step().goal is not None
+    assert rescue.mission.home == pytest.approx(rescue.pose)
+    assert rescue.mission.limits.used_s <= 2.0
+
+
+def test_paused_robot_stands_until_it_is_resumed_and_does_then_what_it_did():
+    rescue = under_way()
+    goal = rescue.step().goal
+    assert rescue.mission.order(OperatorOrder.PAUSE) is None
+    assert rescue.step().goal is None
+    assert rescue.state is S.PAUSE
+    assert rescue.step(500.0).goal is None
+    rescue.mission.arrived()  # at where it stands
+    assert rescue.state is S.PAUSE
+    assert rescue.mission.order(OperatorOrder.START) is None
+    assert rescue.step().goal == pytest.approx(goal)
+
+
+def test_time_goes_on_in_a_pause():
+    rescue = Rescue(HALL, time_limit_s=100.0)
+    rescue.begin()
+    rescue.mission.order(OperatorOrder.PAUSE)
+    rescue.step(99.0)
+    assert (rescue.state, rescue.mission.machine.reason) == (S.DONE, "the time is over")
+
+
+def test_paused_robot_that_cannot_drive_when_it_is_resumed_says_so():
+    rescue = under_way()
+    rescue.mission.order(OperatorOrder.PAUSE)
+    rescue.step()
+    rescue.mission.see_stopped("STOPPED_NO_LASER: the laser is silent")
+    rescue.step()
+    assert rescue.state is S.PAUSE
+    rescue.mission.order(OperatorOrder.START)
+    rescue.step()
+    assert rescue.state is S.HALT
+
+
+def test_robot_paused_on_its_way_home_goes_on_home():
+    rescue = under_way()
+    rescue.mission.order(OperatorOrder.RETURN)
+    rescue.step()
+    rescue.mission.order(OperatorOrder.PAUSE)
+    assert rescue.step().goal is None
+    rescue.mission.order(OperatorOrder.START)
+    assert rescue.step().goal == pytest.approx(START)
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_robot_that_is_called_home_drives_there_at_once_whatever_is_left_to_do(paused):
+    rescue = under_way()
+    rescue.pose = rescue.step().goal
+    if paused:
+        rescue.mission.order(OperatorOrder.PAUSE)
+        rescue.step()
+    assert rescue.mission.order(OperatorOrder.RETURN) is None
+    assert rescue.step(0.0).goal == pytest.approx(START)
+    assert rescue.drive()[-2:] == [S.RETURN, S.DONE]
+    assert rescue.pose == pytest.approx(START)
+
+
+def test_robot_that_is_called_home_while_it_cannot_drive_goes_when_it_can():
+    rescue = under_way()
+    rescue.mission.see_stopped("EMERGENCY_STOP: pressed")
+    rescue.step()
+    assert rescue.mission.order(OperatorOrder.RETURN) is None
+    assert rescue.step().goal is None
+    rescue.mission.see_stopped(None)
+    assert rescue.step().goal == pytest.approx(START)
+
+
+def test_aborted_mission_ends_where_the_robot_is():
+    rescue = under_way()
+    assert rescue.mission.order(OperatorOrder.ABORT) is None
+    assert (rescue.state, rescue.mission.machine.reason) == (S.DONE, "aborted by the operator")
+    assert rescue.step().goal is None
+
+
+@pytest.mark.parametrize(
+    ("order", "state"),
+    [
+        (OperatorOrder.PAUSE, S.PAUSE),
+        (OperatorOrder.RETURN, S.RETURN),
+        (OperatorOrder.ABORT, S.DONE),
+        (OperatorOrder.START, S.SEARCH),
+    ],
+)
+def test_orders_outlive_a_restart_of_the_mission(order, state):
+    rescue = under_way()
+    if order is OperatorOrder.START:
+        rescue.mission.order(OperatorOrder.PAUSE)
+        rescue.step()
+    rescue.mission.order(order)
+    again = restarted(rescue)
+    again.begin()
+    assert again.state is state
+
+
+def test_mission_restarted_before_its_start_still_waits_for_it():
+    rescue = Rescue(HALL, starts_by_itself=False)
+    rescue.begin()
+    again = restarted(rescue)
+    again.begin()
+    assert again.state is S.WAIT
+    assert again.step().goal is None
+
+
+@pytest.mark.parametrize(
+    ("held", "begun", "state", "fitting"),
+    [
+        (True, False, S.WAIT, [OperatorOrder.START, OperatorOrder.ABORT]),
+        (False, False, S.WAIT, [OperatorOrder.PAUSE, OperatorOrder.ABORT]),
+        (False, True, S.SEARCH, [OperatorOrder.PAUSE, OperatorOrder.ABORT, OperatorOrder.RETURN]),
+        (False, True, S.HALT, [OperatorOrder.PAUSE, OperatorOrder.ABORT, OperatorOrder.RETURN]),
+        (True, True, S.PAUSE, [OperatorOrder.START, OperatorOrder.ABORT, OperatorOrder.RETURN]),
+        (False, True, S.RETURN, [OperatorOrder.PAUSE, OperatorOrder.ABORT]),
+        (False, True, S.DONE, []),
+    ],
+)
+def test_only_orders_that_fit_are_obeyed(held, begun, state, fitting):
+    orders = OperatorOrders(starts_by_itself=not held)
+    orders.has_begun = begun
+    assert orders.fitting(state) == fitting
+    for order in OperatorOrder:
+        refusal = orders.refusal(order, state)
+        assert (refusal is None) == (order in fitting)
+        assert refusal is None or refusal.startswith(order.name)
+
+
+def test_refused_order_changes_nothing_and_says_why():
+    rescue = under_way()
+    assert rescue.mission.order(OperatorOrder.START) == "START: the mission is under way"
+    assert rescue.mission.order(9).startswith("there is no order 9; orders are 0 (START)")
+    assert rescue.state is S.SEARCH
+    rescue.mission.order(OperatorOrder.ABORT)
+    assert rescue.mission.order(OperatorOrder.RETURN) == "RETURN: the mission has ended"
+    assert rescue.state is S.DONE

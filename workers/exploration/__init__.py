@@ -1,0 +1,1 @@
+"""Drives the robot to what its map does not show yet."""

@@ -1,0 +1,202 @@
+"""The task of exploring: from maps, poses and sweeps to the speeds of the drive, with a state machine."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.exploration.exploration import FrontierExploration, Plan, PlanResult
+from workers.exploration.explorer_states import TRANSITIONS, ExplorerSettings, ExplorerState
+from workers.maps.navigation_grid import NavigationGrid
+from workers.navigation.collision_guard import CollisionGuard
+from workers.navigation.path_follower import HALT, PathFollower, Velocity
+from workers.navigation.progress_watch import ProgressWatch
+from workers.state_machine import StateMachine
+
+RECOVER_M_PER_S = 0.15
+RECOVER_RAD_PER_S = 0.8
+SAME_PLACE_M = 0.5
+
+
+class Explorer:
+    """Explores a place and drives home; call `drive` at a steady 10 to 20 Hz.
+
+    Args:
+        clock: Returns the time in s; the stamps of all inputs are in this time.
+        guard: The last check of every command; knows laser and body.
+        settings: How the task is carried out.
+        follower: Steers along the planned ways.
+        exploration: Chooses where to go.
+        home_xy_m: Where to return to; the first pose if absent.
+
+    Attributes:
+        machine: The task's states and why the present one was entered.
+        plan: The newest plan: path, goal and frontiers.
+        exploring_ended: Why exploring has ended; None while it has not.
+        home_xy_m: `(2,)`, m, map frame; None before the first pose.
+    """
+
+    def __init__(
+        self,
+        clock: Callable[[], float],
+        guard: CollisionGuard,
+        settings: ExplorerSettings | None = None,
+        follower: PathFollower | None = None,
+        exploration: FrontierExploration | None = None,
+        home_xy_m: ArrayLike | None = None,
+    ) -> None:
+        self.settings = settings or ExplorerSettings()
+        self.machine = StateMachine(ExplorerState.WAIT, TRANSITIONS, clock)
+        self.plan = Plan(PlanResult.NO_WAY)
+        self.exploring_ended: str | None = None
+        self.home_xy_m = None if home_xy_m is None else np.asarray(home_xy_m, float)
+        self._clock = clock
+        self._guard = guard
+        self._follower = follower or PathFollower()
+        self._exploration = exploration or FrontierExploration()
+        self._progress = ProgressWatch()
+        self._grid: NavigationGrid | None = None
+        self._pose: tuple[NDArray[np.float64], float] | None = None
+        self._sweep: tuple[NDArray[np.float64], float] | None = None
+        self._planned_s = -math.inf
+        self._began_s: float | None = None
+        self._moved_s = -math.inf
+        self._explored_plans = 0
+        self._recoveries = 0
+        self._stuck_xy_m: NDArray[np.float64] | None = None
+
+    @property
+    def state(self) -> ExplorerState:
+        """Return what the robot does."""
+        return self.machine.state
+
+    @property
+    def status(self) -> str:
+        """Return what the robot does, why, and how much it knows, in one line."""
+        known_m2 = self._grid.known_m2 if self._grid is not None else 0.0
+        return (
+            f"{self.state} ({self.machine.reason}); {known_m2:.1f} m2 free, "
+            f"{len(self.plan.frontiers)} frontiers, {len(self._exploration.avoided_xy_m)} goals given up"
+        )
+
+    def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
+        """Take a new map: see `NavigationGrid` for the arguments."""
+        self._grid = NavigationGrid(cells, resolution_m, corner_xy_m, self.settings.clearance_m)
+
+    def see_pose(self, pose: ArrayLike, stamp_s: float) -> None:
+        """Take the robot's pose (x, y, heading), m and rad, map frame."""
+        self._pose = np.asarray(pose, float), stamp_s
+        if self.home_xy_m is None:
+            self.home_xy_m = self._pose[0][:2]
+
+    def see_sweep(self, ranges_m: ArrayLike, stamp_s: float) -> None:
+        """Take the ranges of a laser sweep `(N,)`, m."""
+        self._sweep = np.asarray(ranges_m, float), stamp_s
+
+    def drive(self) -> Velocity:
+        """Return the speeds for the drive: ahead (m/s) and of the turn (rad/s)."""
+        if self.machine.is_final:
+            return HALT
+        if self._is_blind():
+            if self.state is not ExplorerState.WAIT:
+                self.machine.go(ExplorerState.WAIT, "pose or laser is missing or too old")
+            return HALT
+        if self.state is ExplorerState.WAIT:
+            self._resume("sees again")
+        if self.state is ExplorerState.RECOVER:
+            return self._free_itself()
+        if self._clock() - self._planned_s >= self.settings.plan_period_s:
+            self._make_plan()
+        if self.state not in (ExplorerState.EXPLORE, ExplorerState.RETURN):
+            return HALT
+        return self._along_path()
+
+    def _is_blind(self) -> bool:
+        if self._grid is None or self._pose is None or self._sweep is None:
+            return True
+        return self._clock() - min(self._pose[1], self._sweep[1]) > self.settings.stale_s
+
+    def _resume(self, reason: str) -> None:
+        """Go on with what the robot was doing, with a new plan."""
+        self._began_s = self._clock() if self._began_s is None else self._began_s
+        self._planned_s = -math.inf
+        self._moved_s = self._clock()
+        self._progress.restart()
+        self.machine.go(ExplorerState.RETURN if self.exploring_ended else ExplorerState.EXPLORE, reason)
+
+    def _make_plan(self) -> None:
+        self._planned_s = self._clock()
+        if self.state is ExplorerState.EXPLORE:
+            self.plan = self._exploration.plan_exploration(self._grid, self._pose[0])
+            self._follower.follow(self.plan.path)
+            self._judge_exploration()
+        else:
+            self.plan = self._exploration.plan_way_to(self._grid, self._pose[0], self.home_xy_m)
+            self._follower.follow(self.plan.path)
+            self._judge_return()
+
+    def _judge_exploration(self) -> None:
+        # One map may be caught half drawn; two in a row are believed.
+        self._explored_plans = self._explored_plans + 1 if self.plan.result is PlanResult.EXPLORED else 0
+        if self._clock() - self._began_s > self.settings.time_limit_s:
+            self._end_exploration("the time is over")
+        elif self._explored_plans >= 2:
+            self._end_exploration(PlanResult.EXPLORED)
+        elif self.plan.result is PlanResult.NO_WAY:
+            self._recover(self.plan.result)
+        elif self._is_idle():
+            self._exploration.give_up_goal()
+            self._progress.restart()
+
+    def _judge_return(self) -> None:
+        if self._follower.is_arrived(self._pose[0]):
+            self.machine.go(ExplorerState.DONE, "is home")
+        elif self.plan.result is PlanResult.NO_WAY or self._is_idle():
+            self._recover("comes no nearer to home")
+
+    def _is_idle(self) -> bool:
+        """Say whether the goal has not come nearer for too long."""
+        if self.plan.goal_xy_m is None:
+            return False
+        idle_s = self._progress.idle_s(self.plan.goal_xy_m, self.plan.cost_m, self._clock())
+        return idle_s > self.settings.patience_s
+
+    def _end_exploration(self, reason: str) -> None:
+        self.exploring_ended = reason
+        self._recoveries = 0
+        self._progress.restart()
+        self._planned_s = -math.inf
+        self._follower.follow(())
+        self.machine.go(ExplorerState.RETURN if self.settings.returns_home else ExplorerState.DONE, reason)
+
+    def _recover(self, reason: str) -> None:
+        """Try to get free; when that has not helped several times at one place, give up."""
+        here = self._pose[0][:2]
+        if self._stuck_xy_m is None or np.hypot(*(here - self._stuck_xy_m)) > SAME_PLACE_M:
+            self._stuck_xy_m, self._recoveries = here, 0
+        self._recoveries += 1
+        if self._recoveries <= self.settings.max_recoveries:
+            self.machine.go(ExplorerState.RECOVER, reason)
+        elif self.state is ExplorerState.EXPLORE:
+            self._end_exploration(f"stuck: {reason}")
+        else:
+            self.machine.go(ExplorerState.DONE, f"stuck: {reason}")
+
+    def _along_path(self) -> Velocity:
+        wanted = self._follower.velocity(self._pose[0])
+        allowed = self._guard.checked(self._sweep[0], wanted)
+        if wanted[0] == 0.0 or allowed[0] != 0.0:
+            self._moved_s = self._clock()
+        elif self._clock() - self._moved_s > self.settings.blocked_s:
+            self._recover("something is in the way")
+            return HALT
+        return allowed
+
+    def _free_itself(self) -> Velocity:
+        """Back off as far as the laser allows, else turn on the spot to see more."""
+        if self.machine.time_in_state_s > self.settings.recover_s:
+            self._resume("has freed itself")
+            return HALT
+        backwards = self._guard.checked(self._sweep[0], (-RECOVER_M_PER_S, 0.0))
+        return backwards if backwards[0] != 0.0 else (0.0, RECOVER_RAD_PER_S)

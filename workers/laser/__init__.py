@@ -1,0 +1,1 @@
+"""Laser sweeps as points."""

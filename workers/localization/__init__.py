@@ -1,0 +1,1 @@
+"""Finds the robot's pose on a known map."""

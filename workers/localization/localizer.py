@@ -1,0 +1,279 @@
+"""Monte Carlo localisation: where a robot is on a given map, from odometry and a planar laser.
+
+Dellaert, Fox, Burgard and Thrun, "Monte Carlo localization for mobile robots" (ICRA 1999), with as many
+particles as are needed (KLD-sampling, see `particle_cloud`). Who sees that the sweeps do not fit any more
+adds particles where the newest sweep would fit: the share of Gutmann and Fox, "An experimental comparison of
+localization methods continued" (IROS 2002), the places of Lenser and Veloso, "Sensor resetting localization
+for poorly modelled mobile robots" (ICRA 2000).
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.localization.convergence_watch import ConvergenceWatch
+from workers.localization.likelihood_field import LikelihoodField
+from workers.localization.particle_cloud import MotionNoise, ParticleCloud
+from workers.odometry_track import OdometryTrack
+from workers.planar_pose import compose, relative, transform_points
+
+TRACKED = 2_000  # odometry entries kept to find a sweep's place among them
+MOST_WAITING = 5
+FEWEST_RETURNS = 10
+TRACED_BEAMS = 30
+CANDIDATE_BEAMS = 30  # enough to tell which places are worth a particle
+GENTLE = 0.3  # candidates lie coarsely, so that even the right ones do not fit quite
+JITTER = (0.1, 0.1, 0.05)  # m, m, rad: what is between two candidates
+AGREES_M = 0.25  # a return this near to an obstacle of the map agrees with it
+SLOW, FAST = 0.02, 0.3  # how quickly the averages of the fit follow
+BEARABLE = 0.8  # share of the usual fit below which other places are tried
+
+
+@dataclass(frozen=True)
+class LocalizationSettings:
+    """How the robot is looked for.
+
+    Attributes:
+        min_particles: Kept even when the pose is sure.
+        min_searching: Kept as long as it is not: with few, one of several equal places would soon have all.
+        max_particles: Never more than these.
+        candidates: Poses tried when the robot may be anywhere; for large maps more are better.
+        beams: Of each sweep, evenly chosen.
+        independent_beams: As many beams' worth of evidence a sweep gives: neighbours see the same wall.
+        update_m: A sweep counts when the robot has moved so far since the last that did ...
+        update_rad: ... or turned so far.
+        expected_fit: Where sweeps fit worse (0 ... 1), other places are tried.
+    """
+
+    min_particles: int = 300
+    min_searching: int = 2_000
+    max_particles: int = 5_000
+    candidates: int = 200_000
+    beams: int = 60
+    independent_beams: float = 15.0
+    update_m: float = 0.1
+    update_rad: float = 0.1
+    expected_fit: float = 0.6
+
+
+@dataclass(frozen=True)
+class Localization:
+    """What is known after a sweep.
+
+    Attributes:
+        stamp_s: Of the sweep.
+        pose: Where the robot most likely was (x m, y m, heading rad), map frame.
+        converged: Whether that is sure.
+        spread_m: Standard deviation of all particles' positions.
+        spread_rad: Standard deviation of their headings.
+        agreement: Share of the sweep's returns that lie on the map's obstacles.
+        particles: How many there are.
+    """
+
+    stamp_s: float
+    pose: NDArray[np.float64]
+    converged: bool
+    spread_m: float
+    spread_rad: float
+    agreement: float
+    particles: int
+
+
+@dataclass(frozen=True)
+class _Beams:
+    """What is used of a sweep, in the robot's frame, m.
+
+    Attributes:
+        stamp_s: Of the sweep.
+        ends: `(B, 2)`, where beams met something.
+        seen: `(T, 2)`, how far some of all beams saw.
+    """
+
+    stamp_s: float
+    ends: NDArray[np.float64]
+    seen: NDArray[np.float64]
+
+
+class Localizer:
+    """Finds and follows a robot on a map; it begins knowing nothing, unless told a pose.
+
+    Args:
+        field: The map.
+        settings: How the robot is looked for.
+        laser_pose: Where the laser sits on the robot (x m, y m, heading rad).
+        seed: Of chance: the same inputs and seed give the same poses.
+        noise: How unsure odometry is.
+
+    Attributes:
+        newest: What is known since the last sweep that counted; None before the first.
+        recoveries: How often particles were added because sweeps did not fit.
+    """
+
+    def __init__(
+        self,
+        field: LikelihoodField,
+        settings: LocalizationSettings | None = None,
+        laser_pose: ArrayLike = (0.0, 0.0, 0.0),
+        seed: int = 0,
+        noise: MotionNoise | None = None,
+    ) -> None:
+        self.field = field
+        self.settings = settings or LocalizationSettings()
+        self.laser_pose = np.asarray(laser_pose, float)
+        self.newest: Localization | None = None
+        self.recoveries = 0
+        self._noise = noise or MotionNoise()
+        self._random = np.random.default_rng(seed)
+        self._odometry = OdometryTrack(TRACKED)
+        self._waiting: deque[_Beams] = deque(maxlen=MOST_WAITING)
+        self._cloud: ParticleCloud | None = None
+        self._at: NDArray[np.float64] | None = None  # odometry's pose at the last sweep that counted
+        self._expected: NDArray[np.float64] | None = None
+        self._convergence = ConvergenceWatch()
+        self._travelled_m = 0.0
+        self._slow = self._fast = 1.0
+
+    def start_at(self, pose: ArrayLike, spread_m: float = 0.3, spread_rad: float = 0.2) -> None:
+        """Begin anew near a pose (x m, y m, heading rad), map frame, that somebody knows."""
+        spread = np.array([spread_m, spread_m, spread_rad])
+        count = self.settings.max_particles
+        self._cloud = ParticleCloud(np.asarray(pose, float) + self._random.normal(size=(count, 3)) * spread)
+        self._forget()
+
+    def start_anywhere(self) -> None:
+        """Begin anew, knowing nothing: the next sweep tells where the robot may be."""
+        self._cloud = None
+        self._forget()
+
+    def add_odometry(self, stamp_s: float, pose: ArrayLike) -> None:
+        """Add where odometry sees the robot (x m, y m, heading rad; odometry frame)."""
+        self._odometry.add(stamp_s, pose)
+        self._use_waiting()
+
+    def add_scan(
+        self, stamp_s: float, ranges_m: ArrayLike, angles_rad: ArrayLike, range_max_m: float
+    ) -> None:
+        """Add a sweep: ranges `(N,)`, m, +inf or beyond the maximum for no return; and directions.
+
+        It counts when odometry has come as far as its stamp, and the robot has moved since the last one.
+        """
+        ranges, angles = np.asarray(ranges_m, float), np.asarray(angles_rad, float)
+        with np.errstate(invalid="ignore"):
+            returned = np.flatnonzero((ranges > 0) & (ranges < range_max_m))
+        if len(returned) < FEWEST_RETURNS:
+            return
+        chosen = returned[np.linspace(0, len(returned) - 1, self.settings.beams).astype(int)]
+        far = np.flatnonzero(np.isposinf(ranges) | (ranges >= range_max_m))
+        traced = np.concatenate([chosen, far])[:: max(1, (len(chosen) + len(far)) // TRACED_BEAMS)]
+        seen_m = np.minimum(np.where(np.isnan(ranges), 0.0, ranges), range_max_m)
+        beams = transform_points(
+            self.laser_pose, seen_m[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+        )
+        self._waiting.append(_Beams(stamp_s, beams[chosen], beams[traced]))
+        self._use_waiting()
+
+    @property
+    def pose(self) -> NDArray[np.float64] | None:
+        """Where the robot most likely is now (x m, y m, heading rad), map frame; None if nothing is known."""
+        if self.newest is None or self._at is None:
+            return None
+        return compose(self.newest.pose, relative(self._at, self._odometry.log.rows[-1, 1:]))
+
+    def state(self) -> dict[str, Any]:
+        """Return what a localizer in a new process needs to go on; the odometry must be the same."""
+        if self._cloud is None or self._at is None:
+            return {}
+        return {
+            "poses": self._cloud.poses,
+            "weights": self._cloud.weights,
+            "at": self._at,
+            "converged": self._convergence.converged,
+            "averages": (self._slow, self._fast),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take over what `state` returned."""
+        if not state:
+            return
+        self._cloud = ParticleCloud(state["poses"])
+        self._cloud.weights = np.array(state["weights"], float)
+        self._at = np.array(state["at"], float)
+        self._slow, self._fast = state["averages"]
+        self._convergence.converged = bool(state["converged"])
+
+    def _forget(self) -> None:
+        self.newest, self._at = None, None
+        self._convergence = ConvergenceWatch()
+        self._slow = self._fast = 1.0
+
+    def _use_waiting(self) -> None:
+        while self._waiting:
+            place = self._odometry.at(self._waiting[0].stamp_s)
+            if place is None:
+                return
+            beams = self._waiting.popleft()
+            if self._moves_to(place.pose):
+                self._weigh(beams)
+
+    def _moves_to(self, odometry: NDArray[np.float64]) -> bool:
+        """Carry the particles to where odometry was at a sweep; tell whether that sweep counts."""
+        step = np.zeros(3) if self._at is None else relative(self._at, odometry)
+        way_m = float(np.hypot(step[0], step[1]))
+        stands = way_m < self.settings.update_m and abs(step[2]) < self.settings.update_rad
+        if stands and self.newest is not None:
+            return False
+        if self._cloud is not None:
+            self._cloud.move(step, self._noise, self._random)
+        self._at = odometry
+        self._expected = None if self.newest is None else compose(self.newest.pose, step)
+        self._travelled_m += way_m
+        return True
+
+    def _weigh(self, beams: _Beams) -> None:
+        """Let a sweep judge the particles."""
+        if self._cloud is None:
+            self._cloud = ParticleCloud(self._fitting(self.settings.max_particles, beams.ends))
+        cloud = self._cloud
+        fits = self.field.log_likelihoods(cloud.poses, beams.ends)
+        fits += self.field.worst * self.field.blocked(cloud.poses, beams.seen)
+        cloud.weigh(self.settings.independent_beams * fits)
+        self.newest = self._judged(beams, cloud)
+        self._resample(beams.ends, float(cloud.weights @ np.exp(fits)))
+
+    def _judged(self, beams: _Beams, cloud: ParticleCloud) -> Localization:
+        """Say where the robot is, and whether that is sure."""
+        best = cloud.heaviest_cluster()
+        agreement = float((self.field.distances_m(best.pose, beams.ends) < AGREES_M).mean())
+        jump_m = 0.0 if self._expected is None else float(np.hypot(*(best.pose - self._expected)[:2]))
+        converged = self._convergence.judge(best, jump_m, agreement, self._travelled_m)
+        spread_m, spread_rad = cloud.spread(best.pose)
+        return Localization(beams.stamp_s, best.pose, converged, spread_m, spread_rad, agreement, len(cloud))
+
+    def _resample(self, ends: NDArray[np.float64], fit: float) -> None:
+        """Draw particles anew if few of them have most of the weight, or other places must be tried."""
+        settings, cloud = self.settings, self._cloud
+        self._slow += SLOW * (fit - self._slow)
+        self._fast += FAST * (fit - self._fast)
+        least = settings.min_particles if self._convergence.converged else settings.min_searching
+        count = cloud.needed(least, settings.max_particles)
+        share = max(0.0, 1.0 - self._fast / max(BEARABLE * self._slow, settings.expected_fit))
+        added = int(share * settings.max_particles)
+        if cloud.effective_count > len(cloud) / 2 and added == 0:
+            return
+        poses = cloud.drawn(min(count, settings.max_particles - added), self._random)
+        if added:
+            self.recoveries += 1
+            poses = np.concatenate([poses, self._fitting(added, ends)])
+        self._cloud = ParticleCloud(poses)
+
+    def _fitting(self, count: int, ends: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Draw poses `(count, 3)` from all over the map where a sweep would fit."""
+        every = ends[:: max(1, len(ends) // CANDIDATE_BEAMS)]
+        candidates = ParticleCloud(self.field.random_poses(self.settings.candidates, self._random))
+        fits = self.field.log_likelihoods(candidates.poses, every)
+        candidates.weigh(GENTLE * self.settings.independent_beams * fits)
+        return candidates.drawn(count, self._random) + self._random.normal(size=(count, 3)) * JITTER

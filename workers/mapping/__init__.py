@@ -1,0 +1,1 @@
+"""Builds a grid map from laser sweeps and odometry, and closes loops."""

@@ -1,0 +1,284 @@
+"""Map a place from wheel odometry and a planar laser: the stock robot's SLAM.
+
+Each sweep is matched against the ones before it (`scan_tracker`), loops are closed over a pose graph
+(`loop_closing`, `pose_graph`), and the key sweeps are drawn into an occupancy grid (`map_renderer`): in
+outline Konolige et al., "Efficient sparse pose adjustment for 2D mapping" (IROS 2010), and Hess et al.,
+"Real-time loop closure in 2D LIDAR SLAM" (ICRA 2016).
+"""
+
+from collections import Counter, deque
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.laser.laser_sweep import LaserSweep
+from workers.mapping.corrected_track import corrected
+from workers.mapping.key_sweeps import KeySweeps
+from workers.mapping.loop_closing import LoopCloser
+from workers.mapping.map_renderer import MapRenderer
+from workers.mapping.occupancy_grid import OccupancyGrid
+from workers.mapping.redundancy import redundant
+from workers.mapping.scan_tracker import ScanTracker
+from workers.odometry_track import OdometryTrack, Place
+from workers.planar_pose import compose, relative, rotated_information
+from workers.row_log import RowLog
+
+HARDLY_M, HARDLY_RAD = 0.05, 0.03  # a sweep taken nearer to the last one tells nothing new
+KEY_M, KEY_RAD = 0.25, 0.2  # from one key sweep to the next
+FEWEST_HITS = 20
+THINNED = 0.1  # share of the key sweeps that make room at a time
+MOST_WAITING = 10  # sweeps whose odometry has not come yet
+PATIENCE = 5  # odometry messages a sweep waits for one at its own stamp
+NOWHERE = np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the mapper may grow to; what then is left out is counted in `GridMapper.refused`.
+
+    Attributes:
+        cells: Of the grid (8 bytes each).
+        key_sweeps: Of the map (some 15 kB each with 360 beams). At the limit those that show what others
+            show, too, make room.
+        odometry: Entries of the trajectory (32 bytes each, and 64 for each matched sweep); the older half is
+            forgotten.
+    """
+
+    cells: int = 16_000_000
+    key_sweeps: int = 4_000
+    odometry: int = 400_000
+
+
+@dataclass(frozen=True)
+class _WaitingSweep:
+    stamp_s: float
+    sweep: LaserSweep
+    arrival: int  # number of the odometry entry that came next after the sweep
+
+
+class GridMapper:
+    """Builds a map from the two streams of a robot, in the order they come.
+
+    The map frame is the odometry frame as it was at the first sweep.
+
+    Args:
+        resolution_m: Edge of a cell.
+        max_range_m: Returns from farther away are not used.
+        laser_pose: Where the laser sits on the robot (x m, y m, heading rad).
+        limits: What the mapper may grow to.
+
+    Attributes:
+        refused: What was left out so far, by reason.
+        thinned: Key sweeps that have made room for others so far.
+    """
+
+    def __init__(
+        self,
+        resolution_m: float = 0.05,
+        max_range_m: float = 30.0,
+        laser_pose: ArrayLike = (0.0, 0.0, 0.0),
+        limits: Limits | None = None,
+    ) -> None:
+        self.limits = limits or Limits()
+        self.max_range_m = max_range_m
+        self.laser_pose = np.asarray(laser_pose, float)
+        self.refused: Counter[str] = Counter()
+        self.thinned = 0
+        self._keys = KeySweeps()
+        self._tracker = ScanTracker(self._keys)
+        self._closer = LoopCloser(self._keys)
+        self._renderer = MapRenderer(self._keys, OccupancyGrid(resolution_m, self.limits.cells))
+        self._odometry = OdometryTrack(self.limits.odometry)
+        # Matched sweeps: position in the odometry, laser's pose by odometry, key sweep, pose seen from it.
+        self._anchors = RowLog(8, self.limits.odometry)
+        self._waiting: deque[_WaitingSweep] = deque()
+
+    def add_odometry(self, stamp_s: float, pose: ArrayLike) -> None:
+        """Add where odometry sees the robot (x m, y m, heading rad; odometry frame)."""
+        self._odometry.add(stamp_s, pose)
+        self._place_waiting()
+
+    def add_scan(
+        self,
+        stamp_s: float,
+        ranges: ArrayLike,
+        angle_min_rad: float,
+        angle_increment_rad: float,
+        range_min_m: float,
+        range_max_m: float,
+    ) -> None:
+        """Add a sweep: ranges `(N,)`, m, outside [range_min_m, range_max_m) or not finite for no return.
+
+        Its pose in odometry is that at its own stamp; if odometry has not come that far, the sweep waits for
+        it.
+        """
+        most = min(range_max_m, self.max_range_m)
+        sweep = LaserSweep.from_ranges(ranges, angle_min_rad, angle_increment_rad, range_min_m, most)
+        if len(sweep.hits) < FEWEST_HITS:
+            self.refused["sweeps with too few returns"] += 1
+            return
+        if len(self._waiting) == MOST_WAITING:
+            self._waiting.popleft()
+            self.refused["sweeps without odometry"] += 1
+        self._waiting.append(_WaitingSweep(stamp_s, sweep, self._odometry.log.end))
+        self._place_waiting()
+
+    @property
+    def pose(self) -> NDArray[np.float64]:
+        """Where the robot is now (x m, y m, heading rad), map frame."""
+        if not len(self._odometry.log):
+            return NOWHERE.copy()
+        newest = self._odometry.log.rows[-1, 1:]
+        if not len(self._anchors):
+            return newest.copy()
+        anchor = self._anchors.rows[-1]
+        return self._robot(compose(self._corrected(anchor), relative(anchor[1:4], self._laser(newest))))
+
+    def trajectory(self) -> NDArray[np.float64]:
+        """Return where the robot was, `(M, 4)`: stamp (s), x, y (m), heading (rad), map frame.
+
+        One row for each odometry message, in the order they came. Loops closed since have moved older rows.
+        """
+        if self._closer.settle():
+            self._tracker.forget()
+        odometry = self._odometry.log.rows
+        if not len(self._anchors):
+            return odometry.copy()
+        anchors = self._anchors.rows
+        rows = anchors[:, 0] - self._odometry.log.forgotten
+        poses = corrected(self._laser(odometry[:, 1:]), rows, anchors[:, 1:4], self._corrected(anchors))
+        return np.column_stack([odometry[:, 0], self._robot(poses)])
+
+    def grid(self) -> tuple[NDArray[np.int8], NDArray[np.float64], float]:
+        """Draw the map.
+
+        Returns:
+            Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 for unknown (as in ROS's
+            nav_msgs/OccupancyGrid); the position of the corner of cell (0, 0) (x, y; m, map frame); and the
+            edge of a cell (m).
+        """
+        self._renderer.update()
+        self.refused["sweeps beyond the grid"] = self._renderer.left_out
+        return (*self._renderer.grid.cells(), self._renderer.grid.resolution_m)
+
+    @property
+    def loops_closed(self) -> int:
+        """How often an older place was recognised."""
+        return self._closer.closed
+
+    def state(self) -> dict[str, Any]:
+        """Return what the mapper knows as plain data and arrays; the next message may change the arrays."""
+        return {
+            "settings": {
+                "resolution_m": self._renderer.grid.resolution_m,
+                "max_range_m": self.max_range_m,
+                "laser_pose": self.laser_pose.tolist(),
+            },
+            "limits": asdict(self.limits),
+            "refused": dict(self.refused),
+            "thinned": self.thinned,
+            "odometry": self._odometry.log.state(),
+            "anchors": self._anchors.state(),
+            "keys": self._keys.state(),
+            "loops": self._closer.state(),
+            "map": self._renderer.state(),
+            "waiting": [
+                {"stamp_s": one.stamp_s, "arrival": one.arrival, "sweep": one.sweep.state()}
+                for one in self._waiting
+            ],
+        }
+
+    @staticmethod
+    def from_state(state: Mapping[str, Any]) -> "GridMapper":
+        """Make a mapper that goes on just as the one whose `state` this is; ranges were kept as float32."""
+        mapper = GridMapper(**state["settings"], limits=Limits(**state["limits"]))
+        mapper.refused.update(state["refused"])
+        mapper.thinned = state.get("thinned", 0)
+        mapper._odometry.log.restore(state["odometry"])
+        mapper._anchors.restore(state["anchors"])
+        mapper._keys.restore(state["keys"])
+        mapper._closer.restore(state["loops"])
+        mapper._renderer.restore(state["map"])
+        for one in state["waiting"]:
+            sweep = LaserSweep.from_state(one["sweep"])
+            mapper._waiting.append(_WaitingSweep(one["stamp_s"], sweep, one["arrival"]))
+        return mapper
+
+    def _place_waiting(self) -> None:
+        """Use the sweeps whose place in odometry is known by now, in order."""
+        while self._waiting:
+            first = self._waiting[0]
+            place = self._odometry.at(first.stamp_s)
+            if place is None:
+                if not len(self._odometry.log) or self._odometry.log.end - first.arrival < PATIENCE:
+                    return
+                # No odometry has such a stamp: what came just before the sweep is the nearest.
+                place = self._odometry.numbered(first.arrival - 1)
+            self._waiting.popleft()
+            self._use(first.sweep, place)
+
+    def _use(self, sweep: LaserSweep, place: Place) -> None:
+        """Match a sweep and anchor the trajectory at it."""
+        odometry = self._laser(place.pose)
+        if not len(self._keys):
+            self._anchor(place, odometry, self._keys.add(sweep, odometry), NOWHERE)
+            return
+        last = self._anchors.rows[-1]
+        step = relative(last[1:4], odometry)
+        if place.position < last[0] or (np.hypot(step[0], step[1]) < HARDLY_M and abs(step[2]) < HARDLY_RAD):
+            return
+        if len(self._keys) >= self.limits.key_sweeps:
+            self._thin()
+            last = self._anchors.rows[-1]
+        if len(self._keys) >= self.limits.key_sweeps:
+            self.refused["sweeps beyond the limit of key sweeps"] += 1
+            return
+        match = self._tracker.match(sweep, self._corrected(last), step)
+        base = len(self._keys) - 1
+        offset = relative(self._keys.poses[base], match.pose)
+        if np.hypot(offset[0], offset[1]) < KEY_M and abs(offset[2]) < KEY_RAD:
+            self._anchor(place, odometry, base, offset)
+            return
+        information = rotated_information(match.information, -self._keys.poses[base, 2])
+        key = self._keys.add(sweep, match.pose)
+        self._keys.graph.add_edge(base, key, offset, information)
+        self._anchor(place, odometry, key, NOWHERE)
+        self._closer.look()
+        self._tracker.forget()
+
+    def _thin(self) -> None:
+        """Make room: take out key sweeps that show what others show, too."""
+        self._closer.settle()
+        self._tracker.forget()
+        count = max(1, int(THINNED * self.limits.key_sweeps))
+        numbers = redundant(self._keys.poses, self._keys.travelled_m, count)
+        if not numbers:
+            return
+        self._renderer.forget(numbers)
+        poses = self._keys.poses
+        heirs = self._keys.remove(numbers)
+        anchors = self._anchors.rows
+        keys = anchors[:, 4].astype(int)
+        offsets = compose(relative(poses[heirs[keys]], poses[keys]), anchors[:, 5:8])
+        moved = heirs[keys] != keys
+        anchors[moved, 5:8] = offsets[moved]
+        anchors[:, 4] = heirs[keys] - np.searchsorted(numbers, heirs[keys])
+        self.thinned += len(numbers)
+
+    def _anchor(
+        self, place: Place, odometry: NDArray[np.float64], key: int, offset: NDArray[np.float64]
+    ) -> None:
+        self._anchors.add([place.position, *odometry, key, *offset])
+
+    def _corrected(self, anchors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The laser's poses at anchors `(..., 8)`, as the map has them now: `(..., 3)`, map frame."""
+        return compose(self._keys.poses[anchors[..., 4].astype(int)], anchors[..., 5:8])
+
+    def _laser(self, robot: NDArray[np.float64]) -> NDArray[np.float64]:
+        return compose(robot, self.laser_pose)
+
+    def _robot(self, laser: NDArray[np.float64]) -> NDArray[np.float64]:
+        return compose(laser, relative(self.laser_pose, NOWHERE))

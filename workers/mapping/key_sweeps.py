@@ -1,0 +1,100 @@
+"""The sweeps a map is made of, each with its pose in a pose graph."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.laser.laser_sweep import LaserSweep
+from workers.laser.surface_points import SurfacePoints
+from workers.mapping.graph_thinning import without
+from workers.mapping.pose_graph import PoseGraph
+from workers.planar_pose import wrap_angle
+
+SPACING_M = 0.4  # sweeps nearer to each other show the same
+SPACING_RAD = 0.3
+
+
+class KeySweeps:
+    """Sweeps in the order they were taken, their poses (map frame), and how far the robot had come."""
+
+    def __init__(self) -> None:
+        self.sweeps: list[LaserSweep] = []
+        self.graph = PoseGraph()
+        self._travelled: list[float] = []
+
+    def __len__(self) -> int:
+        return len(self.sweeps)
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """Poses of all sweeps, `(N, 3)`, map frame."""
+        return self.graph.poses
+
+    @property
+    def travelled_m(self) -> NDArray[np.float64]:
+        """How far the robot had come at each sweep, `(N,)`, m."""
+        return np.array(self._travelled)
+
+    def add(self, sweep: LaserSweep, pose: ArrayLike) -> int:
+        """Append a sweep and return its number."""
+        pose = np.asarray(pose, float)
+        so_far = self._travelled[-1] + np.hypot(*(pose - self.poses[-1])[:2]) if self.sweeps else 0.0
+        self._travelled.append(float(so_far))
+        self.sweeps.append(sweep)
+        return self.graph.add_pose(pose)
+
+    def remove(self, numbers: Sequence[int]) -> NDArray[np.int64]:
+        """Take sweeps out of the map, whose graph must be settled; the others are numbered anew.
+
+        Returns:
+            For each sweep there was `(N,)`, which one stands for it, by the old numbers: itself or its heir.
+        """
+        self.graph, heirs = without(self.graph, numbers)
+        gone = set(numbers)
+        self.sweeps = [sweep for number, sweep in enumerate(self.sweeps) if number not in gone]
+        self._travelled = [metres for number, metres in enumerate(self._travelled) if number not in gone]
+        return heirs
+
+    def state(self) -> dict[str, Any]:
+        """Return all there is to know, as arrays and a dict of arrays."""
+        bearings = [(sweep.angle_min_rad, sweep.angle_increment_rad) for sweep in self.sweeps]
+        return {
+            "ranges_m": np.concatenate([np.zeros(0), *(sweep.ranges_m for sweep in self.sweeps)]).astype(
+                np.float32
+            ),
+            "beams": np.array([len(sweep.ranges_m) for sweep in self.sweeps], dtype=np.int64),
+            "bearings_rad": np.array(bearings, dtype=float).reshape(-1, 2),
+            "travelled_m": self.travelled_m,
+            "graph": self.graph.state(),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take over what `state` returned."""
+        each = np.split(state["ranges_m"], np.cumsum(state["beams"])[:-1]) if len(state["beams"]) else []
+        self.sweeps = [
+            LaserSweep.from_ranges(ranges, float(first), float(increment), 0.0, np.inf)
+            for ranges, (first, increment) in zip(each, state["bearings_rad"], strict=True)
+        ]
+        self._travelled = [float(metres) for metres in state["travelled_m"]]
+        self.graph = PoseGraph.from_state(state["graph"])
+
+    def spaced(self, numbers: Iterable[int], most: int) -> list[int]:
+        """Choose sweeps that do not show the same, beginning with the first, up to `most`."""
+        chosen: list[int] = []
+        for number in numbers:
+            if len(chosen) == most:
+                break
+            if chosen:
+                step = self.poses[number] - self.poses[chosen[-1]]
+                if np.hypot(step[0], step[1]) < SPACING_M and abs(wrap_angle(step[2])) < SPACING_RAD:
+                    continue
+            chosen.append(int(number))
+        return chosen
+
+    def surfaces(self, numbers: Iterable[int]) -> SurfacePoints:
+        """Join what some sweeps hit, map frame."""
+        return SurfacePoints.joined(
+            [self.sweeps[number].hits.moved(self.poses[number]) for number in numbers]
+        )

@@ -1,0 +1,145 @@
+"""Close loops: recognise a place the robot has seen before, and tie the new sweep to the old ones there.
+
+Candidates are near by the map, within what the robot may have drifted on its way from there along the pose
+graph (Olson, "Robust and efficient robotic mapping", 2008). A candidate counts only if the surfaces agree and
+neither side looked through what the other side hit, so that places that merely look alike are told apart.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.mapping.correlative_search import ScoreField, Window, search
+from workers.mapping.key_sweeps import KeySweeps
+from workers.mapping.scan_matcher import Match, ScanMatcher
+from workers.planar_pose import compose, relative, rotated_information, transform_points, wrap_angle
+
+EVERY_M = 0.5  # of travel, a loop is looked for
+LEAST_LOOP_M = 8.0
+NEAR_M = 3.0
+DRIFT_PER_M, MOST_DRIFT_M = 0.02, 4.0
+LEAST_REACH_M = 0.3
+MOST_CANDIDATES = 2
+AROUND_M = 5.0  # travel on both sides of an old sweep, that shows its place
+BACK_M = 3.0  # the newest travel, that is recognised as one
+MOST_SWEEPS = 30
+QUERY_POINTS, CHECKED_POINTS = 300, 1000
+RESOLUTION_M = 0.1
+BLUR_M = 0.1
+LEAST_SCORE = 0.25
+LEAST_OVERLAP = 0.4
+LEAST_AGREEMENT = 0.9  # of what both saw
+MOST_MISSING = 0.1  # of the old surfaces, that the new sweeps looked through
+SAME_M = 0.1
+SETTLED_M = 0.03  # an edge that disagrees with the map by less can wait for others
+MOST_WAITING = 30
+
+
+class LoopCloser:
+    """Looks for loops at new key sweeps and keeps the pose graph settled."""
+
+    def __init__(self, keys: KeySweeps) -> None:
+        self._keys = keys
+        self._looked_at_m = 0.0
+        self._waiting = 0
+        self.closed = 0
+
+    def state(self) -> dict[str, float]:
+        """Return how far it has come."""
+        return {"looked_at_m": self._looked_at_m, "waiting": self._waiting, "closed": self.closed}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take over what `state` returned."""
+        self._looked_at_m = float(state["looked_at_m"])
+        self._waiting = int(state["waiting"])
+        self.closed = int(state["closed"])
+
+    def look(self) -> bool:
+        """Look for loops at the newest key sweep; returns whether the map was moved to close one."""
+        travelled = self._keys.travelled_m
+        if travelled[-1] - self._looked_at_m < EVERY_M:
+            return False
+        self._looked_at_m = float(travelled[-1])
+        newest = len(self._keys) - 1
+        before = self._keys.poses[newest].copy()
+        misfit = 0.0
+        for old, reach_m in self._candidates(newest):
+            match = self._recognised(newest, old, reach_m)
+            if match is None:
+                continue
+            base = self._keys.poses[old]
+            information = rotated_information(match.information, -base[2])
+            self._keys.graph.add_edge(old, newest, relative(base, match.pose), information, closes_loop=True)
+            self.closed += 1
+            self._waiting += 1
+            off = match.pose - before
+            misfit = max(misfit, float(np.hypot(off[0], off[1])), abs(float(wrap_angle(off[2]))))
+        return self.settle() if misfit > SETTLED_M or self._waiting > MOST_WAITING else False
+
+    def settle(self) -> bool:
+        """Optimise the graph if edges are waiting for it; returns whether any were."""
+        if self._waiting == 0:
+            return False
+        self._waiting = 0
+        self._keys.graph.optimise()
+        return True
+
+    def _candidates(self, newest: int) -> list[tuple[int, float]]:
+        """Old sweeps the robot may be near, best first, and how far off (m) each may be by now."""
+        poses, travelled = self._keys.poses, self._keys.travelled_m
+        apart = np.hypot(*(poses - poses[newest])[:, :2].T)
+        turned = np.abs(wrap_angle(poses[:, 2] - poses[newest, 2]))
+        drift = np.minimum(DRIFT_PER_M * self._keys.graph.distances_m(newest), MOST_DRIFT_M)
+        possible = (travelled[newest] - travelled > LEAST_LOOP_M) & (apart < NEAR_M + drift)
+        cost = np.where(possible, apart + turned, np.inf)
+        found = []
+        for _ in range(MOST_CANDIDATES):
+            best = int(np.argmin(cost))
+            if not np.isfinite(cost[best]):
+                break
+            found.append((best, LEAST_REACH_M + float(drift[best])))
+            cost[np.abs(travelled - travelled[best]) < 2 * AROUND_M] = np.inf
+        return found
+
+    def _recognised(self, newest: int, old: int, reach_m: float) -> Match | None:
+        """Match the newest sweeps with those around an old one; None if it is not the same place."""
+        keys, travelled = self._keys, self._keys.travelled_m
+        since = travelled[newest] - travelled
+        there = (np.abs(travelled - travelled[old]) < AROUND_M) & (since > LEAST_LOOP_M)
+        reference = keys.spaced(np.flatnonzero(there), MOST_SWEEPS)
+        recent = keys.spaced(np.flatnonzero(since < BACK_M)[::-1], MOST_SWEEPS)
+        surfaces = keys.surfaces(reference)
+        here = keys.surfaces(recent).seen_from(keys.poses[newest]).thinned(QUERY_POINTS)
+        window = Window(reach_m, float(np.clip(0.1 * (1 + reach_m), 0.0, 0.5)), 0.02 / reach_m**2)
+        field = ScoreField(surfaces.points, RESOLUTION_M, BLUR_M, reach_m)
+        found = search(field, here.points, keys.poses[newest], window, LEAST_SCORE)
+        if found is None:
+            return None
+        matcher = ScanMatcher(surfaces)
+        whole = matcher.refine(here, found.pose)
+        if whole.on_surface.mean() < LEAST_OVERLAP:
+            return None
+        seen_through = self._looked_through(
+            reference, keys.poses[reference], transform_points(whole.pose, here.points)
+        )
+        both_saw = whole.on_surface | seen_through
+        if whole.on_surface.sum() < LEAST_AGREEMENT * both_saw.sum():
+            return None
+        moved = compose(whole.pose, relative(keys.poses[newest], keys.poses[recent]))
+        if self._looked_through(recent, moved, surfaces.thinned(CHECKED_POINTS).points).mean() > MOST_MISSING:
+            return None
+        single = matcher.refine(keys.sweeps[newest].hits, whole.pose)
+        return single if np.hypot(*(single.pose - whole.pose)[:2]) < SAME_M else None
+
+    def _looked_through(
+        self, numbers: list[int], poses: NDArray[np.float64], places: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Tell which places `(M, 2)` any of the sweeps, taken at these poses, saw to be free."""
+        through = np.zeros(len(places), dtype=bool)
+        for number, pose in zip(numbers, poses, strict=True):
+            through |= self._keys.sweeps[number].looked_through(
+                transform_points(relative(pose, np.zeros(3)), places)
+            )
+        return through

@@ -1,0 +1,109 @@
+"""Fine scan matching: bring a sweep's points onto the surfaces of reference points.
+
+Iterative closest point, where a point may slide along a flat surface but not off it: the point-to-line
+distance of Censi ("An ICP variant using a point-to-line metric", ICRA 2008). Where the reference is clutter
+the distance counts in all directions; both are cases of Segal, Haehnel and Thrun, "Generalized-ICP" (RSS
+2009). A Cauchy weight keeps what has moved from pulling, and odometry can take part as a prior.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from workers.laser.surface_points import SurfacePoints
+from workers.planar_pose import rotate, wrap_angle
+
+SURFACE_NOISE_M = 0.03
+CLUTTER_NOISE_M = 0.06
+SAME_SIDE = 0.5  # least cosine between the normals of points that may lie on one surface
+ON_SURFACE = 9.0  # squared distance, in standard deviations, within which a point lies on it
+COARSE_DISTANCE_M, FINE_DISTANCE_M = 0.3, 0.15  # to a point's partner, at first and in the end
+NARROWING = 0.7
+MOST_ROUNDS = 20
+SETTLED = 1e-3  # m and rad in one
+MATCH_TRUST = 0.1  # the points of one sweep err together, so they count for fewer
+STEADY = 1e-3 * np.eye(3)  # keeps a sweep without any partner where it is
+
+
+@dataclass(frozen=True)
+class Match:
+    """Where a sweep fits.
+
+    Attributes:
+        pose: x (m), y (m), heading (rad) in the reference's frame.
+        information: `(3, 3)`, inverse covariance of the pose by the sweep alone, in the reference's frame.
+        on_surface: `(N,) bool`, which of the sweep's points lie on what the reference shows.
+    """
+
+    pose: NDArray[np.float64]
+    information: NDArray[np.float64]
+    on_surface: NDArray[np.bool_]
+
+
+class ScanMatcher:
+    """Matches sweeps against one set of reference points."""
+
+    def __init__(self, reference: SurfacePoints) -> None:
+        self._points, self._normals = reference.points, reference.normals
+        self._tree = cKDTree(reference.points)
+        across = np.einsum("ni,nj->nij", reference.normals, reference.normals) / SURFACE_NOISE_M**2
+        flat: NDArray[np.bool_] = reference.normals.any(axis=1)
+        self._stiffness = np.where(flat[:, None, None], across, np.eye(2) / CLUTTER_NOISE_M**2)
+
+    def refine(
+        self,
+        sweep: SurfacePoints,
+        guess: ArrayLike,
+        prior: ArrayLike | None = None,
+        prior_information: NDArray[np.float64] | None = None,
+    ) -> Match:
+        """Match a sweep, starting near the right pose, by Gauss-Newton.
+
+        Args:
+            sweep: Points in the frame of the pose sought.
+            guess: The pose to start from, in the reference's frame.
+            prior: Where odometry sees the pose, if that is to count.
+            prior_information: `(3, 3)` inverse covariance of the prior.
+        """
+        pose = np.array(guess, float)
+        distance_m = COARSE_DISTANCE_M
+        for _ in range(MOST_ROUNDS):
+            information, pull, on_surface = self._linearised(sweep, pose, distance_m)
+            hessian = information + STEADY
+            if prior is not None and prior_information is not None:
+                off = np.asarray(prior, float) - pose
+                off[2] = wrap_angle(off[2])
+                hessian, pull = hessian + prior_information, pull + prior_information @ off
+            step = np.linalg.solve(hessian, pull)
+            pose = pose + step
+            if distance_m <= FINE_DISTANCE_M and np.abs(step).max() < SETTLED:
+                break
+            distance_m = max(FINE_DISTANCE_M, NARROWING * distance_m)
+        pose[2] = wrap_angle(pose[2])
+        return Match(pose, MATCH_TRUST * information, on_surface)
+
+    def _linearised(
+        self, sweep: SurfacePoints, pose: NDArray[np.float64], distance_m: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """Hessian and pull (negative gradient) of the weighted squared distances, and who has a partner."""
+        arms, facing = rotate(pose[2], sweep.points), rotate(pose[2], sweep.normals)
+        points = arms + pose[:2]
+        apart, nearest = self._tree.query(points, distance_upper_bound=distance_m)
+        found = np.isfinite(apart)
+        nearest = np.where(found, nearest, 0)
+        off, normals = self._points[nearest] - points, self._normals[nearest]
+        clutter = ~(normals.any(axis=1) & facing.any(axis=1))
+        partners = found & (clutter | (np.einsum("ni,ni->n", normals, facing) > SAME_SIDE))
+        stiffness = self._stiffness[nearest]
+        squared = np.einsum("ni,nij,nj->n", off, stiffness, off)
+        stiffness = stiffness * (partners / (1 + squared))[:, None, None]
+        # How a point moves with the pose: with x and y as they do, and across its arm with the heading.
+        moves = np.zeros((len(points), 2, 3))
+        moves[:, 0, 0] = moves[:, 1, 1] = 1
+        moves[:, 0, 2], moves[:, 1, 2] = -arms[:, 1], arms[:, 0]
+        stiff_moves = stiffness @ moves
+        hessian = np.einsum("nia,nib->ab", moves, stiff_moves)
+        pull = np.einsum("nia,ni->a", stiff_moves, off)
+        return hessian, pull, partners & (squared < ON_SURFACE)

@@ -1,0 +1,85 @@
+"""Follow the robot from sweep to sweep by matching each against the key sweeps just before it."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.laser.laser_sweep import LaserSweep
+from workers.mapping.correlative_search import ScoreField, Window, search
+from workers.mapping.key_sweeps import KeySweeps
+from workers.mapping.scan_matcher import Match, ScanMatcher
+from workers.planar_pose import compose, rotated_information
+
+BACK_M = 10.0  # sweeps taken on the last metres are matched against
+MOST_SWEEPS = 15
+MOST_POINTS = 200
+RESOLUTION_M = 0.1
+BLUR_M = 0.1
+DEVIATIONS = 3.0  # of odometry's noise, that the search covers
+LEAST_REACH_M, MOST_REACH_M = 0.25, 1.0
+LEAST_REACH_RAD, MOST_REACH_RAD = 0.1, 0.8
+DOUBT = 0.01  # what a fit loses for lying one standard deviation of odometry off
+
+
+class ScanTracker:
+    """Matches new sweeps against recent key sweeps.
+
+    Args:
+        keys: The map's sweeps; call `forget` when they change.
+    """
+
+    def __init__(self, keys: KeySweeps) -> None:
+        self._keys = keys
+        self._reference: tuple[ScoreField, ScanMatcher] | None = None
+
+    def forget(self) -> None:
+        """Take new reference sweeps the next time: the map has changed."""
+        self._reference = None
+
+    def match(self, sweep: LaserSweep, before: ArrayLike, step: ArrayLike) -> Match:
+        """Find where a sweep was taken.
+
+        Args:
+            sweep: The sweep.
+            before: Pose of the sweep before it, map frame.
+            step: Odometry's motion since, in the frame of `before`.
+
+        Returns:
+            The match, map frame; its information includes that of odometry.
+        """
+        deviation = odometry_deviation(step)
+        guess = compose(before, step)
+        field, matcher = self._recent()
+        window = Window(
+            float(np.clip(DEVIATIONS * deviation[0], LEAST_REACH_M, MOST_REACH_M)),
+            float(np.clip(DEVIATIONS * deviation[2], LEAST_REACH_RAD, MOST_REACH_RAD)),
+            DOUBT / deviation[0] ** 2,
+            DOUBT / deviation[2] ** 2,
+        )
+        hits = sweep.hits.thinned(MOST_POINTS)
+        found = search(field, hits.points, guess, window)
+        start = guess if found is None else found.pose
+        prior = rotated_information(np.diag(deviation**-2.0), guess[2])
+        match = matcher.refine(hits, start, guess, prior)
+        return replace(match, information=match.information + prior)
+
+    def _recent(self) -> tuple[ScoreField, ScanMatcher]:
+        if self._reference is None:
+            travelled = self._keys.travelled_m
+            near = np.flatnonzero(travelled >= travelled[-1] - BACK_M)[::-1]
+            surfaces = self._keys.surfaces(self._keys.spaced(near, MOST_SWEEPS))
+            field = ScoreField(surfaces.points, RESOLUTION_M, BLUR_M, MOST_REACH_M)
+            self._reference = field, ScanMatcher(surfaces)
+        return self._reference
+
+
+def odometry_deviation(step: ArrayLike) -> NDArray[np.float64]:
+    """Return the standard deviation of odometry over a step (x m, y m, heading rad): that of plain wheels.
+
+    Roughly a tenth of the motion and some for slip, so that it holds for a robot nobody has calibrated.
+    """
+    dx, dy, turn = np.abs(np.asarray(step, float))
+    distance = float(np.hypot(dx, dy))
+    across = 0.03 + 0.1 * distance + 0.05 * turn
+    return np.array([across, across, 0.02 + 0.05 * distance + 0.1 * turn])

@@ -1,0 +1,109 @@
+"""Maps as files: the YAML file and image of ROS's map_server (https://wiki.ros.org/map_server, trinary)."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image, UnidentifiedImageError
+
+from workers.maps.navigation_grid import OCCUPIED_PERCENT
+
+OCCUPIED_SHADE, UNKNOWN_SHADE, FREE_SHADE = 0, 205, 254
+OCCUPIED_ABOVE, FREE_BELOW = 0.65, 0.196
+
+
+class MapFileError(ValueError):
+    """A map file that cannot be used; the text says the file and what was expected."""
+
+
+@dataclass(frozen=True)
+class MapFile:
+    """A map as a file holds it.
+
+    Attributes:
+        cells: Occupancy `(H, W) int8`, row 0 at the smallest y: 0 free, 100 occupied, -1 unknown.
+        resolution_m: Edge of a cell.
+        corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
+    """
+
+    cells: NDArray[np.int8]
+    resolution_m: float
+    corner_xy_m: NDArray[np.float64]
+
+
+def write_map(path: Path, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
+    """Write a map: the YAML file `path`, and beside it an image with the same name and the suffix `.pgm`.
+
+    Args:
+        path: Of the YAML file.
+        cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown.
+        resolution_m: Edge of a cell.
+        corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
+    """
+    if cells.size == 0:  # an image has at least one pixel
+        cells = np.full((1, 1), -1, dtype=np.int8)
+    shades = np.where(cells >= OCCUPIED_PERCENT, OCCUPIED_SHADE, FREE_SHADE)
+    shades = np.where(cells < 0, UNKNOWN_SHADE, shades).astype(np.uint8)
+    image = path.with_suffix(".pgm")
+    # An image begins with its uppermost row.
+    Image.fromarray(shades[::-1]).save(image)
+    x_m, y_m = np.asarray(corner_xy_m, float).tolist()
+    described = {
+        "image": image.name,
+        "resolution": float(resolution_m),
+        "origin": [x_m, y_m, 0.0],
+        "negate": 0,
+        "occupied_thresh": OCCUPIED_ABOVE,
+        "free_thresh": FREE_BELOW,
+    }
+    path.write_text(yaml.safe_dump(described, sort_keys=False), encoding="utf-8")
+
+
+def read_map(path: Path) -> MapFile:
+    """Read a map from the YAML file of ROS's map_server.
+
+    Raises:
+        MapFileError: The file or its image cannot be read, or is not a map.
+    """
+    described = _described(path)
+    resolution_m = _number(path, described, "resolution")
+    if resolution_m <= 0:
+        raise MapFileError(f"{path}: resolution must be greater than 0, not {resolution_m:g}")
+    origin = described.get("origin")
+    numbers = isinstance(origin, list) and all(isinstance(value, int | float) for value in origin)
+    if not numbers or len(origin) != 3 or not all(math.isfinite(value) for value in origin):
+        raise MapFileError(f"{path}: origin must be three numbers [x, y, yaw], not {origin!r}")
+    if origin[2] != 0:
+        raise MapFileError(f"{path}: a turned map (yaw {origin[2]:g}) is not supported; turn its image")
+    image = path.parent / str(described.get("image", ""))
+    try:
+        with Image.open(image) as opened:
+            shades = np.asarray(opened.convert("L"), dtype=float)[::-1] / 255
+    except (OSError, UnidentifiedImageError) as error:
+        raise MapFileError(f"{path}: its image cannot be read: {error}") from error
+    occupied = shades if described.get("negate", 0) else 1 - shades
+    cells = np.full(shades.shape, -1, dtype=np.int8)
+    cells[occupied > _number(path, described, "occupied_thresh")] = 100
+    cells[occupied < _number(path, described, "free_thresh")] = 0
+    return MapFile(cells, resolution_m, np.array(origin[:2], float))
+
+
+def _described(path: Path) -> dict[str, Any]:
+    try:
+        described = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise MapFileError(f"{path}: cannot be read as YAML: {error}") from error
+    if not isinstance(described, dict):
+        raise MapFileError(f"{path}: expected the keys that map_server writes: image, resolution, origin ...")
+    return described
+
+
+def _number(path: Path, described: dict[str, Any], key: str) -> float:
+    value = described.get(key)
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        raise MapFileError(f"{path}: {key} must be a finite number, not {value!r}")
+    return float(value)

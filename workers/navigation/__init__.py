@@ -1,0 +1,1 @@
+"""Plans paths, follows them, and keeps clear of obstacles."""

@@ -1,0 +1,126 @@
+"""The last check before a command goes to the drive: does the newest laser sweep leave room to stop?
+
+After the admissible velocities of Fox, Burgard and Thrun, "The dynamic window approach to collision
+avoidance" (IEEE RAM, 1997): a speed is allowed if the robot can stop before it touches anything on its arc.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.navigation.path_follower import Velocity
+from workers.planar_pose import transform_points
+
+ARC_STEP_M = 0.03
+
+
+@dataclass(frozen=True)
+class GuardSettings:
+    """The robot's body and brakes.
+
+    Attributes:
+        body_radius_m: The body is round; turning on the spot touches nothing.
+        margin_m: Kept free around the body.
+        deceleration_m_per_s2: What the brakes surely do.
+        reaction_s: Age of a sweep plus what passes until the drive obeys.
+        look_m: Farther along the arc nothing matters.
+        min_linear_m_per_s: Slower than this the robot stands.
+        crawl_m_per_s: Speed while almost touching something, ahead or not; with more room ...
+        speed_per_room_per_s: ... it grows by this.
+    """
+
+    body_radius_m: float = 0.20
+    margin_m: float = 0.05
+    deceleration_m_per_s2: float = 0.8
+    reaction_s: float = 0.2
+    look_m: float = 0.8
+    min_linear_m_per_s: float = 0.03
+    crawl_m_per_s: float = 0.1
+    speed_per_room_per_s: float = 2.0
+
+
+class CollisionGuard:
+    """Slows the robot down, and halts it, before it touches what the laser sees.
+
+    Args:
+        angles_rad: `(N,)`, directions of the laser's beams in the laser's frame.
+        mount: The laser's pose (x, y, heading) in the robot's frame, m and rad.
+        settings: The robot's body and brakes.
+    """
+
+    def __init__(
+        self, angles_rad: ArrayLike, mount: ArrayLike = (0.0, 0.0, 0.0), settings: GuardSettings | None = None
+    ) -> None:
+        angles = np.asarray(angles_rad, float)
+        self._beams = np.column_stack([np.cos(angles), np.sin(angles)])
+        self._mount = np.asarray(mount, float)
+        self._settings = settings or GuardSettings()
+
+    def checked(self, ranges_m: ArrayLike, wanted: Velocity) -> Velocity:
+        """Return the wanted speeds as far as the sweep allows: on the same arc, or turning on the spot.
+
+        Args:
+            ranges_m: `(N,)`: +inf or NaN nothing measured, -inf something too near to measure (REP 117).
+            wanted: Speed ahead and of the turn.
+        """
+        linear, angular = wanted
+        if linear == 0.0:
+            return wanted
+        points = self._near_points(ranges_m)
+        allowed = min(self._admissible(self._free_way_m(points, linear, angular)), self._near_limit(points))
+        if allowed < self._settings.min_linear_m_per_s:
+            return 0.0, angular
+        scale = min(1.0, allowed / abs(linear))
+        return linear * scale, angular * scale
+
+    def free_way_m(self, ranges_m: ArrayLike, linear_m_per_s: float, angular_rad_per_s: float) -> float:
+        """Return how far the robot can drive on an arc until something is nearer than the margin.
+
+        Where the robot is that near already, ways that lead farther from it are free.
+        """
+        return self._free_way_m(self._near_points(ranges_m), linear_m_per_s, angular_rad_per_s)
+
+    def _free_way_m(
+        self, points: NDArray[np.float64], linear_m_per_s: float, angular_rad_per_s: float
+    ) -> float:
+        settings = self._settings
+        if len(points) == 0:
+            return settings.look_m
+        ways = np.arange(0.0, settings.look_m + ARC_STEP_M, ARC_STEP_M)
+        centres = _arc_points(ways * math.copysign(1.0, linear_m_per_s), angular_rad_per_s / linear_m_per_s)
+        room = np.sqrt(((points - centres[:, None]) ** 2).sum(axis=2)).min(axis=1)
+        room -= settings.body_radius_m + settings.margin_m
+        blocked = (room < 0.0) & (room <= room[0] + 0.2 * ways)
+        blocked[0] = False
+        if not blocked.any():
+            return settings.look_m
+        return float(ways[np.argmax(blocked) - 1])
+
+    def _near_points(self, ranges_m: ArrayLike) -> NDArray[np.float64]:
+        """Return what the sweep hit near the robot: `(K, 2)`, m, robot frame."""
+        # What is too near to measure is taken to touch the body, so that the robot may still leave it.
+        ranges = np.where(np.isneginf(ranges_m), self._settings.body_radius_m, np.asarray(ranges_m, float))
+        reach_m = self._settings.look_m + self._settings.body_radius_m + self._settings.margin_m
+        near = ranges <= reach_m + float(np.hypot(*self._mount[:2]))
+        return transform_points(self._mount, ranges[near, None] * self._beams[near])
+
+    def _near_limit(self, points: NDArray[np.float64]) -> float:
+        """Return the fastest speed beside what is near, wherever it is."""
+        nearest_m = float(np.hypot(*points.T).min(initial=np.inf))
+        room_m = max(0.0, nearest_m - self._settings.body_radius_m)
+        return self._settings.crawl_m_per_s + self._settings.speed_per_room_per_s * room_m
+
+    def _admissible(self, free_way_m: float) -> float:
+        """Return the fastest speed from which reaction and braking end within the way."""
+        braking, reaction_s = self._settings.deceleration_m_per_s2, self._settings.reaction_s
+        return math.sqrt((braking * reaction_s) ** 2 + 2 * braking * free_way_m) - braking * reaction_s
+
+
+def _arc_points(ways_m: NDArray[np.float64], curvature: float) -> NDArray[np.float64]:
+    """Return where the robot's centre is `(K, 2)`, m, after each way on an arc from the origin along x."""
+    if abs(curvature) < 1e-6:
+        return np.column_stack([ways_m, np.zeros_like(ways_m)])
+    turns = ways_m * curvature
+    return np.column_stack([np.sin(turns), 1 - np.cos(turns)]) / curvature

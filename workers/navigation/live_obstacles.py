@@ -1,0 +1,73 @@
+"""Obstacles that the laser sees now, whatever the map says; what is not seen any more is forgotten.
+
+The obstacle layer of Marder-Eppstein et al., "The office marathon" (ICRA 2010), with the decay of Macenski et
+al., "Spatio-temporal voxel layer" (IJARS 2020); kept as a list of cells, so it does not depend on the map.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.laser.laser_sweep import LaserSweep
+from workers.planar_pose import relative, transform_points
+
+HERE = np.zeros(3)
+
+
+class LiveObstacles:
+    """Cells that beams ended in not long ago.
+
+    Args:
+        resolution_m: Edge of a cell.
+        range_m: Farther returns are not used.
+        decay_s: A cell is forgotten so long after it was last hit.
+        most: Cells kept; beyond that those hit longest ago are left out.
+    """
+
+    def __init__(
+        self, resolution_m: float = 0.05, range_m: float = 4.0, decay_s: float = 15.0, most: int = 20_000
+    ) -> None:
+        self._resolution_m = resolution_m
+        self._range_m = range_m
+        self._decay_s = decay_s
+        self._most = most
+        self.forget()
+
+    def __len__(self) -> int:
+        return len(self._cells)
+
+    def forget(self) -> None:
+        """Forget all obstacles."""
+        self._cells = np.empty((0, 2), dtype=np.int64)
+        self._hit_s = np.empty(0)
+
+    def see(self, laser: ArrayLike, sweep: LaserSweep, now_s: float) -> None:
+        """Take a sweep: what was hit is there, what was looked through is not.
+
+        Args:
+            laser: Pose of the laser (x m, y m, heading rad), map frame.
+            sweep: What it measured.
+            now_s: The time.
+        """
+        kept = now_s - self._hit_s < self._decay_s
+        kept &= ~sweep.looked_through(transform_points(relative(laser, HERE), self._middles(self._cells)))
+        hit = np.floor(self._hits(laser, sweep) / self._resolution_m).astype(np.int64)
+        cells = np.concatenate([hit, self._cells[kept]])
+        hit_s = np.concatenate([np.full(len(hit), now_s), self._hit_s[kept]])
+        # Of equal cells the first one stays: the newest.
+        _, first = np.unique(cells, axis=0, return_index=True)
+        first = np.sort(first)[: self._most]
+        self._cells, self._hit_s = cells[first], hit_s[first]
+
+    def points(self, now_s: float) -> NDArray[np.float64]:
+        """Return the middles of the cells that obstacles are in now: `(N, 2)`, m, map frame."""
+        return self._middles(self._cells[now_s - self._hit_s < self._decay_s])
+
+    def _middles(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+        return (cells + 0.5) * self._resolution_m
+
+    def _hits(self, laser: ArrayLike, sweep: LaserSweep) -> NDArray[np.float64]:
+        bearings = sweep.angle_min_rad + sweep.angle_increment_rad * np.arange(len(sweep.ranges_m))
+        with np.errstate(invalid="ignore"):
+            near = sweep.ranges_m < self._range_m
+        directions = np.column_stack([np.cos(bearings[near]), np.sin(bearings[near])])
+        return transform_points(laser, sweep.ranges_m[near, None] * directions)

@@ -1,0 +1,313 @@
+"""Driving to goals: from map, poses and sweeps to the speeds of the drive, with a state machine.
+
+It plans on the map and what the laser sees now, drives around what is in the way, frees itself when it does
+not come on, and gives a goal up with a reason.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.laser.laser_sweep import LaserSweep
+from workers.maps.navigation_grid import NavigationGrid
+from workers.navigation.collision_guard import CollisionGuard
+from workers.navigation.costmap import Costmap
+from workers.navigation.live_obstacles import LiveObstacles
+from workers.navigation.local_planner import LocalPlanner
+from workers.navigation.navigator_states import (
+    RECOVERIES,
+    RESTING,
+    STOPPED,
+    TRANSITIONS,
+    NavigatorSettings,
+    NavigatorState,
+)
+from workers.navigation.path_follower import HALT, PathFollower, Velocity
+from workers.navigation.progress_watch import ProgressWatch
+from workers.navigation.way_planner import Obstruction, Way, plan_way
+from workers.odometry_track import OdometryTrack
+from workers.planar_pose import compose, wrap_angle
+from workers.state_machine import StateMachine
+
+BACK_UP_M_PER_S = 0.15
+ROTATE_RAD_PER_S = 0.8
+ALIGN_PER_S, LEAST_ALIGN_RAD_PER_S, MOST_ALIGN_RAD_PER_S = 2.0, 0.2, 1.0
+TRACKED = 400  # poses kept to find a sweep's place among them
+PROGRESS_M = 0.5
+DETOUR_M = 1.0  # a way that has become so much longer is another way
+
+
+class Navigator:
+    """Drives to one goal after the other; call `drive` at a steady 10 to 20 Hz.
+
+    Args:
+        clock: Returns the time in s; the stamps of all inputs are in this time.
+        guard: The last check of every command; knows laser and body.
+        follower: Steers along the planned ways.
+        settings: How goals are driven to.
+        laser_pose: Where the laser sits on the robot (x m, y m, heading rad).
+        obstacles: Remembers what the laser sees.
+
+    Attributes:
+        machine: The states, and why the present one was entered.
+        follower: Steers along the planned ways.
+        goal: (x m, y m, heading rad), map frame; None before the first.
+        recoveries: How often the robot has tried to free itself, since the last progress.
+    """
+
+    def __init__(
+        self,
+        clock: Callable[[], float],
+        guard: CollisionGuard,
+        follower: PathFollower | None = None,
+        settings: NavigatorSettings | None = None,
+        laser_pose: ArrayLike = (0.0, 0.0, 0.0),
+        obstacles: LiveObstacles | None = None,
+    ) -> None:
+        self.settings = settings or NavigatorSettings()
+        self.machine = StateMachine(NavigatorState.IDLE, TRANSITIONS, clock, self.settings.time_outs())
+        self.goal: NDArray[np.float64] | None = None
+        self.recoveries = 0
+        self.laser_pose = np.asarray(laser_pose, float)
+        self._clock = clock
+        self.follower = follower or PathFollower()
+        self._local = LocalPlanner(guard, self.follower)
+        self._obstacles = obstacles or LiveObstacles()
+        self._progress = ProgressWatch()
+        self._costmap: Costmap | None = None
+        self._pose: tuple[NDArray[np.float64], float] | None = None
+        self._sweep: tuple[NDArray[np.float64], float] | None = None
+        self._track = OdometryTrack(TRACKED)
+        self._waiting: tuple[LaserSweep, float] | None = None
+        self._emergency = ""
+        self._renew()
+
+    @property
+    def state(self) -> NavigatorState:
+        """Return what the robot does."""
+        return self.machine.state
+
+    @property
+    def path(self) -> NDArray[np.float64]:
+        """Return the planned way `(N, 2)`, m, map frame; empty if there is none."""
+        return self.follower.path
+
+    @property
+    def distance_left_m(self) -> float | None:
+        """Return how far it is along the planned way; None if there is none."""
+        if self._pose is None or not len(self.path):
+            return None
+        return self.follower.way_left_m(self._pose[0])
+
+    @property
+    def status(self) -> str:
+        """Return what the robot does and why, in one line."""
+        left = self.distance_left_m
+        way = "" if left is None or self.state in RESTING else f"; {left:.1f} m left"
+        around = ", around an obstacle" if self.state is NavigatorState.DRIVE and self._local.avoiding else ""
+        return (
+            f"{self.state}{around} ({self.machine.reason}){way}; {len(self._obstacles)} live obstacle cells"
+        )
+
+    def go_to(self, goal: ArrayLike) -> None:
+        """Drive to (x m, y m, heading rad), map frame, instead of whatever goal there was."""
+        self.goal = np.asarray(goal, float)
+        self._renew()
+        self.machine.go(NavigatorState.DRIVE, "a new goal")
+
+    def refuse(self, reason: str) -> None:
+        """Give up whatever goal there was, because the new one is none."""
+        self.goal = None
+        self._end(NavigatorState.UNREACHABLE, reason)
+
+    def cancel(self, reason: str) -> None:
+        """Forget the goal."""
+        self.goal = None
+        self._end(NavigatorState.IDLE, reason)
+
+    def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
+        """Take a new map: see `Costmap` for the arguments."""
+        self._costmap = Costmap(cells, resolution_m, corner_xy_m, self.settings.clearance_m)
+
+    def see_pose(self, pose: ArrayLike, stamp_s: float, told_s: float) -> None:
+        """Take the robot's pose.
+
+        Args:
+            pose: (x, y, heading), m and rad, map frame.
+            stamp_s: When the robot was there, in the time of the sweeps' stamps.
+            told_s: When that was said, in the clock's time.
+        """
+        self._pose = np.asarray(pose, float), told_s
+        self._track.add(stamp_s, pose)
+        self._place_sweep()
+
+    def see_sweep(self, sweep: LaserSweep, ranges_m: ArrayLike, stamp_s: float, told_s: float) -> None:
+        """Take a sweep.
+
+        Args:
+            sweep: What it measured.
+            ranges_m: `(N,)`, as the laser gave them, so that what is too near is told from nothing (REP 117).
+            stamp_s: When it was taken, in the time of the poses' stamps.
+            told_s: When that was said, in the clock's time.
+        """
+        self._sweep = np.asarray(ranges_m, float), told_s
+        self._waiting = sweep, stamp_s
+        self._place_sweep()
+
+    def _place_sweep(self) -> None:
+        """Remember what the newest sweep saw, when it is known where the robot was just then."""
+        if self._waiting is None:
+            return
+        sweep, stamp_s = self._waiting
+        place = self._track.at(stamp_s)
+        if place is not None:
+            self._obstacles.see(compose(place.pose, self.laser_pose), sweep, self._clock())
+            self._waiting = None
+
+    def see_emergency_stop(self, reason: str) -> None:
+        """Learn why the drive is in an emergency stop; '' if it is not."""
+        self._emergency = reason
+
+    def drive(self) -> Velocity | None:
+        """Return the speeds for the drive, ahead (m/s) and of the turn (rad/s); None: it is not ours."""
+        if self.state in RESTING:
+            return None
+        stopped = self._what_stops()
+        if stopped is not None:
+            if self.state is not stopped:
+                self.machine.go(stopped, self._why(stopped))
+            return HALT
+        if self.state in STOPPED:
+            self._renew()
+            self.machine.go(NavigatorState.DRIVE, "has all it needs again")
+        elif self.machine.expire():
+            self._planned_s, self._moved_s = -math.inf, self._clock()
+        return HALT if self.state in RESTING else self._act()
+
+    def _act(self) -> Velocity:
+        match self.state:
+            case NavigatorState.CLEAR_COSTMAP:
+                return HALT
+            case NavigatorState.BACK_UP:
+                return self._local.guard.checked(self._sweep[0], (-BACK_UP_M_PER_S, 0.0))
+            case NavigatorState.ROTATE:
+                return 0.0, ROTATE_RAD_PER_S
+            case NavigatorState.ALIGN:
+                return self._aligned()
+        if self._clock() - self._planned_s >= self.settings.plan_period_s:
+            self._plan()
+        return self._along_path() if self.state is NavigatorState.DRIVE else HALT
+
+    def _what_stops(self) -> NavigatorState | None:
+        """Return why the robot must stand; None if it may drive."""
+        if self._emergency:
+            return NavigatorState.EMERGENCY_STOP
+        if self._is_old(self._sweep):
+            return NavigatorState.STOPPED_NO_LASER
+        if self._is_old(self._pose):
+            return NavigatorState.STOPPED_NO_POSE
+        return NavigatorState.STOPPED_NO_MAP if self._costmap is None else None
+
+    def _why(self, stopped: NavigatorState) -> str:
+        if stopped is NavigatorState.EMERGENCY_STOP:
+            return self._emergency
+        if stopped is NavigatorState.STOPPED_NO_MAP:
+            return "no map yet"
+        no_laser = stopped is NavigatorState.STOPPED_NO_LASER
+        what, last = ("scan", self._sweep) if no_laser else ("pose", self._pose)
+        return f"no {what} yet" if last is None else f"no {what} for {self._clock() - last[1]:.1f} s"
+
+    def _is_old(self, seen: tuple[NDArray[np.float64], float] | None) -> bool:
+        return seen is None or self._clock() - seen[1] > self.settings.stale_s
+
+    def _renew(self) -> None:
+        """Forget how the present goal has gone so far."""
+        self.follower.follow(())
+        self._progress.restart()
+        self._planned_s, self._moved_s = -math.inf, self._clock()
+        self._cost_m = self._best_m = math.inf
+        self._detours = self.recoveries = 0
+
+    def _plan(self) -> None:
+        """Plan on the map and what the laser sees; where that fails, say whether the map alone has a way."""
+        self._planned_s = self._clock()
+        way = self._way(self._costmap.grid(self._obstacles, self._clock()))
+        if way.obstruction is Obstruction.NONE:
+            self._take(way)
+            return
+        self.follower.follow(())
+        on_map = self._way(self._costmap.static_grid)
+        if on_map.obstruction is Obstruction.NONE:
+            self._recover("the way is blocked by something that is not on the map")
+        elif on_map.obstruction is Obstruction.ROBOT:
+            self._recover(on_map.obstruction)
+        elif on_map.obstruction is Obstruction.NO_WAY:
+            self._squeeze_through()
+        else:
+            self._end(NavigatorState.UNREACHABLE, on_map.obstruction)
+
+    def _squeeze_through(self) -> None:
+        """Go where the robot just fits: it may have come in before it saw all of what is around it."""
+        tight_m = self.settings.tight_clearance_m
+        way = self._way(self._costmap.grid(self._obstacles, self._clock(), tight_m))
+        if way.obstruction is Obstruction.NONE:
+            self._take(way)
+        else:
+            self._end(NavigatorState.UNREACHABLE, Obstruction.NO_WAY)
+
+    def _way(self, grid: NavigationGrid) -> Way:
+        return plan_way(grid, self._pose[0], self.goal[:2], self.settings.snap_m, self.settings.tolerance_m)
+
+    def _take(self, way: Way) -> None:
+        """Follow a new way, unless the robot has come no nearer for too long."""
+        if way.cost_m > self._cost_m + DETOUR_M:
+            self._detours += 1
+            self._best_m = math.inf
+            self._progress.restart()
+        if way.cost_m < self._best_m - PROGRESS_M:
+            self._best_m, self.recoveries = way.cost_m, 0
+        self._cost_m = way.cost_m
+        self.follower.follow(way.path)
+        idle_s = self._progress.idle_s(way.path[-1], way.cost_m, self._clock())
+        if self._detours > self.settings.max_detours:
+            self._end(NavigatorState.UNREACHABLE, "the way turned out to be blocked again and again")
+        elif idle_s > self.settings.patience_s:
+            self._recover("comes no nearer to the goal")
+
+    def _along_path(self) -> Velocity:
+        if self.follower.is_arrived(self._pose[0]):
+            self.machine.go(NavigatorState.ALIGN, "has come to the place")
+            return HALT
+        allowed = self._local.velocity(self._pose[0], self._sweep[0])
+        if allowed != HALT:
+            self._moved_s = self._clock()
+        elif self._clock() - self._moved_s > self.settings.blocked_s:
+            self._recover("something is in the way")
+        return allowed
+
+    def _aligned(self) -> Velocity:
+        """Turn to the goal's heading; the longer it is off, the faster."""
+        off_rad = float(wrap_angle(self.goal[2] - self._pose[0][2]))
+        if abs(off_rad) <= self.settings.heading_tolerance_rad:
+            self._end(NavigatorState.ARRIVED, "the goal is reached")
+            return HALT
+        speed = min(max(abs(off_rad) * ALIGN_PER_S, LEAST_ALIGN_RAD_PER_S), MOST_ALIGN_RAD_PER_S)
+        return 0.0, math.copysign(speed, off_rad)
+
+    def _recover(self, reason: str) -> None:
+        """Try to get free, each time in another way; when nothing has helped, give up."""
+        if self.recoveries == self.settings.max_recoveries:
+            self._end(NavigatorState.UNREACHABLE, f"{reason}; {self.recoveries} attempts did not help")
+            return
+        action = RECOVERIES[self.recoveries % len(RECOVERIES)]
+        self.recoveries += 1
+        self._progress.restart()
+        if action is NavigatorState.CLEAR_COSTMAP:
+            self._obstacles.forget()
+        self.machine.go(action, reason)
+
+    def _end(self, state: NavigatorState, reason: str) -> None:
+        self.follower.follow(())
+        self.machine.go(state, reason)

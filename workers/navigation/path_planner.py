@@ -1,0 +1,80 @@
+"""Shortest paths of a robot to every place on a grid, keeping away from obstacles where it can.
+
+Dijkstra's algorithm (1959) over the drivable cells and their eight neighbours; one search gives the way to
+every possible goal.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from workers.maps.navigation_grid import Cell, NavigationGrid
+
+# Cells nearer to an obstacle than this cost more, up to 1 + DETOUR times as much.
+COMFORT_M = 0.55
+DETOUR = 3.0
+# Half of the neighbours, (rows, columns); the other half are the same edges seen from the other end.
+NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
+
+
+class PathField:
+    """The cheapest ways from one cell to all others.
+
+    Args:
+        grid: Where the robot may be.
+        start: A drivable cell, (row, column).
+
+    Attributes:
+        cost_m: `(H, W) float64`: length of the way, more where it passes near obstacles; +inf if there is
+            none.
+    """
+
+    def __init__(self, grid: NavigationGrid, start: Cell) -> None:
+        self._nodes = np.flatnonzero(grid.drivable)
+        self._number = np.full(grid.drivable.size, -1, dtype=np.int32)
+        self._number[self._nodes] = np.arange(len(self._nodes), dtype=np.int32)
+        self._shape = grid.drivable.shape
+        self._start = self._node(start)
+        costs, self._before = dijkstra(
+            _graph(grid, self._number.reshape(self._shape)),
+            directed=False,
+            indices=self._start,
+            return_predecessors=True,
+        )
+        self.cost_m: NDArray[np.float64] = np.full(self._shape, np.inf)
+        self.cost_m.ravel()[self._nodes] = costs
+
+    def path(self, goal: Cell) -> NDArray[np.int64]:
+        """Return the cells of the way `(N, 2)`, (row, column), from the start to a goal that can be reached.
+
+        Raises:
+            ValueError: No way leads to the goal.
+        """
+        if not np.isfinite(self.cost_m[goal]):
+            raise ValueError(f"no way leads to the cell {goal}; ask cost_m before asking for a path")
+        nodes = [self._node(goal)]
+        while nodes[-1] != self._start:
+            nodes.append(int(self._before[nodes[-1]]))
+        return np.stack(np.unravel_index(self._nodes[nodes[::-1]], self._shape), axis=1)
+
+    def _node(self, cell: Cell) -> int:
+        return int(self._number[np.ravel_multi_index(cell, self._shape)])
+
+
+def _graph(grid: NavigationGrid, number: NDArray[np.int32]) -> csr_array:
+    """Connect neighbouring drivable cells; a step costs its length, more where obstacles are near."""
+    nearness = np.clip((COMFORT_M - grid.obstacle_distance_m) / COMFORT_M, 0.0, 1.0)
+    price = (1.0 + DETOUR * nearness) * grid.resolution_m / 2
+    height, width = number.shape
+    begins, ends, costs = [], [], []
+    for down, right in NEIGHBOURS:
+        here = np.s_[: height - down, max(0, -right) : width - max(0, right)]
+        there = np.s_[down:, max(0, right) : width - max(0, -right)]
+        both = grid.drivable[here] & grid.drivable[there]
+        begins.append(number[here][both])
+        ends.append(number[there][both])
+        costs.append((price[here] + price[there])[both] * np.hypot(down, right))
+    edges = (np.concatenate(begins), np.concatenate(ends))
+    size = int(grid.drivable.sum())
+    return csr_array((np.concatenate(costs), edges), shape=(size, size))

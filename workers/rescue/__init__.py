@@ -1,0 +1,1 @@
+"""Searches for victims, and decides what the rescue robot does next."""

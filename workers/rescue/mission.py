@@ -1,0 +1,346 @@
+"""The rescue mission: from map, pose, navigation and victims to goals, with a state machine.
+
+It decides; it does not drive. Call `step` a few times each second, and do what it says.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.exploration.frontiers import Frontier
+from workers.rescue.mission_limits import MissionLimits
+from workers.rescue.mission_orders import OperatorOrder, OperatorOrders
+from workers.rescue.mission_states import TIME_OUTS, TRANSITIONS, MissionSettings, MissionState
+from workers.rescue.mission_targets import MissionTargets, SearchedGrid, Surroundings, Target
+from workers.rescue.mission_victims import MissionVictims
+from workers.state_machine import StateMachine
+
+Points = NDArray[np.float64]
+
+PATH_STEP_M = 0.05
+TRAVELS = frozenset({MissionState.EXPLORE, MissionState.SEARCH, MissionState.APPROACH})
+WORKS = TRAVELS | {MissionState.LOOK, MissionState.INSPECT, MissionState.ASK}
+STANDS = frozenset({MissionState.WAIT, MissionState.HALT, MissionState.PAUSE})
+LOOKS = {MissionState.SEARCH: MissionState.LOOK, MissionState.APPROACH: MissionState.INSPECT}
+EMPTY_PLANS = 3
+"""One map may be caught half drawn; so many in a row with nothing left to do are believed."""
+HOME_ATTEMPTS = 5
+NOTHING_LEFT = "nothing is left to do"
+SAME_TARGET_M = 0.3
+
+
+@dataclass(frozen=True)
+class Orders:
+    """What the robot is to do now.
+
+    Attributes:
+        goal: `(3,)`, x, y (m) and heading (rad), map frame; None: stand.
+        look_at_xy_m: `(2,)`, m, map frame; None: look around.
+    """
+
+    goal: Points | None = None
+    look_at_xy_m: Points | None = None
+
+
+class Mission:
+    """Carries out one mission.
+
+    Args:
+        clock: Returns the time in s; the stamps of all inputs are in this time.
+        settings: How.
+        on_change: Called with each new state.
+
+    Attributes:
+        machine: The states, and why the present one was entered.
+        victims: What is known of them.
+        limits: What time and battery still allow.
+        notes: What went wrong on the way, for the report; each said once.
+        home: `(3,)`, where the mission began; None before the first pose.
+        operator: What the operator has ordered.
+        path_m: where the robot has been, m, map frame.
+    """
+
+    def __init__(
+        self,
+        clock: Callable[[], float],
+        settings: MissionSettings | None = None,
+        on_change: Callable[[MissionState], None] = lambda _state: None,
+    ) -> None:
+        self.settings = settings or MissionSettings()
+        self.machine = StateMachine(MissionState.WAIT, TRANSITIONS, clock, TIME_OUTS, on_change)
+        self.victims = MissionVictims()
+        self.limits = MissionLimits(clock, self.settings)
+        self.notes: list[str] = []
+        self.home: Points | None = None
+        self.operator = OperatorOrders(self.settings.starts_by_itself)
+        self.path_m: list[tuple[float, float]] = []
+        self._clock = clock
+        self._targets = MissionTargets(self.settings)
+        self._target: Target | None = None
+        self._around: Surroundings | None = None
+        self._searched: SearchedGrid | None = None
+        self._pose: Points | None = None
+        self._camera_s = self._searched_s = clock()
+        self._stopped: str | None = "nothing was heard of navigation"
+        self._planned_s = -math.inf
+        self._empty_plans = 0
+        self._home_attempts = 0
+        self._ended: str | None = None
+        self._known_at_end: set[int] = set()
+
+    @property
+    def state(self) -> MissionState:
+        """Return what the robot does."""
+        return self.machine.state
+
+    @property
+    def status(self) -> str:
+        """Return what the robot does, why, and what it has found, in one line."""
+        reason = "for the operator's start" if self.operator.is_awaited else self.machine.reason
+        return f"{self.state} ({reason}); {self.victims.summary}; {self.limits.summary}"
+
+    @property
+    def frontiers(self) -> list[Frontier]:
+        """Return where the map ended when the robot last thought about where to go, the longest first."""
+        return self._targets.frontiers
+
+    @property
+    def searched(self) -> SearchedGrid | None:
+        """Return which walls were searched; None if nobody has said."""
+        return self._searched
+
+    # -- what comes in ---------------------------------------------------------------------------------
+
+    def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
+        """Take a new map: see `Surroundings` for the arguments."""
+        self._around = Surroundings(cells, resolution_m, corner_xy_m, self.settings)
+
+    def see_searched(self, searched: SearchedGrid) -> None:
+        """Learn which walls were searched."""
+        self._searched, self._searched_s = searched, self._clock()
+
+    def see_pose(self, pose: ArrayLike) -> None:
+        """Take the robot's pose (x, y, heading), m and rad, map frame."""
+        self._pose = np.asarray(pose, float)
+        if not self.operator.has_begun:
+            self.home = self._pose
+        x, y = self._pose[:2].tolist()
+        if not self.path_m or math.dist(self.path_m[-1], (x, y)) >= PATH_STEP_M:
+            self.path_m.append((x, y))
+
+    def see_camera(self) -> None:
+        """Learn that the camera works."""
+        self._camera_s = self._clock()
+
+    def see_stopped(self, reason: str | None) -> None:
+        """Learn why the robot cannot drive; None: it can."""
+        if reason is not None and self._stopped is None:
+            self._note(f"stopped: {reason}")
+        self._stopped = reason
+
+    def order(self, order: int) -> str | None:
+        """Obey an order of the operator (an `OperatorOrder`), or return why it is refused."""
+        refusal = self.operator.refusal(order, self.state)
+        if refusal is None:
+            self.operator.is_held = order == OperatorOrder.PAUSE
+            if order == OperatorOrder.ABORT:
+                self._end("aborted by the operator")
+            elif order == OperatorOrder.RETURN:
+                self._return("ordered by the operator")
+        return refusal
+
+    def arrived(self) -> None:
+        """Learn that the goal ordered last has been reached."""
+        if self.state is MissionState.RETURN:
+            self._judge_home("is home")
+        elif self.state in LOOKS:
+            self.machine.go(LOOKS[self.state], "is there")
+        elif self.state is MissionState.EXPLORE:
+            self._give_up_target()
+
+    def unreachable(self, reason: str) -> None:
+        """Learn that the goal ordered last cannot be reached."""
+        if self.state is MissionState.RETURN:
+            self._judge_home(reason)
+        elif self.state in TRAVELS:
+            self._give_up_target()
+
+    # -- what goes out ---------------------------------------------------------------------------------
+
+    def step(self) -> Orders:
+        """Think about what to do, and return it."""
+        if self.machine.is_final:
+            return Orders()
+        if self.operator.is_awaited:
+            self.limits.begin()
+        if self._around is None or self._pose is None:
+            return self._wait()
+        self._judge()
+        if self._clock() - self._planned_s >= self.settings.plan_period_s and self.state in WORKS:
+            self._planned_s = self._clock()
+            self._plan()
+        return self._orders()
+
+    def _wait(self) -> Orders:
+        if self.limits.is_over:
+            self._end("the time is over, and it never began")
+        return Orders()
+
+    def _judge(self) -> None:
+        """Change the state if something demands it."""
+        if self.limits.is_over:
+            self._end("the time is over")
+        elif self.operator.is_held:
+            if self.operator.has_begun and self.state is not MissionState.PAUSE:
+                self.machine.go(MissionState.PAUSE, "ordered by the operator")
+        elif self._stopped is not None:
+            if self.state not in (MissionState.HALT, MissionState.WAIT):
+                self.machine.go(MissionState.HALT, self._stopped)
+        elif self.state in STANDS:
+            self.operator.has_begun = True
+            self._go_on("resumed by the operator" if self.state is MissionState.PAUSE else "it can drive")
+        elif self.state is not MissionState.RETURN:
+            self._judge_work()
+        elif self._ended == NOTHING_LEFT and self.victims.suspected_ids - self._known_at_end:
+            self._ended = None
+            self._go_on("a victim was seen on the way home")
+
+    def _judge_work(self) -> None:
+        """Judge the states in which there is work to do."""
+        if self.state is MissionState.ASK and not self.victims.is_asked:
+            self._go_on("the operator was asked")
+        elif self.state is not MissionState.ASK and self.victims.is_asked and not self.victims.is_waited_for:
+            self.machine.go(MissionState.ASK, f"asks about {self.victims.asked_name}")
+            self.victims.wait_for_answer()
+        elif self.state is MissionState.INSPECT and self._target_is_done():
+            self._target = None
+            self._go_on("the victim was seen well")
+        elif self.state is MissionState.LOOK and self._target_is_searched():
+            self._target = None
+            self._go_on("the wall was seen well")
+        elif self.machine.expire():
+            self._give_up_target()
+        elif self.state in TRAVELS and self.machine.time_in_state_s > self.settings.travel_s:
+            self._give_up_target()
+            self.machine.go(MissionState.EXPLORE, "that took too long")
+
+    def _target_is_done(self) -> bool:
+        return self._target is None or not self.victims.is_suspected_at(self._target.about_xy_m)
+
+    def _target_is_searched(self) -> bool:
+        if self._target is None or self._searched is None:
+            return True
+        return bool(self._searched.holds(self._target.about_xy_m[None])[0])
+
+    def _go_on(self, reason: str) -> None:
+        self._planned_s = -math.inf
+        self.machine.go(MissionState.RETURN if self._ended else MissionState.EXPLORE, reason)
+
+    def _plan(self) -> None:
+        """Go home if it is time; on the way choose what to do next."""
+        assert self._around is not None
+        assert self._pose is not None
+        way_home_m = self._around.way_m(self._pose, self.home[:2]) if self.home is not None else 0.0
+        if (hurry := self.limits.must_return(way_home_m)) is not None:
+            self._return(hurry)
+        if self.state not in TRAVELS:
+            return
+        target, can_drive = self._targets.best(
+            self._around, self._pose, self._searched_walls(), self.victims.suspected, self._target
+        )
+        self._empty_plans = self._empty_plans + 1 if target is None and can_drive else 0
+        if self._empty_plans >= EMPTY_PLANS:
+            self._return(NOTHING_LEFT)
+        elif target is not None:
+            self._take(target)
+
+    def _take(self, target: Target) -> None:
+        """Take a target, unless the robot does almost that already: a new goal begins navigation anew."""
+        old = self._target
+        is_same = old is not None and old.state is target.state is self.state
+        if old is not None and is_same and math.dist(old.about_xy_m, target.about_xy_m) <= SAME_TARGET_M:
+            return
+        self._target = target
+        self.machine.go(target.state, f"at {target.about_xy_m[0]:.1f}, {target.about_xy_m[1]:.1f}")
+
+    def _searched_walls(self) -> SearchedGrid | None:
+        """Return which walls were searched; None if no camera can search any."""
+        for seen_s, what in ((self._camera_s, "the camera"), (self._searched_s, "who looks at images")):
+            if self._clock() - seen_s > self.settings.silent_s:
+                self._note(f"{what} is silent: goes on without victims")
+                return None
+        return self._searched
+
+    def _return(self, reason: str) -> None:
+        self._ended = reason
+        self._known_at_end = set(self.victims.reports)
+        self._target = None
+        self.machine.go(MissionState.RETURN, reason)
+
+    def _judge_home(self, reason: str) -> None:
+        """End at home; try again if it is not quite there."""
+        assert self.home is not None
+        assert self._pose is not None
+        away_m = float(np.hypot(*(self._pose - self.home)[:2]))
+        self._home_attempts += 1
+        if away_m <= self.settings.arrived_m or self._home_attempts >= HOME_ATTEMPTS:
+            self._end(
+                "is home" if away_m <= self.settings.arrived_m else f"{away_m:.1f} m from home: {reason}"
+            )
+
+    def _end(self, reason: str) -> None:
+        self._target = None
+        self.machine.go(MissionState.DONE, reason)
+
+    def _give_up_target(self) -> None:
+        if self._target is not None:
+            self._targets.give_up(self._target)
+        self._target = None
+        self._planned_s = -math.inf
+
+    def _note(self, note: str) -> None:
+        if note not in self.notes:
+            self.notes.append(note)
+
+    def _orders(self) -> Orders:
+        if self.state is MissionState.RETURN:
+            return Orders(self.home)
+        if self._target is None:
+            return Orders()
+        about = None if self.state is MissionState.EXPLORE else self._target.about_xy_m
+        return Orders(self._target.goal if self.state in TRAVELS else None, about)
+
+    # -- over restarts ---------------------------------------------------------------------------------
+
+    def memory(self) -> dict[str, Any]:
+        """Return what a restarted mission must know, as plain data."""
+        return {
+            "over": self.machine.reason if self.machine.is_final else None,
+            "is_held": self.operator.is_held,
+            "has_begun": self.operator.has_begun,
+            "home": self.home,
+            "path_m": np.array(self.path_m).reshape(-1, 2),
+            "ended": self._ended,
+            "notes": list(self.notes),
+            "given_up": self._targets.memory(),
+            "victims": self.victims.memory(),
+            "limits": self.limits.memory(),
+        }
+
+    def remember(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what `memory` returned."""
+        self.home = memory["home"]
+        self.path_m = [(x, y) for x, y in memory["path_m"].tolist()]
+        self._ended = memory["ended"]
+        self.notes = list(memory["notes"])
+        self._targets.remember(memory["given_up"])
+        self.victims.remember(memory["victims"])
+        self._known_at_end = set(self.victims.reports)
+        self.limits.remember(memory["limits"])
+        self.operator.is_held, self.operator.has_begun = memory["is_held"], memory["has_begun"]
+        if memory["over"] is not None:
+            self._end(memory["over"])

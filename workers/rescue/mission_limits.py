@@ -1,0 +1,89 @@
+"""What time and battery still allow a robot to do."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from workers.rescue.mission_states import MissionSettings
+
+JUDGED_AFTER_S = 20.0
+"""How fast the battery drains is known after so long."""
+
+
+class MissionLimits:
+    """Knows when it is time to go home.
+
+    Args:
+        clock: Returns the time in s.
+        settings: Limits, and how fast the robot comes home.
+    """
+
+    def __init__(self, clock: Callable[[], float], settings: MissionSettings) -> None:
+        self._clock = clock
+        self._settings = settings
+        self._began_s = clock()
+        self._battery: list[tuple[float, float]] = []
+
+    @property
+    def used_s(self) -> float:
+        """Return how long the mission has taken so far."""
+        return self._clock() - self._began_s
+
+    @property
+    def battery(self) -> float | None:
+        """Return what is left in the battery, as a ratio; None if nobody has said."""
+        return self._battery[-1][1] if self._battery else None
+
+    @property
+    def summary(self) -> str:
+        """Return how much is left, in a few words."""
+        battery = "" if self.battery is None else f", battery {self.battery:.0%}"
+        return f"{self.used_s:.0f} s{battery}"
+
+    @property
+    def is_over(self) -> bool:
+        """Say whether the time is over."""
+        return self.used_s >= self._settings.time_limit_s
+
+    def begin(self) -> None:
+        """Count the time from now on."""
+        self._began_s = self._clock()
+
+    def see_battery(self, ratio: float) -> None:
+        """Learn what is left in the battery, as a ratio."""
+        if math.isfinite(ratio):
+            self._battery[1:] = [(self.used_s, ratio)]
+
+    def battery_lasts_s(self) -> float:
+        """Return how long the battery lasts down to its reserve, if it drains on as it has."""
+        if len(self._battery) < 2:
+            return math.inf
+        (first_s, first), (last_s, last) = self._battery
+        if last <= self._settings.reserve:
+            return 0.0
+        if last_s - first_s < JUDGED_AFTER_S or last >= first:
+            return math.inf
+        return (last - self._settings.reserve) * (last_s - first_s) / (first - last)
+
+    def must_return(self, way_home_m: float) -> str | None:
+        """Return why the robot must go home now; None while it need not.
+
+        Args:
+            way_home_m: cost of the way; +inf if none is known, which is no reason to go.
+        """
+        way_s = way_home_m / self._settings.home_m_per_s if math.isfinite(way_home_m) else 0.0
+        needed_s = way_s + self._settings.spare_s
+        if self._settings.time_limit_s - self.used_s <= needed_s:
+            return "the time is almost over"
+        if self.battery_lasts_s() <= needed_s:
+            return "the battery is almost empty"
+        return None
+
+    def memory(self) -> dict[str, Any]:
+        """Return what a restarted mission must know, as plain data."""
+        return {"used_s": self.used_s, "battery": [list(entry) for entry in self._battery]}
+
+    def remember(self, memory: Mapping[str, Any]) -> None:
+        """Go on from what `memory` returned."""
+        self._began_s = self._clock() - memory["used_s"]
+        self._battery = [(at_s, ratio) for at_s, ratio in memory["battery"]]

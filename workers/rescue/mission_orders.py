@@ -1,0 +1,61 @@
+"""What the operator may order a mission to do, and which orders fit when."""
+
+from enum import IntEnum
+
+from workers.rescue.mission_states import MissionState
+
+
+class OperatorOrder(IntEnum):
+    """An order of the operator."""
+
+    START = 0
+    PAUSE = 1
+    ABORT = 2
+    RETURN = 3
+
+
+class OperatorOrders:
+    """Knows whether the operator lets the mission go on, and refuses orders that do not fit.
+
+    Args:
+        starts_by_itself: False: the robot stands until the operator starts the mission.
+
+    Attributes:
+        is_held: the operator wants the robot to stand.
+        has_begun: the mission has left its start.
+    """
+
+    def __init__(self, starts_by_itself: bool) -> None:
+        self.is_held = not starts_by_itself
+        self.has_begun = False
+
+    @property
+    def is_awaited(self) -> bool:
+        """Say whether the mission waits for the operator to start it."""
+        return self.is_held and not self.has_begun
+
+    def refusal(self, order: int, state: MissionState) -> str | None:
+        """Return why an order does not fit; None: it does."""
+        if order not in list(OperatorOrder):
+            return f"there is no order {order}; orders are " + ", ".join(
+                f"{known.value} ({known.name})" for known in OperatorOrder
+            )
+        if state is MissionState.DONE:
+            return f"{OperatorOrder(order).name}: the mission has ended"
+        refusals = {
+            OperatorOrder.START: None if self.is_held else "the mission is under way",
+            OperatorOrder.PAUSE: "the robot stands already, until START" if self.is_held else None,
+            OperatorOrder.ABORT: None,
+            OperatorOrder.RETURN: self._refuses_return(state),
+        }
+        refusal = refusals[OperatorOrder(order)]
+        return None if refusal is None else f"{OperatorOrder(order).name}: {refusal}"
+
+    def _refuses_return(self, state: MissionState) -> str | None:
+        if not self.has_begun:
+            return "the mission has not begun"
+        return "the robot is on its way home" if state is MissionState.RETURN else None
+
+    def fitting(self, state: MissionState) -> list[OperatorOrder]:
+        """Return the orders that fit."""
+        return [order for order in OperatorOrder if self.refusal(order, state) is None]

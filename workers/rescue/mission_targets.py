@@ -1,0 +1,234 @@
+"""What the rescue robot may do next: frontiers to explore, walls to search, victims to approach."""
+
+import math
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workers.exploration.frontiers import Frontier, find_frontiers
+from workers.maps.navigation_grid import Cell, NavigationGrid
+from workers.navigation.path_planner import PathField
+from workers.planar_pose import wrap_angle
+from workers.rescue.mission_states import MissionSettings, MissionState
+from workers.rescue.search_views import search_views
+from workers.rescue.searched_walls import SEARCHED, WallFronts
+
+Points = NDArray[np.float64]
+Costs = NDArray[np.float64]
+"""The way to each cell, m; +inf where none leads, or where the robot should not be sent to."""
+
+SNAP_M = 0.6
+"""The robot may be this far from where it can drive: within the clearance, or after a pose jump."""
+NEAR_FRONTIER_M = 0.5
+SAME_M = 0.4
+STAY_M = 0.8
+TURN_M_PER_RAD = 0.25
+GAIN, MAX_GAIN_M = 0.4, 2.0
+# Frontiers first: on the way to them the camera searches many walls anyhow.
+SEARCH_LATER_M = 1.0
+VICTIM_FIRST_M = 2.0
+VICTIM_FROM_M = (0.6, 1.3)
+VICTIM_SLANT_RAD = 0.7
+REMEMBERED = 64
+
+
+@dataclass(frozen=True)
+class Target:
+    """Something to do at a place.
+
+    Attributes:
+        state: what the robot is doing on its way there.
+        goal: `(3,)`, x, y (m) and heading (rad), map frame.
+        about_xy_m: `(2,)`, m, map frame: what is to be seen from there.
+        cost_m: the way, less what it brings.
+    """
+
+    state: MissionState
+    goal: Points
+    about_xy_m: Points
+    cost_m: float
+
+
+class Surroundings:
+    """A map as the mission needs it: where the robot can drive, and which walls there are.
+
+    Args:
+        cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown.
+        resolution_m: Edge of a cell.
+        corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
+        settings: How far ways and goals keep from obstacles.
+
+    Attributes:
+        grid: where the robot can drive.
+        goals: `(H, W) bool`, the cells of `grid` that are clear enough to be sent to.
+        fronts: the walls.
+    """
+
+    def __init__(
+        self,
+        cells: NDArray[np.int8],
+        resolution_m: float,
+        corner_xy_m: ArrayLike,
+        settings: MissionSettings,
+    ) -> None:
+        self.cells = cells
+        self.resolution_m = resolution_m
+        self.corner_xy_m = np.asarray(corner_xy_m, float)
+        self.grid = NavigationGrid(cells, resolution_m, corner_xy_m, settings.clearance_m)
+        self.goals = self.grid.clear(settings.goal_clearance_m)
+        self.fronts = WallFronts(cells, resolution_m, corner_xy_m)
+
+    def ways_from(self, pose: ArrayLike) -> PathField | None:
+        """Return the ways from a pose to everywhere, or None if the robot is not near any drivable place."""
+        start = self.grid.nearest(self.grid.drivable, np.asarray(pose, float), SNAP_M)
+        return None if start is None else PathField(self.grid, start)
+
+    def way_m(self, pose: ArrayLike, goal_xy_m: ArrayLike) -> float:
+        """Return the cost of the way to a place, +inf if there is none."""
+        ways = self.ways_from(pose)
+        if ways is None:
+            return math.inf
+        cell = self.grid.nearest(np.isfinite(ways.cost_m), np.asarray(goal_xy_m, float), SNAP_M)
+        return math.inf if cell is None else float(ways.cost_m[cell])
+
+
+class MissionTargets:
+    """Finds targets, and remembers those that were given up.
+
+    Attributes:
+        frontiers: of the map that was looked at last, the longest first.
+    """
+
+    def __init__(self, settings: MissionSettings) -> None:
+        self.frontiers: list[Frontier] = []
+        self._settings = settings
+        self._given_up: deque[tuple[str, float, float]] = deque(maxlen=REMEMBERED)
+
+    def give_up(self, target: Target) -> None:
+        """Do not choose this target again, nor one of its kind about almost the same place."""
+        x, y = target.about_xy_m.tolist()
+        self._given_up.append((target.state.name, x, y))
+
+    def memory(self) -> list[list[Any]]:
+        """Return what was given up, as plain data."""
+        return [list(given_up) for given_up in self._given_up]
+
+    def remember(self, memory: Iterable[Sequence[Any]]) -> None:
+        """Take over what `memory` returned."""
+        self._given_up.clear()
+        self._given_up.extend((kind, x, y) for kind, x, y in memory)
+
+    def best(
+        self,
+        around: Surroundings,
+        pose: Points,
+        searched: "SearchedGrid | None",
+        suspected: Iterable[tuple[Points, float]],
+        current: Target | None,
+    ) -> tuple[Target | None, bool]:
+        """Choose what to do next.
+
+        Args:
+            around: the newest map.
+            pose: the robot's x, y (m) and heading (rad), map frame.
+            searched: which walls were searched; None: there is no camera to search any.
+            suspected: x, y (m) and facing (rad) of the victims to approach.
+            current: the target so far.
+
+        Returns:
+            The best target, None if nothing is left to do; and whether the robot is where it can drive.
+        """
+        ways = around.ways_from(pose)
+        if ways is None:
+            return None, False
+        ways_m = np.where(around.goals, ways.cost_m, np.inf)
+        targets = list(self._frontiers(around, ways_m, pose))
+        if searched is not None:
+            targets += self._walls(around, ways_m, searched)
+            targets += self._victims(around, ways_m, suspected)
+        targets = [target for target in targets if not self._is_given_up(target)]
+        best = min(targets, key=lambda target: target.cost_m - self._bonus(target, current), default=None)
+        return best, True
+
+    def _frontiers(self, around: Surroundings, ways_m: Costs, pose: Points) -> Iterator[Target]:
+        grid = around.grid
+        reached = np.isfinite(ways_m)
+        self.frontiers = find_frontiers(grid, self._settings.min_frontier_m)
+        for frontier in self.frontiers:
+            cell = grid.nearest(reached, frontier.middle_xy_m, NEAR_FRONTIER_M)
+            if cell is None:
+                continue
+            way_m = float(ways_m[cell])
+            goal = _facing(grid.middles_m(cell), frontier.middle_xy_m)
+            dx, dy = goal[:2] - pose[:2]
+            turn_rad = abs(math.remainder(math.atan2(dy, dx) - pose[2], math.tau))
+            cost_m = way_m + TURN_M_PER_RAD * turn_rad - GAIN * min(frontier.length_m, MAX_GAIN_M)
+            yield Target(MissionState.EXPLORE, goal, frontier.middle_xy_m, cost_m)
+
+    def _walls(self, around: Surroundings, ways_m: Costs, searched: "SearchedGrid") -> Iterator[Target]:
+        todo = ~searched.holds(around.fronts.middles_m)
+        views = search_views(around.grid, ways_m, around.fronts, todo, self._settings.min_wall_m)
+        for view in views:
+            goal = _facing(around.grid.middles_m(view.cell), view.look_at_xy_m)
+            cost_m = view.cost_m + SEARCH_LATER_M - GAIN * min(view.length_m, MAX_GAIN_M)
+            yield Target(MissionState.SEARCH, goal, view.look_at_xy_m, cost_m)
+
+    def _victims(
+        self, around: Surroundings, ways_m: Costs, suspected: Iterable[tuple[Points, float]]
+    ) -> Iterator[Target]:
+        reached = np.argwhere(np.isfinite(ways_m))
+        places = around.grid.middles_m(reached)
+        for victim, facing_rad in suspected:
+            offset = places - victim
+            distance = np.hypot(*offset.T)
+            aside = np.abs(wrap_angle(np.arctan2(offset[:, 1], offset[:, 0]) - facing_rad))
+            good = (distance >= VICTIM_FROM_M[0]) & (distance <= VICTIM_FROM_M[1])
+            good &= aside <= VICTIM_SLANT_RAD
+            if good.any():
+                cells = reached[good]
+                cell: Cell = tuple(cells[np.argmin(ways_m[tuple(cells.T)])].tolist())
+                goal = _facing(around.grid.middles_m(cell), victim)
+                cost_m = float(ways_m[cell]) - VICTIM_FIRST_M
+                yield Target(MissionState.APPROACH, goal, victim, cost_m)
+
+    def _is_given_up(self, target: Target) -> bool:
+        return any(
+            kind == target.state.name and math.dist(target.about_xy_m, (x, y)) <= SAME_M
+            for kind, x, y in self._given_up
+        )
+
+    def _bonus(self, target: Target, current: Target | None) -> float:
+        if current is None or target.state is not current.state:
+            return 0.0
+        return STAY_M if math.dist(target.about_xy_m, current.about_xy_m) <= SAME_M else 0.0
+
+
+class SearchedGrid:
+    """Which walls were searched, as a grid of the map's kind: 100 searched, 0 not.
+
+    Args:
+        cells: `(H, W) int8`, row 0 at the smallest y.
+        resolution_m: Edge of a cell.
+        corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
+    """
+
+    def __init__(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
+        self.cells = cells
+        self.resolution_m = resolution_m
+        self.corner_xy_m = np.asarray(corner_xy_m, float)
+
+    def holds(self, points_m: Points) -> NDArray[np.bool_]:
+        """Say which of some points `(N, 2)`, m, map frame, were searched."""
+        column, row = np.floor((points_m - self.corner_xy_m) / self.resolution_m).astype(int).T
+        inside = (row >= 0) & (row < self.cells.shape[0]) & (column >= 0) & (column < self.cells.shape[1])
+        return inside & (self.cells[np.where(inside, row, 0), np.where(inside, column, 0)] == SEARCHED)
+
+
+def _facing(place: Points, about: Points) -> Points:
+    """Return the pose at a place that faces another."""
+    dx, dy = about - place
+    return np.array([*place, math.atan2(dy, dx)])
