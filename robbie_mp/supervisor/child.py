@@ -4,6 +4,7 @@ What only the core or only a module needs is imported when it is known which of 
 """
 
 import faulthandler
+import io
 import logging
 import os
 import sys
@@ -35,6 +36,9 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
     """Run one incarnation of the core or a module, then end the process."""
     set_process_name(name)
     faulthandler.enable()  # also answers SIGABRT, which the supervisor sends to a child that hangs
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a strange file name must not end who prints it
     channel = log_to_supervisor()
     follow_level(run_folder, name)
     code = 0

@@ -25,6 +25,7 @@ from robbie_mp.supervisor.sweep import sweep
 from robbie_mp.supervisor.tree import Tree
 from robbie_mp.trace.reader import LOG_FOLDER
 from robbie_mp.transport.board import TOOL_PREFIX
+from robbie_mp.transport.words import check_machine
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,9 @@ def run_profile(
     Raises:
         SharedMemoryFull: there is no room for the run's tables.
         UnsafeRunFolder, LogNotWritable: where the run keeps its files.
+        UnsuitableMachine: this Python has no words of 64 bits.
     """
+    check_machine()
     sweep()
     output_directory.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:

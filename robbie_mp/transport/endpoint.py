@@ -28,6 +28,14 @@ class NameTooLong(RobbieError, ValueError):
     """A type or topic name does not fit into shared memory."""
 
 
+class NameNotText(RobbieError, ValueError):
+    """A type or topic name holds what is no character, so no other process could be told it.
+
+    Example scenarios:
+      - a topic is named after a file whose name is not UTF-8
+    """
+
+
 @dataclass(frozen=True)
 class EndpointMemory:
     """What connects one incarnation of a module with the core."""
@@ -155,7 +163,14 @@ class Endpoint:
         handler: str = "",
     ) -> int:
         for name in (type_name, topic):
-            if len(name.encode()) > layout.NAME_BYTES:
+            try:
+                size = len(name.encode())
+            except UnicodeEncodeError as error:
+                raise NameNotText(
+                    f"{name!a} cannot name a type or topic: character {error.start} is half of a surrogate "
+                    "pair, as Python makes of bytes that are no UTF-8; make the name of other characters"
+                ) from error
+            if size > layout.NAME_BYTES:
                 raise NameTooLong(f"'{name}' has more than {layout.NAME_BYTES} bytes")
         with self.lock:
             number = self._declarations

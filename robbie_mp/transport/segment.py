@@ -14,7 +14,7 @@ import posix_ipc
 from robbie_mp.errors import RobbieError
 from robbie_mp.proc import ProcessIdentity
 from robbie_mp.transport import layout
-from robbie_mp.transport.words import WORD_BYTES, Words
+from robbie_mp.transport.words import WORD_BYTES, Words, check_machine
 
 
 class SharedMemoryFull(RobbieError, MemoryError):
@@ -77,7 +77,9 @@ class Segment:
         Raises:
             SharedMemoryFull: there is no room for it.
             FileExistsError: the name is taken.
+            UnsuitableMachine: no segment may be used by this Python.
         """
+        check_machine()
         size = words * WORD_BYTES
         try:
             creator = ProcessIdentity.own()
@@ -113,7 +115,9 @@ class Segment:
         Raises:
             SegmentMissing: no segment has that name, or it is just being made.
             SegmentMismatch: it is of another kind or layout version.
+            UnsuitableMachine: no segment may be used by this Python.
         """
+        check_machine()
         try:
             shared = posix_ipc.SharedMemory(f"/{name}", 0, read_only=not write)
         except posix_ipc.ExistentialError as error:

@@ -6,13 +6,38 @@ test it is anything that counts them, or stops after one.
 """
 
 import struct
+import sys
 import threading
 from collections.abc import Callable
 from functools import partial
 from typing import Protocol
 
+from robbie_mp.errors import RobbieError
+
 WORD_BYTES = 8
 WORD_MAX = (1 << 64) - 1
+
+
+class UnsuitableMachine(RobbieError, RuntimeError):
+    """This Python cannot read and write words of 64 bits as a whole, in the order that others expect.
+
+    Example scenarios:
+      - a Python of 32 bits, as on 32-bit Raspberry Pi OS, also where the processor has 64
+    """
+
+
+def check_machine() -> None:
+    """See that a word of shared memory is stored whole here, and means the same to all.
+
+    Raises:
+        UnsuitableMachine: it is not so.
+    """
+    if sys.byteorder != "little" or sys.maxsize.bit_length() + 1 < 8 * WORD_BYTES:
+        raise UnsuitableMachine(
+            f"this is a {sys.byteorder}-endian Python of {sys.maxsize.bit_length() + 1} bits, which may see "
+            "half of what another process writes into shared memory; install a little-endian system and "
+            "Python of 64 bits, as x86-64 or aarch64"
+        )
 
 
 class Words(Protocol):
@@ -76,8 +101,12 @@ def words_for_text(size_bytes: int) -> int:
 
 
 def write_text(words: Words, at: int, capacity_words: int, text: str) -> None:
-    """Write a text into `capacity_words` words from `at`; what does not fit is cut off at a character."""
-    data = text.encode()[: (capacity_words - 1) * WORD_BYTES]
+    """Write a text into `capacity_words` words from `at`; what does not fit is cut off at a character.
+
+    Half of a surrogate pair, as in the name of a file that is no UTF-8, is written as Python escapes it: a
+    line for people must not end the process that shows it.
+    """
+    data = text.encode(errors="backslashreplace")[: (capacity_words - 1) * WORD_BYTES]
     data = data.decode(errors="ignore").encode()
     padded = data + bytes(-len(data) % WORD_BYTES)
     for index in range(0, len(padded), WORD_BYTES):

@@ -1,6 +1,7 @@
 """Well and ill behaved modules for tests; copied into each test's workspace."""
 
 import json
+import logging
 import os
 import threading
 import time
@@ -187,6 +188,24 @@ class NeverTicks(Module):
     """Has a period that cannot be."""
 
     period_s = 0.0
+
+
+class NotText(Module):
+    """Says a text that cannot be written as UTF-8 wherever a module may say something."""
+
+    period_s = 0.01
+    topic: bool = setting(False, "also publishes on a topic of that name")
+
+    def tick(self) -> None:
+        name = os.fsdecode(b"m\xfcll.txt")
+        self.status = f"reads {name}"
+        self.show_state(f"READ {name}", name)
+        self.log.warning("logs %s", name)
+        logging.getLogger(name).warning("by another name")
+        print(f"prints {name}")
+        if self.topic:
+            self.publish(DriveCommand(), topic=name)
+        self.stop()
 
 
 class StateWatcher(Journal):

@@ -1,0 +1,51 @@
+"""A Python of 32 bits stores a word in two halves: nothing may run there, and nothing may attach."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.cli import main
+from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.words import UnsuitableMachine
+
+PROFILE = "modules: {one: {class: 'robbie_mp.module:Module'}}"
+
+
+@pytest.mark.parametrize(
+    ("word", "value", "said"),
+    [
+        ("maxsize", 2**31 - 1, "little-endian Python of 32 bits"),
+        ("byteorder", "big", "big-endian Python of 64"),
+    ],
+)
+def test_run_is_refused_before_anything_starts(
+    word: str,
+    value: object,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "profiles").mkdir()
+    (tmp_path / "profiles" / "robot.yaml").write_text(PROFILE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, word, value)
+    assert main(["run", "robot", "--output", str(tmp_path / "out")]) == 1
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_nobody_makes_or_maps_a_segment_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    segment = Segment.create("robbie-7e573210-x", 100, SegmentKind.DATA)
+    try:
+        monkeypatch.setattr(sys, "maxsize", 2**31 - 1)
+        with pytest.raises(UnsuitableMachine):
+            Segment.attach("robbie-7e573210-x", SegmentKind.DATA)
+        with pytest.raises(UnsuitableMachine):
+            Segment.create("robbie-7e573210-y", 100, SegmentKind.DATA)
+    finally:
+        monkeypatch.undo()
+        segment.close()
+        segment.unlink()
