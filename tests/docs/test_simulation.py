@@ -33,5 +33,5 @@ def test_table_names_the_devices_of_the_profile_which_may_start(monkeypatch: pyt
     monkeypatch.chdir(ROOT)
     profile = load_profile("simulation")
     assert not preflight(profile, timeout_s=60.0).failures
-    named = re.findall(r"^\| [^|]+ \| `(modules\.\w+:\w+)`", PAGE, re.MULTILINE)
+    named = re.findall(r"^\| [^|]+ \| `(modules\.[\w.]+:\w+)`", PAGE, re.MULTILINE)
     assert sorted(module.class_path for module in profile.modules) == sorted(named)
