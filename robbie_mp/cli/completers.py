@@ -10,6 +10,7 @@ from pathlib import Path
 from robbie_mp.cli.runs import choose_run
 from robbie_mp.errors import RobbieError
 from robbie_mp.supervisor.run_directory import KnownRun
+from robbie_mp.visible_text import is_visible
 
 Completer = Callable[..., list[str]]
 
@@ -19,7 +20,8 @@ def of_run(names: Callable[[KnownRun], Iterable[str]]) -> Completer:
 
     def complete(parsed_args: argparse.Namespace, **_: object) -> list[str]:
         try:
-            return list(names(choose_run(getattr(parsed_args, "run", None))))
+            found = names(choose_run(getattr(parsed_args, "run", None)))
+            return [name for name in found if is_visible(name)]
         except (RobbieError, OSError):
             return []
 
@@ -81,6 +83,6 @@ def log_topics(parsed_args: argparse.Namespace, **_: object) -> list[str]:
 
     try:
         with open_log(getattr(parsed_args, "log", None) or parsed_args.a) as log:
-            return [channel_name(channel) for channel in log.channels]
+            return [name for channel in log.channels if is_visible(name := channel_name(channel))]
     except (RobbieError, OSError, AttributeError, TypeError):
         return []

@@ -2,20 +2,19 @@
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from rich.table import Table
 from rich.text import Text
 
-from robbie_mp.cli.figures import console
 from robbie_mp.cli.log_files import add_log_argument, add_topics_argument, progress_bar, warn_of_unmatched
+from robbie_mp.cli.output import PlainTable, console, warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.recording.comparison import ChannelComparison, compare
 from robbie_mp.recording.reader import open_log
+from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -50,7 +49,7 @@ def diff(arguments: argparse.Namespace) -> int:
         with progress_bar("comparing") as progress:
             found = compare(a, b, arguments.topics, ignore_stamps=arguments.ignore_stamps, progress=progress)
         for line in [*a.damage, *b.damage]:
-            print(f"warning: {line}; only what is whole was compared", file=sys.stderr)
+            warn(f"{line}; only what is whole was compared")
     if arguments.json:
         print(json.dumps([_as_data(one) for one in found], indent=2))
     else:
@@ -70,7 +69,7 @@ def _as_data(one: ChannelComparison) -> dict[str, object]:
 
 
 def _print(found: Sequence[ChannelComparison]) -> None:
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = PlainTable()
     for heading in ("topic", "type", "sender"):
         table.add_column(heading, no_wrap=True)
     for heading in ("equal", "different", "only in A", "only in B"):
@@ -78,7 +77,7 @@ def _print(found: Sequence[ChannelComparison]) -> None:
     for one in found:
         bad = (one.different, one.only_in_a, one.only_in_b)
         table.add_row(
-            *map(Text, one.channel),
+            *one.channel,
             str(one.equal),
             *(Text(str(count), "bold red" if count else "") for count in bad),
         )
@@ -87,7 +86,10 @@ def _print(found: Sequence[ChannelComparison]) -> None:
         if first := one.first:
             topic, type_name, _ = one.channel
             print(
-                f"{topic or type_name}: message {first.index}: {first.field}: {first.a} in A, {first.b} in B"
+                one_line(
+                    f"{topic or type_name}: message {first.index}: "
+                    f"{first.field}: {first.a} in A, {first.b} in B"
+                )
             )
     if all(one.is_equal for one in found):
         print(f"equal: {sum(one.equal for one in found)} messages")

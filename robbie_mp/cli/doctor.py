@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
-from robbie_mp.cli.figures import console
+from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.doctor.examination import examine, worst
 from robbie_mp.doctor.finding import Finding, Level

@@ -18,6 +18,7 @@ from robbie_mp.message_stream import MessageStream
 from robbie_mp.messages import DecodeError, Message
 from robbie_mp.supervisor.run_directory import KnownRun
 from robbie_mp.transport.endpoint import ChannelName
+from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -137,7 +138,7 @@ class _Echo:
             print(to_csv(list(row.values())), flush=True)
         else:
             about = f"topic {received.topic}, " if received.topic else ""
-            print(f"--- # {about}from {received.sender}, sequence {received.sequence}")
+            print(one_line(f"--- # {about}from {received.sender}, sequence {received.sequence}"))
             print(to_yaml(value), flush=True)
         self._printed += 1
 
@@ -161,4 +162,4 @@ def _envelope(received: Received) -> dict[str, Any]:
 
 
 def _note(text: str) -> None:
-    print(f"({text})", file=sys.stderr, flush=True)
+    print(f"({one_line(text)})", file=sys.stderr, flush=True)

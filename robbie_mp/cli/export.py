@@ -2,7 +2,6 @@
 
 import argparse
 import re
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 
 from robbie_mp.cli.log_files import add_log_argument, add_topics_argument, progress_bar, warn_of_unmatched
 from robbie_mp.cli.message_text import FieldPath, flat, to_csv
+from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.messages import Message
 from robbie_mp.messages.errors import DecodeError, SchemaError
@@ -65,7 +65,7 @@ def export(arguments: argparse.Namespace) -> int:
             try:
                 message_type = logged_type(channel)
             except (NotDecodable, SchemaError) as error:
-                print(f"warning: {error}; left out", file=sys.stderr)
+                warn(f"{error}; left out")
                 is_whole = False
                 continue
             path: Path = arguments.folder / (name + suffix)
@@ -74,9 +74,9 @@ def export(arguments: argparse.Namespace) -> int:
                 write(message_type, rows, file)
             is_whole = is_whole and not rows.broken
             if rows.broken:
-                print(f"warning: {path}: {rows.broken} messages cannot be read; left out", file=sys.stderr)
+                warn(f"{path}: {rows.broken} messages cannot be read; left out")
         for line in log.damage:
-            print(f"warning: {line}; only what is whole was exported", file=sys.stderr)
+            warn(f"{line}; only what is whole was exported")
     return 0 if is_whole else LEFT_OUT
 
 

@@ -1,26 +1,16 @@
 """Figures of a run as a table for people and as plain data for programs."""
 
-import sys
 from collections.abc import Callable, Sequence
 
-from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
+from robbie_mp.cli.output import PlainTable
 from robbie_mp.observe import ModuleFigures
 from robbie_mp.supervisor import states
+from robbie_mp.visible_text import one_line
 
 STYLES = {"RUNNING": "green", "STARTING": "cyan", "BACKOFF": "yellow", "FAILED": "bold red", "STOPPED": "dim"}
 COUNTERS = ("published", "handled", "replaced", "dropped", "lost", "refused")
-
-
-FILE_WIDTH = 160
-"""Columns where nobody tells how wide the paper is."""
-
-
-def console() -> Console:
-    """Return where tables are printed: as wide as the terminal, or wide enough for a file."""
-    return Console(highlight=False, width=None if sys.stdout.isatty() else FILE_WIDTH)
 
 
 def state_name(figures: ModuleFigures) -> str:
@@ -28,7 +18,7 @@ def state_name(figures: ModuleFigures) -> str:
     return states.state_name(figures.state)
 
 
-def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str] = ()) -> Table:
+def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str] = ()) -> PlainTable:
     """One row a module.
 
     Args:
@@ -36,7 +26,7 @@ def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str
         live: whether they run: shows the status line; else the reason of the last state.
         columns: which figures, of those in `FIGURES`; all by default.
     """
-    made = Table(box=None, pad_edge=False, header_style="bold")
+    made = PlainTable()
     made.add_column("module", no_wrap=True)
     made.add_column("state", no_wrap=True)
     for heading in columns or FIGURES:
@@ -48,7 +38,7 @@ def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str
             module.name,
             Text(state, STYLES.get(state, "")),
             *(FIGURES[heading](module) for heading in columns or FIGURES),
-            Text(module.status if live else module.reason, no_wrap=True, overflow="ellipsis"),
+            Text(one_line(module.status if live else module.reason), no_wrap=True, overflow="ellipsis"),
         )
     return made
 

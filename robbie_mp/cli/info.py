@@ -6,12 +6,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
 from rich.text import Text
 
 from robbie_mp.cli import quantities
-from robbie_mp.cli.figures import console
 from robbie_mp.cli.log_files import add_log_argument
+from robbie_mp.cli.output import PlainTable, console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.recording.info import LogInfo, describe, part_data
 from robbie_mp.recording.part import LogPart
@@ -60,7 +59,7 @@ def _describe(path: Path) -> LogInfo:
 
 def _print(info: LogInfo) -> None:
     where = console()
-    table = Table(box=None, pad_edge=False, show_header=False)
+    table = PlainTable(header=False)
     for name, value in _lines(info):
         table.add_row(name, value)
     where.print(table)
@@ -72,19 +71,19 @@ def _print(info: LogInfo) -> None:
         where.print(_parts(info))
 
 
-def _lines(info: LogInfo) -> list[tuple[str, Text]]:
-    lines = [
-        ("log", Text(str(info.path))),
-        ("messages", Text(f"{info.messages}")),
-        ("duration", Text(f"{info.duration_s:.3f} s")),
-        ("from", Text(f"{_time(info.start_ns)} to {_time(info.end_ns)}")),
-        ("size", Text(f"{info.bytes} bytes ({quantities.size(info.bytes)}), {_compression(info)}")),
+def _lines(info: LogInfo) -> list[tuple[str, str | Text]]:
+    lines: list[tuple[str, str | Text]] = [
+        ("log", str(info.path)),
+        ("messages", f"{info.messages}"),
+        ("duration", f"{info.duration_s:.3f} s"),
+        ("from", f"{_time(info.start_ns)} to {_time(info.end_ns)}"),
+        ("size", f"{info.bytes} bytes ({quantities.size(info.bytes)}), {_compression(info)}"),
     ]
     if run := info.run:
-        lines.append(("run", Text(f"{run.run_id}, profile {run.profile}, on {run.host}")))
-        lines.append(("written by", Text(f"{info.library}, Python {run.python}")))
+        lines.append(("run", f"{run.run_id}, profile {run.profile}, on {run.host}"))
+        lines.append(("written by", f"{info.library}, Python {run.python}"))
     else:
-        lines.append(("written by", Text(info.library or "-")))
+        lines.append(("written by", info.library or "-"))
     lines.append(("is", _state(info)))
     return lines
 
@@ -106,8 +105,8 @@ def _time(time_ns: int) -> str:
     return datetime.fromtimestamp(time_ns / 1e9).astimezone().isoformat(" ", "milliseconds")
 
 
-def _channels(info: LogInfo) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
+def _channels(info: LogInfo) -> PlainTable:
+    table = PlainTable()
     for heading in ("topic", "type", "version", "sender"):
         table.add_column(heading, no_wrap=True)
     for heading in ("messages", "Hz", "dropped"):
@@ -115,10 +114,10 @@ def _channels(info: LogInfo) -> Table:
     for one in info.channels:
         channel = one.channel
         table.add_row(
-            Text(channel.topic),
-            Text(channel.type_name),
+            channel.topic,
+            channel.type_name,
             str(channel.version),
-            Text(channel.sender),
+            channel.sender,
             str(one.messages),
             quantities.rate(one.hz),
             Text("-" if one.dropped is None else str(one.dropped), "bold red" if one.dropped else ""),
@@ -126,8 +125,8 @@ def _channels(info: LogInfo) -> Table:
     return table
 
 
-def _parts(info: LogInfo) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
+def _parts(info: LogInfo) -> PlainTable:
+    table = PlainTable()
     table.add_column("part", no_wrap=True)
     for heading in ("bytes", "messages", "chunks", "duration"):
         table.add_column(heading, justify="right", no_wrap=True)

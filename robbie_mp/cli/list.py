@@ -7,10 +7,10 @@ from contextlib import closing
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
 from rich.text import Text
 
-from robbie_mp.cli.figures import STYLES, console, state_name
+from robbie_mp.cli.figures import STYLES, state_name
+from robbie_mp.cli.output import PlainTable, console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
 from robbie_mp.declarations import Declaration, read_declarations
@@ -18,6 +18,7 @@ from robbie_mp.observe import RunObserver
 from robbie_mp.supervisor.run_directory import KnownRun
 from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.segment import SegmentMissing
+from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -126,12 +127,12 @@ TABLES = {"modules": _modules, "types": _types, "topics": _topics}
 
 
 def _print(rows: Sequence[Row]) -> None:
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = PlainTable()
     for heading, value in rows[0].items():
         table.add_column(heading, justify="right" if isinstance(value, int) else "left", no_wrap=True)
     for row in rows:
         cells = (", ".join(value) if isinstance(value, list) else str(value) for value in row.values())
-        table.add_row(*(Text(cell, STYLES.get(cell, "")) for cell in cells))
+        table.add_row(*(Text(one_line(cell), STYLES.get(cell, "")) for cell in cells))
     console().print(table)
 
 
@@ -143,7 +144,7 @@ def _list_runs(as_json: bool) -> int:
     if not runs:
         print("no run on this machine; start one with `robbie run PROFILE`")
         return 0
-    table = Table("run", "profile", "supervisor", "since (UTC)", "modules", box=None, pad_edge=False)
+    table = PlainTable("run", "profile", "supervisor", "since (UTC)", "modules")
     for run, states in runs:
         record = run.record
         shown = ", ".join(f"{name} {state}" for name, state in states.items()) or "starting"

@@ -9,19 +9,20 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.console import Console
 from rich.style import Style
 
 from robbie_mp.cli import completers
+from robbie_mp.cli.output import console, print_styled
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
 from robbie_mp.errors import RobbieError
 from robbie_mp.suggest import did_you_mean
 from robbie_mp.supervisor.control_client import control
-from robbie_mp.trace.entry import Entry, visible
+from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.follower import TraceFollower
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.reader import LOG_FOLDER, crash_reports, entries, module_names
+from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -162,22 +163,25 @@ class EntryPrinter:
     """Prints entries, in colour on a terminal (unless NO_COLOR is set)."""
 
     def __init__(self, *, as_json: bool):
-        console = Console()
+        output = console()
         self._as_json = as_json
-        self._is_coloured = console.is_terminal and not console.no_color
+        self._is_coloured = output.is_terminal and not output.no_color
 
     def print(self, entry: Entry) -> None:
         """Print one entry; more lines than one are indented."""
         if self._as_json:
-            sys.stdout.write(entry.to_line().decode())
+            print(entry.to_line().decode(), end="")
             return
         stamp = time.strftime("%H:%M:%S", time.localtime(entry.time_s))
         milliseconds = int(entry.time_s * 1000) % 1000
-        head = f"{stamp}.{milliseconds:03d} {entry.module}#{entry.incarnation} "
+        head = f"{stamp}.{milliseconds:03d} {one_line(entry.module)}#{entry.incarnation} "
         logger = f"{entry.logger}: " if entry.logger not in ("", entry.module) else ""
         lines = [f"{entry.kind} {logger}{entry.text}", *entry.traceback.splitlines()]
-        text = "\n    ".join(line for part in lines for line in visible(part).split("\n"))
-        print(head + (STYLES[entry.kind].render(text) if self._is_coloured else text))
+        text = "\n    ".join(line for part in lines for line in part.split("\n"))
+        if self._is_coloured:
+            print_styled(head, text, STYLES[entry.kind])
+        else:
+            print(head + text)
 
 
 def _kinds(text: str) -> frozenset[Kind]:

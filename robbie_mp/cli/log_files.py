@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from robbie_mp.cli import completers
+from robbie_mp.cli.output import PlainConsole, warn
 from robbie_mp.recording.conversion import Conversion
 from robbie_mp.recording.reader import LogChannel
 from robbie_mp.recording.repair import Progress
@@ -30,10 +31,9 @@ def progress_bar(text: str) -> Iterator[Progress]:
     if not sys.stderr.isatty():
         yield lambda _done, _all: None
         return
-    from rich.console import Console  # noqa: PLC0415
     from rich.progress import Progress as ProgressBar  # noqa: PLC0415
 
-    with ProgressBar(console=Console(stderr=True), transient=True) as bar:
+    with ProgressBar(console=PlainConsole(sys.stderr), transient=True) as bar:
         task = bar.add_task(text)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
@@ -55,12 +55,12 @@ def warn_of_unmatched(channels: Iterable[LogChannel], patterns: Sequence[str]) -
     known = list(channels)
     for pattern in select(known, patterns)[1]:
         names = ", ".join(sorted({channel_name(channel) for channel in known})) or "none"
-        print(f"warning: no topic is like {pattern!r}; there are: {names}", file=sys.stderr)
+        warn(f"no topic is like {pattern!r}; there are: {names}")
 
 
 def print_conversion(target: Path, done: Conversion) -> int:
     """Say what has become of a log that was imported, and return the exit code."""
     for reason, count in done.left_out.items():
-        print(f"warning: left out {count}: {reason}", file=sys.stderr)
+        warn(f"left out {count}: {reason}")
     print(f"{target}: {done.messages} messages")
     return 0

@@ -16,6 +16,7 @@ from robbie_mp.messages.message import fields_of, nested
 from robbie_mp.profile.reader import read_text
 from robbie_mp.profile.show import inline
 from robbie_mp.suggest import did_you_mean
+from robbie_mp.visible_text import one_line, visible_json
 
 SHOWN = 8
 """Elements of an array that are shown to people, if not all are asked for."""
@@ -153,7 +154,7 @@ def _yaml_inline(value: Any) -> str:
 
 def to_json(value: Any) -> str:
     """Return plain data as JSON on one line; infinity and not-a-number as null, for JSON has none."""
-    return json.dumps(_without_infinity(value), ensure_ascii=False, allow_nan=False)
+    return visible_json(json.dumps(_without_infinity(value), ensure_ascii=False, allow_nan=False))
 
 
 def _without_infinity(value: Any) -> Any:
@@ -165,9 +166,10 @@ def _without_infinity(value: Any) -> Any:
 
 
 def to_csv(cells: list[Any]) -> str:
-    """Return a row of CSV (RFC 4180)."""
+    """Return a row of CSV (RFC 4180) on one line: control characters and ends of lines are made visible."""
     row = io.StringIO()
-    csv.writer(row, lineterminator="").writerow(cells)
+    shown = [one_line(cell) if isinstance(cell, str) else cell for cell in cells]
+    csv.writer(row, lineterminator="").writerow(shown)
     return row.getvalue()
 
 

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
 from rich.text import Text
 
 from robbie_mp.attachment import Attachment, Received
 from robbie_mp.cli import completers
-from robbie_mp.cli.figures import console, state_name
+from robbie_mp.cli.figures import state_name
+from robbie_mp.cli.output import PlainTable, console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.errors import RobbieError
@@ -98,11 +98,11 @@ def list_all(arguments: argparse.Namespace) -> int:
     if not found:
         print("no setting can be changed")
         return 0
-    table = Table("setting", "value", "type", "means", box=None, pad_edge=False, header_style="bold")
+    table = PlainTable("setting", "value", "type", "means")
     for entry in found:
         value = Text(inline(entry["value"]), "bold" if entry["changed"] else "")
         name = f"{entry['module']}.{entry['setting']}"
-        table.add_row(Text(name), value, Text(entry["type"]), Text(entry["description"]))
+        table.add_row(name, value, entry["type"], entry["description"])
     console().print(table)
     return 0
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 
 from robbie_mp.attachment import Attachment, RunEnded
+from robbie_mp.cli.output import print_in_place
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import PlaybackControl, PlaybackState
 from robbie_mp.supervisor.run_directory import KnownRun
@@ -76,7 +77,7 @@ def steer_with_keys(run: KnownRun, describe: Callable[[PlaybackState], str]) -> 
                     state = PlaybackState.decode(received.data)
                 line = f"{describe(state)}  {state.error}" if state.file else ""
                 if line != shown:
-                    print(f"\r\x1b[K{line}", end="", flush=True)
+                    print_in_place(line)
                     shown = line
                 attachment.wait(0.0)
         except RunEnded:

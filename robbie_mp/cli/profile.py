@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from robbie_mp.cli import completers
+from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.preflight import preflight
@@ -58,7 +59,7 @@ def show(arguments: argparse.Namespace) -> int:
     findings = preflight(profile)
     for module, failure in findings.failures.items():
         last_line = failure.strip().splitlines()[-1]
-        print(f"warning: module {module} cannot be imported: {last_line}", file=sys.stderr)
+        warn(f"module {module} cannot be imported: {last_line}")
     tree = as_tree(profile, findings.settings)
     origin_of = origins(profile, tree)
     if arguments.json:
@@ -74,11 +75,10 @@ def _print_lines(lines: Iterable[Line]) -> None:
     if not sys.stdout.isatty():
         print(*lines, sep="\n")
         return
-    from rich.console import Console  # noqa: PLC0415
     from rich.text import Text  # noqa: PLC0415
 
-    console = Console(highlight=False)
+    output = console()
     for line in lines:
-        console.print(
+        output.print(
             Text.assemble(str(line).removesuffix(line.comment), (line.comment, "dim")), soft_wrap=True
         )

@@ -3,9 +3,11 @@
 import argparse
 import os
 import sys
+import traceback
 from collections.abc import Sequence
 from importlib import import_module
 
+from robbie_mp.cli.output import plain_output
 from robbie_mp.cli.parser import BAD_USAGE, Parser
 from robbie_mp.errors import RobbieError
 from robbie_mp.version import installed_version
@@ -47,6 +49,15 @@ INTERRUPTED = 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return 0 if it went well, 1 if what it did failed, 2 for bad usage or a bad profile."""
+    with plain_output():
+        try:
+            return _main(arguments)
+        except Exception:
+            traceback.print_exc()  # here, where it is made plain
+            return FAILED
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     argv = list(sys.argv[1:] if arguments is None else arguments)
     if "_ARGCOMPLETE" in os.environ:
         _complete()

@@ -16,6 +16,7 @@ from robbie_mp.transport import names
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment
 from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.visible_text import one_line
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def print_rates(arguments: argparse.Namespace, describe: Callable[[Rates], str])
         counters = ChannelCounters(segment.words)
         for rates in _measure(counters, (wanted.name, wanted.version, arguments.topic), arguments.every):
             for rate in rates:
-                about = f"  topic {rate.topic}" if rate.topic else ""
+                about = f"  topic {one_line(rate.topic)}" if rate.topic else ""
                 print(json.dumps(asdict(rate)) if arguments.json else describe(rate) + about, flush=True)
             if not rates:
                 print(f"nobody publishes {wanted.name}", flush=True)

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.checkpoint.file import checkpoint_file, set_aside
-from robbie_mp.cli.figures import console, table
+from robbie_mp.cli.figures import table
 from robbie_mp.cli.figures_data import as_data
+from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_profile_arguments
 from robbie_mp.cli.screen import RunScreen

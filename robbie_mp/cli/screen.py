@@ -13,10 +13,10 @@ import threading
 import time
 from typing import IO, cast
 
-from rich.console import Console
 from rich.live import Live
 
 from robbie_mp.cli.figures import LIVE_FIGURES, table
+from robbie_mp.cli.output import PlainConsole
 from robbie_mp.observe import RunObserver
 from robbie_mp.supervisor.output import SUPERVISOR
 from robbie_mp.supervisor.run import RunListener
@@ -24,6 +24,7 @@ from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.transport.segment import SegmentMissing
+from robbie_mp.visible_text import visible
 
 REFRESH_S = 0.25
 QUEUED_LINES = 1000
@@ -70,7 +71,7 @@ class RunScreen:
             fd: where to write.
         """
         self._file = Unbuffered(fd)
-        self._console = Console(file=cast("IO[str]", self._file), highlight=False)
+        self._console = PlainConsole(cast("IO[str]", self._file))
         self._quiet = quiet
         self._lines: queue.Queue[tuple[str, str]] = queue.Queue(QUEUED_LINES)
         self._ended = threading.Event()
@@ -163,6 +164,6 @@ class RunScreen:
 
     def _print(self, live: Live | None, text: str, style: str) -> None:
         if live is None:
-            self._file.write(text + "\n")
+            self._file.write(visible(text) + "\n")
         else:
             self._console.print(text, style=style, markup=False, soft_wrap=True)

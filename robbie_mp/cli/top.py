@@ -8,8 +8,8 @@ import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from robbie_mp.cli.figures import console
 from robbie_mp.cli.figures_data import run_as_data
+from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.cli.top_csv import record

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from typing import IO
 
 from robbie_mp.cli.figures import state_name
+from robbie_mp.cli.output import PlainStream
 from robbie_mp.errors import RobbieError
 from robbie_mp.observe import ModuleFigures, ModuleRates, RunObserver, RunReading, rates_between
 from robbie_mp.supervisor.run_directory import KnownRun, is_live
@@ -56,7 +57,7 @@ def record(run: KnownRun, path: str, interval_s: float, *, once: bool = False) -
 
 
 def _record(run: KnownRun, observer: RunObserver, file: IO[str], interval_s: float, *, once: bool) -> int:
-    writer = csv.writer(file)
+    writer = csv.writer(PlainStream(file))
     writer.writerow(COLUMNS)
     before = observer.read()
     next_s = time.monotonic()

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from rich.table import Table
 from rich.text import Text
 
 from robbie_mp.cli.figures import STYLES, state_name
+from robbie_mp.cli.output import PlainTable
 from robbie_mp.cli.quantities import long_time, rate, seconds, size
 from robbie_mp.observe import ChannelRates, ModuleFigures, ModuleRates, RunRates, RunReading
 from robbie_mp.observe.talk import Talk, talk_of
+from robbie_mp.visible_text import one_line
 
 ALARM = "bold red"
 HUNG_S = 1.0
@@ -69,9 +70,9 @@ def doing(row: ModuleRow) -> Text:
     module = row.figures
     state = state_name(module)
     if state in ("BACKOFF", "FAILED"):
-        return Text(module.reason, STYLES[state])
+        return Text(one_line(module.reason), STYLES[state])
     if state == "STOPPED":
-        return Text(module.reason, "dim")
+        return Text(one_line(module.reason), "dim")
     parts = []
     if row.is_hung:
         parts.append((f"in {module.handler or module.activity} for {row.busy_s:.1f} s", ALARM))
@@ -79,7 +80,7 @@ def doing(row: ModuleRow) -> Text:
         parts.append((f"[{module.states}]", "bold"))
     if module.status:
         parts.append((module.status, ""))
-    return Text("  ").join(Text(*part) for part in parts)
+    return Text("  ").join(Text(one_line(text), style) for text, style in parts)
 
 
 def _number(value: float, text: str, *, alarm: bool = False, quiet: bool = True) -> Text:
@@ -164,7 +165,10 @@ def _uptime_s(row: ModuleRow) -> float:
 
 MODULE_COLUMNS: tuple[ModuleColumn, ...] = (
     ModuleColumn(
-        "module", lambda row: Text(row.figures.name, "bold"), lambda row: row.figures.name, is_text=True
+        "module",
+        lambda row: Text(one_line(row.figures.name), "bold"),
+        lambda row: row.figures.name,
+        is_text=True,
     ),
     ModuleColumn(
         "state",
@@ -206,7 +210,7 @@ MODULE_COLUMNS: tuple[ModuleColumn, ...] = (
     ),
     ModuleColumn(
         "last end",
-        lambda row: Text(row.figures.last_end),
+        lambda row: Text(one_line(row.figures.last_end)),
         lambda row: row.figures.last_end,
         is_text=True,
         is_line=True,
@@ -236,11 +240,11 @@ def _whole_time_ms(heading: str, kind: str) -> ModuleColumn:
 PRINTED_TIMES = (_whole_time_ms("lat p99 ms", "latency"), _whole_time_ms("hnd p99 ms", "handler"))
 
 
-def modules_table(reading: RunReading, rates: RunRates | None) -> Table:
+def modules_table(reading: RunReading, rates: RunRates | None) -> PlainTable:
     """The most important figures, to be printed."""
     columns = [column for column in (*MODULE_COLUMNS, *PRINTED_TIMES) if column.heading in PRINTED]
     columns.sort(key=lambda column: PRINTED.index(column.heading))
-    made = Table(box=None, pad_edge=False, header_style="bold")
+    made = PlainTable()
     for column in columns:
         is_last = column.heading == "status"
         made.add_column(column.heading, justify="left" if column.is_text else "right", no_wrap=not is_last)
@@ -291,9 +295,10 @@ class ChannelRow:
 
     @property
     def name(self) -> str:
-        """Type and topic."""
+        """Type and topic, as they are shown."""
         channel = self.talk.channel
-        return f"{channel.type_name.replace('/msg/', '/')}" + (f" {channel.topic}" if channel.topic else "")
+        type_name = channel.type_name.replace("/msg/", "/")
+        return one_line(f"{type_name} {channel.topic}" if channel.topic else type_name)
 
 
 @dataclass(frozen=True)
@@ -309,7 +314,7 @@ class ChannelColumn:
 
 
 def _names(names: Sequence[str]) -> Text:
-    return Text(", ".join(names) or "-", "" if names else "dim")
+    return Text(one_line(", ".join(names)) or "-", "" if names else "dim")
 
 
 def _rate_of(row: ChannelRow, name: str) -> float:
@@ -378,7 +383,9 @@ def graph(reading: RunReading, rates: RunRates | None) -> Text:
         if not sent and not heard:
             continue
         style = STYLES.get(state_name(module), "")
-        lines.append(Text.assemble((module.name, f"bold {style}"), "" if sent else ("  only listens", "dim")))
+        lines.append(
+            Text.assemble((one_line(module.name), f"bold {style}"), "" if sent else ("  only listens", "dim"))
+        )
         for place, row in enumerate(sent):
             corner = "└─" if place == len(sent) - 1 else "├─"
             hz = f" {rate(_rate_of(row, 'hz'))}/s" if row.rates else ""
@@ -387,7 +394,7 @@ def graph(reading: RunReading, rates: RunRates | None) -> Text:
                 line.append("nobody", "dim")
             for number, (name, entry) in enumerate(row.talk.subscribers):
                 line.append(", " if number else "")
-                line.append(name, "bold")
+                line.append(one_line(name), "bold")
                 if entry.handling == "KEEP_ONLY_NEWEST":
                     line.append(" (newest)", "dim")
                 if entry.overflowed:
@@ -395,6 +402,6 @@ def graph(reading: RunReading, rates: RunRates | None) -> Text:
             lines.append(line)
     unheard = [row for row in rows if not row.talk.publishers and row.talk.subscribers]
     for row in unheard:
-        names = ", ".join(name for name, _ in row.talk.subscribers)
+        names = one_line(", ".join(name for name, _ in row.talk.subscribers))
         lines.append(Text.assemble(("nobody", "dim"), f" ─ {row.name} ─▶ {names}"))
     return Text("\n").join(lines) if lines else Text("nobody talks", "dim")

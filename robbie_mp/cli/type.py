@@ -8,6 +8,7 @@ from robbie_mp.cli.echo import add_type_argument
 from robbie_mp.cli.known_types import types_of_run_or_workspace
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument
+from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -54,5 +55,5 @@ def show(arguments: argparse.Namespace) -> int:
 def list_types(arguments: argparse.Namespace) -> int:
     """Print the names of all types."""
     names = types_of_run_or_workspace(arguments.run).names()
-    print(json.dumps(names, indent=2) if arguments.json else "\n".join(names))
+    print(json.dumps(names, indent=2) if arguments.json else "\n".join(map(one_line, names)))
     return 0

@@ -8,10 +8,10 @@ import yaml
 
 from robbie_mp.profile.model import ModuleSpec, Profile
 from robbie_mp.profile.reader import CORE_SCHEMA
+from robbie_mp.visible_text import visible
 
 DEFAULT = "default"
 COMMENT_COLUMN = 48
-LINE_BREAKS = frozenset("\x85\u2028\u2029")
 KeyPath = tuple[str, ...]
 
 
@@ -115,6 +115,6 @@ def _dump(value: object, *, allow_unicode: bool) -> str:
 def inline(value: object) -> str:
     """Return a value as YAML on one line, which a profile may contain just so."""
     text = _dump(value, allow_unicode=True)
-    if not LINE_BREAKS.isdisjoint(text):  # PyYAML would write them as they are, and read them as blanks
+    if visible(text) != text:  # PyYAML would write what terminals obey as it is, and read some as blanks
         text = _dump(value, allow_unicode=False)
     return text.removesuffix("\n").removesuffix("\n...").rstrip("\n")

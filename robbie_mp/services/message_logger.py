@@ -3,6 +3,7 @@
 import errno
 import os
 from collections import defaultdict
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
 
@@ -90,17 +91,9 @@ class MessageLogger(Module):
         self.drops = QueueDrops(
             lambda: messages_missed(self.core, self.slot), self._passed, self.restored or 0
         )
-        root = self.folder or self.output_directory
-        recording = self.run.recording_folder(root, self.name)
+        recording = self.run.recording_folder(self.folder or self.output_directory, self.name)
         self.recorder = Recorder(
-            lambda dropped: LogWriter(
-                recording,
-                self.compression,
-                self.run.metadata(),
-                Split(self.split_bytes, self.split_s),
-                DiskBudget(root, self.budget_bytes),
-                dropped,
-            ),
+            lambda dropped: self.make_writer(recording, dropped),
             BufferLimits(self.chunk_bytes, self.buffer_bytes, self.sync_s / 2, self.snapshot_s),
             self.log,
         )
@@ -108,6 +101,22 @@ class MessageLogger(Module):
         self.shown = (self.began_ns, 0, 0)
         self.warned = False
         self.log.info("recording into %s", recording)
+
+    def make_writer(self, recording: Path, dropped: Callable[[], Mapping[ChannelKey, int]]) -> LogWriter:
+        """Make what writes the recording.
+
+        Args:
+            recording: its folder.
+            dropped: says how many messages of which channels are missing.
+        """
+        return LogWriter(
+            recording,
+            self.compression,
+            self.run.metadata(),
+            Split(self.split_bytes, self.split_s),
+            DiskBudget(recording.parent, self.budget_bytes),
+            dropped,
+        )
 
     # -- messages --------------------------------------------------------------------------------------
 

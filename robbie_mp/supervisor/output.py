@@ -15,11 +15,12 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.profile.model import TraceSettings
 from robbie_mp.supervisor.rate_limit import RateLimit
 from robbie_mp.trace.crash import CrashFolder, CrashReport
-from robbie_mp.trace.entry import Entry, EntryNumbers, visible
+from robbie_mp.trace.entry import Entry, EntryNumbers
 from robbie_mp.trace.kinds import ALL_KINDS, KIND_OF_STREAM, Kind, kind_of_level
 from robbie_mp.trace.log_record import LogRecord, parse_line
 from robbie_mp.trace.page import TracePage
 from robbie_mp.trace.rotating_file import RotatingFile
+from robbie_mp.visible_text import visible
 
 LOG = "log"
 ERRORS = "errors"

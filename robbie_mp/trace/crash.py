@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from robbie_mp.trace.entry import visible
+from robbie_mp.visible_text import visible
 
 CRASH_FOLDER = "crashes"
 _FILE = re.compile(r"(?P<module>.+)-\d{8}T\d{6}\.\d{3}-\d+\.json")

@@ -8,15 +8,6 @@ from typing import Any, Self
 
 from robbie_mp.trace.kinds import Kind
 
-# What a terminal would obey, what makes text run backwards, and halves of surrogate pairs, which cannot be
-# written in UTF-8: in a log an attack or an accident.
-_CONTROLS = (*range(0x20), *range(0x7F, 0xA0), *range(0x200E, 0x2010), *range(0x202A, 0x202F))
-_INVISIBLE = {
-    code: f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
-    for code in (*_CONTROLS, 0x2028, 0x2029, *range(0x2066, 0x206A), *range(0xD800, 0xE000))
-    if code not in (ord("\t"), ord("\n"))
-}
-
 
 @dataclass(frozen=True, slots=True)
 class Entry:
@@ -76,11 +67,6 @@ class Entry:
 
 _ENCODER = json.JSONEncoder(separators=(",", ":"))  # json.dumps would make one each time
 _OPTIONAL = tuple(field.name for field in fields(Entry))[7:]
-
-
-def visible(text: str) -> str:
-    """Return a text with its control characters, but for tabs and ends of lines, made visible."""
-    return text if text.isprintable() else text.translate(_INVISIBLE)
 
 
 class EntryNumbers:

@@ -1,8 +1,14 @@
 """Measures what recording everything costs: `python -m tools.logger_load [--seconds 60] [--json FILE]`.
 
 Twenty modules exchange images of 6.2 MB ten times a second and 2,000 small messages a second. They are
-measured without anybody who records, with a subscriber that takes everything and does nothing, and with the
-message logger, in turn and as many rounds as wanted.
+measured in turn, and as many rounds as wanted, without anybody who records (`without`) and with
+  taker      a subscriber that takes everything and does nothing,
+  patient    the same, but it looks only every 20 ms, as the logger does,
+  bystander  a process that takes nothing, but compresses as much as the logger,
+  discard    a logger that copies every message and throws it away,
+  null       a logger that compresses, too, and writes to /dev/null,
+  memory     the logger, writing into /dev/shm,
+  logger     the logger, writing to the disk.
 """
 
 import argparse

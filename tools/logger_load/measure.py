@@ -1,5 +1,7 @@
 """Runs the robot once, recorded or not, and says what came of it."""
 
+import contextlib
+import shutil
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,12 +23,20 @@ Result = dict[str, Any]
 
 MODULES = "tools.logger_load.modules"
 LOGGER = "logger"
-WITHOUT, TAKER, PATIENT, MESSAGE_LOGGER = "without", "taker", "patient", "logger"
+WITHOUT, TAKER, PATIENT, BYSTANDER = "without", "taker", "patient", "bystander"
+DISCARD, NULL, MEMORY, MESSAGE_LOGGER = "discard", "null", "memory", "logger"
 CLASSES = {
     TAKER: f"{MODULES}:Taker",
     PATIENT: f"{MODULES}:PatientTaker",
+    BYSTANDER: f"{MODULES}:Bystander",
+    DISCARD: f"{MODULES}:DiscardingLogger",
+    NULL: f"{MODULES}:NullLogger",
+    MEMORY: "robbie_mp.services.message_logger:MessageLogger",
     MESSAGE_LOGGER: "robbie_mp.services.message_logger:MessageLogger",
 }
+"""Who records, besides nobody: from one who only takes messages to the logger itself."""
+LOGGERS = (DISCARD, NULL, MEMORY, MESSAGE_LOGGER)
+SHARED_MEMORY = Path("/dev/shm")
 PAIRS = 9
 SMALL_HZ = 2000.0
 SETTLE_S = 3.0
@@ -37,7 +47,7 @@ def profile(recorder: str, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Describe twenty modules, and who records them, if anybody: it comes first, so it stops last."""
     modules: dict[str, Any] = {}
     if recorder in CLASSES:
-        own = dict(settings) if recorder == MESSAGE_LOGGER else {}
+        own = dict(settings) if recorder in LOGGERS else {}
         modules[LOGGER] = {
             "class": CLASSES[recorder],
             "settings": own,
@@ -56,8 +66,12 @@ def profile(recorder: str, settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def measure(recorder: str, settings: Mapping[str, Any], seconds: float, settle_s: float = SETTLE_S) -> Result:
     """Run the robot for a while and return figures of that while, and of its log as a whole."""
-    with work_folder() as (_, folder):
+    with work_folder() as (topic, folder), contextlib.ExitStack() as cleanup:
         (folder / "profiles").mkdir()
+        if recorder == MEMORY:
+            logs = SHARED_MEMORY / f"logger-load-{topic.rpartition('-')[2]}"
+            cleanup.callback(shutil.rmtree, logs, ignore_errors=True)
+            settings = {**settings, "folder": str(logs)}
         (folder / "profiles" / "load.yaml").write_text(
             yaml.safe_dump(profile(recorder, settings), sort_keys=False)
         )
@@ -77,7 +91,7 @@ def measure(recorder: str, settings: Mapping[str, Any], seconds: float, settle_s
             took_s = (now.at_ns - before.at_ns) / 1e9
             result["disk_mb_per_s"] = (written_now - written) / MEGABYTE / took_s
             result |= _books(summary)
-        if recorder == MESSAGE_LOGGER:
+        if recorder in (MEMORY, MESSAGE_LOGGER):
             result |= _log_figures(Path(settings.get("folder") or robot.output))
         return result
 

@@ -1,27 +1,45 @@
-"""The modules of the robot that is recorded."""
+"""The modules of the robot that is recorded, and loggers that leave out a part of what a logger does."""
+
+import os
+import zlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robbie_mp.bus import EncodedMessage
 from robbie_mp.messages import DriveCommand, Image, Message, PoseStamped, TwistStamped
 from robbie_mp.module import Module, setting
+from robbie_mp.recording.chunk import Chunk
+from robbie_mp.recording.compression import Compression, compress
+from robbie_mp.recording.format import ChannelKey
+from robbie_mp.recording.log_writer import LogWriter
+from robbie_mp.recording.part_writer import RecordedChannel
+from robbie_mp.recording.recorder import LOGGER_NICE
+from robbie_mp.services.message_logger import MessageLogger
 
 HEIGHT, WIDTH, CHANNELS = 1080, 1920, 3
 IMAGE_HZ = 10.0
 SMALL_TYPES: tuple[type[Message], ...] = (TwistStamped, PoseStamped, DriveCommand)
 
 
+def draw_picture() -> NDArray[np.uint8]:
+    """Return an image of 6.2 MB: smooth, with noise in the lowest three bits, as cameras see a room."""
+    across, down = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    smooth = (across // 8 + down // 8) % 240
+    noise = np.random.default_rng(1).integers(0, 8, (HEIGHT, WIDTH, CHANNELS), np.uint8)
+    return (smooth[:, :, None].astype(np.uint8) + noise).reshape(-1)
+
+
 class Camera(Module):
-    """Publishes images of 6.2 MB: smooth, with noise in the lowest three bits, as cameras see a room."""
+    """Publishes images."""
 
     period_s = 1 / IMAGE_HZ
 
     def setup(self) -> None:
         """Draw the one image."""
-        across, down = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
-        smooth = (across // 8 + down // 8) % 240
-        noise = np.random.default_rng(1).integers(0, 8, (HEIGHT, WIDTH, CHANNELS), np.uint8)
-        self.picture = (smooth[:, :, None].astype(np.uint8) + noise).reshape(-1)
+        self.picture = draw_picture()
 
     def tick(self) -> None:
         """Publish it once more."""
@@ -90,3 +108,70 @@ class PatientTaker(Taker):
     """Takes what has come, every now and then."""
 
     patience_s = 0.02
+
+
+class DiscardingLogger(MessageLogger):
+    """Copies every message into chunks, as the logger does, and throws the chunks away."""
+
+    def make_writer(self, recording: Path, dropped: Callable[[], Mapping[ChannelKey, int]]) -> LogWriter:
+        """Return a writer that does nothing."""
+        return _make(DiscardingWriter, self, recording, dropped)
+
+
+class NullLogger(MessageLogger):
+    """Does all that the logger does, but writes to /dev/null: no file system, no disk."""
+
+    def make_writer(self, recording: Path, dropped: Callable[[], Mapping[ChannelKey, int]]) -> LogWriter:
+        """Return a writer to /dev/null."""
+        return _make(NullWriter, self, recording, dropped)
+
+
+class DiscardingWriter(LogWriter):
+    """Drops every chunk."""
+
+    def write(self, chunk: Chunk, channels: Mapping[int, RecordedChannel]) -> None:
+        """Count it."""
+        self._channels = channels
+        self.bytes += len(chunk.data)
+
+
+class NullWriter(DiscardingWriter):
+    """Makes of every chunk what would be written, and writes it to /dev/null."""
+
+    def write(self, chunk: Chunk, channels: Mapping[int, RecordedChannel]) -> None:
+        """Take the checksum, compress, write."""
+        super().write(chunk, channels)
+        zlib.crc32(chunk.data)
+        fd = os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
+        try:
+            for piece in compress([chunk.data], self._compression):
+                os.write(fd, piece)
+        finally:
+            os.close(fd)
+
+
+def _make(
+    writer: type[LogWriter],
+    logger: MessageLogger,
+    recording: Path,
+    dropped: Callable[[], Mapping[ChannelKey, int]],
+) -> LogWriter:
+    real = MessageLogger.make_writer(logger, recording, dropped)
+    return writer(recording, real._compression, real._run, real._split, real._budget, dropped)
+
+
+class Bystander(Module):
+    """Takes no message at all, but compresses as much as a logger of this robot has to, as far behind."""
+
+    period_s = 1 / IMAGE_HZ
+    nice = LOGGER_NICE
+
+    def setup(self) -> None:
+        """Draw what is compressed."""
+        self.picture = draw_picture()
+
+    def tick(self) -> None:
+        """Copy, take the checksum, compress."""
+        data = bytearray(self.picture)
+        zlib.crc32(data)
+        compress([data], Compression.ZSTD)

@@ -7,6 +7,8 @@ from textual.binding import Binding, BindingType
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
+from robbie_mp.visible_text import one_line
+
 
 class Confirmation(ModalScreen[bool]):
     """A question to be answered with y or n."""
@@ -26,4 +28,4 @@ class Confirmation(ModalScreen[bool]):
 
     def compose(self) -> ComposeResult:
         """Make the question."""
-        yield Static(f"{self.question}\n\ny: yes   n: no", markup=False)
+        yield Static(f"{one_line(self.question)}\n\ny: yes   n: no", markup=False)

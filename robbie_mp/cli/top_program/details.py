@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import ClassVar
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -15,10 +14,12 @@ from textual.widgets import Footer, Static
 
 from robbie_mp.cli.figures import STYLES, state_name
 from robbie_mp.cli.module_log import read_module_log
+from robbie_mp.cli.output import PlainTable
 from robbie_mp.cli.quantities import long_time, rate, seconds, size, sparkline
 from robbie_mp.cli.top_program.feed import History, Snapshot
 from robbie_mp.cli.top_tables import ALARM, ModuleRow, doing, module_rows
 from robbie_mp.observe import ModuleFigures
+from robbie_mp.visible_text import one_line
 
 LOG_LINES = 20
 TREND_WIDTH = 30
@@ -70,13 +71,14 @@ class Details(Screen[None]):
         module, rates = row.figures, row.rates
         state = state_name(module)
         yield Text.assemble(
-            (module.name, "bold"), "  ", (state, STYLES.get(state, "")), f"  {module.reason}",
+            (one_line(module.name), "bold"), "  ", (state, STYLES.get(state, "")),
+            f"  {one_line(module.reason)}",
             f"  pid {module.pid}  start {module.incarnation}",
             f"  up {long_time((row.now_ns - module.started_ns) / 1e9) if module.pid else '-'}",
         )  # fmt: skip
         if module.last_end:
             ago = long_time((row.now_ns - module.last_end_ns) / 1e9)
-            yield Text(f"last end: {module.last_end}, {ago} ago; {module.restarts} restarts", ALARM)
+            yield Text(f"last end: {one_line(module.last_end)}, {ago} ago; {module.restarts} restarts", ALARM)
         yield doing(row)
         yield Text(
             f"memory {size(module.rss_bytes)}, {size(module.shared_bytes)} of it shared; "
@@ -139,7 +141,8 @@ def _books(module: ModuleFigures) -> Iterable[RenderableType]:
         yield table
     if module.publishes:
         yield Text()
-        yield Text("publishes " + ", ".join(f"{name} {topic}".strip() for name, _, topic in module.publishes))
+        names = (f"{name} {topic}".strip() for name, _, topic in module.publishes)
+        yield Text("publishes " + one_line(", ".join(names)))
 
 
 def _log(output_directory: Path | None, module: str) -> Iterable[RenderableType]:
@@ -148,15 +151,15 @@ def _log(output_directory: Path | None, module: str) -> Iterable[RenderableType]
     log = read_module_log(output_directory, module, LOG_LINES)
     if log.crash:
         yield Text()
-        yield Text(f"last crash ({log.crash[0]})", ALARM)
-        yield Text("\n".join(log.crash[1:]))
+        yield Text(f"last crash ({one_line(log.crash[0])})", ALARM)
+        yield Text("\n".join(map(one_line, log.crash[1:])))
     yield Text()
     yield Text("last lines of its log", "bold")
-    yield Text("\n".join(log.lines) or "-", "dim" if not log.lines else "")
+    yield Text("\n".join(map(one_line, log.lines)) or "-", "dim" if not log.lines else "")
 
 
-def _table(first: str, *headings: str) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
+def _table(first: str, *headings: str) -> PlainTable:
+    table = PlainTable()
     table.add_column(first)
     for heading in headings:
         table.add_column(heading, justify="right")

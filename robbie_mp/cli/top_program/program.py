@@ -1,11 +1,13 @@
 """The program: three views of a run, keys to sort, filter and freeze them, and to act on a module."""
 
-from typing import ClassVar
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, ClassVar
 
 from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
+from textual.filter import LineFilter
 from textual.screen import Screen
 from textual.widgets import ContentSwitcher, DataTable, Footer, Input, Static
 
@@ -14,6 +16,7 @@ from robbie_mp.cli.top_program.confirmation import Confirmation
 from robbie_mp.cli.top_program.details import Details
 from robbie_mp.cli.top_program.feed import RunFeed, Snapshot, Watching
 from robbie_mp.cli.top_program.figures_table import FiguresTable
+from robbie_mp.cli.top_program.plain_filter import PlainFilter
 from robbie_mp.cli.top_tables import (
     CHANNEL_COLUMNS,
     MODULE_COLUMNS,
@@ -27,6 +30,10 @@ from robbie_mp.cli.top_tables import (
 )
 from robbie_mp.errors import RobbieError
 from robbie_mp.supervisor.control_client import control
+from robbie_mp.visible_text import one_line, visible
+
+if TYPE_CHECKING:
+    from textual.notifications import SeverityLevel
 
 MODULES, CHANNELS, GRAPH, MESSAGE = "modules", "channels", "graph", "message"
 TREND_WIDTH = 12
@@ -75,6 +82,7 @@ class TopProgram(App[None]):
         self._frozen = False
         self._shown = Snapshot(Watching.NOTHING, ())
         self._view = MODULES
+        self._plain = PlainFilter()
 
     def compose(self) -> ComposeResult:
         """Make the widgets."""
@@ -175,7 +183,7 @@ class TopProgram(App[None]):
         """Show who hangs, and what the selected module says of itself."""
         name = self.selected_module()
         parts = [
-            Text.assemble((row.figures.name, "bold"), ": ", doing(row))
+            Text.assemble((one_line(row.figures.name), "bold"), ": ", doing(row))
             for row in rows
             if row.is_hung or row.figures.name == name
         ]
@@ -289,7 +297,7 @@ class TopProgram(App[None]):
         if name is None or run is None or isinstance(self.screen, Confirmation):
             return
         if name == UNTOUCHABLE or (name == "core" and command == "stop"):
-            self.notify(f"{name} cannot be told to {command}; `robbie stop` ends the run", severity="warning")
+            self._tell(f"{name} cannot be told to {command}; `robbie stop` ends the run", "warning")
             return
 
         def act(is_sure: bool | None) -> None:
@@ -306,11 +314,21 @@ class TopProgram(App[None]):
             said, severity = control(run.folder, command, name), "information"
         except RobbieError as error:
             said, severity = str(error), "error"
-        self.call_from_thread(self.notify, said, severity=severity)
+        self.call_from_thread(self._tell, said, severity)
+
+    def _tell(self, text: str, severity: "SeverityLevel") -> None:
+        self.notify(visible(text), severity=severity, markup=False)
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """Add the filter through which all goes that is drawn."""
+        return [*super().get_line_filters(), self._plain]
 
 
 def _nothing(shown: Snapshot) -> Text:
     if shown.watching is Watching.SEVERAL:
-        lines = [f"  {run.run_id}  {run.record.profile if run.record else '?'}" for run in shown.runs]
+        profiles = [run.record.profile if run.record else "?" for run in shown.runs]
+        lines = [
+            one_line(f"  {run.run_id}  {profile}") for run, profile in zip(shown.runs, profiles, strict=True)
+        ]
         return Text("\n".join(["There are several runs; n shows the next one:", "", *lines]))
     return Text("There is no such run. `robbie run PROFILE` starts one, which is then shown here.")
