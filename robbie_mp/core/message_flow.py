@@ -129,9 +129,7 @@ class MessageFlow:
             self._queues.pump(slot, link)
         self._queues.outdate(slot)
 
-    def finish_publishing(
-        self, slot: Slot, link: Link, entered: Mapping[tuple[int, int, int], int]
-    ) -> None:
+    def finish_publishing(self, slot: Slot, link: Link, entered: Mapping[tuple[int, int, int], int]) -> None:
         """Bring the record at a ring's tail to its end if it is a message that was entered or refused."""
         if link.has_ended or not link.outbound.waiting() or link.outbound.peek()[0] != Outbound.PUBLISH:
             return

@@ -69,9 +69,7 @@ def _emit(events: TextIO, event: dict[str, object]) -> None:
     events.flush()
 
 
-def _examine(
-    module: dict[str, Any], base: type, workspace: Path, others: list[str]
-) -> dict[str, object]:
+def _examine(module: dict[str, Any], base: type, workspace: Path, others: list[str]) -> dict[str, object]:
     """Return what is wrong with a module and its complete settings, or the failure of its own code."""
     errors: list[tuple[tuple[str, ...], str]] = []
     settings: dict[str, object] = {}

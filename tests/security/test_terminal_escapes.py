@@ -17,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 from robbie_mp.cli.program import COMMANDS, main
 from robbie_mp.messages import Header, PoseStamped, schema_text
 from tests.run.conftest import robot
-from tests.run.robot import COMMAND, Robot
+from tests.run.robot import COMMAND, Robot, wait_until
 from tests.security.hostile import HOSTILE, check_plain, check_terminal, obeyed
 
 __all__ = ["robot"]
@@ -225,7 +225,7 @@ def test_run_with_hostile_modules_shows_them_plainly(robot: Robot, words: tuple[
     check_plain(err.decode(), command)
 
 
-def on_terminal(words: list[str], folder: Path, until: Callable[[], object] | None = None) -> str:
+def on_terminal(words: list[str], folder: Path, until: Callable[[bytearray], object] | None = None) -> str:
     """Run a command on a terminal of its own, to its end or until something; return all that came."""
     pid, fd = pty.fork()
     if not pid:
@@ -244,7 +244,7 @@ def on_terminal(words: list[str], folder: Path, until: Callable[[], object] | No
     thread.start()
     try:
         if until is not None:
-            until()
+            until(printed)
     finally:
         if until is not None:
             os.kill(pid, signal.SIGTERM)
@@ -261,12 +261,14 @@ def test_colours_of_our_own_and_no_order_of_theirs_reach_a_terminal(robot: Robot
 
     commands = (["list", "topics"], ["list", "modules"], ["log"], ["top", "--once"], ["info", str(log)])
 
-    def shows_it() -> None:
+    def shows_it(_printed: bytearray) -> None:
         robot.until(lambda modules: modules["crasher"]["state"] == "FAILED")
         for words in commands:
             seen = on_terminal(words, robot.folder)
             check_terminal(seen, words)
             assert "owned" in seen
+        seen = on_terminal(["top"], robot.folder, lambda drawn: wait_until(lambda: b"owned" in drawn, 30))
+        check_terminal(seen, "top")
 
     run = ["run", "robot", "--output", str(robot.output)]
     shown = on_terminal(run, robot.folder, shows_it)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.trace.entry import Entry, visible
+from robbie_mp.trace.entry import Entry
+from robbie_mp.visible_text import visible
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.page import TracePage
 from tests.trace.browser import needs_chromium, work_in
