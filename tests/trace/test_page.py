@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.trace.entry import Entry
-from robbie_mp.visible_text import visible
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.page import TracePage
+from robbie_mp.visible_text import visible
 from tests.trace.browser import needs_chromium, work_in
 
 NODE = shutil.which("node")
