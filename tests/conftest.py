@@ -4,6 +4,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
@@ -79,6 +80,13 @@ def bytecode_is_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
 @pytest.fixture(autouse=True)
 def nothing_left_behind() -> Iterator[None]:
     """Fail a test that leaves a process, a thread, a descriptor or a name in shared memory."""
+    with leaving_nothing_behind():
+        yield
+
+
+@contextmanager
+def leaving_nothing_behind() -> Iterator[None]:
+    """Fail what leaves a process, a thread, a descriptor or a name in shared memory."""
     before = _left_behind()
     yield
     deadline = time.monotonic() + GRACE_S

@@ -10,7 +10,7 @@ from nicegui.events import KeyEventArguments
 from robbie_mp.messages import EmergencyStop
 from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.panel import Page
-from robbie_mp.services.operator_station.sending import header_of_now, send_or_notify
+from robbie_mp.services.operator_station.sending import header_of_now
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
@@ -32,21 +32,22 @@ class EmergencyStopBar:
         """Whether the base has said that it stands and stays."""
         return self._state.message is not None and self._state.message.engaged
 
-    def request(self, *, engaged: bool, reason: str) -> None:
-        """Ask the base to stop and stay, or to be ready to drive again."""
+    def request(self, page: Page, *, engaged: bool, reason: str) -> None:
+        """Ask the base to stop and stay, or, for an operator, to be ready to drive again."""
         header = header_of_now(self._station)
         message = EmergencyStop(header=header, engaged=engaged, reason=reason)
-        send_or_notify(self._station, message, "the emergency stop", REQUEST_TOPIC)
+        what, needs = ("the emergency stop", Role.OBSERVER) if engaged else ("its release", Role.OPERATOR)
+        page.publish(message, what, REQUEST_TOPIC, needs)
 
     def build(self, page: Page) -> None:
         """Make button and indicator for a page. Everybody may stop the robot; operators release it."""
 
         def stop() -> None:
-            self.request(engaged=True, reason="stopped by hand on the operator's page")
+            self.request(page, engaged=True, reason="stopped by hand on the operator's page")
 
         def release() -> None:
             dialog.close()
-            self.request(engaged=False, reason="released by hand on the operator's page")
+            self.request(page, engaged=False, reason="released by hand on the operator's page")
 
         button = ui.button("EMERGENCY STOP", icon="dangerous", color="red-10")
         button.props('size=lg id=emergency-stop aria-keyshortcuts="Escape"').classes("font-bold")

@@ -13,6 +13,8 @@ from starlette.types import Receive, Scope, Send
 from robbie_mp.services.operator_station.access import Access, is_local_name, is_own_origin
 
 SESSION_COOKIE = "robbie_session"
+SESSION = "robbie.session"
+"""Where the session stands in the scope of a request that was let through."""
 LOGIN_PATH = "/login"
 LONGEST_FORM_BYTES = 4096
 
@@ -55,13 +57,15 @@ class Gate:
         if refusal is None and scope["path"] == LOGIN_PATH and scope["type"] == "http":
             await (await self._log_in(scope, receive))(scope, receive, send)
             return
-        if refusal is None and self._access.role_of(session_of(headers)) is None:
+        session = session_of(headers)
+        if refusal is None and self._access.role_of(session) is None:
             await self._ask(scope, receive, send)
             return
         if refusal is not None:
             self._log.warning("refused a request of %s: %s", peer(scope), refusal)
             await self._deny(scope, receive, send, PlainTextResponse(f"{refusal}\n", 403))
             return
+        scope[SESSION] = session or ""
         await self._app(scope, receive, send)
 
     def _refusal(self, headers: MutableMapping[str, str]) -> str | None:

@@ -8,7 +8,7 @@ from nicegui import ui
 
 from robbie_mp.messages import MissionOrder, MissionStatus
 from robbie_mp.services.operator_station.access import Role
-from robbie_mp.services.operator_station.sending import header_of_now, send_or_notify
+from robbie_mp.services.operator_station.sending import header_of_now
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.panel import Page
@@ -29,16 +29,15 @@ class MissionControl:
         self._station = station
         self._status = station.newest(MissionStatus)
 
-    def order(self, order: int) -> None:
+    def order(self, page: Page, order: int) -> None:
         """Send an order to the mission."""
-        message = MissionOrder(header=header_of_now(self._station), order=order)
-        send_or_notify(self._station, message, "the order")
+        page.publish(MissionOrder(header=header_of_now(self._station), order=order), "the order")
 
     def build(self, page: Page, panel: str, period_s: float) -> None:
         """Make buttons and texts on a panel of a page."""
         with ui.row().classes("items-center"):
             state = ui.badge("").props("id=mission-state").classes("text-lg p-2")
-            buttons = self._buttons() if page.role is Role.OPERATOR else {}
+            buttons = self._buttons(page) if page.role is Role.OPERATOR else {}
         text = ui.label("").props("id=mission-text")
         refusal = ui.label("").props("id=mission-refusal role=alert").classes("text-negative")
 
@@ -55,7 +54,7 @@ class MissionControl:
         update()
         page.every(period_s, panel, update)
 
-    def _buttons(self) -> dict[int, ui.button]:
+    def _buttons(self, page: Page) -> dict[int, ui.button]:
         """Make the buttons, by their orders; an aborted mission is over, so that one asks first."""
         dialog = ui.dialog()
 
@@ -63,11 +62,11 @@ class MissionControl:
             if order == MissionOrder.ABORT:
                 dialog.open()
             else:
-                self.order(order)
+                self.order(page, order)
 
         def abort() -> None:
             dialog.close()
-            self.order(MissionOrder.ABORT)
+            self.order(page, MissionOrder.ABORT)
 
         with dialog, ui.card():
             ui.label("Really abort the mission? The robot stops, and the mission ends there.")

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from robbie_mp.messages import Mark
 from robbie_mp.services.operator_station.access import Role
-from robbie_mp.services.operator_station.sending import header_of_now, send_or_notify
+from robbie_mp.services.operator_station.sending import header_of_now
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.panel import Page
@@ -31,7 +31,7 @@ class MomentMarker:
         def mark() -> None:
             text = f"mark {next(self._numbers)}"
             message = Mark(header=header_of_now(self._station), text=text)
-            if send_or_notify(self._station, message, text):
+            if page.publish(message, text):
                 self._station.log.info("%s, by hand", text)
                 ui.notify(text)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from nicegui import core, ui
 
 from robbie_mp.services.operator_station.access import Role
-from robbie_mp.services.operator_station.gate import SESSION_COOKIE
+from robbie_mp.services.operator_station.gate import SESSION
 from robbie_mp.services.operator_station.link import BrowserLink
 from robbie_mp.services.operator_station.panel import Page, Panel
 
@@ -35,9 +35,8 @@ def build_page(
         panels: each with its title.
     """
     client = ui.context.client
-    cookies = client.request.cookies if client.request else {}
-    role = station.access.role_of(cookies.get(SESSION_COOKIE)) or Role.OBSERVER
-    page = Page(client.id, role, BrowserLink(core.sio, client.id))
+    page = Page(client.id, client.request.scope[SESSION], station, BrowserLink(core.sio, client.id))
+    role = page.role or Role.OBSERVER
     station.opened(page)
     client.on_delete(lambda: station.closed(page))
     ui.run_javascript(RECONNECT)

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from nicegui import ui
 
+from robbie_mp.services.operator_station.access import Role
+
 if TYPE_CHECKING:
-    from robbie_mp.services.operator_station.access import Role
+    from robbie_mp.messages import Message
     from robbie_mp.services.operator_station.station import OperatorStation
 
 
@@ -22,20 +24,64 @@ class Link(Protocol):
 
 
 class Page:
-    """One page that is open in a browser.
+    """One page that is open in a browser, and the only way from it to the robot.
+
+    What a visitor may do is decided here, each time that he does it: an event can come from any element of
+    his page, whether or not it is drawn, enabled or visible.
 
     Args:
         key: names it among all that are open.
-        role: what its visitor may do.
+        session: of its visitor.
+        station: whose page it is.
         link: the connection to it.
     """
 
-    def __init__(self, key: str, role: Role, link: Link):
+    def __init__(self, key: str, session: str, station: OperatorStation, link: Link):
         self.key = key
-        self.role = role
+        self.session = session
         self.link = link
+        self._station = station
         self.tab = ""
         """Name of the panel that is looked at."""
+
+    @property
+    def role(self) -> Role | None:
+        """What its visitor may do now; None: nothing, for the session has ended."""
+        return self._station.access.role_of(self.session)
+
+    def may(self, what: str, needs: Role = Role.OPERATOR) -> bool:
+        """Whether the visitor may do something now; if not, the page and the trace say so.
+
+        Args:
+            what: he wants, such as "the order".
+            needs: the role for it.
+        """
+        role = self.role
+        if role is not None and role >= needs:
+            return True
+        whose = "a session that has ended" if role is None else f"an {role.name.lower()}"
+        self._station.refusals.warning("refused %s from a page of %s", what, whose)
+        ui.notify(f"{what} was refused: it needs an {needs.name.lower()}", type="negative")
+        return False
+
+    def publish(self, message: Message, what: str, topic: str = "", needs: Role = Role.OPERATOR) -> bool:
+        """Tell the robot something for the visitor, or tell him why not.
+
+        Args:
+            message: the message.
+            what: it is, such as "the order".
+            topic: of the message.
+            needs: the role for it.
+
+        Returns:
+            Whether it was published: he may, and the robot's memory is not full.
+        """
+        if not self.may(what, needs):
+            return False
+        is_sent = self._station.publish(message, topic=topic)
+        if not is_sent:
+            ui.notify(f"{what} was not sent: the robot's memory is full", type="negative")
+        return is_sent
 
     def every(self, period_s: float, panel: str, update: Callable[[], Awaitable[None] | None]) -> None:
         """Have something done while a panel is looked at, and not while it is not.

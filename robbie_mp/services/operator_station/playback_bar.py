@@ -13,7 +13,6 @@ from robbie_mp.cli.playback import describe
 from robbie_mp.messages import PlaybackControl, PlaybackState
 from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.log_events import LogEvent, LogEvents
-from robbie_mp.services.operator_station.sending import send_or_notify
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.panel import Page
@@ -33,18 +32,17 @@ class PlaybackBar:
     """Not to be seen unless there is a playback in the run."""
 
     def __init__(self, station: OperatorStation):
-        self._station = station
         self._state = station.newest(PlaybackState)
         self.events = LogEvents()
 
-    def order(self, command: str, value: float = 0.0) -> None:
+    def order(self, page: Page, command: str, value: float = 0.0) -> None:
         """Steer the playback."""
         control = PlaybackControl(request=secrets.randbits(63), command=command, value=value)
-        send_or_notify(self._station, control, command)
+        page.publish(control, f"{command} of the playback")
 
-    def _on_seek(self, event: GenericEventArguments) -> None:
+    def _on_seek(self, page: Page, event: GenericEventArguments) -> None:
         if isinstance(event.args, int | float) and math.isfinite(event.args):
-            self.order("seek", float(event.args))
+            self.order(page, "seek", float(event.args))
 
     def build(self, page: Page) -> None:
         """Make the bar for a page; observers see where it stands."""
@@ -52,11 +50,11 @@ class PlaybackBar:
             text = ui.label("").props("id=playback-text role=status")
             with ui.row().classes("w-full items-center no-wrap"):
                 if page.role is Role.OPERATOR:
-                    pause = ui.button(icon="pause", on_click=lambda: self.order("pause"))
+                    pause = ui.button(icon="pause", on_click=lambda: self.order(page, "pause"))
                     pause.props('id=playback-pause aria-label="Pause"')
-                    play = ui.button(icon="play_arrow", on_click=lambda: self.order("resume"))
+                    play = ui.button(icon="play_arrow", on_click=lambda: self.order(page, "resume"))
                     play.props('id=playback-resume aria-label="Resume"')
-                    step = ui.button(icon="skip_next", on_click=lambda: self.order("step"))
+                    step = ui.button(icon="skip_next", on_click=lambda: self.order(page, "step"))
                     step.props('id=playback-step aria-label="Step" title="One message"')
                     rate = ui.select(RATES, label="rate").classes("w-20").props("id=playback-rate")
                     rate.on_value_change(lambda event: choose_rate(event.value))
@@ -65,7 +63,8 @@ class PlaybackBar:
                     place = ui.slider(min=0.0, max=1.0, step=0.001).props('aria-label="Position in s"')
                 place.set_enabled(page.role is Role.OPERATOR)
                 if page.role is Role.OPERATOR:
-                    place.on("change", self._on_seek)  # which a hand causes, and no new position
+                    # A hand causes a "change"; a new position does not.
+                    place.on("change", lambda event: self._on_seek(page, event))
                 held: list[bool] = []
                 place.on("pan", lambda event: held.append(True) if event.args == "start" else held.clear())
         bar.set_visibility(False)
@@ -74,7 +73,7 @@ class PlaybackBar:
 
         def choose_rate(chosen: float | None) -> None:
             if chosen is not None and chosen != shown_rate[0]:  # by hand
-                self.order("rate", chosen)
+                self.order(page, "rate", chosen)
 
         def update() -> None:
             state = self._state.message
@@ -107,7 +106,7 @@ class EventMarks:
 
     def __init__(self, bar: PlaybackBar, page: Page):
         self._bar = bar
-        self._can_seek = page.role is Role.OPERATOR
+        self._page = page
         self._shown: object = None
         self._area = ui.element("div").classes("relative w-full h-8").props("id=playback-events")
 
@@ -130,8 +129,10 @@ class EventMarks:
 
     def _add(self, event: LogEvent, at_s: float, share: float) -> None:
         icon, colour = LOOKS[event.kind]
-        button = ui.button(icon=icon, color=colour, on_click=lambda: self._bar.order("seek", at_s))
-        button.props(f"flat dense round size=sm data-at={at_s:.3f}").set_enabled(self._can_seek)
+        button = ui.button(icon=icon, color=colour)
+        button.on_click(lambda: self._bar.order(self._page, "seek", at_s))
+        button.props(f"flat dense round size=sm data-at={at_s:.3f}")
+        button.set_enabled(self._page.role is Role.OPERATOR)
         button.props["aria-label"] = button.props["title"] = f"{event.text}, at {at_s:.1f} s"
         button.style(f"position: absolute; left: calc({100 * share:.2f}% - 1rem)")
 

@@ -12,6 +12,7 @@ from robbie_mp.setting_changes import SettingsFile
 from robbie_mp.supervisor.plan import RunPlan
 
 if TYPE_CHECKING:
+    from robbie_mp.services.operator_station.panel import Page
     from robbie_mp.services.operator_station.station import OperatorStation
 
 READ_PERIOD_S = 1.0
@@ -59,12 +60,18 @@ class SettingsWatch:
 class Change:
     """One setting on one page: asks for changes, and tells what has become of them.
 
+    Args:
+        station: hears the answers.
+        page: of who asks.
+        module, name: which setting.
+
     Attributes:
         error: what was wrong with the last one; '' if nothing is known to be.
     """
 
-    def __init__(self, station: OperatorStation, module: str, name: str):
+    def __init__(self, station: OperatorStation, page: Page, module: str, name: str):
         self.error = ""
+        self._page = page
         self._station = station
         self._module = module
         self._name = name
@@ -88,10 +95,10 @@ class Change:
             return
         request, self._asked_s = secrets.randbits(63), time.monotonic()
         change = SettingChange(request=request, setting=self._name, value=value)
-        if self._station.publish(change, topic=self._module):
+        if self._page.publish(change, "the change", self._module):
             self._request = request
         else:
-            self.error = "not sent: the robot's memory is full"
+            self.error = "not sent"
 
     def look(self) -> None:
         """See whether the module has answered."""

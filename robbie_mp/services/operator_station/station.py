@@ -19,6 +19,7 @@ from robbie_mp.services.operator_station.claim import StationClaim
 from robbie_mp.services.operator_station.latest import Latest
 from robbie_mp.services.operator_station.listening import AddressUnusable, listen
 from robbie_mp.services.operator_station.live import LiveParts
+from robbie_mp.services.operator_station.log_limit import limited
 from robbie_mp.services.operator_station.places_watch import PlacesWatch
 from robbie_mp.services.operator_station.run_watch import RunWatch
 from robbie_mp.services.operator_station.settings_watch import SettingsWatch
@@ -136,6 +137,7 @@ class OperatorStation(Module):
         self._claim = StationClaim(self.known_run.folder)
         before = self.restored or {"port": 0, "sessions": {}}
         self.access = Access(reveal(self.operator_token), reveal(self.observer_token), before["sessions"])
+        self.refusals = limited(f"{self.log.name}.refusals")
         self.drivers_seat = DriversSeat()
         self.pages: dict[str, Page] = {}
         self.run_watch = RunWatch(self.run_id)

@@ -9,7 +9,7 @@ from nicegui import ui
 from robbie_mp.messages import VictimConfirmation
 from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.panels.newest_image import NewestImage
-from robbie_mp.services.operator_station.sending import header_of_now, send_or_notify
+from robbie_mp.services.operator_station.sending import header_of_now
 from robbie_mp.services.operator_station.victim_watch import KnownVictim
 
 if TYPE_CHECKING:
@@ -32,11 +32,11 @@ class VictimQuestion:
     def __init__(self, station: OperatorStation):
         self._station = station
 
-    def answer(self, number: int, answer: int) -> None:
+    def answer(self, page: Page, number: int, answer: int) -> None:
         """Tell the robot what the operator has said about a victim."""
         header = header_of_now(self._station)
         message = VictimConfirmation(header=header, id=number, answer=answer)
-        send_or_notify(self._station, message, "the answer")
+        page.publish(message, "the answer")
 
     def build(self, page: Page) -> None:
         """Make the question for a page."""
@@ -57,7 +57,7 @@ class VictimQuestion:
 
         def say(answer: int) -> None:
             if asked:
-                self.answer(asked[0].found.id, answer)
+                self.answer(page, asked[0].found.id, answer)
 
         def update() -> None:
             first = next((one for one in self._station.victim_watch.victims.values() if one.is_asked), None)

@@ -6,7 +6,7 @@ import socket
 from typing import TYPE_CHECKING
 
 from fastapi import FastAPI
-from nicegui import ui
+from nicegui import core, ui
 
 from robbie_mp.services.operator_station.emergency_stop import EmergencyStopBar
 from robbie_mp.services.operator_station.gate import Gate
@@ -14,6 +14,7 @@ from robbie_mp.services.operator_station.live.map import LiveMap
 from robbie_mp.services.operator_station.live.server import with_live
 from robbie_mp.services.operator_station.moment_marker import MomentMarker
 from robbie_mp.services.operator_station.page import build_page
+from robbie_mp.services.operator_station.page_events import PageEvents
 from robbie_mp.services.operator_station.panels import PANELS
 from robbie_mp.services.operator_station.playback_bar import PlaybackBar
 from robbie_mp.services.operator_station.server import PageServer
@@ -58,6 +59,10 @@ class Website:
             message_history_length=MESSAGE_HISTORY,
             show_welcome_message=False,
         )
+        PageEvents(station)
+        # Without long polling each connection is a socket, which is counted, and closed with its session.
+        core.sio.eio.transports = ["websocket"]
+        core.app.config.socket_io_js_transports = ["websocket"]
         app = with_live(application, station.live)
         self._server = PageServer(Gate(app, station.access, station.log), listener)
 

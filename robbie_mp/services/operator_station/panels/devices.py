@@ -86,7 +86,7 @@ class Device:
             ui.label(module).classes("font-bold")
             self._status = ui.label("").classes("text-sm").props(f"id=device-{module}")
             self.controls = {
-                name: Control(Change(panel.station, module, name), page, f"{module}-{name}", entry)
+                name: Control(Change(panel.station, page, module, name), page, f"{module}-{name}", entry)
                 for name, entry in entries.items()
             }
 

@@ -90,8 +90,9 @@ class DriverControls:
         page.every(0.5, DrivePanel.name, self._show_seat)
 
     def _sit_down(self) -> None:
-        self._station.drivers_seat.take(self._page.key, over=True)
-        self._show_seat()
+        if self._page.may("taking over"):
+            self._station.drivers_seat.take(self._page.key, over=True)
+            self._show_seat()
 
     def _show_seat(self) -> None:
         holder = self._station.drivers_seat.holder
@@ -103,21 +104,24 @@ class DriverControls:
 
     def _on_drive(self, event: GenericEventArguments) -> None:
         command = checked(event.args)
-        if command is None or not self._station.drivers_seat.take(self._page.key):
+        if command is None or not self._page.may("driving"):
+            return
+        if not self._station.drivers_seat.take(self._page.key):
             return
         held, begins, linear, angular, sent_s = command
         if begins:
             self._switch.begin()
         if not self._switch.accept(sent_s, time.monotonic()) and held:
             return
-        self._station.publish(
+        self._page.publish(
             DriveCommand(
                 header=header_of_now(self._station, "base_link"),
                 linear_m_per_s=linear * float(self._linear.value),
                 angular_rad_per_s=angular * float(self._angular.value),
                 valid_for=VALID_FOR,
             ),
-            topic=MANUAL_TOPIC,
+            "the command",
+            MANUAL_TOPIC,
         )
 
 

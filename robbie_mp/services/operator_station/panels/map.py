@@ -26,7 +26,7 @@ from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.live import SCRIPTS
 from robbie_mp.services.operator_station.panel import Page, Panel
 from robbie_mp.services.operator_station.scene_view.other_robots import other_robots
-from robbie_mp.services.operator_station.sending import header_of_now, send_or_notify
+from robbie_mp.services.operator_station.sending import header_of_now
 from robbie_mp.services.operator_station.victim_watch import KnownVictim
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ class MapPanel(Panel):
 
         def placed(event: GenericEventArguments) -> None:
             if (place := checked(event.args)) is not None:
-                self._publish(*place)
+                self._publish(page, *place)
             mode.set_value("")
 
         if page.role is Role.OPERATOR:
@@ -150,13 +150,13 @@ class MapPanel(Panel):
         parts += [f"{len(self.station.victim_watch.victims)} victims"]
         return "; ".join([*parts, *(place.name for place in self.station.places_watch.places)])
 
-    def _publish(self, topic: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
+    def _publish(self, page: Page, topic: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
         if yaw_rad is None:  # not said: as the robot would look on its straight way there
             robot = planar(self._pose.message) or [x_m, y_m, 0.0]
             yaw_rad = math.atan2(y_m - robot[1], x_m - robot[0])
         pose = Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(yaw_rad))
         message = PoseStamped(header=header_of_now(self.station, "map"), pose=pose)
-        send_or_notify(self.station, message, f"the {topic}", topic)
+        page.publish(message, f"the {topic}", topic)
 
 
 def way_points(path: Path | None) -> list[list[float]]:

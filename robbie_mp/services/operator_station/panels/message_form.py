@@ -36,6 +36,7 @@ class MessageForm:
     def __init__(self, station: OperatorStation, types: KnownTypes, page: Page):
         self._station = station
         self._types = types
+        self._page = page
         self._type: type[Message] | None = None
         self._inputs: dict[str, ui.input] = {}
         self._words = [*station.persons, *station.objects, *station.speech_commands]
@@ -105,14 +106,14 @@ class MessageForm:
 
     def _publish(self, message: Message) -> bool:
         try:
-            is_sent = self._station.publish(message, topic=str(self._topic.value or ""))
+            is_sent = self._page.publish(message, "the message", str(self._topic.value or ""))
         except RobbieError as error:  # such as a topic whose name is too long
             self._topic.error = str(error)
             self._result.set_text("not sent: see the fields in red")
             return False
         self._topic.error = None
         if not is_sent:
-            self._result.set_text("not sent: the robot's memory is full")
+            self._result.set_text("not sent")
         return is_sent
 
     def _begin(self) -> None:

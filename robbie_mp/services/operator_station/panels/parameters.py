@@ -63,7 +63,8 @@ class ParametersPanel(Panel):
     ) -> None:
         with ui.expansion(module, value=bool(changeable)).classes("w-full").props("dense"):
             for name, entry in changeable.items():
-                fields[module, name] = Field(Change(self.station, module, name), page, module, name, entry)
+                change = Change(self.station, page, module, name)
+                fields[module, name] = Field(change, page, module, name, entry)
             fixed = {name: value for name, value in self.given[module].items() if name not in changeable}
             for name, value in fixed.items():
                 ui.label(f"{name}: {value}").classes("text-grey")

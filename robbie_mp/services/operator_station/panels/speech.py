@@ -11,7 +11,6 @@ from nicegui import ui
 from robbie_mp.messages import String
 from robbie_mp.services.operator_station.access import Role
 from robbie_mp.services.operator_station.panel import Page, Panel
-from robbie_mp.services.operator_station.sending import send_or_notify
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
@@ -43,23 +42,24 @@ class SpeechPanel(Panel):
         text = f"{self.station.envelope.sender}: {command.data[:LONGEST_COMMAND]}"
         self.heard = deque((*self.heard, text), HEARD)  # another one, for pages look at it meanwhile
 
-    def say(self, command: str) -> None:
+    def say(self, page: Page, command: str) -> None:
         """Give a command."""
-        send_or_notify(self.station, String(data=command), "the command", TOPIC)
+        page.publish(String(data=command[:LONGEST_COMMAND]), "the command", TOPIC)
 
     def build(self, page: Page) -> None:
         """Make the commands, the words that they may be about, and what was heard."""
         if page.role is Role.OPERATOR:
             with ui.row().props("id=speech-commands"):
                 for command in self.station.speech_commands:
-                    ui.button(command, on_click=lambda command=command: self.say(command)).props("no-caps")
+                    button = ui.button(command, on_click=lambda command=command: self.say(page, command))
+                    button.props("no-caps")
             words = [*self.station.speech_commands, *self.station.persons, *self.station.objects]
             text = ui.input("something else", autocomplete=words).classes("w-96")
             text.props(f"for=speech-text maxlength={LONGEST_COMMAND}")
 
             def say() -> None:
                 if said := str(text.value or "").strip():
-                    self.say(said)
+                    self.say(page, said)
                     text.set_value("")
 
             text.on("keydown.enter", say)

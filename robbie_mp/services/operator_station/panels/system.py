@@ -74,7 +74,7 @@ class SystemPanel(Panel):
     def build(self, page: Page) -> None:
         """Make buttons, table and charts."""
         totals = ui.label().classes("font-mono").props("id=totals")
-        orders = Orders(self) if page.role is Role.OPERATOR else None
+        orders = Orders(self, page) if page.role is Role.OPERATOR else None
         headings = [column.heading for column in MODULE_COLUMNS]
         headings.insert(headings.index("cpu%") + 1, TREND)
         texts = {column.heading for column in MODULE_COLUMNS if column.is_text}
@@ -110,11 +110,13 @@ class Orders:
     """The buttons with which one page stops and starts modules. Each asks first.
 
     Args:
-        panel: whose page it is.
+        panel: of the station.
+        page: whose buttons they are.
     """
 
-    def __init__(self, panel: SystemPanel):
+    def __init__(self, panel: SystemPanel, page: Page):
         self._panel = panel
+        self._page = page
         self._module = ""
         self._action = ""
         self._given: list[Order] = []
@@ -147,7 +149,8 @@ class Orders:
 
     def _give(self) -> None:
         self._dialog.close()
-        self._given.append(Order(self._panel.station.known_run.folder, self._action, self._module))
+        if self._page.may("the order"):
+            self._given.append(Order(self._panel.station.known_run.folder, self._action, self._module))
 
     def update(self) -> None:
         """Tell what has become of the orders."""

@@ -114,6 +114,7 @@ class RecordedKinds:
 
     def __init__(self, run_folder: Path, page: Page):
         self._run_folder = run_folder
+        self._page = page
         self._module = ""
         self._order: Order | None = None
         self._shown: list[str] = []
@@ -123,7 +124,7 @@ class RecordedKinds:
         self._kinds.set_enabled(page.role is Role.OPERATOR)
 
     def _record(self, kinds: list[str]) -> None:
-        if kinds != self._shown:  # by hand
+        if kinds != self._shown and self._page.may("a choice of what is recorded"):  # by hand
             self._shown = kinds
             self._order = Order(self._run_folder, "record", self._module or None, kinds=kinds)
 
