@@ -45,6 +45,7 @@ class ModuleRunner:
         ticks: when its ticks are due.
         something_waits: whether messages wait for it in the core.
         lockstep: what it knows of the others, if it turns the clock of a run in lockstep.
+        after_setup: called once, when `setup()` is over and its threads have been started.
     """
 
     def __init__(
@@ -60,6 +61,7 @@ class ModuleRunner:
         ticks: Ticks,
         something_waits: Callable[[], bool],
         lockstep: Lockstep | None = None,
+        after_setup: Callable[[], None] = lambda: None,
     ):
         self._module = module
         self._endpoint = endpoint
@@ -75,6 +77,7 @@ class ModuleRunner:
         self._ticks = ticks
         self._something_waits = something_waits
         self._lockstep = lockstep
+        self._after_setup = after_setup
 
     def request_stop(self) -> None:
         """End the loop after what is being done now; safe in a signal handler."""
@@ -85,6 +88,7 @@ class ModuleRunner:
         self._begin(Activity.SETUP)
         self._changes.listen()
         self._module.setup()
+        self._after_setup()
         self._check_period()
         self._ticks.begin()
         self._idle()

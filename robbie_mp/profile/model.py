@@ -80,6 +80,8 @@ class Scheduling:
     """How far it steps back behind other ordinary processes; None: as far as its class says."""
     cpus: list[int] = field(default_factory=list)
     """Numbers of the processors it may run on; empty: all."""
+    compute_threads: int = bounded(1, 0, 1024)
+    """With how many threads its numerical libraries compute; 0: as the environment says, or they like."""
     spin_us: float = bounded(0.0, 0, 1e6)
     """It looks for the next message so long before it sleeps: faster, but it keeps a processor busy."""
     wake_latency_us: int | None = bounded(None, 0, 1_000_000)

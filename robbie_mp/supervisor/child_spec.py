@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Self
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.profile.model import CoreLimits, ModuleSpec, RestartPolicy
+from robbie_mp.profile.model import CoreLimits, ModuleSpec, RestartPolicy, Scheduling
 from robbie_mp.trace.kinds import ALL_KINDS, Kind
 
+SPARE_COMPUTE_THREADS = Scheduling().compute_threads
+"""A spare has loaded numpy already; a child with another number needs an interpreter of its own."""
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 
 
@@ -85,7 +87,7 @@ class ChildSpec:
             stop_grace_s=module.stop_grace_s,
             handler_deadline_s=module.handler_deadline_s,
             record=record if module.record is None else module.record,
-            may_be_warm=True,
+            may_be_warm=module.scheduling.compute_threads == SPARE_COMPUTE_THREADS,
         )
 
     @classmethod
@@ -99,5 +101,5 @@ class ChildSpec:
             restart=limits.restart,
             essential=True,
             handler_deadline_s=limits.deadline_s,
-            may_be_warm=True,
+            may_be_warm=limits.scheduling.compute_threads == SPARE_COMPUTE_THREADS,
         )

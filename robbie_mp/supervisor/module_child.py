@@ -23,7 +23,7 @@ from robbie_mp.runner import ModuleRunner
 from robbie_mp.setting_changes import SettingChanges, SettingsFile
 from robbie_mp.settings import SettingError, check_settings
 from robbie_mp.supervisor.plan import PlannedModule, RunPlan
-from robbie_mp.supervisor.scheduling import apply_scheduling
+from robbie_mp.supervisor.scheduling import apply_scheduling, prefer_new_threads
 from robbie_mp.ticks import LONGEST_WAIT_BY_RUN_CLOCK_S, LONGEST_WAIT_S, GrantedTicks, Ticks, TimedTicks
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
@@ -101,6 +101,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         ticks,
         lambda: messages_waiting(core, slot) > 0,
         lockstep,
+        lambda: prefer_new_threads(planned.scheduling),
     )
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
     gc.freeze()  # what is imported stays, so there is no need to look through it again and again

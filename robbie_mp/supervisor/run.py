@@ -10,15 +10,16 @@ from pathlib import Path
 
 from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.observe import ModuleFigures, RunObserver
-from robbie_mp.profile.model import Profile
+from robbie_mp.profile.model import Profile, Scheduling
 from robbie_mp.profile.show import as_profile
 from robbie_mp.supervisor.attached_tools import AttachedTools
-from robbie_mp.supervisor.child_spec import ChildSpec
+from robbie_mp.supervisor.child_spec import SPARE_COMPUTE_THREADS, ChildSpec
 from robbie_mp.supervisor.control import ControlServer
 from robbie_mp.supervisor.memory import SUPERVISOR, RunMemory
 from robbie_mp.supervisor.output import Listener, OutputStore
 from robbie_mp.supervisor.plan import CORE, RunPlan
 from robbie_mp.supervisor.run_directory import PROFILE_FILE, RunDirectory
+from robbie_mp.supervisor.scheduling import computing_with
 from robbie_mp.supervisor.spares import SpareCommand
 from robbie_mp.supervisor.states import StateChange
 from robbie_mp.supervisor.sweep import sweep
@@ -171,17 +172,23 @@ def _children(profile: Profile, run_folder: Path, environment: Mapping[str, str]
     def command(name: str) -> tuple[str, ...]:
         return (sys.executable, "-m", "robbie_mp.supervisor.child", str(run_folder), name)
 
-    core = ChildSpec.of_core(profile.core, command("core"), environment)
+    def environment_of(scheduling: Scheduling) -> dict[str, str]:
+        return computing_with(environment, scheduling.compute_threads)
+
+    core = ChildSpec.of_core(profile.core, command("core"), environment_of(profile.core.scheduling))
     record = profile.trace.record
     return [
         core,
-        *(ChildSpec.of_module(spec, command(spec.name), environment, record) for spec in profile.modules),
+        *(
+            ChildSpec.of_module(spec, command(spec.name), environment_of(spec.scheduling), record)
+            for spec in profile.modules
+        ),
     ]
 
 
 def _spares(profile: Profile, run_folder: Path, environment: Mapping[str, str]) -> SpareCommand:
     argv = (sys.executable, "-m", "robbie_mp.supervisor.spare", str(run_folder))
-    return SpareCommand(profile.spares.count, argv, environment)
+    return SpareCommand(profile.spares.count, argv, computing_with(environment, SPARE_COMPUTE_THREADS))
 
 
 def default_output_directory(profile_name: str, now: datetime) -> Path:

@@ -4,6 +4,7 @@ import os
 import signal
 
 import psutil
+import pytest
 
 from tests.run.robot import Ended, Robot, wait_until
 
@@ -219,6 +220,31 @@ def test_restart_takes_a_warm_module_unless_its_file_was_edited(robot: Robot) ->
         assert command in psutil.Process(pid).cmdline()
     assert stopped(robot).modules["source"]["restarts"] == 2
     assert robot.log("source").count("edited") == 1
+
+
+def test_restarted_module_computes_with_as_many_threads_as_its_profile_says(robot: Robot) -> None:
+    """One with another number than a spare has does not take it, for its libraries are loaded there."""
+    profile = """
+modules:
+  usual: {class: "zoo.modules:Computing"}
+  more: {class: "zoo.modules:Computing", scheduling: {compute_threads: 2}}
+  free: {class: "zoo.modules:Computing", scheduling: {compute_threads: 0}}
+"""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("OMP_NUM_THREADS", "7")
+        started(robot, profile)
+    names = ("usual", "more", "free")
+    robot.until(lambda modules: all(modules[name]["state"] == "RUNNING" for name in names))
+    for name in ("more", "free", "usual"):
+        wait_until(lambda: bool(spares(robot)))
+        waiting = spares(robot)
+        assert robot.command("module", "restart", name).returncode == 0
+        assert (robot.top()[name]["pid"] in waiting) == (name == "usual")
+    assert stopped(robot).exit_code == 0
+    processors = len(os.sched_getaffinity(0))
+    assert robot.journal("usual") == [1, 1, 1, 1]
+    assert robot.journal("more") == [2, min(2, processors)] * 2
+    assert robot.journal("free")[0] == 7
 
 
 def spares(robot: Robot) -> set[int]:

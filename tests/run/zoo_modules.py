@@ -208,6 +208,14 @@ class NotText(Module):
         self.stop()
 
 
+class Computing(Journal):
+    """Journals with how many threads its numerical libraries compute: as it is told, and as it is."""
+
+    def setup(self) -> None:
+        self.note(int(os.environ["OMP_NUM_THREADS"]))
+        self.note(len(os.listdir("/proc/self/task")))
+
+
 class StateWatcher(Journal):
     """Journals every change of state that it is told: the restarts of the module it watches."""
 

@@ -3,15 +3,19 @@ import os
 import struct
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from robbie_mp.profile.model import Scheduling
-from robbie_mp.supervisor.scheduling import NoSuchCpu, apply_scheduling
+from robbie_mp.supervisor.scheduling import NoSuchCpu, apply_scheduling, computing_with
 from robbie_mp.transport.wakeup import Wakeup
 from robbie_mp.wake_latency import DEVICE
+from tests.supervisor.running import wait_for
 
 SCHEDULE = """
 import logging, os
@@ -31,6 +35,144 @@ def test_process_runs_where_and_how_it_is_asked_to() -> None:
     assert ended.returncode == 0, ended.stderr
     if ended.stdout.split() != [str(os.SCHED_FIFO), "3"]:
         assert "no permission for real-time priority 3" in ended.stderr
+
+
+SCHEDULE_THREADS = """
+import logging, os, threading
+from robbie_mp.profile.model import Scheduling
+from robbie_mp.supervisor.scheduling import apply_scheduling, prefer_new_threads
+
+def start():
+    thread = threading.Thread(target=threading.Event().wait, daemon=True)
+    thread.start()
+    return thread.native_id
+
+def show(*threads):
+    for thread in threads:
+        print(os.sched_getaffinity(thread) == {{cpu}}, os.getpriority(os.PRIO_PROCESS, thread),
+              os.sched_getparam(thread).sched_priority)
+
+cpu = min(os.sched_getaffinity(0))
+before = [start() for _ in range(3)]
+wanted = Scheduling(cpus=[cpu], nice={nice}, realtime_priority={priority})
+apply_scheduling(wanted, logging.getLogger())
+show(os.getpid(), *before)
+later = start()
+prefer_new_threads(wanted)
+show(later)
+"""
+
+
+@pytest.mark.parametrize(("nice", "priority"), [(5, 0), (0, 3)])
+def test_all_threads_run_where_and_how_it_is_asked(nice: int, priority: int) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", SCHEDULE_THREADS.format(nice=nice, priority=priority)],
+        check=True, capture_output=True, text=True, timeout=30,
+    )  # fmt: skip
+    if "no permission for real-time priority" in ended.stderr:
+        priority = 0
+    least = min(19, os.getpriority(os.PRIO_PROCESS, 0) + nice)
+    assert ended.stdout.splitlines() == [f"True {least} {priority}"] * 5
+
+
+BUSY = """
+import logging
+from robbie_mp.profile.model import Scheduling
+from robbie_mp.supervisor.scheduling import apply_scheduling
+apply_scheduling(Scheduling(cpus=[{cpu}], nice={nice}), logging.getLogger())
+print("busy", flush=True)
+while True:
+    pass
+"""
+
+
+@contextmanager
+def busy(cpu: int, nice: int) -> Iterator[int]:
+    """A process in a session of its own, as modules have, that takes all it can get of a processor."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", BUSY.format(cpu=cpu, nice=nice)],
+        stdout=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    with process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "busy\n"
+            yield process.pid
+        finally:
+            process.kill()
+
+
+def cpu_s(pid: int) -> float:
+    return time.clock_gettime(~pid << 3 | 2)  # the processor time of another process, as clock_getcpuclockid
+
+
+def test_module_that_steps_back_by_10_gets_a_tenth_of_a_processor_that_two_want() -> None:
+    """Whether this kernel shares by session first (autogroup) or not."""
+    cpu = min(os.sched_getaffinity(0))
+    with busy(cpu, 0) as first, busy(cpu, 10) as second:
+        begun_s = [cpu_s(first), cpu_s(second)]
+        wait_for(lambda: cpu_s(first) + cpu_s(second) - sum(begun_s) > 1.5, limit_s=60)
+        took_s = [cpu_s(first) - begun_s[0], cpu_s(second) - begun_s[1]]
+    share = took_s[1] / sum(took_s)
+    print(f"share of the one that steps back: {share:.3f}")
+    assert 0.05 < share < 0.2, took_s
+
+
+SESSION = """
+import logging, os
+from pathlib import Path
+from robbie_mp import stepping_back
+{prepare}
+stepping_back.step_back(7, logging.getLogger())
+print(Path("/proc/self/autogroup").read_text().split()[-1])
+"""
+NO_AUTOGROUP = not Path("/proc/self/autogroup").exists()
+
+
+def step_back_in_session(prepare: str, *, own_session: bool) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, "-c", SESSION.format(prepare=prepare)],
+        check=True, capture_output=True, text=True, timeout=30, start_new_session=own_session,
+    )  # fmt: skip
+
+
+@pytest.mark.skipif(NO_AUTOGROUP, reason="NOT TESTED: this kernel does not share by session")
+def test_only_who_leads_a_session_steps_back_as_one() -> None:
+    """Else `robbie record` had the shell that it was started from step back, with all that runs there."""
+    now = Path("/proc/self/autogroup").read_text().split()[-1]
+    assert step_back_in_session("", own_session=True).stdout.strip() == "7"
+    assert step_back_in_session("", own_session=False).stdout.strip() == now
+
+
+@pytest.mark.skipif(NO_AUTOGROUP, reason="NOT TESTED: this kernel does not share by session")
+def test_session_that_may_not_be_set_yet_is_set_later_and_a_refusal_is_a_warning() -> None:
+    """An ordinary user may set one in 0.1 s, all modules that start at once together."""
+    hindered = """
+class Hindered(type(Path())):
+    refusals = {refusals}
+    def write_text(self, text):
+        if self.refusals:
+            Hindered.refusals -= 1
+            raise BlockingIOError(11, "Resource temporarily unavailable")
+        return super().write_text(text)
+stepping_back._AUTOGROUP, stepping_back._PATIENCE_S = Hindered("/proc/self/autogroup"), 1.0
+"""
+    late = step_back_in_session(hindered.format(refusals=3), own_session=True)
+    assert (late.stdout.strip(), late.stderr) == ("7", "")
+    never = step_back_in_session(hindered.format(refusals=1000), own_session=True)
+    assert never.stdout.strip() == "0"
+    assert "as large a share as others: /proc/self/autogroup: Resource temporarily" in never.stderr
+
+
+def test_numerical_libraries_compute_with_as_many_threads_as_is_said() -> None:
+    count = "import os, numpy; print(len(os.listdir('/proc/self/task')))"
+    for wanted in (1, 2):
+        environment = computing_with(os.environ, wanted)
+        ended = subprocess.run(
+            [sys.executable, "-c", count], check=True, capture_output=True, text=True, env=environment
+        )
+        assert ended.stdout.strip() == str(min(wanted, len(os.sched_getaffinity(0))))
+    assert computing_with({"OMP_NUM_THREADS": "2"}, 0) == {"OMP_NUM_THREADS": "2"}
 
 
 def test_missing_permission_is_a_warning(
