@@ -75,6 +75,16 @@ def _parse_stat(pid: int, text: bytes) -> ProcessStat:
     return ProcessStat(pid, fields[0].decode(), int(fields[1]), int(fields[3]), int(fields[19]), cpu_ticks)
 
 
+def read_wait_channel(pid: int) -> str:
+    """Return the function of the kernel in which a process sleeps; '' if it is awake or that is hidden."""
+    try:
+        with open(f"/proc/{pid}/wchan") as file:
+            name = file.read()
+    except OSError:
+        return ""
+    return "" if name == "0" else name
+
+
 @dataclass(frozen=True)
 class ProcessUsage:
     """What a process takes of the machine; zeros for one that is no more."""

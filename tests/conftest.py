@@ -11,6 +11,7 @@ import psutil
 import pytest
 
 from robbie_mp.transport.layout import HEADER_CREATOR_PID
+from tools.loop_disk import LoopDisk, NoLoopDisk
 
 SHARED_MEMORY = Path("/dev/shm")
 GRACE_S = 2.0
@@ -75,6 +76,19 @@ def bytecode_is_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
         patch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
         patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
         yield
+
+
+@pytest.fixture
+def disk() -> Iterator[LoopDisk]:
+    """A disk that may be frozen; whoever writes to it then cannot even be killed."""
+    try:
+        made = LoopDisk().__enter__()
+    except NoLoopDisk as error:
+        pytest.skip(f"NOT TESTED, no disk can be frozen here: {error}")
+    try:
+        yield made
+    finally:
+        made.__exit__(None, None, None)
 
 
 @pytest.fixture(autouse=True)

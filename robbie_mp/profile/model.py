@@ -36,7 +36,7 @@ class RestartPolicy:
     """How the supervisor treats a module that ended."""
 
     policy: RestartWhen = RestartWhen.ON_FAILURE
-    max_restarts: int = bounded(5, 0, MAX_ENTRIES)
+    max_restarts: int = bounded(10, 0, MAX_ENTRIES)
     """More than this many within `within_s` and the module is FAILED."""
     within_s: float = bounded(60.0, 0.1, AGES_S)
     backoff_s: float = bounded(0.01, 0, AGES_S)
@@ -44,6 +44,8 @@ class RestartPolicy:
     backoff_cap_s: float = bounded(5.0, 0, AGES_S)
     stable_after_s: float = bounded(10.0, 0, AGES_S)
     """Running this long gives the whole budget back and the first backoff again."""
+    retry_s: float = bounded(30.0, 0, AGES_S)
+    """A FAILED module that is not essential is tried again so often, for ever; 0: it is not."""
 
 
 @dataclass(frozen=True)

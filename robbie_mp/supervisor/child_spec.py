@@ -57,6 +57,11 @@ class ChildSpec:
     may_be_warm: bool = False
     """Whether a spare interpreter does the same as the command, so that it may take its place."""
 
+    @property
+    def is_needed(self) -> bool:
+        """Whether the run stops when it is FAILED."""
+        return self.essential or self.ends_run or self.kind is ChildKind.CORE
+
     def __post_init__(self) -> None:
         """Check the name.
 

@@ -22,8 +22,9 @@ class Incarnations(Protocol):
 
     All calls come from the supervisor's one thread and must not block. For one incarnation they come in
     this order: `open`, `started`, `is_ready` until it is true, `doing`, `died`, `is_reclaimed` until it is
-    true. `started` is missing when the command cannot be executed, `died` when SIGKILL does not end the
-    process. `is_reclaimed` is asked only before a restart, which may be long after FAILED or STOPPED.
+    true. `started` is missing when the command cannot be executed; `died` comes long after FAILED, or never,
+    when SIGKILL does not end the process. `is_reclaimed` is asked only before a restart, which may be long
+    after FAILED or STOPPED.
     """
 
     def open(self, name: str, incarnation: int) -> None:
@@ -61,7 +62,10 @@ class Incarnations(Protocol):
         """Tell whether a restart may open the next incarnation; asked every few ms in BACKOFF."""
 
     def wake(self, name: str, incarnation: int) -> None:
-        """Wake it if it waits for messages, so that it sees a signal or a change of the clock."""
+        """Wake it if it waits for messages, so that it sees a signal."""
+
+    def wake_all(self) -> None:
+        """Wake everyone who waits for messages, attached tools too: the clock that waits go by was set."""
 
     def state_changed(self, change: StateChange) -> None:
         """Tell everyone of a change; comes before `open` with STARTING, after `died` with an end."""

@@ -9,12 +9,13 @@ import os
 import select
 import signal
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Mapping
 from types import TracebackType
 from typing import Self
 
 from robbie_mp.prctl import is_child_subreaper, set_child_subreaper
 from robbie_mp.proc import ProcessStat, environment_value, own_children, processes, read_stat
+from robbie_mp.supervisor.event_loop import EventLoop
 
 MARKER = "ROBBIE_CHILD"
 MAX_PASSES = 20
@@ -26,8 +27,8 @@ def marker(run_id: str, name: str, incarnation: int) -> str:
     return f"{run_id}/{name}/{incarnation}"
 
 
-def kill_child_leftovers(session: int, child_marker: str, known: Collection[int]) -> None:
-    """Kill whatever lives in a child's session or carries its marker, and wait a moment for it to be gone.
+def kill_child_leftovers(session: int, child_marker: str, known: Collection[int]) -> dict[int, int]:
+    """Kill whatever lives in a child's session or carries its marker, without waiting for it to be gone.
 
     Call it after the child has ended and before it is reaped: until then its pid, which is the number of
     its session, cannot be given to another. What a child leaves is a descendant of an orphan, and orphans
@@ -37,9 +38,12 @@ def kill_child_leftovers(session: int, child_marker: str, known: Collection[int]
         session: the child's pid.
         child_marker: what `marker` returned for it.
         known: the caller's own children, this one included.
+
+    Returns:
+        A pidfd, which the caller closes, of each process that was killed, by its pid.
     """
     if own_children() <= frozenset(known):
-        return
+        return {}
     leader = read_stat(session)
     since_ticks = leader.start_ticks if leader else 0  # older processes need not be asked
 
@@ -47,10 +51,58 @@ def kill_child_leftovers(session: int, child_marker: str, known: Collection[int]
         return (
             stat.start_ticks >= since_ticks
             and stat.pid != session
+            and not stat.is_dead
             and (stat.session == session or environment_value(stat.pid, MARKER) == child_marker)
         )
 
-    wait_gone(kill_all(belongs))
+    return kill_all(belongs)
+
+
+class Leftovers:
+    """What one child has forked, from the child's end until all of that has ended, too.
+
+    Nothing here waits: an event loop says when a process has ended, however long that takes.
+    """
+
+    def __init__(self, kill: Callable[[], dict[int, int]], loop: EventLoop, on_gone: Callable[[], None]):
+        """Prepare.
+
+        Args:
+            kill: kills what is there, as `kill_child_leftovers`.
+            loop: watches who was killed.
+            on_gone: called once, when there is nobody left; it may be called by `end`.
+        """
+        self._kill = kill
+        self._loop = loop
+        self._on_gone = on_gone
+        self._pidfds: dict[int, int] = {}
+
+    @property
+    def pids(self) -> tuple[int, ...]:
+        """Who was killed and has not ended."""
+        return tuple(self._pidfds)
+
+    def end(self) -> None:
+        """Kill what is there; again when that has ended, for it may have forked meanwhile."""
+        self._pidfds = self._kill()
+        for pid, pidfd in self._pidfds.items():
+            self._loop.watch(pidfd, lambda pid=pid: self._on_end(pid))  # type: ignore[misc]
+        if not self._pidfds:
+            self._on_gone()
+
+    def close(self) -> None:
+        """Watch them no longer."""
+        for pidfd in self._pidfds.values():
+            self._loop.unwatch(pidfd)
+            os.close(pidfd)
+        self._pidfds.clear()
+
+    def _on_end(self, pid: int) -> None:
+        pidfd = self._pidfds.pop(pid)
+        self._loop.unwatch(pidfd)
+        os.close(pidfd)
+        if not self._pidfds:
+            self.end()
 
 
 def kill_run_leftovers(run_id: str) -> frozenset[int]:
@@ -58,47 +110,51 @@ def kill_run_leftovers(run_id: str) -> frozenset[int]:
     prefix = f"{run_id}/"
     killed = kill_all(lambda stat: (environment_value(stat.pid, MARKER) or "").startswith(prefix))
     wait_gone(killed)
-    return killed
+    return frozenset(killed)
 
 
-def kill_all(belongs: Callable[[ProcessStat], bool]) -> frozenset[int]:
-    """Kill all processes that belong, again until no new one shows up; return their pids."""
-    killed: set[int] = {os.getpid()}
+def kill_all(belongs: Callable[[ProcessStat], bool]) -> dict[int, int]:
+    """Kill all processes that belong, again until no new one shows up.
+
+    Returns:
+        A pidfd of each, which the caller closes, by its pid.
+    """
+    killed: dict[int, int] = {}
+    seen = {os.getpid()}
     for _ in range(MAX_PASSES):
-        found = [p for p in processes() if p.pid not in killed and belongs(p)]
+        found = [p for p in processes() if p.pid not in seen and belongs(p)]
         if not found:
             break
         for process in found:
-            killed.add(process.pid)
-            _kill(process)
-    return frozenset(killed - {os.getpid()})
+            seen.add(process.pid)
+            if (pidfd := _kill(process)) is not None:
+                killed[process.pid] = pidfd
+    return killed
 
 
-def wait_gone(pids: Iterable[int], timeout_s: float = END_WAIT_S) -> None:
-    """Wait until these processes have ended, at most so long."""
+def wait_gone(pidfds: Mapping[int, int], timeout_s: float = END_WAIT_S) -> None:
+    """Wait until these processes have ended, at most so long, and close their pidfds."""
     deadline = time.monotonic() + timeout_s
-    for pid in pids:
-        with contextlib.suppress(ProcessLookupError):
-            fd = os.pidfd_open(pid)
-            try:
-                select.select([fd], [], [], max(0.0, deadline - time.monotonic()))
-            finally:
-                os.close(fd)
+    for pidfd in pidfds.values():
+        select.select([pidfd], [], [], max(0.0, deadline - time.monotonic()))
+        os.close(pidfd)
 
 
-def _kill(process: ProcessStat) -> None:
+def _kill(process: ProcessStat) -> int | None:
     """Kill exactly this process: the pidfd is opened first, then its start time is compared."""
     try:
-        fd = os.pidfd_open(process.pid)
-    except ProcessLookupError:
-        return
+        pidfd = os.pidfd_open(process.pid)
+    except (ProcessLookupError, OSError):
+        return None
     try:
         now = read_stat(process.pid)
         if now is not None and now.start_ticks == process.start_ticks:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                signal.pidfd_send_signal(fd, signal.SIGKILL)
-    finally:
-        os.close(fd)
+            signal.pidfd_send_signal(pidfd, signal.SIGKILL)
+            return pidfd
+    except (ProcessLookupError, PermissionError):
+        pass
+    os.close(pidfd)
+    return None
 
 
 class OrphanReaper:

@@ -235,11 +235,21 @@ class RunMemory:
         if memory is not None and current == incarnation:
             memory.wakeup.post()
 
+    def wake_all(self) -> None:
+        """Post the semaphores of the core, of all modules and of all attached tools."""
+        self._core_wakeup.post()
+        self._wake_participants()
+
+    def _wake_participants(self) -> None:
+        for slot, (_, memory) in self._incarnations.items():
+            if slot != SUPERVISOR_SLOT:
+                memory.wakeup.post()
+
     def state_changed(self, change: StateChange) -> None:
         """Show a child's new state on the board and to every module that wants to know."""
         slot = self._slots[change.name]
         row = self.board.read(slot)
-        restarts = row.restarts + (change.old is ChildState.BACKOFF and change.new is ChildState.STARTING)
+        restarts = row.restarts + (change.old is not None and change.new is ChildState.STARTING)
         pid = row.pid if change.new.has_process else 0
         state = STATES.index(change.new) + 1
         past = row.past
@@ -249,7 +259,9 @@ class RunMemory:
         if change.exit_status is not None:
             row = replace(row, last_end=change.reason, last_end_ns=time.monotonic_ns())
         self.board.write(slot, row)
-        if change.new.is_final and change.name != CORE:
+        # Of one that hangs in the kernel nothing may be touched; it may still come back.
+        is_dead = slot in self._dying or slot not in self._incarnations
+        if change.new.is_final and change.name != CORE and is_dead:
             clean = change.new is ChildState.STOPPED
             self._endpoint.send(Outbound.MODULE_GONE, slot, int(clean))
         message = ModuleState(
@@ -290,9 +302,7 @@ class RunMemory:
     def all_started(self) -> None:
         """Let messages flow."""
         self.board.go()
-        for slot, (_, memory) in self._incarnations.items():
-            if slot != SUPERVISOR_SLOT:
-                memory.wakeup.post()
+        self._wake_participants()
 
     def close(self) -> None:
         """Unmap and unlink everything of this run."""

@@ -22,6 +22,8 @@ class GiveUp:
     """It is FAILED."""
 
     reason: str
+    retry_after_s: float | None = None
+    """When it may be tried once more; None: never."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +34,10 @@ class LeaveStopped:
 class RestartBudget:
     """Applies one child's restart policy over the run.
 
-    Each restart costs one of `max_restarts` and comes back after `within_s`; the wait before a restart
-    doubles up to the cap. Running for `stable_after_s` gives the whole budget and the first wait back.
+    Each restart costs one of `max_restarts` and comes back after `within_s`, counted from the restart and not
+    from the wait before it; that wait doubles up to the cap. When the budget is used up, each further failure
+    allows one slow retry, for hardware may come back. Running for `stable_after_s` gives the whole budget and
+    the first wait back.
     """
 
     def __init__(self, policy: RestartPolicy, clock: Callable[[], float], jitter: Callable[[], float]):
@@ -51,6 +55,7 @@ class RestartBudget:
         self._first_wait_s = min(policy.backoff_s, policy.backoff_cap_s)
         self._backoff_s = self._first_wait_s
         self._running_since_s: float | None = None
+        self._is_used_up = False
 
     def running(self) -> None:
         """Note that the child is RUNNING from now on."""
@@ -60,6 +65,7 @@ class RestartBudget:
         """Give the whole budget and the first wait back."""
         self._restarts_s.clear()
         self._backoff_s = self._first_wait_s
+        self._is_used_up = False
 
     def ended(self, *, clean: bool) -> Restart | GiveUp | LeaveStopped:
         """Decide what follows the end of the child.
@@ -74,12 +80,17 @@ class RestartBudget:
             return LeaveStopped() if clean else GiveUp("its policy is never to restart")
         if clean and policy.policy is RestartWhen.ON_FAILURE:
             return LeaveStopped()
-        if len(self._restarts_s) >= policy.max_restarts:
-            return GiveUp(f"all {policy.max_restarts} restarts within {policy.within_s:g} s are used up")
-        self._restarts_s.append(now_s)
-        wait_s = self._backoff_s * (1.0 - JITTER_SHARE * self._jitter())
+        if self._is_used_up or len(self._restarts_s) >= policy.max_restarts:
+            self._is_used_up = True
+            reason = f"all {policy.max_restarts} restarts within {policy.within_s:g} s are used up"
+            return GiveUp(reason, policy.retry_s * self._shortening() if policy.retry_s else None)
+        wait_s = self._backoff_s * self._shortening()
+        self._restarts_s.append(now_s + wait_s)
         self._backoff_s = min(2.0 * self._backoff_s, policy.backoff_cap_s)
         return Restart(wait_s)
+
+    def _shortening(self) -> float:
+        return 1.0 - JITTER_SHARE * self._jitter()
 
     def _refill(self, now_s: float) -> None:
         since_s, self._running_since_s = self._running_since_s, None

@@ -7,6 +7,7 @@ beginning, in a session of its own, and nothing is ever forked from a process th
 """
 
 import os
+import select
 import socket
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 from robbie_mp.supervisor.assignment import READY, assign
 from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.event_loop import EventLoop
-from robbie_mp.supervisor.leftovers import kill_child_leftovers, marker, wait_gone
+from robbie_mp.supervisor.leftovers import END_WAIT_S, kill_child_leftovers, marker
 from robbie_mp.supervisor.output import ChildOutput
 from robbie_mp.supervisor.output_stream import OutputStream
 from robbie_mp.supervisor.process import ChildProcess
@@ -110,7 +111,7 @@ class SparePool:
         """Kill and reap all spares."""
         for spare in list(self._spares):
             spare.process.kill()
-            wait_gone([spare.process.pid])
+            select.select([spare.process.pidfd], [], [], END_WAIT_S)
             self._remove(spare)
             self._discard(spare)
 
@@ -183,7 +184,9 @@ class SparePool:
 
     def _discard(self, spare: Spare) -> None:
         """Take what a dead spare printed, and reap it."""
-        kill_child_leftovers(spare.process.pid, spare.process.marker, self.pids | {spare.process.pid})
+        known = self.pids | {spare.process.pid}
+        for pidfd in kill_child_leftovers(spare.process.pid, spare.process.marker, known).values():
+            os.close(pidfd)  # it holds nothing of the run's memory, so nobody waits for its end
         for fd, name in ((spare.process.stdout, "stdout"), (spare.process.stderr, "stderr")):
             OutputStream(fd, name, self._output, self._loop).finish()
         os.close(spare.process.log_channel)

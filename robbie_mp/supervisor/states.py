@@ -15,7 +15,8 @@ class ChildState(StrEnum):
     BACKOFF = "BACKOFF"
     """It ended and waits for its restart."""
     FAILED = "FAILED"
-    """It ended and is not started again: it may not be, or its restarts are used up."""
+    """It ended, and its restarts are used up or it has none. It may be tried again slowly, or be waited for
+    if its process was killed and cannot end."""
     STOPPED = "STOPPED"
     """It ended as it was meant to, or because the run stops."""
 
@@ -26,7 +27,7 @@ class ChildState(StrEnum):
 
     @property
     def is_final(self) -> bool:
-        """Whether no other state follows by itself; `robbie module start` starts such a child again."""
+        """Whether others go on without it; `robbie module start` starts such a child at once."""
         return self in (ChildState.FAILED, ChildState.STOPPED)
 
 
@@ -53,7 +54,7 @@ class StateChange:
     wall_time_s: float
     """Unix time."""
     restart_in_s: float | None = None
-    """Set with BACKOFF."""
+    """Set with BACKOFF, and with FAILED if it is tried again."""
     exit_status: ExitStatus | None = None
     """Set when a process ended."""
     last_lines: tuple[str, ...] = ()

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.proc import read_wait_channel
 from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.child_stream import ChildStream
 from robbie_mp.supervisor.crash_watch import CrashWatch
 from robbie_mp.supervisor.event_loop import EventLoop
 from robbie_mp.supervisor.hang_watch import HangWatch
 from robbie_mp.supervisor.incarnations import Incarnations
-from robbie_mp.supervisor.leftovers import kill_child_leftovers
+from robbie_mp.supervisor.leftovers import Leftovers, kill_child_leftovers
 from robbie_mp.supervisor.output import ChildOutput
 from robbie_mp.supervisor.output_stream import OutputStream
 from robbie_mp.supervisor.process import ChildProcess, ExitStatus
@@ -29,7 +30,7 @@ OFTEN_S = 0.001
 DUMP_S = 0.5
 """From the request for a stack dump to SIGKILL; a stopped process does not answer."""
 UNKILLABLE_AFTER_S = 5.0
-"""A process that SIGKILL does not end hangs in the kernel, in a broken driver for example."""
+"""A process that SIGKILL has not ended by then hangs in the kernel: on a stalled disk, in a broken driver."""
 
 
 class Then(Enum):
@@ -66,7 +67,7 @@ class SupervisedChild:
         pid: of its process, None without.
         was_settled: whether it has left STARTING at least once.
         ended_run: whether it ended in the way that ends the run.
-        hangs_in_kernel: whether its process was given up though it has not ended; its memory is lost.
+        awaits_retry: whether it is FAILED and will be tried again.
     """
 
     def __init__(
@@ -78,13 +79,18 @@ class SupervisedChild:
         self.reason = ""
         self.was_settled = False
         self.ended_run = False
-        self.hangs_in_kernel = False
         self.output = output
         self._budget = budget
         self._around = surroundings
         self._incarnations = surroundings.incarnations
         self._clock = surroundings.clock
         self._process: ChildProcess | None = None
+        self._hanging: ChildProcess | None = None
+        """Its process, when it was killed and cannot end. Nothing of it is reclaimed before it does: the
+        kernel may be busy with a read into its memory."""
+        self._status: ExitStatus | None = None
+        """Set when its process has ended, but not yet all that it forked."""
+        self._leftovers: Leftovers | None = None
         self._streams: list[ChildStream] = []
         self._hang_watch = HangWatch(spec.handler_deadline_s, spec.stop_grace_s)
         self._crash_watch = CrashWatch(spec.name, output, surroundings.incarnations, surroundings.clock)
@@ -95,12 +101,31 @@ class SupervisedChild:
         self._kill_reason = ""
         self._kill_at_s: float | None = None
         self._killed_s: float | None = None
-        self._due_s = 0.0  # start deadline in STARTING, time of restart in BACKOFF
+        self._due_s = 0.0  # start deadline in STARTING, time of restart in BACKOFF and FAILED
+        self._is_retried = False
+        self.awaits_retry = False
 
     @property
     def pid(self) -> int | None:
-        """Its process."""
+        """Its process; None also for one that hangs in the kernel."""
         return self._process.pid if self._process else None
+
+    @property
+    def pids(self) -> set[int]:
+        """Its processes that are not reaped."""
+        return {process.pid for process in (self._process, self._hanging) if process}
+
+    @property
+    def may_return(self) -> bool:
+        """Whether it may run again by itself though it is FAILED or STOPPED."""
+        return self._may_restart and (
+            self.awaits_retry or (self._hanging is not None and self._then is not Then.STOPPED)
+        )
+
+    @property
+    def is_retried(self) -> bool:
+        """Whether it was started out of FAILED."""
+        return self._is_retried
 
     @property
     def is_stopping(self) -> bool:
@@ -115,6 +140,7 @@ class SupervisedChild:
     def start(self) -> None:
         """Start the next incarnation."""
         self.incarnation += 1
+        self._is_retried, self.awaits_retry = self.awaits_retry, False
         self._then = None
         self._stop_reason = self._kill_reason = ""
         self._kill_at_s = self._killed_s = None
@@ -155,7 +181,7 @@ class SupervisedChild:
                 self.kill(f"not ready within {self.spec.start_deadline_s:g} s")
         elif self.state is ChildState.RUNNING:
             self._check_hang(now_s)
-        elif self.state is ChildState.BACKOFF and now_s >= self._due_s and self._may_open():
+        elif self._waits_for_start() and now_s >= self._due_s and self._may_open():
             self.start()
 
     def poll_in_s(self) -> float | None:
@@ -163,7 +189,7 @@ class SupervisedChild:
         match self.state:
             case ChildState.STARTING:
                 return POLL_S
-            case ChildState.BACKOFF:
+            case ChildState.BACKOFF | ChildState.FAILED if self._waits_for_start():
                 wait_s = self._due_s - self._clock()
                 return max(OFTEN_S, wait_s) if wait_s > -SOON_S else POLL_S
             case _:
@@ -187,8 +213,9 @@ class SupervisedChild:
             self.wake()
 
     def stay_stopped(self, reason: str) -> None:
-        """Make BACKOFF, or the wait for the first start, end in STOPPED."""
-        if self.state in (None, ChildState.BACKOFF):
+        """Make BACKOFF, or the wait for the first start or for a retry, end in STOPPED."""
+        if self.state is None or self._waits_for_start():
+            self.awaits_retry = False
             self._move(ChildState.STOPPED, reason)
 
     def restart_now(self, reason: str) -> None:
@@ -196,6 +223,7 @@ class SupervisedChild:
         self._budget.reset()
         if self._process is None and self.state is not None:
             self._due_s = self._clock()
+            self.awaits_retry = False
             if self.state is not ChildState.BACKOFF:
                 self._move(ChildState.BACKOFF, reason, restart_in_s=0.0)
 
@@ -235,7 +263,39 @@ class SupervisedChild:
     def do_not_restart(self, reason: str) -> None:
         """Start no further incarnation: the run stops."""
         self._may_restart = False
-        self.stay_stopped(reason)
+        if self.awaits_retry:
+            self.awaits_retry = False  # it remains FAILED
+        else:
+            self.stay_stopped(reason)
+
+    def when_it_ends(self, then: Then, reason: str) -> str:
+        """Say what is to follow if its process, which hangs in the kernel, ever ends.
+
+        Args:
+            then: what follows.
+            reason: why, for the state that follows.
+
+        Returns:
+            What is the matter with it, for people; '' if its process does not hang, and nothing was changed.
+        """
+        if self._hanging is None:
+            return ""
+        self._then, self._stop_reason = then, reason
+        self._budget.reset()
+        return self._describe_hanging()
+
+    def let_go(self) -> None:
+        """Forget a process that hangs in the kernel: the run is over."""
+        if self._leftovers:
+            self._leftovers.close()
+        if self._hanging:
+            if self._status is None:
+                self._around.loop.unwatch(self._hanging.pidfd)
+            self._hanging.reap()
+            self._hanging = None
+
+    def _waits_for_start(self) -> bool:
+        return self.state is ChildState.BACKOFF or self.awaits_retry
 
     def _check_ready(self) -> None:
         if self._incarnations.is_ready(self.spec.name, self.incarnation):
@@ -257,35 +317,57 @@ class SupervisedChild:
         return not self._is_opened or self._incarnations.is_reclaimed(self.spec.name, self.incarnation)
 
     def _on_exit(self) -> None:
-        process = self._process
-        status = process.exit_status() if process else None
-        if process is None or status is None:
+        """End what its process, which has ended, has forked; until all that is gone it stays a zombie."""
+        process = self._process or self._hanging
+        if process is None or (status := process.exit_status()) is None:
             return
-        kill_child_leftovers(process.pid, process.marker, self._around.known_pids())
-        self._release(process)
+        self._status = status
+        self._around.loop.unwatch(process.pidfd)
+        self._kill_at_s = None
+        if self._killed_s is None:
+            self._killed_s = self._clock()
+        self._leftovers = Leftovers(
+            lambda: kill_child_leftovers(process.pid, process.marker, self._around.known_pids()),
+            self._around.loop,
+            lambda: self._on_gone(process, status),
+        )
+        self._leftovers.end()
+
+    def _on_gone(self, process: ChildProcess, status: ExitStatus) -> None:
+        self._finish_streams()
+        process.reap()
+        hung = f", after it hung in the kernel for {self._killed_for_s():.0f} s" if self._hanging else ""
+        self._process = self._hanging = self._leftovers = self._status = None
+        self._killed_s = None
         if self.state is ChildState.STARTING and not self._kill_reason:
             self._check_ready()  # it may have become ready and ended since the last poll
-        self._after_end(status, self._why(status))
+        self._after_end(status, self._why(status) + hung)
 
     def _abandon(self) -> None:
-        """Go on without a process that cannot be killed.
+        """Go on without a process that cannot end; what follows its end comes when it ends after all."""
+        self._hanging, self._process = self._process, None
+        self._finish_streams()
+        self._kill_at_s = None
+        reason = self._kill_reason or (self._why(self._status) if self._status else "")
+        self._move(ChildState.FAILED, f"{reason}; but {self._describe_hanging()}")
 
-        Its memory is not reclaimed: the kernel may still be busy with a read into it.
-        """
-        if self._process:
-            self._release(self._process)
-            self.hangs_in_kernel = True
-            self._move(ChildState.FAILED, f"{self._kill_reason}; but it hangs in the kernel despite SIGKILL")
+    def _describe_hanging(self) -> str:
+        pids = self._leftovers.pids if self._leftovers else tuple(self.pids)
+        channel = read_wait_channel(pids[0]) if pids else ""
+        where = f" in the kernel ({channel})" if channel else " in the kernel"
+        return (
+            f"process {', '.join(map(str, pids))}, killed {self._killed_for_s():.0f} s ago, hangs{where}, "
+            "as on a disk that has stalled or in a broken driver"
+        )
 
-    def _release(self, process: ChildProcess) -> None:
+    def _killed_for_s(self) -> float:
+        return self._clock() - self._killed_s if self._killed_s is not None else 0.0
+
+    def _finish_streams(self) -> None:
         for stream in self._streams:
             stream.finish()
         self._streams = []
         self.output.report_dropped()
-        self._around.loop.unwatch(process.pidfd)
-        process.reap()
-        self._process = None
-        self._kill_at_s = None
 
     def _why(self, status: ExitStatus) -> str:
         if self._kill_reason:
@@ -322,8 +404,13 @@ class SupervisedChild:
             case Restart(after_s=wait_s) if self._may_restart:
                 self._due_s = self._clock() + wait_s
                 self._move(ChildState.BACKOFF, reason, status, wait_s)
-            case GiveUp(reason=why):
-                self._move(ChildState.FAILED, f"{reason}; {why}", status)
+            case GiveUp(reason=why, retry_after_s=retry_s):
+                if retry_s is not None and self._may_restart and not self.spec.is_needed:
+                    self.awaits_retry = True
+                    self._due_s = self._clock() + retry_s
+                    self._move(ChildState.FAILED, f"{reason}; {why}", status, retry_s)
+                else:
+                    self._move(ChildState.FAILED, f"{reason}; {why}", status)
             case _:
                 self._move(ChildState.STOPPED, reason, status)
 

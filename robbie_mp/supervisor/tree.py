@@ -157,13 +157,16 @@ class Tree:
 
         Raises:
             NoSuchChild: there is none of that name.
-            CannotControl: it is the core, or has ended already, or the run stops.
+            CannotControl: it is the core, or has ended already, or its process hangs in the kernel, or the
+                run stops.
         """
         child = self._controlled(name)
         child.output.say(Kind.SYSTEM, f"to be {reason}")
         if child.spec.kind is ChildKind.CORE:
             raise CannotControl("without the core nothing runs; stop the whole run, or restart the core")
-        if child.state is not None and child.state.is_final:
+        if trouble := child.when_it_ends(Then.STOPPED, reason):
+            raise CannotControl(f"{name}: {trouble}; {name} stays stopped when that process has ended")
+        if child.state is not None and child.state.is_final and not child.awaits_retry:
             raise CannotControl(f"{name} is {child.state} already ({child.reason})")
         if child.pid is None:
             child.stay_stopped(reason)
@@ -176,12 +179,13 @@ class Tree:
 
         Raises:
             NoSuchChild: there is none of that name.
-            CannotControl: its process hangs in the kernel, or the run stops.
+            CannotControl: its process hangs in the kernel, so that it can be started only when that has
+                ended, as it will be; or the run stops.
         """
         child = self._controlled(name)
-        if child.hangs_in_kernel:
-            raise CannotControl(f"{name}: its dead process hangs in the kernel and keeps its memory")
         child.output.say(Kind.SYSTEM, f"to be {reason}")
+        if trouble := child.when_it_ends(Then.RESTART, reason):
+            raise CannotControl(f"{name}: {trouble}; {name} is started as soon as that process has ended")
         child.restart_now(reason)
         if child.pid is not None:
             self._partial_stops.append(OrderedStop([child], Then.RESTART, reason, self._clock))
@@ -229,7 +233,7 @@ class Tree:
         return SupervisedChild(spec, output.child(spec.name, spec.record), budget, surroundings)
 
     def _known_pids(self) -> set[int]:
-        return {child.pid for child in self.children if child.pid} | self._spares.pids
+        return self._spares.pids.union(*(child.pids for child in self.children))
 
     def _turn(self) -> bool:
         """Go round the loop once; False when the run is over."""
@@ -240,7 +244,8 @@ class Tree:
         self._announce_all_started()
         self._check_clock_step()
         self._each_turn()
-        if all(c.state and c.state.is_final for c in self.children if c.spec.kind is ChildKind.MODULE):
+        modules = [child for child in self.children if child.spec.kind is ChildKind.MODULE]
+        if all(child.state and child.state.is_final and not child.may_return for child in modules):
             self.stop("all modules have ended")
         for stop in [self._stop] if self._stop else self._partial_stops:
             stop.step()
@@ -278,8 +283,7 @@ class Tree:
         offset_s = self._wall_clock() - self._clock()
         if abs(step_s := offset_s - self._clock_offset_s) > CLOCK_STEP_S:
             self._say(f"the wall clock was set by {step_s:+.3f} s")
-            for child in self.children:
-                child.wake()
+            self._incarnations.wake_all()
         self._clock_offset_s = offset_s
 
     def _on_signal(self, signum: int) -> None:
@@ -295,10 +299,9 @@ class Tree:
         name = child.spec.name
         if child.ended_run:
             self.stop(f"{name} ended the run")
-        if change.new is ChildState.BACKOFF:
+        if change.new is ChildState.BACKOFF or (change.new is ChildState.RUNNING and child.is_retried):
             self._restart_dependents(child)
-        is_needed = child.spec.essential or child.spec.ends_run or child.spec.kind is ChildKind.CORE
-        if change.new is ChildState.FAILED and is_needed:
+        if change.new is ChildState.FAILED and child.spec.is_needed:
             self.stop(f"{name} is FAILED: {change.reason}")
 
     def _restart_dependents(self, child: SupervisedChild) -> None:
@@ -318,9 +321,11 @@ class Tree:
         self.output.close()
 
     def _kill_rest(self) -> None:
-        """Leave no child behind, whatever error ended the loop."""
+        """Leave no child behind, whatever error ended the loop, but for those that cannot be killed."""
         self.kill_all("the supervisor ends")
         while any(child.pid for child in self.children):
             self._loop.turn(POLL_S)
             for child in self.children:
                 child.poll()
+        for child in self.children:
+            child.let_go()

@@ -62,6 +62,23 @@ class Passive(Module):
         pass
 
 
+class Device(Module):
+    """Publishes what a device says, if the device is there."""
+
+    period_s = 0.02
+
+    def setup(self):
+        self.subscribe(LaserScan, self.on_scan)
+        if not (self.output_directory / "device").exists():
+            raise OSError("no such device: /dev/laser")
+
+    def on_scan(self, scan):
+        pass
+
+    def tick(self):
+        self.publish(LaserScan(), topic="device")
+
+
 class Leak(Module):
     """Takes more and more memory."""
 
@@ -109,6 +126,22 @@ def test_hung_handler_is_named_shown_and_costs_one_message(robot: Robot) -> None
     missing = sorted(set(range(heard[0], last + 1)) - set(heard))
     assert len(missing) == ended.modules["sink"]["lost"] == 1
     assert ended.modules["sink"]["restarts"] == 1
+
+
+def test_failed_module_is_tried_again_until_its_device_is_back(robot: Robot) -> None:
+    device = '  device: {class: "zoo.hanging:Device", restart: {max_restarts: 1, retry_s: 0.2}}\n'
+    started(robot, PROFILE % "" + device)
+    figures = robot.until(lambda modules: modules["device"]["restarts"] >= 3)
+    assert "all 1 restarts within 60 s are used up" in robot.log("device")
+    failed = robot.until(lambda modules: modules["device"]["state"] == "FAILED")
+    assert failed["sink"]["restarts"] == figures["source"]["restarts"] == 0
+    (robot.output / "device").touch()
+    robot.until(lambda modules: modules["device"]["handled"] > 20 and modules["device"]["published"] > 20)
+    ended = stopped(robot)
+    assert ended.exit_code == 0
+    outcomes = ("delivered", "replaced", "dropped", "lost")
+    for books in ended.modules["device"]["subscriptions"]:
+        assert books["routed"] == sum(books[name] for name in outcomes)
 
 
 def test_hung_tick_is_named_and_restarted(robot: Robot) -> None:

@@ -128,7 +128,7 @@ def test_module_that_crashes_in_setup_is_failed_with_its_traceback(robot: Robot)
 modules:
   broken:
     class: zoo.modules:CrashInSetup
-    restart: {max_restarts: 2, backoff_s: 0.01}
+    restart: {max_restarts: 2, backoff_s: 0.01, retry_s: 0}
 """
     )
     ended = robot.run()
@@ -142,7 +142,8 @@ modules:
 def test_module_that_crashes_at_import_is_failed_with_its_traceback(robot: Robot) -> None:
     (robot.folder / "zoo" / "broken.py").write_text("import robbie_mp\nraise OSError('no such camera')\n")
     robot.write_profile(
-        "modules:\n  broken:\n    class: zoo.broken:Camera\n    restart: {max_restarts: 1, backoff_s: 0.01}\n"
+        "modules:\n  broken:\n    class: zoo.broken:Camera\n"
+        "    restart: {max_restarts: 1, backoff_s: 0.01, retry_s: 0}\n"
     )
     ended = robot.run()
     assert ended.exit_code == 1
@@ -175,7 +176,7 @@ def test_crash_in_a_handler_restarts_that_module_alone(robot: Robot) -> None:
 def test_crashed_module_is_restarted_though_a_thread_of_it_runs_on(robot: Robot) -> None:
     robot.write_profile(
         "modules:\n  threaded:\n    class: zoo.modules:CrashWithThread\n"
-        "    restart: {max_restarts: 1, backoff_s: 0.01}\n"
+        "    restart: {max_restarts: 1, backoff_s: 0.01, retry_s: 0}\n"
     )
     ended = robot.run()
     assert ended.exit_code == 1

@@ -22,7 +22,7 @@ from tests.supervisor import zoo
 
 LIMIT_S = 10.0
 PROJECT = Path(__file__).parents[2]
-QUICK = RestartPolicy(max_restarts=2, within_s=60.0, backoff_s=0.001, backoff_cap_s=0.002)
+QUICK = RestartPolicy(max_restarts=2, within_s=60.0, backoff_s=0.001, backoff_cap_s=0.002, retry_s=0.0)
 NEVER = dataclasses.replace(QUICK, policy=RestartWhen.NEVER)
 ALWAYS = dataclasses.replace(QUICK, policy=RestartWhen.ALWAYS)
 
@@ -44,6 +44,7 @@ class FolderIncarnations:
         self.reclaims_at_once = False
         self.closed = 0
         self.times_all_started = 0
+        self.times_all_woken = 0
         self._reclaim_asked: set[tuple[str, int]] = set()
 
     def open(self, name: str, incarnation: int) -> None:
@@ -92,6 +93,9 @@ class FolderIncarnations:
 
     def wake(self, name: str, incarnation: int) -> None:
         self.calls.append(("wake", name, incarnation))
+
+    def wake_all(self) -> None:
+        self.times_all_woken += 1
 
     def state_changed(self, change: StateChange) -> None:
         self.changes.append(change)

@@ -51,15 +51,52 @@ def test_one_failure_more_than_the_budget_is_too_many() -> None:
     tested = budget(Clock(), RestartPolicy(max_restarts=2, within_s=60.0))
     assert isinstance(tested.ended(clean=False), Restart)
     assert isinstance(tested.ended(clean=False), Restart)
-    assert tested.ended(clean=False) == GiveUp("all 2 restarts within 60 s are used up")
+    assert tested.ended(clean=False) == GiveUp("all 2 restarts within 60 s are used up", 30.0)
 
 
 def test_restart_comes_back_when_it_is_long_ago() -> None:
     clock = Clock()
-    tested = budget(clock, RestartPolicy(max_restarts=1, within_s=60.0))
+    tested = budget(clock, RestartPolicy(max_restarts=1, within_s=60.0, backoff_s=2.0))
     assert isinstance(tested.ended(clean=False), Restart)
-    clock.now_s = 60.0
+    clock.now_s = 62.0
     assert isinstance(tested.ended(clean=False), Restart)
+
+
+def test_wait_before_a_restart_does_not_count_as_time_since_it() -> None:
+    clock = Clock()
+    tested = budget(clock, RestartPolicy(max_restarts=1, within_s=60.0, backoff_s=2.0))
+    assert isinstance(tested.ended(clean=False), Restart)
+    clock.now_s = 61.9
+    assert isinstance(tested.ended(clean=False), GiveUp)
+
+
+def test_used_up_budget_allows_slow_retries_for_ever_until_running_is_stable() -> None:
+    clock = Clock()
+    policy = RestartPolicy(max_restarts=1, within_s=60.0, backoff_s=1.0, stable_after_s=10.0, retry_s=25.0)
+    tested = budget(clock, policy)
+    assert fail_after(clock, tested, 0.1) == Restart(1.0)
+    for _ in range(100):
+        verdict = fail_after(clock, tested, 0.1)
+        assert isinstance(verdict, GiveUp)
+        assert verdict.retry_after_s == 25.0
+        clock.now_s += verdict.retry_after_s
+    assert fail_after(clock, tested, 10.0) == Restart(1.0)
+
+
+def test_retry_of_zero_seconds_is_none() -> None:
+    verdict = budget(Clock(), RestartPolicy(max_restarts=0, retry_s=0.0)).ended(clean=False)
+    assert isinstance(verdict, GiveUp)
+    assert verdict.retry_after_s is None
+
+
+def test_device_that_is_away_for_8_s_is_found_again_with_all_defaults() -> None:
+    """Even if a start that fails takes no time, and each wait is as short as chance can make it."""
+    clock = Clock()
+    tested = budget(clock, RestartPolicy(), jitter=1.0)
+    while clock.now_s < 7.5:
+        verdict = tested.ended(clean=False)
+        assert isinstance(verdict, Restart), f"FAILED after {clock.now_s} s"
+        clock.now_s += verdict.after_s
 
 
 def test_stable_running_gives_budget_and_first_wait_back() -> None:
@@ -102,6 +139,7 @@ def test_no_history_gets_more_restarts_than_the_budget(
     clock = Clock()
     tested = budget(clock, policy, jitter)
     restarts_s: list[float] = []  # since the last stable running
+    is_used_up = False
     for starting_s, running_s, clean in history:
         clock.now_s += starting_s
         tested.running()
@@ -109,16 +147,19 @@ def test_no_history_gets_more_restarts_than_the_budget(
         clock.now_s += running_s
         if clock.now_s - since_s >= policy.stable_after_s:
             restarts_s.clear()
+            is_used_up = False
         verdict = tested.ended(clean=clean)
         recent = [at_s for at_s in restarts_s if clock.now_s - at_s < policy.within_s]
         if isinstance(verdict, Restart):
             assert policy.policy is not RestartWhen.NEVER
             assert len(recent) < policy.max_restarts
+            assert not is_used_up
             full_s = min(policy.backoff_s * 2 ** len(restarts_s), policy.backoff_cap_s)
             assert (1.0 - JITTER_SHARE) * full_s <= verdict.after_s <= full_s
-            restarts_s.append(clock.now_s)
             clock.now_s += verdict.after_s
+            restarts_s.append(clock.now_s)
         elif isinstance(verdict, GiveUp):
-            assert policy.policy is RestartWhen.NEVER or len(recent) == policy.max_restarts
+            assert policy.policy is RestartWhen.NEVER or is_used_up or len(recent) == policy.max_restarts
+            is_used_up = policy.policy is not RestartWhen.NEVER
         else:
             assert clean

@@ -208,9 +208,7 @@ def wake_latency_us() -> int:
     return int(latency_us)
 
 
-@pytest.mark.skipif(
-    not os.access(DEVICE, os.R_OK | os.W_OK), reason=f"{DEVICE} cannot be written"
-)
+@pytest.mark.skipif(not os.access(DEVICE, os.R_OK | os.W_OK), reason=f"{DEVICE} cannot be written")
 def test_processors_sleep_lightly_as_long_as_the_process_lives() -> None:
     before_us = wake_latency_us()
     code = LIMIT_LATENCY.format(device=DEVICE)

@@ -55,6 +55,31 @@ def ends_when_ready(animal: Animal) -> None:
     animal.ready()
 
 
+def needs_device(animal: Animal) -> None:
+    """Fail unless there is a file that stands for a device."""
+    if not (animal.folder / "device").exists():
+        sys.exit(6)
+    works(animal)
+
+
+def writes_to_disk(animal: Animal) -> None:
+    animal.ready()
+    while True:
+        Path(os.environ["DISK"], animal.label).write_text("x")
+
+
+def forks_writer_and_fails(animal: Animal) -> None:
+    """Leave a child behind that writes to the disk."""
+    writer = os.fork()
+    if writer == 0:
+        writes_to_disk(animal)
+    animal.say("forked", str(writer))
+    animal.ready()
+    while not (animal.folder / "end").exists():
+        time.sleep(0.002)
+    sys.exit(3)
+
+
 def fails_when_ready(animal: Animal) -> None:
     animal.ready()
     sys.exit(3)

@@ -1,6 +1,5 @@
 """Frontiers are found, ways to them are planned, and goals that cannot be had are given up."""
 
-
 import numpy as np
 import pytest
 

@@ -1,0 +1,47 @@
+"""What the supervisor does with the memory of everyone in a run."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.profile.model import ModuleSpec, Profile
+from robbie_mp.supervisor.memory import RunMemory
+from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.transport import names
+from robbie_mp.transport.run_memory import IncarnationMemory
+from robbie_mp.transport.wakeup import Wakeup
+
+RUN_ID = "5e7ba4c0"
+PROFILE = Profile("p", (ModuleSpec("laser", "zoo:Laser"),))
+PLAN = RunPlan.of_profile(PROFILE, RUN_ID, Path(), Path(), os.getpid())
+
+
+@pytest.fixture
+def memory() -> Iterator[RunMemory]:
+    made = RunMemory(PLAN)
+    yield made
+    made.close()
+
+
+def test_attached_tools_are_woken_with_core_and_modules_when_the_wall_clock_was_set(
+    memory: RunMemory,
+) -> None:
+    """Else a tool that waits for 0.1 s when the clock is set back by an hour sleeps for an hour."""
+    tool = PLAN.tool_names[0]
+    memory.open("laser", 1)
+    memory.open(tool, 1)
+    memory.attached(tool, 1, os.getpid())
+    core = Wakeup.attach(names.core_wakeup(RUN_ID))
+    core.wait(0.0)
+    assert not core.wait(0.0)
+    attached = [
+        IncarnationMemory.attach_as_module(RUN_ID, PLAN.names.index(name), 1) for name in ("laser", tool)
+    ]
+    memory.wake_all()
+    woken = [core.wait(0.0), *(entry.wakeup.wait(0.0) for entry in attached)]
+    for entry in attached:
+        entry.close()
+    core.close()
+    assert woken == [True, True, True]
