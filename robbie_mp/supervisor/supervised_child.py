@@ -20,6 +20,7 @@ from robbie_mp.supervisor.output_stream import OutputStream
 from robbie_mp.supervisor.process import ChildProcess, ExitStatus
 from robbie_mp.supervisor.record_stream import RecordStream
 from robbie_mp.supervisor.restart import GiveUp, Restart, RestartBudget
+from robbie_mp.supervisor.run_queue import RunQueueTime
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.trace.kinds import Kind
 
@@ -91,6 +92,7 @@ class SupervisedChild:
         self._status: ExitStatus | None = None
         """Set when its process has ended, but not yet all that it forked."""
         self._leftovers: Leftovers | None = None
+        self._run_queue: RunQueueTime | None = None
         self._streams: list[ChildStream] = []
         self._hang_watch = HangWatch(spec.handler_deadline_s, spec.stop_grace_s)
         self._crash_watch = CrashWatch(spec.name, output, surroundings.incarnations, surroundings.clock)
@@ -156,6 +158,8 @@ class SupervisedChild:
             self._after_end(None, f"cannot be started: {error}")
             return
         self._crash_watch.begin(self.incarnation, self._process.pid)
+        self._run_queue = RunQueueTime(self._process.pid)
+        self._run_queue.begin(self._clock())
         self._incarnations.started(self.spec.name, self.incarnation, self._process.pid)
         loop = self._around.loop
         loop.watch(self._process.pidfd, self._on_exit)
@@ -177,7 +181,7 @@ class SupervisedChild:
             self._check_ready()
             if self._incarnations.awaits_time(self.spec.name):
                 self._due_s = now_s + self.spec.start_deadline_s  # it is not to blame for that
-            elif self.state is ChildState.STARTING and now_s >= self._due_s:
+            elif self.state is ChildState.STARTING and now_s >= self._due_s + self._starved_s(now_s):
                 self.kill(f"not ready within {self.spec.start_deadline_s:g} s")
         elif self.state is ChildState.RUNNING:
             self._check_hang(now_s)
@@ -302,11 +306,15 @@ class SupervisedChild:
             self._budget.running()
             self._move(ChildState.RUNNING, "ready")
 
+    def _starved_s(self, now_s: float) -> float:
+        """Return how long its process has waited for a processor; only asked when a deadline is over."""
+        return self._run_queue.waited_s(now_s) if self._run_queue and now_s >= self._due_s else 0.0
+
     def _check_hang(self, now_s: float) -> None:
-        if self._then is not None or self._process is None:
+        if self._then is not None or self._process is None or self._run_queue is None:
             return  # in an ordered stop, its grace is the deadline
         doing = self._incarnations.doing(self.spec.name, self.incarnation)
-        hung_s = self._hang_watch.hung_for_s(doing, now_s)
+        hung_s = self._hang_watch.hung_for_s(doing, now_s, self._run_queue)
         if hung_s is not None and doing is not None:
             what = self._incarnations.describe(self.spec.name, self.incarnation, doing)
             self.abort(f"{what} for {hung_s:.1f} s")

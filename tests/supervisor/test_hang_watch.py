@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from robbie_mp.supervisor.hang_watch import HangWatch
 from robbie_mp.supervisor.incarnations import Doing
+from robbie_mp.supervisor.run_queue import RunQueueTime
 from robbie_mp.supervisor.running_time import LONGEST_STEP_S, RunningTime
 from robbie_mp.transport.layout import Activity
 
@@ -12,12 +13,40 @@ HANDLER = Doing(Activity.HANDLER, 3, 1000)
 TEARDOWN = Doing(Activity.TEARDOWN, 0, 1000)
 
 
-def looks(watch: HangWatch, doings: list[Doing | None], step_s: float = 1.0) -> list[float | None]:
-    return [watch.hung_for_s(doing, step_s * number) for number, doing in enumerate(doings)]
+class Waits(RunQueueTime):
+    """A child that waits for a processor for a share of the time."""
+
+    def __init__(self, share: float):
+        self.share = share
+        self.begun_s: list[float] = []
+
+    def begin(self, now_s: float) -> None:
+        self.begun_s.append(now_s)
+
+    def waited_s(self, now_s: float) -> float:
+        return (now_s - self.begun_s[-1]) * self.share
+
+
+def looks(watch: HangWatch, doings: list[Doing | None], waits: Waits | None = None) -> list[float | None]:
+    waits = waits or Waits(0.0)
+    return [watch.hung_for_s(doing, float(second), waits) for second, doing in enumerate(doings)]
 
 
 def test_handler_is_hung_from_its_deadline_on() -> None:
     assert looks(HangWatch(2.0, 0.0), [HANDLER] * 4) == [None, None, 2.0, 3.0]
+
+
+def test_time_without_a_processor_does_not_count() -> None:
+    """Looked at from the second second on, of which three quarters are spent in the run queue."""
+    hung = looks(HangWatch(2.0, 0.0), [HANDLER] * 7, Waits(0.75))
+    assert hung == [None] * 5 + [5.0, 6.0]
+
+
+def test_run_queue_is_not_looked_at_for_short_handlers() -> None:
+    waits = Waits(0.0)
+    doings: list[Doing | None] = [Doing(Activity.HANDLER, 3, second // 2) for second in range(100)]
+    assert looks(HangWatch(30.0, 0.0), doings, waits) == [None] * 100
+    assert waits.begun_s == []
 
 
 def test_idle_module_is_never_hung() -> None:
