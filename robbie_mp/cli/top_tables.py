@@ -200,6 +200,7 @@ MODULE_COLUMNS: tuple[ModuleColumn, ...] = (
     _of("refused", lambda module: module.refused, alarm=True),
     _of("pinned", lambda module: module.pinned),
     _bytes("pin mem", lambda module: module.pinned_bytes),
+    _of("copied", lambda module: module.copied),
     ModuleColumn("msg mem", _memory_used, lambda row: row.figures.outstanding_bytes),
     _of("thr", lambda module: module.threads),
     _of("pid", lambda module: module.pid),

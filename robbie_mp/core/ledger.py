@@ -7,6 +7,7 @@ cut short after its commit can be finished from the row alone, and one cut short
 
 from collections.abc import Callable, Sequence
 from enum import IntEnum
+from itertools import compress
 from typing import NamedTuple
 
 from robbie_mp.core.directory import Channel, Subscription
@@ -118,6 +119,19 @@ class Ledger:
     def has_live(self, slot: int, incarnation: int) -> bool:
         """Whether messages of that publisher are alive."""
         return self._live_of_source.get(layout.pack_source(slot, 0, incarnation), 0) > 0
+
+    def live_of(self, source: int) -> list[int]:
+        """Return the rows of a publisher's messages that are wanted or held, the oldest first."""
+        rows = compress(range(len(self._holders)), self._holders)
+        handles = self._handles
+        return sorted(
+            [row for row in rows if handles[row].source & _SOURCE_OF_INCARNATION == source],
+            key=lambda row: handles[row].sequence,
+        )
+
+    def holders(self, handle: int) -> int:
+        """Return how many references to a message are left."""
+        return self._holders[handle]
 
     def open_references(
         self, subscriptions: Sequence[Subscription], handle: int

@@ -1,7 +1,7 @@
 """The core's ends of the rings to one incarnation of a module, and what outlives that: the module's slot."""
 
 from collections import OrderedDict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from robbie_mp.core.directory import Channel, Wish
@@ -33,7 +33,7 @@ class LinkMemory:
 class Link:
     """One incarnation of a module, as the core sees it."""
 
-    def __init__(self, slot: int, memory: LinkMemory, ring_records: int, credit: int):
+    def __init__(self, slot: int, memory: LinkMemory, ring_records: int, credit: int, windows: Sequence[int]):
         self.slot = slot
         self.incarnation = memory.incarnation
         self.source = layout.pack_source(slot, 0, memory.incarnation)
@@ -58,6 +58,10 @@ class Link:
         """By the module's declaration number."""
         self.pushed: dict[int, int] = {}
         """References in its inbound ring or hands, and the number of the record that brought each."""
+        self.windows = windows
+        """How many bytes of these there may be, by the slot of their publisher."""
+        self.in_flight = [0] * len(windows)
+        """How many there are."""
         self.pinned: set[int] = set()
         """References it has handled, but holds."""
         self.notices: deque[tuple[Inbound, int, int, int]] = deque()
@@ -136,4 +140,6 @@ class Slot:
         self.routed = 0
         self.refused = 0
         self.refused_tag = -1
+        self.windows: list[int] = []
+        """Bytes of each publisher that its module may have in its ring and hands; see `Router`."""
         self.link: Link | None = None

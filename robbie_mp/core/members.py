@@ -74,10 +74,11 @@ class Members:
         except (SegmentMissing, SegmentMismatch) as error:
             self._accuse(slot, incarnation, str(error))
             return
-        link = Link(slot, memory, self._limits.ring_records, self._slots[slot].credit)
-        self._slots[slot].link = link
+        known_slot = self._slots[slot]
+        link = Link(slot, memory, self._limits.ring_records, known_slot.credit, known_slot.windows)
+        known_slot.link = link
         self._set_links((*self.links, link))
-        self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = incarnation
+        self._words[known_slot.at + layout.PUBLISHER_LINKED] = incarnation
 
     def disconnect(self, link: Link) -> None:
         """Forget a dead incarnation; that it was connected stays written until it has been taken back."""

@@ -18,6 +18,7 @@ from robbie_mp.transport.words import WORD_MAX, Words, row_writer
 
 # Looked up once, not for every message: each look-up costs as much as what is done with it.
 _CORE_LAST_SEQUENCE, _PUBLISHER_ROUTED = layout.CORE_LAST_SEQUENCE, layout.PUBLISHER_ROUTED
+_SOURCE_SLOT = layout.SOURCE_SLOT
 _SOURCE_OF_INCARNATION = layout.SOURCE_OF_INCARNATION
 _LARGEST_OFFSET = WORD_MAX >> 1
 _new_tuple = tuple.__new__  # a named tuple's own constructor takes twice as long
@@ -108,6 +109,8 @@ class MessageFlow:
                 return
             raise ProtocolViolation(f"it is done with reference {reference}, which it does not have")
         del link.pushed[reference]
+        handle = self._ledger.handle(self._ledger.reference(reference)[1])
+        link.in_flight[handle.source & _SOURCE_SLOT] -= handle.size
         link.pinned.add(reference)
         self._ledger.count(reference, Outcome.DELIVERED)
         self._queues.pump(slot, link)
@@ -119,6 +122,8 @@ class MessageFlow:
         ledger = self._ledger
         if reference in link.pushed and (entry := ledger.reference(reference))[0] == record[2]:
             del link.pushed[reference]
+            _, source, _, size, _, _, _ = ledger.handle(entry[1])
+            link.in_flight[source & _SOURCE_SLOT] -= size
             ledger.deliver(reference, entry[1], entry[2])
         elif reference in link.pinned and ledger.reference(reference)[0] == record[2]:
             link.pinned.remove(reference)

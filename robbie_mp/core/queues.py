@@ -9,11 +9,13 @@ from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound
 from robbie_mp.transport.words import WORD_BYTES, Words, row_writer
 
-_DELIVER = int(Inbound.DELIVER)  # looked up once, not for every message
+# Looked up once, not for every message.
+_DELIVER = int(Inbound.DELIVER)
+_SOURCE_SLOT = layout.SOURCE_SLOT
 
 
 class Queues:
-    """Sends each module its messages in the one order, as far as its credit goes; the others wait here.
+    """Sends each module its messages in the one order, as far as its credit goes, in number and in bytes.
 
     Args:
         words: the core segment, for the figures.
@@ -45,7 +47,7 @@ class Queues:
             link is not None
             and link.ready
             and not slot.waiting
-            and (not link.pushed if subscription.newest_only else len(link.pushed) < link.credit)
+            and (not link.pushed or self._may_follow(subscription, handle, link))
         ):
             self._push(subscription, reference, handle, link)
             if self.holds_posts:
@@ -89,27 +91,33 @@ class Queues:
         sent = False
         while waiting:
             reference = next(iter(waiting))
-            _, handle, subscription = self._ledger.reference(reference)
-            if not self._may_push(subscription, link):
+            _, index, subscription = self._ledger.reference(reference)
+            handle = self._ledger.handle(index)
+            if link.pushed and not self._may_follow(subscription, handle, link):
                 break
             self.remove(slot, reference)
-            self._push(subscription, reference, self._ledger.handle(handle), link)
+            self._push(subscription, reference, handle, link)
             sent = True
         if sent:
             self.to_post.add(link)
 
-    def _may_push(self, subscription: Subscription, link: Link) -> bool:
-        """Whether a module may be given the next message: by its credit, or for the newest by having none.
+    def _may_follow(self, subscription: Subscription, handle: Handle, link: Link) -> bool:
+        """Whether a module that has messages may be given one more: by their number and their bytes.
 
-        It asks for the newest by being done with what it has, and then gets what is the newest by then.
+        It asks for the newest by being done with what it has, and then gets what is the newest by then. One
+        message of each publisher it may have in any case, however large that is.
         """
-        pushed = link.pushed
-        return not pushed if subscription.newest_only else len(pushed) < link.credit
+        if subscription.newest_only or len(link.pushed) >= link.credit:
+            return False
+        publisher = handle[1] & _SOURCE_SLOT
+        in_flight = link.in_flight[publisher]
+        return not in_flight or in_flight + handle[3] <= link.windows[publisher]
 
     def _push(self, subscription: Subscription, reference: int, handle: Handle, link: Link) -> None:
         sequence, source, offset, size, channel, stamp, _ = handle
         inbound = link.inbound
         link.pushed[reference] = record = inbound.head
+        link.in_flight[source & _SOURCE_SLOT] += size
         self._ledger.mark_pushed(reference, record)
         inbound.push(
             _DELIVER | subscription.declaration << 8 | channel << 32,

@@ -65,6 +65,8 @@ def restore_references(slots: list[Slot], ledger: Ledger, directory: Directory) 
         restored = slots[ledger.reference(index)[2].slot].link
         assert restored is not None
         restored.pushed[index] = pushed_at - 1
+        handle = ledger.handle(ledger.reference(index)[1])
+        restored.in_flight[handle.source & layout.SOURCE_SLOT] += handle.size
     for _, _, index in sorted(waiting):
         _restore_waiting(slots, ledger, index)
 

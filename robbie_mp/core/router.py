@@ -16,16 +16,20 @@ from robbie_mp.core.members import SUPERVISOR_SLOT, Members, RouterLimits, name_
 from robbie_mp.core.message_flow import MessageFlow
 from robbie_mp.core.queues import Queues
 from robbie_mp.core.recovery import restore_declarations, restore_references, restore_slot
+from robbie_mp.core.room import RoomMaker
 from robbie_mp.core.tables import CoreTables
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound, Outbound
 from robbie_mp.transport.ring import Record, RingCorrupt
-from robbie_mp.transport.words import new_fence
+from robbie_mp.transport.words import WORD_MAX, new_fence
 
 # Looked up once, not for every message: each look-up costs as much as what is done with it.
 _PUBLISH, _RELEASE = int(Outbound.PUBLISH), int(Outbound.RELEASE)
 _AT_ONCE = 16
 """So many records of a module are handled before it is the next one's turn, and its subscribers are woken."""
+_IN_FLIGHT_SHARE = 16
+"""A subscriber's ring and hands have at most this part of a publisher's memory, for nothing can be taken back
+from there: so it takes many that stand still to make memory short for the others."""
 _CONTROL = (Outbound.MODULE_UP, Outbound.MODULE_DOWN, Outbound.MODULE_GONE)
 
 BROKEN = (ProtocolViolation, RingCorrupt, TableFull)
@@ -40,6 +44,10 @@ class SlotLimits:
     queue_bytes: int
     credit: int | None = None
     """Messages that may be in its inbound ring; None: as many as in every module's."""
+    in_flight_bytes: int = WORD_MAX
+    """What of one publisher's messages may be in its inbound ring and hands; a single one may be larger."""
+    memory_bytes: int = WORD_MAX
+    """What its own messages may take; no subscriber's ring and hands may have more than a share of it."""
     is_tool: bool = False
     """Nobody looks at its books when it has left: rows of its subscriptions are used again."""
 
@@ -81,6 +89,9 @@ class Router:
             )
             for index, bound in enumerate(slots)
         ]
+        for slot, bound in zip(self._slots, slots, strict=True):
+            shares = (other.memory_bytes // _IN_FLIGHT_SHARE for other in slots)
+            slot.windows = [min(bound.in_flight_bytes, share) for share in shares]
         self._lockstep = lockstep
         self._queues = (
             LockstepQueues(self._words, self._ledger, self._slots, tools | {SUPERVISOR_SLOT})
@@ -112,6 +123,7 @@ class Router:
             Outbound.READY: declarations.ready,
             Outbound.DONE: self._flow.done,
             Outbound.WAIT_FREED: self._blocks.wait,
+            Outbound.MAKE_ROOM: RoomMaker(self._ledger, self._queues, self._slots).make_room,
         }
 
     def module_up(self, slot: int, incarnation: int) -> None:

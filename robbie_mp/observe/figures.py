@@ -97,6 +97,8 @@ class ModuleFigures:
     pinned: int
     """Messages it has handled but still looks at."""
     pinned_bytes: int
+    copied: int
+    """Messages that it was given as copies, because it pins too much of their publishers' memory."""
     outstanding: int
     """Its own messages that somebody waits for or holds."""
     outstanding_bytes: int

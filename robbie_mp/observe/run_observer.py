@@ -238,6 +238,7 @@ class RunObserver:
             outbound_records=outbound_records,
             pinned=queue[layout.PUBLISHER_PINNED],
             pinned_bytes=own[layout.OUT_PINNED_BYTES],
+            copied=own[layout.OUT_COPIED],
             outstanding=outstanding,
             outstanding_bytes=outstanding_bytes,
             segment_bytes=own[layout.OUT_SEGMENT_BYTES],

@@ -96,6 +96,8 @@ class QueueLimits:
 
     messages: int = bounded(1000, 1, MAX_ENTRIES)
     bytes: int = bounded(64 << 20, 1, MAX_BYTES)
+    in_flight_bytes: int = bounded(16 << 20, 1, MAX_BYTES)
+    """What of one publisher may be in its ring and hands besides; one message may be larger."""
 
 
 @dataclass(frozen=True)

@@ -4,17 +4,17 @@ import logging
 
 from robbie_mp.core.process import CoreProcess
 from robbie_mp.core.router import SlotLimits
-from robbie_mp.supervisor.plan import CORE, TOOL_MEMORY_BYTES, RunPlan
+from robbie_mp.profile.model import QueueLimits
+from robbie_mp.supervisor.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, RunPlan
 from robbie_mp.supervisor.scheduling import apply_scheduling
 
-SUPERVISOR_QUEUE = SlotLimits(queue_messages=1000, queue_bytes=1 << 20)
+SUPERVISOR_QUEUE = SlotLimits(queue_messages=1000, queue_bytes=1 << 20, memory_bytes=SUPERVISOR_MEMORY_BYTES)
 
 
 def run_core(plan: RunPlan) -> None:
     """Route messages until SIGTERM."""
-    modules = [SlotLimits(module.queue.messages, module.queue.bytes) for module in plan.modules]
-    queue = plan.tool_queue
-    tool = SlotLimits(queue.messages, queue.bytes, plan.tools.credits, is_tool=True)
+    modules = [_slot(module.queue, memory_bytes=module.memory.limit_bytes) for module in plan.modules]
+    tool = _slot(plan.tool_queue, plan.tools.credits, memory_bytes=TOOL_MEMORY_BYTES, is_tool=True)
     message_bytes = max((module.memory.limit_bytes for module in plan.modules), default=0)
     slots = [SUPERVISOR_QUEUE, *modules, *[tool] * plan.tools.count]
     scheduling = plan.core.scheduling
@@ -22,3 +22,16 @@ def run_core(plan: RunPlan) -> None:
     message_bytes = max(message_bytes, TOOL_MEMORY_BYTES)
     spin_s, lockstep = scheduling.spin_us / 1e6, plan.clock.lockstep
     CoreProcess(plan.run_id, plan.sizes, slots, message_bytes, spin_s, lockstep=lockstep).run()
+
+
+def _slot(
+    queue: QueueLimits, credit: int | None = None, *, memory_bytes: int, is_tool: bool = False
+) -> SlotLimits:
+    return SlotLimits(
+        queue.messages,
+        queue.bytes,
+        credit,
+        in_flight_bytes=queue.in_flight_bytes,
+        memory_bytes=memory_bytes,
+        is_tool=is_tool,
+    )

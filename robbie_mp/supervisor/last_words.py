@@ -17,6 +17,7 @@ COUNTERS = {
     "ticks": layout.OUT_TICKS,
     "ticks missed": layout.OUT_TICKS_MISSED,
     "pinned": layout.OUT_PINNED,
+    "copied": layout.OUT_COPIED,
     "bytes of data segments": layout.OUT_SEGMENT_BYTES,
 }
 

@@ -11,7 +11,7 @@ from robbie_mp.core.tables import CoreTables, TableSizes
 from robbie_mp.messages import ModuleState, Time
 from robbie_mp.supervisor.incarnations import Doing
 from robbie_mp.supervisor.last_words import LastWordsReader, describe_activity
-from robbie_mp.supervisor.plan import CORE, TOOL_MEMORY_BYTES, PlannedModule, RunPlan
+from robbie_mp.supervisor.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, PlannedModule, RunPlan
 from robbie_mp.supervisor.states import STATES, ChildState, StateChange
 from robbie_mp.supervisor.sweep import unlink_names
 from robbie_mp.trace.crash import LastWords
@@ -33,7 +33,6 @@ from robbie_mp.transport.wakeup import Wakeup
 SUPERVISOR = "supervisor"
 SUPERVISOR_SLOT = 0
 SUPERVISOR_SEGMENT_BYTES = 64 << 10
-SUPERVISOR_LIMIT_BYTES = 1 << 20
 _FAILED = STATES.index(ChildState.FAILED) + 1
 _BEING_STARTED = {STATES.index(state) + 1 for state in (ChildState.STARTING, ChildState.BACKOFF)}
 
@@ -82,7 +81,7 @@ class RunMemory:
         self.board = Board(made.enter_context(contextlib.closing(board)).words)
         queue = plan.tool_queue
         tools = [SlotBounds(queue.messages, queue.bytes, TOOL_MEMORY_BYTES)] * plan.tools.count
-        supervisor = SlotBounds(memory_bytes=SUPERVISOR_LIMIT_BYTES)
+        supervisor = SlotBounds(memory_bytes=SUPERVISOR_MEMORY_BYTES)
         self.board.create(plan.names, [supervisor, *map(_bounds, plan.modules), *tools])
         now_ns = time.monotonic_ns()
         running = STATES.index(ChildState.RUNNING) + 1
@@ -103,7 +102,7 @@ class RunMemory:
         self._incarnations[SUPERVISOR_SLOT] = (1, own)
         self._endpoint = make_endpoint(own, SUPERVISOR_SLOT, 1, plan.sizes, self._core_wakeup.post)
         blocks = make_block_store(
-            run_id, SUPERVISOR_SLOT, 1, SUPERVISOR_SEGMENT_BYTES, SUPERVISOR_LIMIT_BYTES
+            run_id, SUPERVISOR_SLOT, 1, SUPERVISOR_SEGMENT_BYTES, SUPERVISOR_MEMORY_BYTES
         )
         outbox = Outbox(self._endpoint, blocks, own.out.words, SystemClock())
         self._outbox = made.enter_context(contextlib.closing(outbox))

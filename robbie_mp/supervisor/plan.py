@@ -23,6 +23,8 @@ from robbie_mp.transport.layout import OUTSTANDING_LIMIT
 from robbie_mp.transport.run_memory import RingSizes
 
 PLAN_FILE = "plan.json"
+SUPERVISOR_MEMORY_BYTES = 1 << 20
+"""What the supervisor's own messages may hold."""
 TOOL_MEMORY_BYTES = 64 << 20
 """What a tool that publishes may hold."""
 CORE = "core"

@@ -6,14 +6,20 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.allocator import BLOCK_ALIGNMENT, BlockAllocator
 from robbie_mp.transport.segment import Segment, SharedMemoryFull
-from robbie_mp.transport.words import WORD_BYTES
+from robbie_mp.transport.words import WORD_BYTES, Words
 
 # A message starts with 4 bytes of encapsulation; its body is to lie at a multiple of 8.
 LEAD_BYTES = 4
-_HEADER_BYTES = layout.HEADER_WORDS * WORD_BYTES
+_HEADER_BYTES = layout.DATA_BLOCKS * WORD_BYTES
+_FREE_BYTES = layout.DATA_FREE_BYTES
 _OVERHEAD = LEAD_BYTES + BLOCK_ALIGNMENT - 1
 _ALIGNED = -BLOCK_ALIGNMENT
 """`size + _OVERHEAD & _ALIGNED` is the capacity of the block for a message of `size` bytes."""
+
+
+def block_bytes(size: int) -> int:
+    """Return the capacity of the block for a message of `size` bytes."""
+    return (size + _OVERHEAD) & _ALIGNED
 
 
 class MessageTooLarge(RobbieError, ValueError):
@@ -55,19 +61,38 @@ class BlockStore:
         create: makes the data segment with a given number and size in words.
         segment_bytes: size of the first one.
         limit_bytes: of all together.
+
+    Attributes:
+        taken_bytes: in blocks that are in use.
+        ample_bytes: with more than that in use, memory is getting short.
+        enough_bytes: with no more than that in use, it is not short any more.
+        taken: blocks that are in use, by their numbers.
     """
 
     def __init__(self, create: Callable[[int, int], Segment], segment_bytes: int, limit_bytes: int):
         self._create = create
         self._next_bytes = segment_bytes
         self._limit_bytes = limit_bytes
+        self._set_room(limit_bytes)
+        self.taken_bytes = 0
         self._segments: list[tuple[Segment, BlockAllocator]] = []
+        self._words: list[Words] = []
+        """Of the same."""
         self.taken: dict[int, Block] = {}
-        """Blocks that are in use, by their numbers."""
         self._kept: dict[int, list[Block]] = {}
         """Free blocks by their capacity."""
         self._numbers = 0
         self.total_bytes = 0
+
+    @property
+    def room_bytes(self) -> int:
+        """What there can be: less than the limit while /dev/shm is full."""
+        return self._room_bytes
+
+    def _set_room(self, room_bytes: int) -> None:
+        self._room_bytes = room_bytes
+        self.ample_bytes = room_bytes * 7 // 8
+        self.enough_bytes = room_bytes * 3 // 4
 
     @property
     def segment_count(self) -> int:
@@ -82,6 +107,8 @@ class BlockStore:
         block = kept.pop()
         self._numbers = block.number = number = self._numbers + 1
         self.taken[number] = block
+        self.taken_bytes += block.capacity
+        self._words[block.segment][_FREE_BYTES] = self._room_bytes - self.taken_bytes  # for subscribers
         return block
 
     def allocate(self, size: int) -> Block | None:
@@ -140,7 +167,10 @@ class BlockStore:
         try:
             segment = self._create(len(self._segments), words)
         except SharedMemoryFull:
+            self._set_room(self.total_bytes)
             return False
+        self._set_room(self._limit_bytes)
+        self._words.append(segment.words)
         self._segments.append((segment, BlockAllocator(_HEADER_BYTES, segment.size - _HEADER_BYTES)))
         self.total_bytes += segment.size
         self._next_bytes = 2 * segment.size
@@ -151,6 +181,7 @@ class BlockStore:
         for number in numbers:
             block = self.taken.pop(number, None)
             if block is not None:
+                self.taken_bytes -= block.capacity
                 self._kept[block.capacity].append(block)
 
     def close(self) -> None:
@@ -158,5 +189,6 @@ class BlockStore:
         for segment, _ in self._segments:
             segment.close()
         self._segments.clear()
+        self._words.clear()
         self.taken.clear()
         self._kept.clear()

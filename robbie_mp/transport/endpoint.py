@@ -212,6 +212,22 @@ class Endpoint:
             self.wake_core()
         return True
 
+    def make_room(self, messages: int, memory_bytes: int, before_ns: int) -> None:
+        """Have the core drop this module's oldest messages that only wait, until few enough are left.
+
+        It is not said if the ring is full: then the core has more to do before anything can come of it.
+
+        Args:
+            messages: how many may be left.
+            memory_bytes: how much memory their blocks may take.
+            before_ns: only messages with an earlier stamp are dropped.
+        """
+        with self.lock:
+            if self._backlog or self._outbound.room() <= self._reserve:
+                return
+            self._outbound.push(Outbound.MAKE_ROOM, messages, memory_bytes, before_ns, 0, 0, 0)
+        self.wake_core()
+
     def done(self, delivery: Delivery) -> None:
         """Say that a message was handled though its memory is still looked at."""
         self._return(Outbound.DONE, delivery)

@@ -11,10 +11,23 @@ import numpy as np
 from robbie_mp.bus import EmptyPattern, EncodedMessage, MessageType, SubscribedTwice
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
+from robbie_mp.transport.blocks import LEAD_BYTES
 from robbie_mp.transport.endpoint import ChannelName, Delivery, Endpoint
 from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling
 from robbie_mp.transport.views import SegmentViews
 from robbie_mp.transport.words import Words
+
+_SOURCE_OF_INCARNATION = layout.SOURCE_OF_INCARNATION
+MAX_PINNED = 256
+"""Messages of one publisher that a module pins; each further one that it looks at is a copy."""
+PINNED_SHARE = 8
+"""Beyond the first one, it pins no message with which it would pin more than an eighth of what its publisher
+has free. So n modules that keep all they can get leave it 8 / (8 + n) of its memory.
+
+A limit that is a part of what is free needs to know neither who else there is nor what they take, and always
+leaves something: Choudhury and Hahne, Dynamic queue length thresholds for shared-memory packet switches,
+IEEE/ACM Transactions on Networking 6(2), 1998.
+"""
 
 
 class DamagedMessage(RobbieError, ValueError):
@@ -59,8 +72,11 @@ class Inbox:
         self._pinned: dict[int, tuple[weakref.ref[Any], Delivery]] = {}
         self._let_go: deque[int] = deque()
         """References whose memory nobody looks at any more; filled by finalizers, in any thread."""
+        self._pinned_of: dict[int, _Pinned] = {}
+        """What of it is whose, by what the sources of a publisher's incarnation have in common."""
         self._pinned_bytes = 0
         self._handled = 0
+        self._copied = 0
         self.current: Delivery | None = None
         self.before_release: Callable[[], None] | None = None
         """Called when a message has been handled, before anybody else can know that."""
@@ -130,12 +146,14 @@ class Inbox:
                 raise DamagedMessage(
                     f"message {delivery.sequence} is said to lie beyond the end of its publisher's memory"
                 )
-            if decoder.has_views:
+            if decoder.has_views and not (self._pinned_of and self._pins_too_much(delivery)):
                 whole = np.frombuffer(view, np.uint8)
                 let_go, reference = self._let_go, delivery.reference
                 pin = weakref.ref(whole, lambda _: let_go.append(reference))
                 message = decoder.decode(whole.data)
                 del whole
+            elif decoder.has_views:
+                message = decoder.decode(self._copy(view))
             else:
                 message = decoder.decode(view)
         except RobbieError as error:
@@ -152,7 +170,7 @@ class Inbox:
             self._endpoint.release(delivery)
         else:
             self._pinned[delivery.reference] = (pin, delivery)
-            self._count_pinned(delivery.size)
+            self._count_pinned(delivery, 1)
             self._endpoint.done(delivery)
 
     def name_current(self) -> ChannelName:
@@ -178,13 +196,47 @@ class Inbox:
         let_go = self._let_go
         while let_go:
             _, delivery = self._pinned.pop(let_go.popleft())
-            self._count_pinned(-delivery.size)
+            self._count_pinned(delivery, -1)
             self._endpoint.release(delivery)
 
-    def _count_pinned(self, more_bytes: int) -> None:
-        self._pinned_bytes += more_bytes
+    def _pins_too_much(self, delivery: Delivery) -> bool:
+        """Whether this module pins so much of a publisher's memory that others need the rest."""
+        pinned = self._pinned_of.get(delivery.source & _SOURCE_OF_INCARNATION)
+        if pinned is None:
+            return False
+        free_bytes = self._views.free_bytes(delivery.source)
+        return pinned.messages >= MAX_PINNED or PINNED_SHARE * (pinned.bytes + delivery.size) > free_bytes
+
+    def _copy(self, view: memoryview) -> memoryview:
+        """Copy a message out of its publisher's memory, with its body aligned as it is there."""
+        self._copied += 1
+        self._words[layout.OUT_COPIED] = self._copied
+        copy = np.empty(LEAD_BYTES + len(view), np.uint8)[LEAD_BYTES:]
+        copy[:] = view
+        copy.flags.writeable = False
+        return copy.data
+
+    def _count_pinned(self, delivery: Delivery, change: int) -> None:
+        """Count a message that is pinned from now on (1), or is no more (-1)."""
+        publisher = delivery.source & _SOURCE_OF_INCARNATION
+        pinned = self._pinned_of.setdefault(publisher, _Pinned())
+        pinned.messages += change
+        pinned.bytes += change * delivery.size
+        if not pinned.messages:
+            del self._pinned_of[publisher]
+        self._pinned_bytes += change * delivery.size
         self._words[layout.OUT_PINNED] = len(self._pinned)
         self._words[layout.OUT_PINNED_BYTES] = self._pinned_bytes
+
+
+class _Pinned:
+    """What a module pins of one incarnation of a publisher."""
+
+    __slots__ = ("bytes", "messages")
+
+    def __init__(self) -> None:
+        self.messages = 0
+        self.bytes = 0
 
 
 class _AsBytes:

@@ -15,7 +15,7 @@ Change anything here and raise `LAYOUT_VERSION`: it is stamped in every segment 
 
 from enum import IntEnum
 
-LAYOUT_VERSION = 6
+LAYOUT_VERSION = 7
 MAGIC = int.from_bytes(b"ROBBIEMP", "little")
 
 
@@ -166,6 +166,7 @@ OUT_AWAITED_FREED = HEADER_WORDS + 15  # as many blocks ever freed are waited fo
 OUT_PINNED_BYTES = HEADER_WORDS + 16
 OUT_TICK_PERIOD_NS = HEADER_WORDS + 17  # in lockstep: how often it is to be granted a tick; 0: never
 OUT_AWAITS_SETTLED = HEADER_WORDS + 18  # in lockstep: wants to be woken when nothing is left to handle
+OUT_COPIED = HEADER_WORDS + 19  # messages copied because too much of their publishers' memory is pinned
 OUT_STATUS = HEADER_WORDS + 24
 OUT_STATES = OUT_STATUS + LINE_WORDS  # of its state machines, a text like the status line
 OUT_DECLARATIONS = OUT_STATES + LINE_WORDS + 6
@@ -191,6 +192,10 @@ IN_HEAD = HEADER_WORDS + 1
 IN_FREED_HEAD = HEADER_WORDS + 2
 IN_WANT_RELEASE = HEADER_WORDS + 3
 IN_RING = HEADER_WORDS + 16
+
+# data: the messages lie behind these words.
+DATA_FREE_BYTES = HEADER_WORDS  # of all the publisher's memory, when it took a block of this segment last
+DATA_BLOCKS = HEADER_WORDS + 8
 
 # checkpoint: one of the two that a module alternates between. The sequence is its commit word: written last,
 # 0 while there is no checkpoint, or half of one. The image begins at a multiple of 64 bytes.
@@ -263,6 +268,8 @@ def pack_source(slot: int, segment: int, incarnation: int) -> int:
     return slot | segment << 16 | incarnation << 32
 
 
+SOURCE_SLOT = 0xFFFF
+"""Mask of the slot in such a word."""
 SOURCE_OF_INCARNATION = pack_source(0xFFFF, 0, 0xFFFFFFFF)
 """Mask of what all data segments of an incarnation have in common."""
 

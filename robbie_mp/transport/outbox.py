@@ -14,10 +14,17 @@ from robbie_mp.clock import Clock
 from robbie_mp.messages import Message, lay_out
 from robbie_mp.messages.encoded import check_encapsulation, check_type
 from robbie_mp.transport import layout
-from robbie_mp.transport.blocks import Block, BlockStore
+from robbie_mp.transport.blocks import Block, BlockStore, block_bytes
 from robbie_mp.transport.endpoint import ChannelName, Endpoint
 from robbie_mp.transport.words import Words
 
+_AMPLE_MESSAGES = layout.OUTSTANDING_LIMIT * 7 // 8
+_ENOUGH_MESSAGES = layout.OUTSTANDING_LIMIT * 3 // 4
+"""With more than the former on their way, the core is to drop old ones that only wait, down to the latter."""
+_ASK_AGAIN_NS = 10_000_000
+"""It is asked for that no more often: what it could not drop, others have in their hands or keep."""
+_YOUNG_NS = 50_000_000
+"""A message is not dropped so soon: whoever it is for may be just about to take it, as in a burst."""
 _SMALL_BYTES = 4096
 """For messages up to here a block is kept ready; allocating a larger one is little beside writing it."""
 
@@ -49,6 +56,8 @@ class Outbox:
         self._published_when_asked = -1
         """Messages published when `outstanding` was asked for last."""
         self._refused = 0
+        self._asked_ns = 0
+        """When the core was asked to make room."""
         self.awaits_room = False
         """Whether the module is to be woken when messages have been let go."""
         self._awaited: int | None = None
@@ -103,7 +112,7 @@ class Outbox:
             if block is None or len(self._blocks.taken) > layout.OUTSTANDING_LIMIT:
                 block = self._allocate(size, block)
                 if block is None:
-                    return self._refuse(message.type_name, topic)
+                    return self._refuse_for_memory(size, message.type_name, topic)
             try:
                 message.encode_into(block.buffer, block.offset)
             except BaseException:
@@ -125,7 +134,7 @@ class Outbox:
             declaration = self._advertise(name)
             block = self._allocate(size, self._blocks.reuse(size))
             if block is None:
-                return self._refuse(type_name, topic)
+                return self._refuse_for_memory(size, type_name, topic)
             block.buffer[block.offset : block.offset + size] = source
             return self._hand_over(declaration, block, size, type_name, topic)
 
@@ -159,7 +168,7 @@ class Outbox:
         del whole, start
         with self._lock:
             if block is None:
-                self._refuse(message_type.type_name, topic)
+                self._refuse_for_memory(plan.size, message_type.type_name, topic)
             elif holds() is None:
                 self._hand_over(declaration, block, plan.size, message_type.type_name, topic)
             else:
@@ -218,9 +227,31 @@ class Outbox:
         self._published += 1
         self._words[layout.OUT_PUBLISHED] = self._published
         self._words[layout.OUT_BLOCKS] = len(self._blocks.taken)
-        if size <= _SMALL_BYTES and not self._blocks.has_kept(size):
+        blocks = self._blocks
+        if size > _SMALL_BYTES:
             self.collect_freed()
-            self._blocks.keep_one(size)
+        elif not blocks.has_kept(size):
+            self.collect_freed()
+            blocks.keep_one(size)
+        if blocks.taken_bytes + size > blocks.ample_bytes or len(blocks.taken) > _AMPLE_MESSAGES:
+            self.collect_freed()
+            self._make_room(min(blocks.room_bytes - block_bytes(size), blocks.enough_bytes))
+
+    def _make_room(self, enough_bytes: int) -> None:
+        """Have the core drop old messages that only wait, unless few enough are left already."""
+        blocks = self._blocks
+        if blocks.taken_bytes <= enough_bytes and len(blocks.taken) <= _ENOUGH_MESSAGES:
+            return
+        now_ns = self._monotonic_ns()
+        if now_ns - self._asked_ns >= _ASK_AGAIN_NS:
+            self._asked_ns = now_ns
+            self._endpoint.make_room(_ENOUGH_MESSAGES, max(0, enough_bytes), now_ns - _YOUNG_NS)
+
+    def _refuse_for_memory(self, size: int, type_name: str, topic: str) -> bool:
+        """Refuse a message, and see to it that there is room for the next."""
+        blocks = self._blocks
+        self._make_room(min(blocks.taken_bytes - block_bytes(size), blocks.enough_bytes))
+        return self._refuse(type_name, topic)
 
     def _hand_over_copy(self, declaration: int, block: Block, size: int, type_name: str, topic: str) -> None:
         self._log.warning(
@@ -230,7 +261,7 @@ class Outbox:
         )
         copy = self._allocate(size, self._blocks.reuse(size))
         if copy is None:
-            self._refuse(type_name, topic)
+            self._refuse_for_memory(size, type_name, topic)
             return
         copy.buffer[copy.offset : copy.offset + size] = block.buffer[block.offset : block.offset + size]
         self._hand_over(declaration, copy, size, type_name, topic)

@@ -9,6 +9,7 @@ Outbound, from a module to the core (seven words each):
     DONE         reference, sequence                              handled, but an array of it is still held
     RELEASE      reference, sequence                              handled (if not DONE before) and let go
     WAIT_FREED   blocks                                           wake me when so many of mine were ever freed
+    MAKE_ROOM    messages, bytes, before_ns                       drop my oldest that only wait, down to these
 
 and, from the supervisor only:
 
@@ -43,6 +44,7 @@ class Outbound(IntEnum):
     MODULE_UP = 8
     MODULE_DOWN = 9
     MODULE_GONE = 10
+    MAKE_ROOM = 11
 
 
 class Inbound(IntEnum):

@@ -29,6 +29,10 @@ class SegmentViews:
             segment = self._segments[source] = self._attach(slot, incarnation, number)
         return segment.buffer[offset : offset + size]
 
+    def free_bytes(self, source: int) -> int:
+        """Return how much memory the publisher of a mapped segment had left when it used the segment last."""
+        return self._segments[source].words[layout.DATA_FREE_BYTES]
+
     def drop(self, slot: int, incarnation: int) -> None:
         """Unmap all segments of a dead publisher."""
         for source in list(self._segments):

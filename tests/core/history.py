@@ -8,6 +8,7 @@ import contextlib
 from robbie_mp.transport import layout
 from robbie_mp.transport.endpoint import Delivery
 from robbie_mp.transport.records import MessageHandling, Outbound
+from robbie_mp.transport.words import WORD_MAX
 from tests.core.simulated_run import Died, Fuse, SimulatedModule, SimulatedRun
 
 HANDLINGS = {2: MessageHandling.ALWAYS_DELIVER, 3: MessageHandling.KEEP_ONLY_NEWEST}
@@ -26,8 +27,11 @@ class History:
         fuses: dict[int, Fuse] | None = None,
         by_patterns: bool = False,
         lockstep: bool = False,
+        in_flight_bytes: int = 1 << 30,
     ) -> None:
-        self.run = SimulatedRun(queue_messages=queue_messages, handles=handles, lockstep=lockstep)
+        self.run = SimulatedRun(
+            queue_messages=queue_messages, handles=handles, in_flight_bytes=in_flight_bytes, lockstep=lockstep
+        )
         self.run.fuse.stores = 0
         self.run.fuse.deaths = list(deaths)
         self.fuses = fuses or {}
@@ -123,6 +127,14 @@ class History:
             except Died:
                 self.kill(slot)
 
+    def make_room(self, slot: int, messages: int = 2) -> None:
+        """Be short of memory, so that all but a few of the oldest messages that wait are to be dropped."""
+        if slot in self.alive and slot in PUBLISHERS:
+            try:
+                self.alive[slot].endpoint.make_room(messages, WORD_MAX, before_ns=WORD_MAX)
+            except Died:
+                self.kill(slot)
+
     def begin_and_die(self, slot: int) -> None:
         """Die in the middle of a handler."""
         module = self.alive.get(slot)
@@ -143,6 +155,7 @@ class History:
             counts = self.run.counts(index)
             ended = counts["delivered"] + counts["replaced"] + counts["dropped"] + counts["lost"]
             assert counts["routed"] == ended + self.run.waiting(slot), f"slot {slot}: {counts}"
+        self.run.check_windows()
         if self.run.lockstep:
             assert self.taken == sorted(self.taken), "not in the one order of all modules"
             assert sum(map(self.run.in_hands, SLOTS)) <= 1, "two have a message at a time"

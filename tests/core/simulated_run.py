@@ -158,6 +158,8 @@ class SimulatedRun:
         handles: int = 64,
         subscriptions: int = 16,
         *,
+        in_flight_bytes: int = 1 << 30,
+        memory_bytes: int = 1 << 40,
         lockstep: bool = False,
     ):
         self.lockstep = lockstep
@@ -165,7 +167,10 @@ class SimulatedRun:
         self.words = zeros(sizes.words)
         self.tables = CoreTables.create(self.words, sizes)
         self.fuse = Fuse()
-        self.limits = [SlotLimits(queue_messages, queue_bytes)] * slots
+        limits = SlotLimits(
+            queue_messages, queue_bytes, in_flight_bytes=in_flight_bytes, memory_bytes=memory_bytes
+        )
+        self.limits = [limits] * slots
         self.reports: list[str] = []
         self.modules: dict[tuple[int, int], SimulatedModule] = {}
         self.crashes = 0
@@ -270,6 +275,18 @@ class SimulatedRun:
     def in_hands(self, slot: int) -> int:
         """Messages that the core has sent to a module and has not heard of since."""
         return self.words[self.tables.publisher(slot) + layout.PUBLISHER_IN_FLIGHT]
+
+    def check_windows(self) -> None:
+        """What is in flight is known, and no more than may be."""
+        ledger = self.router._ledger
+        for slot in self.router._slots:
+            if slot.link is None or slot.link.has_ended:
+                continue
+            handles = [ledger.handle(ledger.reference(reference)[1]) for reference in slot.link.pushed]
+            for publisher, in_flight in enumerate(slot.link.in_flight):
+                sizes = [handle.size for handle in handles if handle.source & 0xFFFF == publisher]
+                assert in_flight == sum(sizes)
+                assert in_flight <= slot.windows[publisher] or len(sizes) == 1
 
     @property
     def is_settled(self) -> bool:

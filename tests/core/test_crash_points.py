@@ -101,11 +101,33 @@ def both_dead(history: History) -> None:
     history.core()
 
 
+def short_of_memory(history: History) -> None:
+    for _ in range(10):
+        history.publish(1)
+        history.publish(2)
+        history.core()
+    history.make_room(1, 5)
+    history.core()
+    history.keep(2)
+    history.make_room(2, 1)
+    history.make_room(1, 1)
+    history.publish(1)
+    history.core()
+    history.begin_and_die(2)
+    history.make_room(1, 0)
+    history.core()
+
+
 SCENARIOS = (
     fan_out, backpressure, full_table, full_ring, newest_replaced, owner_dead, subscriber_dead, both_dead,
+    short_of_memory,
 )  # fmt: skip
 STRIDE = 5
-SETTINGS = ({"handles": 12}, {"queue_messages": 1, "handles": 12}, {"handles": 4})
+SETTINGS = (
+    {"handles": 12},
+    {"queue_messages": 1, "handles": 12, "in_flight_bytes": 16},
+    {"handles": 4},
+)
 
 
 def play(
@@ -147,7 +169,9 @@ def test_core_may_die_again_while_it_recovers(scenario: Scenario) -> None:
 
 
 @pytest.mark.parametrize("slot", SLOTS)
-@pytest.mark.parametrize("scenario", (backpressure, newest_replaced, owner_dead, subscriber_dead))
+@pytest.mark.parametrize(
+    "scenario", (backpressure, newest_replaced, owner_dead, subscriber_dead, short_of_memory)
+)
 def test_module_may_die_before_any_store(scenario: Scenario, slot: int) -> None:
     undisturbed = Fuse()
     play(scenario, SETTINGS[0], (), {slot: undisturbed})

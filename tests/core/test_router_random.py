@@ -9,7 +9,7 @@ from robbie_mp.core import router
 from tests.core.history import SLOTS, History
 
 ACTIONS = ["publish"] * 4 + ["handle"] * 3 + ["core"] * 2
-ACTIONS += ["kill", "start", "begin_and_die", "keep", "let_go"]
+ACTIONS += ["kill", "start", "begin_and_die", "keep", "let_go", "make_room"]
 STEPS = st.lists(st.tuples(st.sampled_from(ACTIONS), st.sampled_from(SLOTS)), max_size=80)
 DEATHS = st.lists(st.integers(0, 2000), max_size=3)
 

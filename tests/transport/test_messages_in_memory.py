@@ -4,6 +4,7 @@ import gc
 import threading
 import weakref
 from array import array
+from collections import deque
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from robbie_mp.bus import PublishAfterStop, SubscribedTwice
 from robbie_mp.messages import FieldError, Image
 from robbie_mp.supervisor.memory import unlink_data_segments
 from robbie_mp.transport import layout
+from robbie_mp.transport import outbox as outbox_module
 from robbie_mp.transport.blocks import MessageTooLarge
-from robbie_mp.transport.inbox import Inbox
+from robbie_mp.transport.inbox import MAX_PINNED, PINNED_SHARE, Inbox
 from robbie_mp.transport.records import MessageHandling
 from robbie_mp.transport.segment import SegmentMissing
 from tests.transport.pair import RUN_ID, Pair, picture
@@ -285,3 +287,91 @@ def test_maps_of_a_dead_publisher_go_when_its_last_message_is_released(pair: Pai
     unlink_data_segments(RUN_ID, 1, 1)
     with pytest.raises(SegmentMissing):
         pair.views.view(layout.pack_source(1, 0, 1), 0, 1)
+
+
+def free_bytes(pair: Pair) -> int:
+    return pair.outbox._blocks.room_bytes - pair.outbox._blocks.taken_bytes
+
+
+def test_what_a_hoarder_keeps_beyond_its_share_is_a_copy(pair: Pair) -> None:
+    size, kept = 50_000, deque[np.ndarray](maxlen=60)
+    pair.on_image = lambda image: kept.append(image.data)
+    for value in range(200):
+        assert pair.outbox.publish(picture(value % 100, size), "")
+        pair.pass_on()
+        pinned = pair.receiver_words[layout.OUT_PINNED_BYTES]
+        assert PINNED_SHARE * (pinned - size) <= free_bytes(pair)
+    assert [int(array[0]) for array in kept] == [value % 100 for value in range(140, 200)]
+    assert not any(array.flags.writeable for array in kept)
+    assert all(array.flags.aligned for array in kept)
+    assert pair.receiver_words[layout.OUT_COPIED] > 100
+    assert 0 < pair.receiver_words[layout.OUT_PINNED] == pair.outbox.outstanding < 10
+    kept.clear()
+    pair.inbox.release_let_go()
+    pair.run.run_core()
+    assert pair.outbox.outstanding == 0
+
+
+def test_small_messages_are_pinned_up_to_a_number(pair: Pair) -> None:
+    kept: list[np.ndarray] = []
+    pair.on_image = lambda image: kept.append(image.data)
+    for value in range(MAX_PINNED + 10):
+        pair.outbox.publish(picture(value % 100, 10), "")
+        pair.pass_on()
+    assert pair.receiver_words[layout.OUT_PINNED] == MAX_PINNED
+    assert pair.receiver_words[layout.OUT_COPIED] == 10
+
+
+def test_who_lets_messages_go_gets_no_copies(pair: Pair) -> None:
+    kept = deque[np.ndarray](maxlen=1)
+    pair.on_image = lambda image: kept.append(image.data)
+    for value in range(100):
+        pair.outbox.publish(picture(value, 50_000), "")
+        pair.pass_on()
+    assert pair.receiver_words[layout.OUT_COPIED] == 0
+
+
+def test_publisher_of_a_stopped_subscriber_never_runs_out_of_memory(
+    pair: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before there is no room for a message, the core drops old ones that only wait."""
+    monkeypatch.setattr(outbox_module, "_YOUNG_NS", 0)
+    monkeypatch.setattr(outbox_module, "_ASK_AGAIN_NS", 0)
+    for value in range(200):
+        assert pair.outbox.publish(picture(value % 100, 50_000), "")
+        pair.run.run_core()
+    counts = pair.run.counts(0)
+    assert counts["routed"] == 200
+    assert counts["dropped"] + pair.run.waiting(2) == 200
+    seen: list[int] = []
+    pair.on_image = lambda image: seen.append(int(image.data[0]))
+    pair.pass_on()
+    assert seen[-1] == 99
+    assert pair.run.counts(0)["delivered"] == len(seen) > 20
+
+
+def test_publisher_with_memory_in_pieces_gets_room_for_a_large_message(
+    pair: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(outbox_module, "_YOUNG_NS", 0)
+    monkeypatch.setattr(outbox_module, "_ASK_AGAIN_NS", 0)
+    for value in range(16):
+        assert pair.outbox.publish(picture(value, 60_000), "")
+        pair.run.run_core()
+    tries = 0
+    while not pair.outbox.publish(picture(99, 1_000_000), ""):
+        tries += 1
+        assert tries < 16
+        pair.run.run_core()
+    assert pair.sender_words[layout.OUT_REFUSED] == tries
+
+
+def test_core_that_is_away_is_not_asked_for_room_more_often_than_its_ring_holds(
+    pair: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(outbox_module, "_ASK_AGAIN_NS", 0)
+    for value in range(500):
+        pair.outbox.publish(picture(value % 100, 400_000), "")
+    assert not pair.outbox._endpoint._backlog
+    pair.pass_on()
+    assert pair.run.reports == []

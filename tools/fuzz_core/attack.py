@@ -119,6 +119,7 @@ class Attack:
             Outbound.DONE: [reference, sequence],
             Outbound.RELEASE: [reference, sequence],
             Outbound.WAIT_FREED: [1],
+            Outbound.MAKE_ROOM: [0, 0, 1 << 60],
             Outbound.MODULE_UP: [siege.publisher.slot, 2],
             Outbound.MODULE_DOWN: [siege.subscriber.slot, 1, 0],
             Outbound.MODULE_GONE: [siege.subscriber.slot, 0],

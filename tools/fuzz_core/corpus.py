@@ -16,6 +16,7 @@ MOST_MUTATIONS = 4
 COLUMNS = {
     Outbound.ADVERTISE: 1, Outbound.SUBSCRIBE: 1, Outbound.PUBLISH: 6, Outbound.DONE: 2, Outbound.RELEASE: 2,
     Outbound.WAIT_FREED: 1, Outbound.MODULE_UP: 2, Outbound.MODULE_DOWN: 3, Outbound.MODULE_GONE: 2,
+    Outbound.MAKE_ROOM: 3,
 }  # fmt: skip
 """How many words of a record say something, besides its kind."""
 

@@ -40,7 +40,7 @@ class Standing:
         """Judge a record."""
         kind, first, second, third, fourth, *_ = record
         match kind:
-            case Outbound.READY | Outbound.WAIT_FREED:
+            case Outbound.READY | Outbound.WAIT_FREED | Outbound.MAKE_ROOM:
                 return Verdict.RIGHT
             case Outbound.ADVERTISE | Outbound.SUBSCRIBE:
                 return Verdict.OPEN if first < self.declared else Verdict.WRONG

@@ -84,7 +84,8 @@ class Details(Screen[None]):
             f"memory {size(module.rss_bytes)}, {size(module.shared_bytes)} of it shared; "
             f"{module.threads} threads; own messages {module.outstanding} in "
             f"{size(module.outstanding_bytes)} of {size(module.segment_bytes)} "
-            f"(limit {size(module.memory_bytes)}); pinned {module.pinned} ({size(module.pinned_bytes)})"
+            f"(limit {size(module.memory_bytes)}); pinned {module.pinned} ({size(module.pinned_bytes)}), "
+            f"{module.copied} more copied"
         )
         yield Text(
             f"queue {module.waiting}/{module.queue_messages} (peak {module.waiting_peak}), "
