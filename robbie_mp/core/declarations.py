@@ -10,8 +10,6 @@ from robbie_mp.transport import layout
 from robbie_mp.transport.ring import Record
 from robbie_mp.transport.words import Words
 
-_DROPPED_COUNT = layout.SUBSCRIPTION_DROPPED - layout.SUBSCRIPTION_ROUTED
-
 
 class Declarations:
     """Enters declarations into the directory, and ends subscriptions that nobody wants any more.
@@ -51,7 +49,7 @@ class Declarations:
         link.ready = True
         self._words[slot.at + layout.PUBLISHER_READY] = link.incarnation
         for entry in list(self._directory.subscriptions):
-            if entry.slot == link.slot and entry.declared_by != link.incarnation and entry.type_name:
+            if entry.slot == link.slot and entry.declared_by != link.incarnation and entry.is_open:
                 self._close(entry, Outcome.DROPPED)
         self._queues.pump(slot, link)
 
@@ -62,9 +60,8 @@ class Declarations:
 
     def _close(self, entry: Subscription, outcome: Outcome) -> None:
         slot = self._slots[entry.slot]
-        # Who watches can tell what waited at its end from what did not fit. Once: this may be done again.
-        if outcome is Outcome.DROPPED and not self._words[entry.at + layout.SUBSCRIPTION_DROPPED_BEFORE]:
-            self._words[entry.at + layout.SUBSCRIPTION_DROPPED_BEFORE] = entry.counts[_DROPPED_COUNT] + 1
+        if outcome is Outcome.DROPPED:
+            self._directory.note_end(entry)
         for reference in list(slot.waiting):
             if self._ledger.reference(reference)[2] is entry:
                 self._queues.remove(slot, reference)

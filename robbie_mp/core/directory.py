@@ -17,8 +17,9 @@ ROW_OPEN = 1
 ROW_CLOSED = 2
 COUNTS = (
     *range(layout.SUBSCRIPTION_ROUTED, layout.SUBSCRIPTION_LAST_SEQUENCE),
-    layout.SUBSCRIPTION_DROPPED_BEFORE,
+    layout.SUBSCRIPTION_LEFT,
 )
+_DROPPED_COUNT = layout.SUBSCRIPTION_DROPPED - layout.SUBSCRIPTION_ROUTED
 
 
 class TableFull(RobbieError, OverflowError):
@@ -46,13 +47,16 @@ class Pattern:
 class Subscription:
     """One module's wish for a message type, on all topics or on one; it outlives the module's restarts.
 
+    It is closed when the module is stopped or wishes it no more, and opened again if the module wishes it
+    again.
+
     Or for every message whose type and topic match patterns. A module that has several patterns gets a
     message once: a channel goes to the first of them that matches.
     """
 
     __slots__ = (
-        "at", "counts", "declaration", "declared_by", "index", "newest_only", "pattern", "queued", "slot",
-        "topic", "type_name", "version",
+        "at", "counts", "declaration", "declared_by", "index", "is_open", "newest_only", "pattern", "queued",
+        "slot", "topic", "type_name", "version",
     )  # fmt: skip
 
     def __init__(self, index: int, at: int, slot: int, wish: "Wish"):
@@ -60,6 +64,7 @@ class Subscription:
         self.at = at
         self.slot = slot
         self.declaration = wish.declaration
+        self.is_open = True
         self.declared_by = 0
         """The incarnation of the module that wished it last."""
         self.type_name = wish.type_name
@@ -75,9 +80,10 @@ class Subscription:
     def matches(self, channel: "Channel") -> bool:
         """Whether messages of a channel are wanted here."""
         if self.pattern is not None:
-            return bool(self.type_name) and self.pattern.matches(channel)
+            return self.is_open and self.pattern.matches(channel)
         return (
-            channel.type_name == self.type_name
+            self.is_open
+            and channel.type_name == self.type_name
             and channel.version == self.version
             and self.topic in ("", channel.topic)
         )
@@ -173,8 +179,7 @@ class Directory:
             )
             entry = Subscription(index, at, words[at + layout.SUBSCRIPTION_SLOT], wish)
             entry.counts = [words[at + layout.SUBSCRIPTION_ROUTED + column] for column in range(5)]
-            if state == ROW_CLOSED:
-                entry.type_name = ""
+            entry.is_open = state == ROW_OPEN
             self.subscriptions.append(entry)
 
     def _read_channels(self) -> None:
@@ -222,20 +227,36 @@ class Directory:
         return channel
 
     def subscribe(self, slot: int, wish: Wish) -> Subscription:
-        """Open a subscription, or find the one that the module's earlier incarnation left.
+        """Open a subscription, or go on with the one that the module had before.
 
         Raises:
             TableFull: there are as many subscriptions as the profile allows.
         """
-        newest_only = wish.handling is MessageHandling.KEEP_ONLY_NEWEST
-        for entry in self.subscriptions:
-            same_wish = (entry.type_name, entry.version, entry.topic, entry.newest_only) == (
-                wish.type_name, wish.version, wish.topic, newest_only,
-            )  # fmt: skip
-            if entry.slot == slot and same_wish:
-                return entry
+        entry = self._find(slot, wish)
+        if entry is not None and entry.is_open:
+            self._forget_end(entry)
+            return entry
         if wish.version == ANY_VERSION and len(self._patterns(slot)) == PATTERN_COUNT:
             raise TableFull(f"a module subscribes by at most {PATTERN_COUNT} patterns")
+        entry = self._open_row(slot, wish) if entry is None else self._reopen(entry)
+        for channel in self._channels.values():
+            _connect(channel, entry)
+        return entry
+
+    def _find(self, slot: int, wish: Wish) -> Subscription | None:
+        """Return a module's subscription of that kind, open or closed; of a tool's, one that is open."""
+        newest_only = wish.handling is MessageHandling.KEEP_ONLY_NEWEST
+        wanted = (wish.type_name, wish.version, wish.topic, newest_only)
+        for entry in self.subscriptions:
+            if (
+                entry.slot == slot
+                and (entry.is_open or slot not in self._tools)
+                and (entry.type_name, entry.version, entry.topic, entry.newest_only) == wanted
+            ):
+                return entry
+        return None
+
+    def _open_row(self, slot: int, wish: Wish) -> Subscription:
         index = self._free_row(wish)
         words, at = self._tables.words, self._tables.subscription(index)
         write_text(words, at + layout.SUBSCRIPTION_TYPE, NAME_WORDS, wish.type_name)
@@ -249,14 +270,12 @@ class Directory:
         words[at + layout.SUBSCRIPTION_STATE] = ROW_OPEN
         entry = Subscription(index, at, slot, wish)
         self.subscriptions[index : index + 1] = [entry]
-        for channel in self._channels.values():
-            _connect(channel, entry)
         return entry
 
     def _patterns(self, slot: int) -> list[Subscription]:
         """Return the subscriptions of a module by patterns."""
         return [
-            entry for entry in self.subscriptions if entry.slot == slot and entry.pattern and entry.type_name
+            entry for entry in self.subscriptions if entry.slot == slot and entry.pattern and entry.is_open
         ]
 
     def alternatives(self, entry: Subscription, channel: Channel) -> list[Subscription]:
@@ -269,23 +288,42 @@ class Directory:
             return [entry]
         return [one for one in self._patterns(entry.slot) if one.matches(channel)]
 
+    def _reopen(self, entry: Subscription) -> Subscription:
+        """Go on with a subscription that was closed; its counts go on, too."""
+        self._forget_end(entry)
+        self._tables.words[entry.at + layout.SUBSCRIPTION_STATE] = ROW_OPEN
+        entry.is_open = True
+        return entry
+
+    def _forget_end(self, entry: Subscription) -> None:
+        """Note that a module has not ended for good; also if a core died while it closed the subscription."""
+        words, at = self._tables.words, entry.at + layout.SUBSCRIPTION_LEFT
+        if words[at] & 1:
+            words[at] = layout.left_waiting(words[at], entry.counts[_DROPPED_COUNT]) << 1
+
     def _free_row(self, wish: Wish) -> int:
         """Return the next row, or one that a tool has left: no reference leads there any more.
 
         While it is written anew it stays closed. Its last sequence stays for good: it only ever grows.
         """
         for entry in self.subscriptions:
-            if entry.slot in self._tools and not entry.type_name:
+            if entry.slot in self._tools and not entry.is_open:
                 return entry.index
         index = len(self.subscriptions)
         if index == self._tables.sizes.subscriptions:
             raise TableFull(f"no room for a subscription to {wish.type_name}: {index} are in use")
         return index
 
+    def note_end(self, entry: Subscription) -> None:
+        """Note that what is dropped from now on waited for a module that has ended; may be done again."""
+        words, at = self._tables.words, entry.at + layout.SUBSCRIPTION_LEFT
+        if not words[at] & 1:
+            words[at] = entry.counts[_DROPPED_COUNT] - (words[at] >> 1) << 1 | 1
+
     def close(self, entry: Subscription) -> None:
         """Route nothing more to a subscription; its counters stay."""
         self._tables.words[entry.at + layout.SUBSCRIPTION_STATE] = ROW_CLOSED
-        entry.type_name = ""  # matches nothing from now on
+        entry.is_open = False
         for channel in self._channels.values():
             if entry in channel.subscriptions:
                 channel.subscriptions.remove(entry)

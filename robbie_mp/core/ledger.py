@@ -271,14 +271,23 @@ class Ledger:
         """Whether a subscription has had its reference to the message of this sequence."""
         return self._words[subscription.at + layout.SUBSCRIPTION_LAST_SEQUENCE] >= sequence
 
-    def entered(self) -> dict[tuple[int, int, int], int]:
-        """Rows, live or freed, by slot, incarnation and outbound record of the message entered there last."""
-        found = {}
+    def entered(self, routed: Sequence[int]) -> set[tuple[int, int, int]]:
+        """Slot, incarnation and outbound record of every message of which a row tells that it was entered.
+
+        The row of a message that was given back tells it still; so does one that was never committed seem to,
+        but its publisher's count has not got there.
+
+        Args:
+            routed: how many messages of each slot were routed to their end.
+        """
+        found = set()
         words = self._words
         for index in range(self._tables.sizes.handles):
             at = self._handles_at + index * _HANDLE_WORDS
-            if source := words[at + layout.HANDLE_SOURCE]:
-                found[source & 0xFFFF, source >> 32, words[at + layout.HANDLE_RECORD]] = index
+            source = words[at + layout.HANDLE_SOURCE]
+            slot = source & 0xFFFF
+            if words[at] or (source and routed[slot] >= words[at + layout.HANDLE_PUBLISHER_ROUTED]):
+                found.add((slot, source >> 32, words[at + layout.HANDLE_RECORD]))
         return found
 
     def row(self, handle: int, column: int) -> int:

@@ -139,7 +139,8 @@ class Slot:
         self.waiting_peak = 0
         self.routed = 0
         self.refused = 0
-        self.refused_tag = -1
+        self.refused_record: tuple[int, int] | None = None
+        """Incarnation, and number of the outbound record, of the message that was refused last."""
         self.windows: list[int] = []
         """Bytes of each publisher that its module may have in its ring and hands; see `Router`."""
         self.link: Link | None = None

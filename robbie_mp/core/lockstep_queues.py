@@ -60,7 +60,7 @@ class LockstepQueues(Queues):
 
         One that was given up, because it hangs in the kernel and cannot be killed, has it for good.
         """
-        return any(self._ledger.reference(reference)[2].type_name for reference in link.pushed)
+        return any(self._ledger.reference(reference)[2].is_open for reference in link.pushed)
 
     def _hand_out(self) -> None:
         waiting = [slot for slot in self._in_step if slot.waiting]

@@ -3,7 +3,7 @@
 Each step can be repeated after a crash of the core; why, is the ledger's affair.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence, Set
 
 from robbie_mp.core.directory import Channel, Directory, Subscription
 from robbie_mp.core.freed_blocks import FreedBlocks
@@ -12,7 +12,6 @@ from robbie_mp.core.link import Link, ProtocolViolation, Slot
 from robbie_mp.core.queues import Queues
 from robbie_mp.core.recovery import unclaimed
 from robbie_mp.transport import layout
-from robbie_mp.transport.records import Outbound
 from robbie_mp.transport.ring import Record
 from robbie_mp.transport.words import WORD_MAX, Words, row_writer
 
@@ -93,12 +92,12 @@ class MessageFlow:
 
     def _refuse(self, slot: Slot, link: Link, block: int) -> None:
         """Count a message for which the tables have no row, and give its block back."""
-        tag = refused_tag(link)
-        # A core that died over this record may have counted it already.
-        if tag != slot.refused_tag or not link.is_said_again():
-            slot.refused += 1
-            slot.refused_tag = tag
-            self._words[slot.at + layout.PUBLISHER_REFUSED] = slot.refused << layout.REFUSED_TAG_BITS | tag
+        words, at = self._words, slot.at
+        slot.refused += 1
+        words[at + layout.PUBLISHER_REFUSED_NTH] = slot.refused
+        words[at + layout.PUBLISHER_REFUSED_INCARNATION] = link.incarnation
+        words[at + layout.PUBLISHER_REFUSED_RECORD] = link.outbound.tail
+        words[at + layout.PUBLISHER_REFUSED] = slot.refused  # commits
         self._blocks.free(link, block)
 
     def done(self, slot: Slot, link: Link, record: Record) -> None:
@@ -134,35 +133,41 @@ class MessageFlow:
             self._queues.pump(slot, link)
         self._queues.outdate(slot)
 
-    def finish_publishing(self, slot: Slot, link: Link, entered: Mapping[tuple[int, int, int], int]) -> None:
-        """Bring the record at a ring's tail to its end if it is a message that was entered or refused."""
-        if link.has_ended or not link.outbound.waiting() or link.outbound.peek()[0] != Outbound.PUBLISH:
-            return
-        if slot.refused_tag == refused_tag(link):
-            self._refuse(slot, link, link.outbound.peek()[6])
-            link.outbound.take()
-            return
-        index = entered.get((link.slot, link.incarnation, link.outbound.tail))
+    # -- after a crash of the core -----------------------------------------------------------------------
+
+    def finish_routing(self, slots: Sequence[Slot], handles: Sequence[int]) -> None:
+        """Bring the last message that was entered to its end: it may have been cut short.
+
+        Args:
+            slots: the modules.
+            handles: rows of all messages.
+        """
+        ledger = self._ledger
+        index = max(handles, key=lambda row: ledger.handle(row).sequence, default=None)
         if index is None:
             return
-        nth = self._ledger.row(index, layout.HANDLE_PUBLISHER_ROUTED)
-        sequence = self._ledger.row(index, layout.HANDLE_SEQUENCE)
-        if 0 < sequence < self.sequence:
-            # Cut short under an earlier core, which found the ring destroyed: others have come since.
-            link.outbound.take()
-        elif sequence:
-            handle = self._ledger.handle(index)
-            channel = self._directory.by_index(handle.channel)
-            slot.routed = nth - 1
-            channel.messages = self._ledger.row(index, layout.HANDLE_CHANNEL_MESSAGES) - 1
-            channel.bytes = self._ledger.row(index, layout.HANDLE_CHANNEL_BYTES) - handle.size
-            left = unclaimed(self._ledger, self._directory, index, channel)
-            self._route(slot, channel, index, handle, left)
-            link.outbound.take()
-        elif slot.routed >= nth:
-            link.outbound.take()  # routed to its end, and even given back
+        handle = ledger.handle(index)
+        slot = slots[layout.unpack_source(handle.source)[0]]
+        channel = self._directory.by_index(handle.channel)
+        messages = ledger.row(index, layout.HANDLE_CHANNEL_MESSAGES)
+        total_bytes = ledger.row(index, layout.HANDLE_CHANNEL_BYTES)
+        if slot.routed < ledger.row(index, layout.HANDLE_PUBLISHER_ROUTED):
+            self._route(slot, channel, index, handle, unclaimed(ledger, self._directory, index, channel))
+        elif channel.messages < messages or channel.bytes < total_bytes:
+            channel.messages, channel.bytes = messages - 1, total_bytes - handle.size
+            channel.count(self._write_channel, handle.size, handle.stamp_ns)
 
+    def finish_publishing(self, slot: Slot, link: Link, entered: Set[tuple[int, int, int]]) -> None:
+        """Take the record at a ring's tail if it is a message that was entered or refused.
 
-def refused_tag(link: Link) -> int:
-    """Name the record at the tail of a link's outbound ring in few bits."""
-    return (link.incarnation & 0xFF) << 16 | link.outbound.tail & 0xFFFF
+        Args:
+            slot: of the publisher.
+            link: to the publisher.
+            entered: slot, incarnation and record of what was.
+        """
+        record = (link.incarnation, link.outbound.tail)
+        if (link.slot, *record) in entered:
+            link.outbound.take()
+        elif slot.refused_record == record and link.outbound.waiting():
+            self._blocks.free(link, link.outbound.peek()[6])
+            link.outbound.take()

@@ -1,11 +1,16 @@
 """A new core takes over what a dead one left: it finishes the one step that was cut short.
 
 The dead core's memory is complete up to one store, and each step of the router ends in a commit (see
-`ledger`). So at most one record of one ring has been handled in part. What it was is told by the tables:
+`ledger`). So at most one record of one ring has been handled in part. What it was is told by the tables
+alone, whatever its module has written into the ring since:
 
-- a message whose handle row is committed is routed to whom it has not reached yet, and its record is taken;
+- the last message whose handle row is committed is routed to whom it has not reached yet;
+- the record of a message that is in the tables, or was, is taken;
 - a message counted as refused is given back, and its record is taken;
 - every other record is simply handled again: the steps it stands for do nothing when done before.
+
+A row without a commit says nothing: a core that died before may have left one for a record that its successor
+entered elsewhere.
 """
 
 from robbie_mp.core.directory import Channel, Directory, Subscription
@@ -22,9 +27,12 @@ KNOWN_DEAD = 8
 def restore_slot(slot: Slot, words: Words) -> None:
     """Read a slot's counters."""
     slot.routed = words[slot.at + layout.PUBLISHER_ROUTED]
-    refused = words[slot.at + layout.PUBLISHER_REFUSED]
-    slot.refused = refused >> layout.REFUSED_TAG_BITS
-    slot.refused_tag = refused & ((1 << layout.REFUSED_TAG_BITS) - 1) if slot.refused else -1
+    slot.refused = words[slot.at + layout.PUBLISHER_REFUSED]
+    if slot.refused and slot.refused == words[slot.at + layout.PUBLISHER_REFUSED_NTH]:
+        slot.refused_record = (
+            words[slot.at + layout.PUBLISHER_REFUSED_INCARNATION],
+            words[slot.at + layout.PUBLISHER_REFUSED_RECORD],
+        )
     slot.waiting_peak = words[slot.at + layout.PUBLISHER_WAITING_PEAK]
 
 

@@ -150,7 +150,8 @@ class Router:
                 self._members.fault(link, error)
         restore_references(self._slots, self._ledger, self._directory)
         self._queues.restore()
-        entered = self._ledger.entered()
+        self._flow.finish_routing(self._slots, handles)
+        entered = self._ledger.entered([slot.routed for slot in self._slots])
         for link in self._members.links:
             try:
                 self._flow.finish_publishing(self._slots[link.slot], link, entered)

@@ -172,7 +172,6 @@ class RunObserver:
             routed, delivered, replaced, dropped, lost = (
                 words[at + layout.SUBSCRIPTION_ROUTED + column] for column in range(5)
             )
-            dropped_before = words[at + layout.SUBSCRIPTION_DROPPED_BEFORE]
             figures = SubscriptionFigures(
                 read_text(words, at + layout.SUBSCRIPTION_TYPE, NAME_WORDS),
                 read_text(words, at + layout.SUBSCRIPTION_TOPIC, NAME_WORDS),
@@ -182,7 +181,7 @@ class RunObserver:
                 replaced,
                 dropped,
                 lost,
-                left=max(0, dropped - (dropped_before - 1)) if dropped_before else 0,
+                left=layout.left_waiting(words[at + layout.SUBSCRIPTION_LEFT], dropped),
                 version=words[at + layout.SUBSCRIPTION_VERSION],
                 is_open=state == ROW_OPEN,
             )
@@ -205,7 +204,7 @@ class RunObserver:
         if not is_core:
             at = self._tables.publisher(slot)
             queue = [self._words[at + column] for column in range(layout.PUBLISHER_WORDS)]
-        core_refused = queue[layout.PUBLISHER_REFUSED] >> layout.REFUSED_TAG_BITS
+        core_refused = queue[layout.PUBLISHER_REFUSED]
         usage = read_usage(row.pid) if row.pid else ProcessUsage()
         activity = own[layout.OUT_ACTIVITY]
         outbound_waiting, outbound_records = memory.outbound(own[layout.OUT_HEAD])

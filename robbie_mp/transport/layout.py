@@ -94,8 +94,12 @@ PUBLISHER_PINNED = 5
 PUBLISHER_WAITING_PEAK = 6
 PUBLISHER_LINKED = 7  # the incarnation that is connected, 0 if none is
 PUBLISHER_READY = 8  # the incarnation that has finished its setup
-PUBLISHER_WORDS = 10
-REFUSED_TAG_BITS = 24  # below the count of refused messages: which record was counted last
+# Which record was refused last. It is written before the count of refused messages, its commit word, and only
+# counts if that has reached `nth`, which is written first.
+PUBLISHER_REFUSED_NTH = 9
+PUBLISHER_REFUSED_INCARNATION = 10
+PUBLISHER_REFUSED_RECORD = 11
+PUBLISHER_WORDS = 12
 
 # A channel's row: a message type, its version and a topic. The name is written last, the state after it.
 CHANNEL_STATE = 0
@@ -121,7 +125,7 @@ SUBSCRIPTION_LOST = 8
 SUBSCRIPTION_LAST_SEQUENCE = 9
 SUBSCRIPTION_TYPE = 10
 SUBSCRIPTION_TOPIC = SUBSCRIPTION_TYPE + NAME_WORDS
-SUBSCRIPTION_DROPPED_BEFORE = SUBSCRIPTION_TOPIC + NAME_WORDS  # its end, plus one; 0 while it is open
+SUBSCRIPTION_LEFT = SUBSCRIPTION_TOPIC + NAME_WORDS  # see `left_waiting`
 SUBSCRIPTION_WORDS = 40
 
 # A handle's row: one message. The sequence is its commit word: written last, 0 while the row is free.
@@ -261,6 +265,19 @@ def inbound_records(credit: int) -> int:
 def in_words(credit: int) -> int:
     """Size of a module's in segment in words."""
     return IN_RING + inbound_records(credit) * RECORD_WORDS + FREED_RECORDS
+
+
+def left_waiting(word: int, dropped: int) -> int:
+    """Return how many of the dropped messages did fit, but waited when their module was stopped.
+
+    While a subscription is open its word says so, times two. From its end on it says how many did not fit,
+    times two, plus one: so the word is written once for each end, and once when the module has come back.
+
+    Args:
+        word: SUBSCRIPTION_LEFT.
+        dropped: SUBSCRIPTION_DROPPED.
+    """
+    return max(0, dropped - (word >> 1)) if word & 1 else word >> 1
 
 
 def pack_source(slot: int, segment: int, incarnation: int) -> int:

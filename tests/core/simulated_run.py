@@ -1,8 +1,10 @@
 """A core and modules on plain arrays in one process: every step happens when the test says so."""
 
+import random
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from robbie_mp.core.link import LinkMemory
 from robbie_mp.core.members import RouterLimits
@@ -35,19 +37,68 @@ class Fuse:
         self.stores = 0
         self.deaths: list[int] = []
         """For each incarnation in turn: how many stores it lives to see; an empty list lets it live."""
+        self.on_store: Callable[[int], None] | None = None
+        """Is told the number of each store before it."""
 
     def burn(self) -> None:
+        if self.on_store is not None:
+            self.on_store(self.stores)
         if self.deaths and self.stores >= self.deaths[0]:
             raise Died
         self.stores += 1
 
 
-class Mapped:
-    """What the core maps: its stores are counted, and looking at it after it was closed is an error."""
+class StateLog:
+    """Names the state of the whole run before every store of its core, so that equal states are tried once.
 
-    def __init__(self, words: Words, fuse: Fuse):
+    Two deaths of the core that leave every word of shared memory the same, and the modules with the same
+    past, have the same future. The modules of a simulated run act only while its core is idle, and what they
+    do follows from what they read then. So a state is named by all words as they were whenever the core began
+    to work, and as they are now. (Zobrist hashing: a random number for each word and value, combined by
+    exclusive or.)
+    """
+
+    _random = random.Random(13)
+    _numbers: ClassVar[dict[tuple[object, int, int], int]] = {}
+
+    def __init__(self) -> None:
+        self._words = 0
+        self._past = 0
+        self.before_store: list[int] = []
+        """A name for the state before each store of the core since its last death."""
+
+    def stored(self, segment: object, index: int, old: int, new: int) -> None:
+        """Note a store by anybody."""
+        if old != new:
+            self._words ^= self._number(segment, index, old) ^ self._number(segment, index, new)
+
+    def core_begins(self, reports: int) -> None:
+        """Note that the core is about to look at the rings: the modules have acted."""
+        self._past = hash((self._past, self._words, reports))
+
+    def core_stores(self, number: int, reports: int) -> None:
+        """Note that the core is about to store a word, its `number`-th, unless it dies before."""
+        del self.before_store[number:]
+        self.before_store.append(hash((self._past, self._words, reports)))
+
+    def _number(self, segment: object, index: int, value: int) -> int:
+        if value == 0:
+            return 0
+        key = (segment, index, value)
+        number = self._numbers.get(key)
+        if number is None:
+            number = self._numbers[key] = self._random.getrandbits(64)
+        return number
+
+
+class Mapped:
+    """What a process maps: its stores are counted, and looking at it after it was closed is an error."""
+
+    def __init__(self, words: Words, fuse: Fuse, segment: object = None, log: StateLog | None = None):
         self._words: Words | None = words
         self._fuse = fuse
+        self._segment = segment
+        self._log = log
 
     def __getitem__(self, index: int) -> int:
         assert self._words is not None, "the map was closed"
@@ -56,6 +107,8 @@ class Mapped:
     def __setitem__(self, index: int, value: int) -> None:
         assert self._words is not None, "the map was closed"
         self._fuse.burn()
+        if self._log is not None:
+            self._log.stored(self._segment, index, self._words[index], value)
         self._words[index] = value
 
     def __len__(self) -> int:
@@ -78,6 +131,7 @@ class SimulatedModule:
     next_block: int = 0
     fuse: "Fuse | None" = None
     """Kills the module before one of its own stores."""
+    log: "StateLog | None" = None
     wakeups: int = 0
     """How often the core woke it."""
     core_wakeups: int = 0
@@ -90,7 +144,9 @@ class SimulatedModule:
         self.core_wakeups += 1
 
     def __post_init__(self) -> None:
-        own = self.out if self.fuse is None else Mapped(self.out, self.fuse)
+        own = self.out
+        if self.fuse is not None or self.log is not None:
+            own = Mapped(own, self.fuse or Fuse(), ("out", self.slot, self.incarnation), self.log)
         memory = EndpointMemory(self.slot, self.incarnation, own, self.into, self.wake_core)
         self.endpoint = Endpoint(memory, RING_RECORDS, CREDIT)
 
@@ -161,8 +217,10 @@ class SimulatedRun:
         in_flight_bytes: int = 1 << 30,
         memory_bytes: int = 1 << 40,
         lockstep: bool = False,
+        log: StateLog | None = None,
     ):
         self.lockstep = lockstep
+        self.log = log
         sizes = TableSizes(slots, 8, subscriptions, handles, references=4 * handles)
         self.words = zeros(sizes.words)
         self.tables = CoreTables.create(self.words, sizes)
@@ -174,6 +232,8 @@ class SimulatedRun:
         self.reports: list[str] = []
         self.modules: dict[tuple[int, int], SimulatedModule] = {}
         self.crashes = 0
+        if log is not None:
+            self.fuse.on_store = lambda number: log.core_stores(number, len(self.reports))
         self.while_dead: Callable[[], None] = lambda: None
         """What the modules do between a death of the core and its successor."""
         self.supervisor = self.make(0, 1)
@@ -184,7 +244,7 @@ class SimulatedRun:
 
     def _make_core(self) -> Router:
         return Router(
-            CoreTables.attach(Mapped(self.words, self.fuse)),
+            CoreTables.attach(Mapped(self.words, self.fuse, "core", self.log)),
             RouterLimits(RING_RECORDS, CREDIT, message_bytes=1 << 20),
             self.limits,
             self._connect,
@@ -193,14 +253,17 @@ class SimulatedRun:
         )
 
     def make(self, slot: int, incarnation: int, fuse: Fuse | None = None) -> SimulatedModule:
-        module = self.modules[slot, incarnation] = SimulatedModule(slot, incarnation, fuse=fuse)
+        module = self.modules[slot, incarnation] = SimulatedModule(slot, incarnation, fuse=fuse, log=self.log)
         return module
 
     def _connect(self, slot: int, incarnation: int) -> LinkMemory:
         module = self.modules[slot, incarnation]
         if module.out[layout.HEADER_MAGIC]:
             raise SegmentMismatch("its header was written over")
-        mapped = Mapped(module.out, self.fuse), Mapped(module.into, self.fuse)
+        mapped = (
+            Mapped(module.out, self.fuse),
+            Mapped(module.into, self.fuse, ("in", slot, incarnation), self.log),
+        )
 
         def close() -> None:
             for words in mapped:
@@ -214,6 +277,8 @@ class SimulatedRun:
 
     def run_core(self) -> None:
         """Let the core work until it would sleep; if it dies, a new one takes over."""
+        if self.log is not None:
+            self.log.core_begins(len(self.reports))
         while True:
             try:
                 while self.router.drain() or self.router.before_sleep():

@@ -7,6 +7,12 @@ from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
 from tests.core.simulated_run import CREDIT, SimulatedRun, connected
 
 
+def left_waiting(run: SimulatedRun) -> int:
+    """Messages of the first subscription that were dropped when its module was stopped."""
+    word = run.words[run.tables.subscription(0) + layout.SUBSCRIPTION_LEFT]
+    return layout.left_waiting(word, run.counts(0)["dropped"])
+
+
 def test_restarted_subscriber_continues_with_the_very_next_message() -> None:
     run = SimulatedRun()
     publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
@@ -163,9 +169,54 @@ def test_messages_that_waited_when_a_module_was_stopped_can_be_told_from_what_di
     run.kill(subscriber)
     for _ in range(2):  # a core that takes over is told again
         run.gone(subscriber, clean=True)
-    before = run.words[run.tables.subscription(0) + layout.SUBSCRIPTION_DROPPED_BEFORE]
     # Besides the two, what it had not taken waited, and three in the queue.
-    assert (run.counts(0)["dropped"], before) == (2 + CREDIT + 3, 2 + 1)
+    assert (run.counts(0)["dropped"], left_waiting(run)) == (2 + CREDIT + 3, CREDIT + 3)
+
+
+def test_module_stopped_and_started_a_thousand_times_keeps_its_subscriptions() -> None:
+    run = SimulatedRun(subscriptions=4)
+    publisher, channel, _ = connected(run)
+    left = routed = 0
+    for incarnation in range(1, 1001):
+        subscriber = run.start(2, incarnation)
+        subscriber.subscribe()
+        subscriber.subscribe(MessageHandling.KEEP_ONLY_NEWEST, topic="other")
+        subscriber.subscribe_by_patterns("*", "any")
+        subscriber.ready()
+        run.run_core()
+        for value in range(1 + incarnation % 3):
+            publisher.publish(channel, value)
+        run.run_core()
+        assert subscriber.take() is not None
+        run.kill(subscriber)
+        run.gone(subscriber, clean=True)
+        if incarnation % 100 == 0:
+            run.restart_core()
+        routed += 1 + incarnation % 3
+        left += incarnation % 3
+        assert left_waiting(run) == left
+    assert run.reports == []
+    assert run.counts(0) == {"routed": routed, "delivered": 0, "replaced": 0, "dropped": left, "lost": 1000}
+
+
+def test_module_started_again_without_a_subscription_gets_it_back_when_it_wishes_it_again() -> None:
+    run = SimulatedRun(subscriptions=1)
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    run.kill(subscriber)
+    without = run.start(2, 2)
+    without.ready()
+    run.run_core()
+    publisher.publish(channel, 1)
+    run.run_core()
+    run.kill(without)
+    successor = run.start(2, 3)
+    successor.subscribe()
+    successor.ready()
+    run.run_core()
+    publisher.publish(channel, 2)
+    run.run_core()
+    assert successor.handle_all() == [2]
+    assert run.reports == []
 
 
 def test_what_a_module_wrote_before_the_core_knew_it_is_seen_without_another_post() -> None:

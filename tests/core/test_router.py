@@ -214,7 +214,7 @@ def test_full_handle_table_refuses_and_counts_and_gives_the_block_back() -> None
         run.run_core()
     at = run.tables.publisher(1)
     assert run.words[at + layout.PUBLISHER_ROUTED] == 6
-    assert run.words[at + layout.PUBLISHER_REFUSED] >> layout.REFUSED_TAG_BITS == 4
+    assert run.words[at + layout.PUBLISHER_REFUSED] == 4
     publisher.collect_freed()
     assert len(publisher.blocks_out) == 6
 
@@ -243,7 +243,31 @@ def test_refused_message_is_counted_whatever_was_refused_long_before() -> None:
         else:
             publisher.endpoint.send(Outbound.WAIT_FREED)
         run.run_core()
-    assert run.words[run.tables.publisher(1) + layout.PUBLISHER_REFUSED] >> layout.REFUSED_TAG_BITS == 2
+    assert run.words[run.tables.publisher(1) + layout.PUBLISHER_REFUSED] == 2
+
+
+def test_message_is_not_taken_for_the_refused_one_whose_number_ends_with_the_same_bits() -> None:
+    run = SimulatedRun(handles=1)
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    publisher.publish(channel, 0)
+    publisher.publish(channel, 1)
+    run.run_core()
+    for _ in range((1 << 16) - 2):
+        publisher.endpoint.send(Outbound.WAIT_FREED)
+        run.run_core()
+    assert subscriber.handle_all() == [0]
+    run.run_core()
+    publisher.endpoint.send(Outbound.WAIT_FREED)
+    run.run_core()
+    publisher.publish(channel, 2)
+    run.fuse.stores = 0
+    run.fuse.deaths = [5]  # while it enters the message
+    run.run_core()
+    assert run.crashes == 1
+    publisher.collect_freed()
+    assert len(publisher.blocks_out) == 1, "the block can be used again while it is read"
+    assert subscriber.handle_all() == [2]
+    assert run.words[run.tables.publisher(1) + layout.PUBLISHER_REFUSED] == 1
 
 
 def test_times_between_messages_are_summed_up_over_a_restart_of_the_core() -> None:
