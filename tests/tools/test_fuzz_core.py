@@ -81,7 +81,7 @@ def test_finding_is_kept_and_played_again(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.MonkeyPatch.context() as patch:
-        plant("a message in another's name", patch)
+        plant("a message on a channel not advertised", patch)
         assert main(["--plain", "--seconds", "60"]) == 1
         [kept] = tmp_path.iterdir()
         assert f"finding kept in {kept}" in capsys.readouterr().err

@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.observe import ChannelFigures, ModuleFigures, SubscriptionFigures
+from tools.kill_campaign import neighbours
 from tools.kill_campaign.__main__ import main
 from tools.kill_campaign.campaign import _other_ends
 from tools.kill_campaign.message import Numbered
+from tools.kill_campaign.neighbours import Rates, ratio_of
 from tools.kill_campaign.verdict import judge, read_records
 
 NAMES = ["talker", "hearer"]
@@ -160,15 +162,26 @@ def test_line_cut_short_by_a_kill_counts_as_never_written(tmp_path: Path) -> Non
 @pytest.mark.timeout(120)
 def test_short_campaign_finds_no_violation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--kills", "12", "--seed", "3", "--longest-stop", "1", "--mean-pause", "0.5", "--json"]
+    arguments += ["--camera-rounds", "1"]
     code = main([*arguments, "--keep", str(tmp_path)])
     report = json.loads(capsys.readouterr().out)
     assert code == 0, report["violations"]
     assert report["kills"] >= 12
     assert report["messages"]["handlers_entered"] > 1000
     assert report["restarts"]["core"] > 0
+    assert report["neighbours"]["stopped_viewer_dropped"] > 0
+    assert report["neighbours"]["hoarder_copied"] > 0
 
 
 def test_restarts_that_nobody_asked_for_are_told_with_their_reason() -> None:
     said = "a: BACKOFF (killed by SIGKILL, again in 0.01 s)\n[a] INFO x\n"
     said += "b: BACKOFF (hung in handler of T for 5.0 s: killed by SIGABRT, again in 0.10 s)\n" * 2
     assert _other_ends(said) == {"b: hung in handler of T for 5.0 s: killed by SIGABRT": 2}
+
+
+def test_viewer_that_loses_its_rate_to_others_is_a_violation() -> None:
+    calm = Rates(viewed_hz=30.0, taken_hz=30.0)
+    slowed = ratio_of(calm, Rates(viewed_hz=20.0, taken_hz=30.0))
+    assert neighbours.violations({"ratios": [1.0, slowed, slowed]})
+    assert not neighbours.violations({"ratios": [1.0, slowed, ratio_of(calm, Rates(28.0, 30.0))]})
+    assert ratio_of(calm, Rates(0.0, 0.0)) == ratio_of(Rates(0.0, 30.0), calm) == 0.0

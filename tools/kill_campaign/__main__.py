@@ -25,7 +25,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--stop-latency", action="store_true", help="instead: what one stopped module costs the others"
     )
-    parser.add_argument("--rounds", type=int, default=3, help="of --stop-latency, each about 25 s (3)")
+    parser.add_argument("--rounds", type=int, default=3, help="of --stop-latency, each about 20 s (3)")
+    parser.add_argument(
+        "--camera-rounds",
+        type=int,
+        default=3,
+        help="how often to stop one viewer of a camera while another hoards; 0: without a camera (3)",
+    )
     parser.add_argument("--keep", type=Path, metavar="DIR", help="an empty folder for journals and logs")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)
@@ -40,6 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
                     options.seed,
                     mean_pause_s=options.mean_pause,
                     longest_stop_s=options.longest_stop,
+                    rounds_with_camera=options.camera_rounds,
                 )
                 report = run_campaign(plan, folder)
         except RobotTrouble as trouble:

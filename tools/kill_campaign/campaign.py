@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from robbie_mp.observe import ModuleFigures
-from tools.kill_campaign import traces
+from tools.kill_campaign import neighbours, traces
 from tools.kill_campaign.attack import Attack
 from tools.kill_campaign.modules import PAUSE_FILE, QUIET
+from tools.kill_campaign.neighbours import measure_neighbours
 from tools.kill_campaign.profile import publishers, roles, write_workspace
 from tools.kill_campaign.recovery import recovery_times
 from tools.kill_campaign.robot import Robot
@@ -34,6 +35,8 @@ class Plan:
         mean_pause_s: mean time between attacks.
         longest_stop_s: how long a process is stopped at most.
         spared: processes that are neither killed nor stopped.
+        rounds_with_camera: how often to measure what a stopped and a hoarding viewer of a camera cost a
+            healthy one; 0: without a camera.
         others: modules besides the participants, as the profile has them.
     """
 
@@ -43,6 +46,7 @@ class Plan:
     mean_pause_s: float = 0.3
     longest_stop_s: float = 10.0
     spared: frozenset[str] = frozenset()
+    rounds_with_camera: int = 0
     others: Mapping[str, dict[str, Any]] = field(default_factory=dict)
 
 
@@ -54,7 +58,7 @@ def run_campaign(
     Raises:
         RobotTrouble: the robot does not start, come to rest, or end.
     """
-    settings = roles(overloaded=True)
+    settings = roles(overloaded=True, camera=plan.rounds_with_camera > 0)
     write_workspace(folder / "workspace", settings, plan.others)
     robot = Robot(folder, folder / "workspace", "campaign")
     try:
@@ -73,6 +77,7 @@ def _run(
     robot.wait_until_running()
     robot.wait_for(lambda: _all_work(robot, sending), "not everybody publishes")
     before = Traces.of(robot.run_id, _pids(robot))
+    beside = measure_neighbours(robot, plan.rounds_with_camera) if plan.rounds_with_camera else None
     attack = Attack(robot, plan.seed, plan.mean_pause_s, plan.longest_stop_s, plan.spared, each_second)
     began_s = time.monotonic()
     attack.run(plan.kills, began_s + 60 * plan.minutes)
@@ -90,6 +95,7 @@ def _run(
     verdict = judge(records, figures, channels)
     verdict.violations += traces.violations(before, after, robot.run_id, figures)
     verdict.violations += _deaths(attack, figures)
+    verdict.violations += neighbours.violations(beside) if beside else []
     verdict.violations += _end(robot, summary, figures, names)
     return {
         "seed": plan.seed,
@@ -102,6 +108,7 @@ def _run(
         "messages": verdict.totals(),
         "bytes": sum(channel.bytes for channel in channels),
         "deliveries": causes(figures),
+        "neighbours": beside or {},
         "recovery": recovery_times(attack.kills, records),
         "rest_s": round(rest_s, 2),
         "names": {"before": traces.kinds(before), "after": traces.kinds(after)},

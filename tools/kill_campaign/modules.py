@@ -14,6 +14,7 @@ from tools.kill_campaign.journal import Journal
 from tools.kill_campaign.message import Noise, Numbered, checksum, is_whole
 
 PAUSE_FILE = "pause"
+HOARD_FILE = "hoard"
 QUIET = "paused, 0 outstanding"
 """The status of a paused module whose messages nobody has or waits for any more."""
 
@@ -21,7 +22,8 @@ QUIET = "paused, 0 outstanding"
 class Participant(Module):
     """Publishes on the topic of its own name, journals what it handles, or both.
 
-    It stops publishing and lets go of all arrays when there is a file `pause` in the output directory.
+    It stops publishing and lets go of all arrays when there is a file `pause` in the output directory. A
+    hoarder keeps arrays only while there is a file `hoard`.
     """
 
     period_s: float = setting(0.05, "time between ticks", minimum=0.001)
@@ -35,6 +37,7 @@ class Participant(Module):
     handle_s: float = setting(0.0, "how long a handler takes")
     relay_every: int = setting(0, "publish one message for so many handled; 0: none", minimum=0)
     hold: int = setting(0, "arrays kept beyond their handler", minimum=0)
+    hoards: bool = setting(False, "keep them only while there is a file `hoard`, but all of them")
 
     def setup(self) -> None:
         """Begin a new incarnation and say so."""
@@ -42,7 +45,7 @@ class Participant(Module):
         self.checkpoint(self.incarnation)
         self.journal = Journal(self.output_directory / f"{self.name}.journal")
         self.journal.note("S", self.incarnation)
-        self.noise = Noise()
+        self.noise = Noise(self.largest_bytes)
         self.random = random.Random(f"{self.name} {self.incarnation}")
         self.number = 0
         self.handled = 0
@@ -56,6 +59,11 @@ class Participant(Module):
         """Whether the campaign wants it quiet."""
         return (self.output_directory / PAUSE_FILE).exists()
 
+    @property
+    def may_hold(self) -> bool:
+        """Whether it is to keep arrays now."""
+        return not self.is_paused and (not self.hoards or (self.output_directory / HOARD_FILE).exists())
+
     def tick(self) -> None:
         """Publish a burst, or be quiet."""
         if self.is_paused:
@@ -63,7 +71,9 @@ class Participant(Module):
             self.status = f"paused, {self.outstanding} outstanding"
             return
         self.status = f"incarnation {self.incarnation}, {self.number} published, {self.handled} handled"
-        if self.held and self.random.random() < 0.2:
+        if self.hoards and not self.may_hold:
+            self.held.clear()
+        elif self.held and not self.hoards and self.random.random() < 0.2:
             self.held.popleft()
         for _ in range(self.burst):
             if self.outstanding < self.outstanding_limit:
@@ -85,7 +95,7 @@ class Participant(Module):
         self.handled += 1
         if self.handle_s:
             time.sleep(self.handle_s)
-        if self.hold and not self.is_paused:
+        if self.hold and self.may_hold:
             self.held.append(message.payload)
             if len(self.held) > self.hold:
                 self.held.popleft()

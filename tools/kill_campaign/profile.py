@@ -27,19 +27,30 @@ OVERLOADED: dict[str, dict[str, Any]] = {
     "sink_slow": {"topics": ["small", "large", "burst"], "handle_s": 0.01},
     "burst": {"burst": 60, "period_s": 0.7, "largest_bytes": 1024},
 }
+CAMERA, VIEWER, STOPPED_VIEWER, HOARDER = "camera", "viewer", "viewer_stopped", "hoarder"
+IMAGE_BYTES = 1920 * 1080 * 3
+WITH_CAMERA: dict[str, dict[str, Any]] = {
+    VIEWER: {"topics": [CAMERA]},
+    STOPPED_VIEWER: {"topics": [CAMERA]},
+    HOARDER: {"topics": [CAMERA], "hold": 60, "hoards": True},
+    CAMERA: {"burst": 1, "period_s": 1 / 30, "smallest_bytes": IMAGE_BYTES, "largest_bytes": IMAGE_BYTES},
+}
+"""A camera and its three viewers; their memory and queues are what any module has by default."""
 SHORT_QUEUE = {"messages": 100, "bytes": 16 * MEGABYTE}
 """Of the slow one, so that it is full most of the time."""
 MEMORY = {"segment_bytes": MEGABYTE, "limit_bytes": 96 * MEGABYTE, "checkpoint_bytes": 4096}
+DEFAULT_MEMORY = {"checkpoint_bytes": 4096}
 RESTART = {"max_restarts": 1_000_000, "backoff_s": 0.01, "backoff_cap_s": 0.1, "stable_after_s": 1.0}
 
 
-def roles(*, overloaded: bool) -> dict[str, dict[str, Any]]:
+def roles(*, overloaded: bool, camera: bool = False) -> dict[str, dict[str, Any]]:
     """Settings of each participant, subscribers first.
 
     Args:
         overloaded: with the publisher of bursts and the slow subscriber whose queue is always full.
+        camera: with images of 6.2 MB at 30 Hz, for three viewers.
     """
-    return STEADY | OVERLOADED if overloaded else STEADY
+    return STEADY | (OVERLOADED if overloaded else {}) | (WITH_CAMERA if camera else {})
 
 
 def publishers(settings: dict[str, dict[str, Any]]) -> list[str]:
@@ -65,7 +76,7 @@ def write_workspace(
             "class": "tools.kill_campaign.modules:Participant",
             "settings": present,
             "restart": RESTART,
-            "memory": MEMORY,
+            "memory": DEFAULT_MEMORY if name in WITH_CAMERA else MEMORY,
         }
     if "sink_slow" in modules:
         modules["sink_slow"]["queue"] = SHORT_QUEUE
