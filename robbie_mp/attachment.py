@@ -27,9 +27,14 @@ from robbie_mp.transport.endpoint import ChannelName, Delivery, Endpoint
 from robbie_mp.transport.layout import LINE_WORDS, Activity, SegmentKind
 from robbie_mp.transport.outbox import Outbox
 from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling, Outbound
-from robbie_mp.transport.run_memory import IncarnationMemory, make_block_store, make_endpoint, make_views
+from robbie_mp.transport.run_memory import (
+    IncarnationMemory,
+    attach_wakeup,
+    make_block_store,
+    make_endpoint,
+    make_views,
+)
 from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
-from robbie_mp.transport.wakeup import Wakeup
 from robbie_mp.transport.words import new_fence, write_text
 
 SEGMENT_BYTES = 1 << 20
@@ -102,7 +107,8 @@ class Attachment:
         slot, incarnation = self._slot, self._incarnation
         self._memory = IncarnationMemory.attach_as_module(run_id, slot, incarnation)
         self._words = self._memory.out.words
-        self._core_wakeup = Wakeup.attach(names.core_wakeup(run_id))
+        self._core_segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
+        self._core_wakeup = attach_wakeup(run_id, self._core_segment)
         self._endpoint: Endpoint = make_endpoint(
             self._memory, slot, incarnation, plan.tool_sizes, self._core_wakeup.post
         )
@@ -111,7 +117,6 @@ class Attachment:
         self._views = make_views(run_id)
         self._board_segment = Segment.attach(names.board(run_id), SegmentKind.BOARD)
         self._board = Board(self._board_segment.words)
-        self._core_segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
         self._core = self._core_segment.words
         self._tables = CoreTables.attach(self._core)
         self._counters = ChannelCounters(self._core)

@@ -1,5 +1,6 @@
 """Fixtures for all tests; the first one fails any test that leaves something behind."""
 
+import contextlib
 import os
 import threading
 import time
@@ -22,9 +23,18 @@ def _left_behind() -> dict[str, set[object]]:
     return {
         "process": _children(),
         "thread": set(threading.enumerate()),
-        "/dev/shm entry": {path.name for path in SHARED_MEMORY.iterdir() if "robbie" in path.name},
+        "/dev/shm entry": set(_shared_names()),
         "descriptor": {(fd, _target(fd)) for fd in os.listdir("/proc/self/fd")} - {None},
     }
+
+
+def _shared_names() -> Iterator[str]:
+    """Names in /dev/shm: semaphores, folders, and the segments in the folders of ours."""
+    for path in SHARED_MEMORY.iterdir():
+        if "robbie" in path.name:
+            yield path.name
+            with contextlib.suppress(OSError):
+                yield from (f"{path.name}/{name}" for name in os.listdir(path))
 
 
 def _children() -> set[object]:
@@ -54,9 +64,9 @@ def _extra(before: dict[str, set[object]]) -> dict[str, set[object]]:
 
 def _is_of_another_run(name: str) -> bool:
     """Whether a name belongs to a robot that somebody else runs on this machine at the same time."""
-    run_id = name.removeprefix("sem.").split("-")[1]
+    run_id = name.partition("/")[0].removeprefix("sem.").split("-")[1].partition(".")[0]
     try:
-        board = (SHARED_MEMORY / f"robbie-{run_id}-board").read_bytes()
+        board = (SHARED_MEMORY / f"robbie-{run_id}" / "board").read_bytes()
         pid = int.from_bytes(board[8 * HEADER_CREATOR_PID :][:8], "little")
         family = {pid, *(parent.pid for parent in psutil.Process(pid).parents())}
     except (OSError, psutil.NoSuchProcess):

@@ -10,6 +10,7 @@ from robbie_mp.run_clock import ClockWriter, InvalidRate, RunClock
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.shared_folder import make_folder, remove_names
 
 BEGIN_NS = 1_000_000_000_000
 
@@ -18,6 +19,7 @@ BEGIN_NS = 1_000_000_000_000
 def clocks(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[ClockWriter, RunClock, list[int]]]:
     """A clock with its writer, and the machine's time, which the test sets."""
     run_id = uuid4().hex[:8]
+    make_folder(run_id)
     segment = Segment.create(names.clock(run_id), layout.CLOCK_WORDS, SegmentKind.CLOCK)
     machine_ns = [5_000]
     monkeypatch.setattr("robbie_mp.run_clock.time.monotonic_ns", lambda: machine_ns[0])
@@ -25,7 +27,7 @@ def clocks(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[ClockWriter, RunCl
     yield writer, clock, machine_ns
     for mapped in (writer, clock, segment):
         mapped.close()
-    segment.unlink()
+    remove_names(run_id)
 
 
 def test_time_begins_when_it_is_set_and_goes_at_its_rate(

@@ -13,9 +13,8 @@ from robbie_mp.core.router import Router, SlotLimits
 from robbie_mp.core.tables import CoreTables
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes
+from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes, attach_wakeup
 from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.wakeup import Wakeup
 
 HEARTBEAT_S = 0.2
 
@@ -45,7 +44,7 @@ class CoreProcess:
         self._run_id = run_id
         self._segment = Segment.attach(names.core(run_id), SegmentKind.CORE, write=True)
         self._words = self._segment.words
-        self._wakeup = Wakeup.attach(names.core_wakeup(run_id))
+        self._wakeup = attach_wakeup(run_id, self._segment)
         self._wakeup.spin_s = spin_s
         self._stopping = False
         self._wakeups = 0

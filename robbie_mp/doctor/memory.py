@@ -13,10 +13,13 @@ import psutil
 from robbie_mp.doctor.finding import Finding, fail, ok, size, warn
 from robbie_mp.doctor.needs import Needs
 from robbie_mp.doctor.read import read_number
-from robbie_mp.transport.segment import unlink_segment
-from robbie_mp.transport.wakeup import unlink_wakeup
+from robbie_mp.errors import RobbieError
+from robbie_mp.transport import names
+from robbie_mp.transport.layout import HEADER_WORDS, SegmentKind
+from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
+from robbie_mp.transport.wakeup import Wakeup
 
-SHARED_MEMORY = Path("/dev/shm")
 ENOUGH_SHARED_BYTES = 256 << 20
 """What one module may fill, as long as its profile says nothing else; containers often have 64 MB in all."""
 ENOUGH_DISK_BYTES = 1 << 30
@@ -40,22 +43,23 @@ def look_at_memory(needs: Needs | None) -> Iterator[Finding]:
     yield check_disk(shutil.disk_usage(Path.cwd()).free, os.access(Path.cwd(), os.W_OK))
 
 
-def probe_name() -> str:
-    """Return a name like those of a run, so that a probe that was killed is swept as a dead run is."""
-    return f"robbie-{secrets.token_hex(4)}-doctor"
-
-
 def probe_shared_memory() -> str:
-    """Make a segment and a semaphore and remove them; return what went wrong, '' if nothing did."""
-    name = probe_name()
+    """Make a segment and a semaphore and remove them; return what went wrong, '' if nothing did.
+
+    Their names are like those of a run, so that a probe that was killed is swept as a dead run is.
+    """
+    run_id = secrets.token_hex(4)
     try:
-        posix_ipc.SharedMemory(f"/{name}", posix_ipc.O_CREX, mode=0o600, size=4096).close_fd()
-        posix_ipc.Semaphore(f"/{name}", posix_ipc.O_CREX, mode=0o600).close()
-    except (OSError, posix_ipc.Error) as error:
+        make_folder(run_id)
+    except OSError as error:
+        return str(error)
+    try:
+        Segment.create(names.board(run_id), HEADER_WORDS, SegmentKind.BOARD).close()
+        Wakeup.create(run_id).close()
+    except (OSError, RobbieError, posix_ipc.Error) as error:
         return str(error) or type(error).__name__
     finally:
-        unlink_segment(name)
-        unlink_wakeup(name)
+        remove_names(run_id)
     return ""
 
 

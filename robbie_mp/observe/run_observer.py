@@ -2,6 +2,7 @@
 
 import os
 import time
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from robbie_mp.observe.figures import (
     SubscriptionFigures,
     WorkHistograms,
 )
-from robbie_mp.observe.machine import SHARED_MEMORY, MachineReading
+from robbie_mp.observe.machine import MachineReading
 from robbie_mp.observe.module_memory import NO_WORDS, ModuleMemory
 from robbie_mp.proc import ProcessUsage, read_usage
 from robbie_mp.transport import layout, names
@@ -25,7 +26,8 @@ from robbie_mp.transport.board import Board
 from robbie_mp.transport.histogram import Histogram
 from robbie_mp.transport.layout import HISTOGRAM_WORDS, LINE_WORDS, NAME_WORDS, Activity, SegmentKind
 from robbie_mp.transport.records import MessageHandling
-from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.segment import Segment, SegmentMissing
+from robbie_mp.transport.shared_folder import opened_folder
 from robbie_mp.transport.words import read_text
 
 _ACTIVITIES = {int(activity): activity.name.lower() for activity in Activity}
@@ -128,19 +130,17 @@ class RunObserver:
 
     def segments(self) -> list[SegmentFigures]:
         """The run's shared memory."""
-        prefix = names.run_prefix(self._run_id)
+        folder = names.folder(self._run_id)
         found = []
-        with os.scandir(SHARED_MEMORY) as entries:
-            for entry in entries:
-                if not entry.name.startswith(prefix):
-                    continue
-                kind, *rest = entry.name.removeprefix(prefix).split("-")
+        with suppress(SegmentMissing), opened_folder(folder) as folder_fd:
+            for file in os.listdir(folder_fd):
+                kind, *rest = file.split("-")
                 try:
-                    size = entry.stat().st_size
+                    size = os.stat(file, dir_fd=folder_fd).st_size
                 except FileNotFoundError:
                     continue
                 owner = self._board.name(int(rest[0])) if kind in _OF_A_SLOT else ""
-                found.append(SegmentFigures(entry.name, kind, owner, size))
+                found.append(SegmentFigures(f"{folder}/{file}", kind, owner, size))
         return sorted(found, key=lambda segment: segment.name)
 
     # -- inside ----------------------------------------------------------------------------------------

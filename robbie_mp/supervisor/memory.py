@@ -13,7 +13,6 @@ from robbie_mp.supervisor.incarnations import Doing
 from robbie_mp.supervisor.last_words import LastWordsReader, describe_activity
 from robbie_mp.supervisor.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, PlannedModule, RunPlan
 from robbie_mp.supervisor.states import STATES, ChildState, StateChange
-from robbie_mp.supervisor.sweep import unlink_names
 from robbie_mp.trace.crash import LastWords
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import TOOL_PREFIX, Board, SlotBounds, SlotState, Totals
@@ -25,9 +24,9 @@ from robbie_mp.transport.run_memory import (
     IncarnationMemory,
     make_block_store,
     make_endpoint,
-    unlink_incarnation,
 )
-from robbie_mp.transport.segment import Segment, unlink_segment
+from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.shared_folder import ForeignMemory, SegmentMissing, opened_folder, remove_names
 from robbie_mp.transport.wakeup import Wakeup
 
 SUPERVISOR = "supervisor"
@@ -92,12 +91,13 @@ class RunMemory:
         self._clock_words = made.enter_context(contextlib.closing(clock)).words
         limits = plan.core
         sizes = TableSizes(rows - 1, limits.channels, limits.subscriptions, limits.handles, limits.references)
-        core = Segment.create(names.core(run_id), sizes.words, SegmentKind.CORE)
+        self._core_wakeup = made.enter_context(contextlib.closing(Wakeup.create(run_id)))
+        tag = self._core_wakeup.tag
+        core = Segment.create(names.core(run_id), sizes.words, SegmentKind.CORE, wakeup_tag=tag)
         self._core_words = made.enter_context(contextlib.closing(core)).words
         tables = CoreTables.create(core.words, sizes)
         inbound_records = layout.inbound_records(plan.sizes.credit)
         self._last_words = LastWordsReader(tables, self.board, inbound_records)
-        self._core_wakeup = made.enter_context(contextlib.closing(Wakeup.create(names.core_wakeup(run_id))))
         own = IncarnationMemory.create(run_id, SUPERVISOR_SLOT, 1, plan.sizes)
         self._incarnations[SUPERVISOR_SLOT] = (1, own)
         self._endpoint = make_endpoint(own, SUPERVISOR_SLOT, 1, plan.sizes, self._core_wakeup.post)
@@ -222,7 +222,7 @@ class RunMemory:
         self._dying.discard(slot)
         _, memory = self._incarnations.pop(slot)
         memory.close()
-        unlink_incarnation(self._run_id, slot, incarnation)
+        memory.unlink()
         return True
 
     def wake(self, name: str, incarnation: int) -> None:
@@ -309,7 +309,7 @@ class RunMemory:
         for _, memory in self._incarnations.values():
             memory.close()
         self._made.close()
-        unlink_names(self._run_id)
+        remove_names(self._run_id)
 
     # -- what the core says ----------------------------------------------------------------------------
 
@@ -336,8 +336,10 @@ def _bounds(module: PlannedModule) -> SlotBounds:
 
 def unlink_data_segments(run_id: str, slot: int, incarnation: int) -> None:
     """Remove the names of a dead publisher's data segments."""
-    prefix = names.data_prefix(run_id, slot, incarnation)
-    # Not glob: it would keep the compiled pattern of each of thousands of incarnations.
-    for name in os.listdir("/dev/shm"):
-        if name.startswith(prefix):
-            unlink_segment(name)
+    folder, _, prefix = names.data_prefix(run_id, slot, incarnation).partition("/")
+    # glob would keep a compiled pattern for each of them
+    with contextlib.suppress(SegmentMissing, ForeignMemory), opened_folder(folder) as fd:
+        for file in os.listdir(fd):
+            if file.startswith(prefix):
+                with contextlib.suppress(FileNotFoundError):
+                    os.unlink(file, dir_fd=fd)

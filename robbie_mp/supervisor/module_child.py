@@ -32,9 +32,14 @@ from robbie_mp.transport.endpoint import Delivery
 from robbie_mp.transport.inbox import Inbox
 from robbie_mp.transport.layout import LINE_WORDS, SegmentKind
 from robbie_mp.transport.outbox import Outbox
-from robbie_mp.transport.run_memory import IncarnationMemory, make_block_store, make_endpoint, make_views
+from robbie_mp.transport.run_memory import (
+    IncarnationMemory,
+    attach_wakeup,
+    make_block_store,
+    make_endpoint,
+    make_views,
+)
 from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.wakeup import Wakeup
 from robbie_mp.transport.words import write_text
 
 
@@ -44,12 +49,13 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     planned = plan.modules[slot - 1]
     memory = IncarnationMemory.attach_as_module(plan.run_id, slot, incarnation)
     words = memory.out.words
-    core_wakeup = Wakeup.attach(names.core_wakeup(plan.run_id))
+    core_segment = Segment.attach(names.core(plan.run_id), SegmentKind.CORE)
+    core_wakeup = attach_wakeup(plan.run_id, core_segment)
     endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post)
     limits = planned.memory
     blocks = make_block_store(plan.run_id, slot, incarnation, limits.segment_bytes, limits.limit_bytes)
     outbox = Outbox(endpoint, blocks, words, SystemClock())
-    core = Segment.attach(names.core(plan.run_id), SegmentKind.CORE).words
+    core = core_segment.words
     channel_name = ChannelNames(core)
     inbox = Inbox(endpoint, make_views(plan.run_id), words, channel_name)
     board = Board(Segment.attach(names.board(plan.run_id), SegmentKind.BOARD).words)

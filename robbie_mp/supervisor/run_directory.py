@@ -5,7 +5,8 @@ holds a lock (flock(2)) on the folder itself for as long as it lives; the kernel
 folder appears under its name only when it is locked already, so one that is not locked belongs to a dead run.
 The lock also keeps systemd-tmpfiles from clearing the folder away under a robot that runs for weeks.
 
-Every name in /dev/shm of a run starts with `robbie-RUNID-` (semaphores: `sem.robbie-RUNID-`).
+A run's segments lie in the folder `robbie-RUNID` of /dev/shm, which is made together with this one; the names
+of its semaphores start with `sem.robbie-RUNID.`.
 """
 
 import contextlib
@@ -15,7 +16,6 @@ import os
 import re
 import secrets
 import shutil
-import stat
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -24,10 +24,14 @@ from pathlib import Path
 from typing import Self
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.ownership import ownership_problem
 from robbie_mp.proc import ProcessIdentity
+from robbie_mp.transport.shared_folder import NamesTaken, make_folder, remove_names
 
 RUN_ID = re.compile(r"[0-9a-f]{8}")
 UNFINISHED_PREFIX = "new-"
+MAX_TRIES = 100
+"""Run ids of 32 random bits that may be taken."""
 RECORD_NAME = "run.json"
 PROFILE_FILE = "profile.yaml"
 """The profile as merged, for who records the run."""
@@ -88,10 +92,11 @@ class RunDirectory:
 
         Raises:
             UnsafeRunFolder: the folder for all runs is not ours alone.
+            NamesTaken: somebody has taken every name that was tried.
         """
         base = base_folders()[0] if base is None else base
         _make_private(base)
-        run_id = _unused_run_id(base)
+        run_id = _reserve_run_id(base)
         supervisor = ProcessIdentity.own()
         record = RunRecord(
             run_id=run_id,
@@ -102,21 +107,22 @@ class RunDirectory:
             python=sys.executable,
             output_directory=str(output_directory.absolute()),
         )
-        unfinished = base / f"{UNFINISHED_PREFIX}{run_id}"
-        unfinished.mkdir(mode=0o700)
-        lock_fd = lock_folder(unfinished)
-        if lock_fd is None:
-            raise BlockingIOError(f"{unfinished} was locked by another process as soon as it was made")
-        try:
+        with contextlib.ExitStack() as undo:
+            undo.callback(remove_names, run_id)
+            unfinished = base / f"{UNFINISHED_PREFIX}{run_id}"
+            unfinished.mkdir(mode=0o700)
+            lock_fd = lock_folder(unfinished)
+            if lock_fd is None:
+                raise BlockingIOError(f"{unfinished} was locked by another process as soon as it was made")
+            undo.callback(os.close, lock_fd)
             (unfinished / RECORD_NAME).write_text(json.dumps(asdict(record), indent=2) + "\n")
             unfinished.rename(base / run_id)
-        except OSError:
-            os.close(lock_fd)
-            raise
+            undo.pop_all()
         return cls(base / run_id, record, lock_fd)
 
     def remove(self) -> None:
-        """Remove the folder, then unlock it; the run's names in shared memory must be gone by now."""
+        """Remove the folder with what is left of the run in shared memory, then unlock it."""
+        remove_names(self.run_id)
         shutil.rmtree(self.folder, ignore_errors=True)
         os.close(self._lock_fd)
 
@@ -184,10 +190,15 @@ def _run_folders(bases: list[Path]) -> Iterator[Path]:
             yield from sorted(path for path in base.iterdir() if RUN_ID.fullmatch(path.name))
 
 
-def _unused_run_id(base: Path) -> str:
-    while (base / (run_id := secrets.token_hex(4))).exists() or any(Path("/dev/shm").glob(f"*{run_id}*")):
-        pass
-    return run_id
+def _reserve_run_id(base: Path) -> str:
+    """Find a run id that nobody has, and make the folder of its shared memory, so that nobody can take it."""
+    for _ in range(MAX_TRIES):
+        run_id = secrets.token_hex(4)
+        if not (base / run_id).exists():
+            with contextlib.suppress(FileExistsError):
+                make_folder(run_id)
+                return run_id
+    raise NamesTaken(f"all {MAX_TRIES} run ids that were tried are taken, such as {run_id}")
 
 
 def privacy_problem(base: Path) -> str:
@@ -196,14 +207,7 @@ def privacy_problem(base: Path) -> str:
     Raises:
         FileNotFoundError: there is no such folder.
     """
-    found = os.lstat(base)
-    if not stat.S_ISDIR(found.st_mode):
-        return "is no directory"
-    if found.st_uid != os.geteuid():
-        return f"belongs to user {found.st_uid}, not to us ({os.geteuid()})"
-    if found.st_mode & 0o077:
-        return f"has mode {stat.S_IMODE(found.st_mode):04o}, others must have no access (0700)"
-    return ""
+    return ownership_problem(os.lstat(base), folder=True)
 
 
 def _make_private(base: Path) -> None:

@@ -8,16 +8,17 @@ import contextlib
 import os
 import re
 import shutil
-import stat
 import struct
 import time
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 
+from robbie_mp.ownership import ownership_problem
 from robbie_mp.proc import ProcessIdentity
 from robbie_mp.supervisor.leftovers import kill_run_leftovers
 from robbie_mp.supervisor.run_directory import RUN_ID, UNFINISHED_PREFIX, lock_folder, safe_folders
+from robbie_mp.transport import names
 from robbie_mp.transport.layout import (
     HEADER_CREATOR_PID,
     HEADER_CREATOR_START,
@@ -25,9 +26,15 @@ from robbie_mp.transport.layout import (
     HEADER_WORDS,
     MAGIC,
 )
+from robbie_mp.transport.shared_folder import (
+    SHARED_MEMORY,
+    ForeignMemory,
+    is_own,
+    opened_folder,
+    remove_names,
+)
 
-SHARED_MEMORY = Path("/dev/shm")
-SHARED_NAME = re.compile(rf"(?:sem\.)?robbie-({RUN_ID.pattern})-.*")
+SHARED_NAME = re.compile(rf"(?:sem\.)?robbie-({RUN_ID.pattern})(?:\.[0-9a-f]{{16}})?")
 UNCLAIMED_AGE_S = 5.0
 """A run without folder and without board may be just starting as long as its names are younger than this."""
 UNFINISHED_AGE_S = 60.0
@@ -61,17 +68,6 @@ def sweep(bases: list[Path] | None = None, shared_memory: Path = SHARED_MEMORY) 
     )
 
 
-def unlink_names(run_id: str, shared_memory: Path = SHARED_MEMORY) -> list[str]:
-    """Remove all names of a run from shared memory and return them."""
-    removed = []
-    for prefix in ("robbie-", "sem.robbie-"):
-        for path in sorted(shared_memory.glob(f"{prefix}{run_id}-*")):
-            with contextlib.suppress(FileNotFoundError, PermissionError):
-                path.unlink()
-                removed.append(path.name)
-    return removed
-
-
 def _sweep_folders(bases: list[Path], shared_memory: Path) -> Swept:
     runs: list[str] = []
     names: list[str] = []
@@ -86,7 +82,7 @@ def _sweep_folders(bases: list[Path], shared_memory: Path) -> Swept:
         try:
             if is_run and folder.exists():  # else another sweep removed it just before we got the lock
                 killed += kill_run_leftovers(folder.name)
-                names += unlink_names(folder.name, shared_memory)
+                names += remove_names(folder.name, shared_memory)
                 runs.append(folder.name)
             shutil.rmtree(folder, ignore_errors=True)
         finally:
@@ -117,7 +113,7 @@ def _sweep_unclaimed(bases: list[Path], shared_memory: Path) -> list[Swept]:
     swept = []
     for run_id in unclaimed_runs(bases, shared_memory):
         killed = kill_run_leftovers(run_id)
-        names = unlink_names(run_id, shared_memory)
+        names = remove_names(run_id, shared_memory)
         if names or killed:  # else the run has ended in order since its names were seen
             swept.append(Swept((run_id,), tuple(names), tuple(killed)))
     return swept
@@ -128,13 +124,13 @@ def _own_names(shared_memory: Path) -> dict[str, list[Path]]:
     for path in shared_memory.iterdir():
         match = SHARED_NAME.fullmatch(path.name)
         with contextlib.suppress(FileNotFoundError):
-            if match and path.lstat().st_uid == os.geteuid():
+            if match and is_own(path.lstat()):
                 names[match[1]].append(path)
     return names
 
 
 def _is_live(run_id: str, paths: list[Path], shared_memory: Path) -> bool:
-    supervisor = _read_board(shared_memory / f"robbie-{run_id}-board")
+    supervisor = _read_board(run_id, shared_memory)
     if supervisor is not None:
         return supervisor.is_alive
     youngest_s = 0.0
@@ -144,15 +140,16 @@ def _is_live(run_id: str, paths: list[Path], shared_memory: Path) -> bool:
     return time.time() - youngest_s < UNCLAIMED_AGE_S
 
 
-def _read_board(board: Path) -> ProcessIdentity | None:
-    """Return the supervisor that a board's header names; None if there is no board or no header yet."""
+def _read_board(run_id: str, shared_memory: Path) -> ProcessIdentity | None:
+    """Return the supervisor that a board's header names; None without a board of ours or a header."""
+    folder, _, file = names.board(run_id).partition("/")
     try:
-        fd = os.open(board, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    except OSError:
+        with opened_folder(folder, shared_memory) as folder_fd:
+            fd = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder_fd)
+    except (OSError, ForeignMemory):
         return None
     try:
-        found = os.fstat(fd)
-        if not stat.S_ISREG(found.st_mode) or found.st_uid != os.geteuid():
+        if ownership_problem(os.fstat(fd)):
             return None
         header = os.read(fd, HEADER_WORDS * 8)
     finally:

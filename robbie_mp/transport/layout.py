@@ -40,6 +40,7 @@ HEADER_SLOT = 4
 HEADER_INCARNATION = 5
 HEADER_CREATOR_PID = 8
 HEADER_CREATOR_START = 9
+HEADER_WAKEUP = 10  # tag of the semaphore that wakes who reads this; of "in" segments and the core's
 HEADER_WORDS = 16
 
 NAME_WORDS = 13  # a text of up to 96 bytes: module, type and topic names

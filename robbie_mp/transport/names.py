@@ -1,44 +1,39 @@
-"""Names in shared memory: all begin with `robbie-RUN-`, so that a run's leftovers can be told."""
+"""Names in /dev/shm, by which the processes of a run find one another's memory.
+
+The segments of a run lie in a folder of its own, `robbie-RUN/`, which is closed to other users. They can
+neither see, take nor forge what is in it, so the names in it are plain. Semaphores cannot lie in a folder;
+they are called `sem.robbie-RUN.TAG`, and the tag is random, as nobody must know a name before it is used.
+"""
 
 
-def run_prefix(run_id: str) -> str:
-    """What every name of a run begins with."""
-    return f"robbie-{run_id}-"
+def folder(run_id: str) -> str:
+    """The folder of a run's segments."""
+    return f"robbie-{run_id}"
 
 
 def board(run_id: str) -> str:
     """The supervisor's board."""
-    return f"robbie-{run_id}-board"
+    return f"{folder(run_id)}/board"
 
 
 def clock(run_id: str) -> str:
     """The run's time, where it is not the machine's."""
-    return f"robbie-{run_id}-clock"
+    return f"{folder(run_id)}/clock"
 
 
 def core(run_id: str) -> str:
     """The core's tables."""
-    return f"robbie-{run_id}-core"
-
-
-def core_wakeup(run_id: str) -> str:
-    """The semaphore that wakes the core."""
-    return f"robbie-{run_id}-core-wakeup"
+    return f"{folder(run_id)}/core"
 
 
 def outbound(run_id: str, slot: int, incarnation: int) -> str:
     """The segment that one incarnation of a module writes."""
-    return f"robbie-{run_id}-out-{slot}-{incarnation}"
+    return f"{folder(run_id)}/out-{slot}-{incarnation}"
 
 
 def inbound(run_id: str, slot: int, incarnation: int) -> str:
     """The segment that the core writes for it."""
-    return f"robbie-{run_id}-in-{slot}-{incarnation}"
-
-
-def wakeup(run_id: str, slot: int, incarnation: int) -> str:
-    """The semaphore that wakes it."""
-    return f"robbie-{run_id}-wakeup-{slot}-{incarnation}"
+    return f"{folder(run_id)}/in-{slot}-{incarnation}"
 
 
 def data(run_id: str, slot: int, incarnation: int, segment: int) -> str:
@@ -48,9 +43,14 @@ def data(run_id: str, slot: int, incarnation: int, segment: int) -> str:
 
 def checkpoint(run_id: str, slot: int, number: int) -> str:
     """One of the two segments for a module's checkpoints; they outlive its incarnations."""
-    return f"robbie-{run_id}-checkpoint-{slot}-{number}"
+    return f"{folder(run_id)}/checkpoint-{slot}-{number}"
 
 
 def data_prefix(run_id: str, slot: int, incarnation: int) -> str:
     """What the names of all its data segments begin with."""
-    return f"robbie-{run_id}-data-{slot}-{incarnation}-"
+    return f"{folder(run_id)}/data-{slot}-{incarnation}-"
+
+
+def wakeup(run_id: str, tag: int) -> str:
+    """A semaphore that wakes a module or the core; in /dev/shm `sem.` stands before it."""
+    return f"{folder(run_id)}.{tag:016x}"

@@ -9,7 +9,7 @@ from robbie_mp.transport import layout, names
 from robbie_mp.transport.blocks import BlockStore
 from robbie_mp.transport.endpoint import Endpoint, EndpointMemory
 from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.segment import Segment, unlink_segment
+from robbie_mp.transport.segment import Segment
 from robbie_mp.transport.views import SegmentViews
 from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
 
@@ -25,10 +25,11 @@ class RingSizes:
 class IncarnationMemory:
     """The shared memory of one incarnation of a module, as one of its three users maps it."""
 
-    def __init__(self, out: Segment, into: Segment, wakeup: Wakeup):
+    def __init__(self, run_id: str, out: Segment, into: Segment, wakeup: Wakeup):
         self.out = out
         self.into = into
         self.wakeup = wakeup
+        self._run_id = run_id
 
     @classmethod
     def create(cls, run_id: str, slot: int, incarnation: int, sizes: RingSizes) -> Self:
@@ -38,9 +39,12 @@ class IncarnationMemory:
             SharedMemoryFull: there is no room.
         """
         with ExitStack() as on_failure:
+            wakeup = Wakeup.create(run_id)
+            on_failure.callback(unlink_wakeup, run_id, wakeup.tag)
+            on_failure.callback(wakeup.close)
 
             def segment(name: str, words: int, kind: SegmentKind) -> Segment:
-                made = Segment.create(name, words, kind, slot, incarnation)
+                made = Segment.create(name, words, kind, slot, incarnation, wakeup.tag)
                 on_failure.callback(made.unlink)
                 on_failure.callback(made.close)
                 return made
@@ -49,9 +53,8 @@ class IncarnationMemory:
             in_name = names.inbound(run_id, slot, incarnation)
             out = segment(out_name, layout.out_words(sizes.records), SegmentKind.OUT)
             into = segment(in_name, layout.in_words(sizes.credit), SegmentKind.IN)
-            memory = cls(out, into, Wakeup.create(names.wakeup(run_id, slot, incarnation)))
             on_failure.pop_all()
-        return memory
+        return cls(run_id, out, into, wakeup)
 
     @classmethod
     def attach_as_module(cls, run_id: str, slot: int, incarnation: int) -> Self:
@@ -72,7 +75,7 @@ class IncarnationMemory:
 
             out = segment(names.outbound(run_id, slot, incarnation), SegmentKind.OUT)
             into = segment(names.inbound(run_id, slot, incarnation), SegmentKind.IN)
-            memory = cls(out, into, Wakeup.attach(names.wakeup(run_id, slot, incarnation)))
+            memory = cls(run_id, out, into, attach_wakeup(run_id, into))
             on_failure.pop_all()
         return memory
 
@@ -82,12 +85,21 @@ class IncarnationMemory:
         self.into.close()
         self.wakeup.close()
 
+    def unlink(self) -> None:
+        """Remove the names of the rings and the semaphore; its data segments go separately."""
+        self.out.unlink()
+        self.into.unlink()
+        unlink_wakeup(self._run_id, self.wakeup.tag)
 
-def unlink_incarnation(run_id: str, slot: int, incarnation: int) -> None:
-    """Remove the names of an incarnation's rings and semaphore; its data segments go separately."""
-    unlink_segment(names.outbound(run_id, slot, incarnation))
-    unlink_segment(names.inbound(run_id, slot, incarnation))
-    unlink_wakeup(names.wakeup(run_id, slot, incarnation))
+
+def attach_wakeup(run_id: str, segment: Segment) -> Wakeup:
+    """Open the semaphore that a segment names: the module's in its "in" segment, the core's in its tables.
+
+    Raises:
+        SegmentMissing: the run is over.
+        ForeignMemory: it is not ours alone.
+    """
+    return Wakeup.attach(run_id, segment.words[layout.HEADER_WAKEUP])
 
 
 def make_endpoint(

@@ -1,20 +1,35 @@
 """A named piece of shared memory: created whole, attached to by name, unlinked once.
 
-posix_ipc rather than multiprocessing.shared_memory: the latter's resource tracker unlinks segments that
-other processes still use.
+A file in the run's folder in /dev/shm, rather than shm_open(3), whose names cannot lie in a folder, or
+multiprocessing.shared_memory, whose resource tracker unlinks segments that other processes still use.
 """
 
 import contextlib
+import errno
 import mmap
 import os
 from typing import Self
 
-import posix_ipc
-
 from robbie_mp.errors import RobbieError
+from robbie_mp.ownership import ownership_problem
 from robbie_mp.proc import ProcessIdentity
 from robbie_mp.transport import layout
+from robbie_mp.transport.shared_folder import (
+    ForeignMemory,
+    SegmentMismatch,
+    SegmentMissing,
+    opened_folder,
+)
 from robbie_mp.transport.words import WORD_BYTES, Words, check_machine
+
+__all__ = [
+    "ForeignMemory",
+    "Segment",
+    "SegmentMismatch",
+    "SegmentMissing",
+    "SharedMemoryFull",
+    "unlink_segment",
+]
 
 
 class SharedMemoryFull(RobbieError, MemoryError):
@@ -35,19 +50,11 @@ class SharedMemoryFull(RobbieError, MemoryError):
         )
 
 
-class SegmentMissing(RobbieError, FileNotFoundError):
-    """No segment has that name: its run is over, or never was."""
-
-
-class SegmentMismatch(RobbieError, ValueError):
-    """A segment is not what its name promises, or comes from another version of Robbie-MP."""
-
-
 class Segment:
     """One mapped segment.
 
     Attributes:
-        name: its name in /dev/shm, without a slash.
+        name: its name in /dev/shm, as FOLDER/FILE.
         buffer: all of its bytes; read-only unless this process created it or attached as the writer.
         words: the same memory as unsigned 64-bit words.
     """
@@ -70,32 +77,43 @@ class Segment:
 
     @classmethod
     def create(
-        cls, name: str, words: int, kind: layout.SegmentKind, slot: int = 0, incarnation: int = 0
+        cls,
+        name: str,
+        words: int,
+        kind: layout.SegmentKind,
+        slot: int = 0,
+        incarnation: int = 0,
+        wakeup_tag: int = 0,
     ) -> Self:
         """Create a segment, its pages allocated at once, so that a full /dev/shm is an error here.
 
         Raises:
             SharedMemoryFull: there is no room for it.
             FileExistsError: the name is taken.
+            SegmentMissing: its run has no folder (any more).
+            ForeignMemory: that folder is not ours alone.
             UnsuitableMachine: no segment may be used by this Python.
         """
         check_machine()
         size = words * WORD_BYTES
+        folder, _, file = name.partition("/")
+        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
         try:
             creator = ProcessIdentity.own()
-            shared = posix_ipc.SharedMemory(f"/{name}", posix_ipc.O_CREX, mode=0o600)
-        except posix_ipc.ExistentialError as error:
-            raise FileExistsError(f"shared memory {name} exists already") from error
-        except OSError as error:  # no inode, or no descriptor
+            with opened_folder(folder) as folder_fd:
+                fd = os.open(file, flags, 0o600, dir_fd=folder_fd)
+                try:
+                    os.posix_fallocate(fd, 0, size)
+                    mapping = mmap.mmap(fd, size)
+                except OSError:
+                    os.unlink(file, dir_fd=folder_fd)
+                    raise
+                finally:
+                    os.close(fd)
+        except (FileExistsError, SegmentMissing):
+            raise
+        except OSError as error:  # no memory, no inode, or no descriptor
             raise SharedMemoryFull.of(f"segment {name} of {size} bytes", error) from error
-        try:
-            os.posix_fallocate(shared.fd, 0, size)
-            mapping = mmap.mmap(shared.fd, size)
-        except OSError as error:
-            shared.unlink()
-            raise SharedMemoryFull.of(f"segment {name} of {size} bytes", error) from error
-        finally:
-            shared.close_fd()
         segment = cls(name, mapping)
         header = segment.words
         header[layout.HEADER_VERSION] = layout.LAYOUT_VERSION
@@ -103,6 +121,7 @@ class Segment:
         header[layout.HEADER_BYTES] = size
         header[layout.HEADER_SLOT] = slot
         header[layout.HEADER_INCARNATION] = incarnation
+        header[layout.HEADER_WAKEUP] = wakeup_tag
         header[layout.HEADER_CREATOR_PID] = creator.pid
         header[layout.HEADER_CREATOR_START] = creator.start_ticks
         header[layout.HEADER_MAGIC] = layout.MAGIC
@@ -115,32 +134,33 @@ class Segment:
         Raises:
             SegmentMissing: no segment has that name, or it is just being made.
             SegmentMismatch: it is of another kind or layout version.
+            ForeignMemory: it is not ours alone.
             UnsuitableMachine: no segment may be used by this Python.
         """
         check_machine()
+        fd = _open(name, os.O_RDWR if write else os.O_RDONLY)
         try:
-            shared = posix_ipc.SharedMemory(f"/{name}", 0, read_only=not write)
-        except posix_ipc.ExistentialError as error:
-            raise SegmentMissing(f"there is no shared memory {name}; its run is over") from error
-        try:
-            size = os.fstat(shared.fd).st_size
+            found = os.fstat(fd)
+            if problem := ownership_problem(found):
+                raise ForeignMemory(f"shared memory {name} {problem}")
+            size = found.st_size
             if size == 0:
                 raise SegmentMissing(f"shared memory {name} is just being made")
             if size < layout.HEADER_WORDS * WORD_BYTES:
                 raise SegmentMismatch(f"shared memory {name} of {size} bytes is no segment of Robbie-MP")
             access = mmap.PROT_READ | mmap.PROT_WRITE if write else mmap.PROT_READ
-            mapping = mmap.mmap(shared.fd, size, prot=access)
+            mapping = mmap.mmap(fd, size, prot=access)
         finally:
-            shared.close_fd()
+            os.close(fd)
         segment = cls(name, mapping)
-        found = [segment.words[index] for index in range(4)]
+        header = [segment.words[index] for index in range(4)]
         wanted = [layout.MAGIC, layout.LAYOUT_VERSION, kind, size]
-        if found != wanted:
+        if header != wanted:
             segment.close()
-            if found[0] == 0:  # the magic is written last
+            if header[0] == 0:  # the magic is written last
                 raise SegmentMissing(f"shared memory {name} is just being made")
             raise SegmentMismatch(
-                f"shared memory {name} has magic, layout version, kind and size {found}, expected {wanted}; "
+                f"shared memory {name} has magic, layout version, kind and size {header}, expected {wanted}; "
                 "every process of a run must use the same version of Robbie-MP"
             )
         return segment
@@ -165,5 +185,21 @@ class Segment:
 
 def unlink_segment(name: str) -> None:
     """Remove a segment's name if it is there."""
-    with contextlib.suppress(posix_ipc.ExistentialError):
-        posix_ipc.unlink_shared_memory(f"/{name}")
+    folder, _, file = name.partition("/")
+    with contextlib.suppress(FileNotFoundError, ForeignMemory), opened_folder(folder) as folder_fd:
+        os.unlink(file, dir_fd=folder_fd)
+
+
+def _open(name: str, access: int) -> int:
+    folder, _, file = name.partition("/")
+    with opened_folder(folder) as folder_fd:
+        try:
+            return os.open(
+                file, access | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder_fd
+            )
+        except FileNotFoundError as error:
+            raise SegmentMissing(f"there is no shared memory {name}; its run is over") from error
+        except OSError as error:
+            if error.errno in (errno.ELOOP, errno.EACCES, errno.EISDIR, errno.ENXIO):
+                raise ForeignMemory(f"shared memory {name} is not ours: {error.strerror}") from error
+            raise

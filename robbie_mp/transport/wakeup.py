@@ -1,12 +1,20 @@
 """A named semaphore by which one process wakes another."""
 
 import contextlib
+import os
+import secrets
 import time
 from typing import Self
 
 import posix_ipc
 
-from robbie_mp.transport.segment import SegmentMissing, SharedMemoryFull
+from robbie_mp.ownership import ownership_problem
+from robbie_mp.transport import names
+from robbie_mp.transport.segment import ForeignMemory, SegmentMissing, SharedMemoryFull
+from robbie_mp.transport.shared_folder import SHARED_MEMORY, NamesTaken
+
+MAX_TRIES = 100
+"""Names of 64 random bits that may be taken; more than one is no accident."""
 
 
 class Wakeup:
@@ -16,8 +24,10 @@ class Wakeup:
     than asked. The supervisor watches for such steps and posts everyone.
     """
 
-    def __init__(self, semaphore: posix_ipc.Semaphore):
+    def __init__(self, semaphore: posix_ipc.Semaphore, tag: int):
         self._semaphore = semaphore
+        self.tag = tag
+        """By which another process of the run attaches to it; see `names.wakeup`."""
         self.spin_s = 0.0
         """A wait looks for a post so long before it sleeps; other threads get the GIL only now and then."""
         self.patience_s = 0.0
@@ -25,31 +35,46 @@ class Wakeup:
         self.post = semaphore.release
 
     @classmethod
-    def create(cls, name: str) -> Self:
-        """Create the semaphore.
+    def create(cls, run_id: str) -> Self:
+        """Create the semaphore, under a name that nobody could guess.
 
         Raises:
             SharedMemoryFull: there is no room for it.
-            FileExistsError: the name is taken.
+            NamesTaken: every name tried was taken.
         """
-        try:
-            return cls(posix_ipc.Semaphore(f"/{name}", posix_ipc.O_CREX, mode=0o600))
-        except posix_ipc.ExistentialError as error:
-            raise FileExistsError(f"semaphore {name} exists already") from error
-        except OSError as error:
-            raise SharedMemoryFull.of(f"semaphore {name}", error) from error
+        for _ in range(MAX_TRIES):
+            tag = secrets.randbits(64)
+            name = names.wakeup(run_id, tag)
+            try:
+                return cls(posix_ipc.Semaphore(f"/{name}", posix_ipc.O_CREX, mode=0o600), tag)
+            except posix_ipc.ExistentialError:
+                continue
+            except OSError as error:
+                raise SharedMemoryFull.of(f"semaphore {name}", error) from error
+        raise NamesTaken(f"all {MAX_TRIES} names for a semaphore that were tried are taken, such as {name}")
 
     @classmethod
-    def attach(cls, name: str) -> Self:
+    def attach(cls, run_id: str, tag: int) -> Self:
         """Open an existing semaphore.
 
         Raises:
             SegmentMissing: there is none of that name.
+            ForeignMemory: it is not ours alone.
         """
+        name = names.wakeup(run_id, tag)
+        _check_owner(name)  # before anything foreign is mapped
         try:
-            return cls(posix_ipc.Semaphore(f"/{name}"))
+            semaphore = posix_ipc.Semaphore(f"/{name}")
         except posix_ipc.ExistentialError as error:
             raise SegmentMissing(f"there is no semaphore {name}; its run is over") from error
+        except posix_ipc.PermissionsError as error:
+            raise ForeignMemory(f"semaphore {name} is not ours") from error
+        try:
+            _check_owner(name)  # ours may have been unlinked in between, but nobody takes its place unseen
+        except BaseException:
+            semaphore.close()
+            raise
+        return cls(semaphore, tag)
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait for a post and take all that have come; False after the time-out or a signal.
@@ -79,7 +104,19 @@ class Wakeup:
         self._semaphore.close()
 
 
-def unlink_wakeup(name: str) -> None:
-    """Remove a semaphore's name if it is there."""
-    with contextlib.suppress(posix_ipc.ExistentialError):
+def unlink_wakeup(run_id: str, tag: int) -> None:
+    """Remove a semaphore's name if it is there, and ours."""
+    name = names.wakeup(run_id, tag)
+    with contextlib.suppress(SegmentMissing, ForeignMemory, posix_ipc.ExistentialError):
+        _check_owner(name)
         posix_ipc.unlink_semaphore(f"/{name}")
+
+
+def _check_owner(name: str) -> None:
+    """See that a semaphore is ours. Nobody else could replace it then: /dev/shm is sticky."""
+    try:
+        problem = ownership_problem(os.lstat(SHARED_MEMORY / f"sem.{name}"))
+    except FileNotFoundError as error:
+        raise SegmentMissing(f"there is no semaphore {name}; its run is over") from error
+    if problem:
+        raise ForeignMemory(f"semaphore {name} {problem}")

@@ -6,7 +6,7 @@ import pytest
 
 from robbie_mp.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.transport import names
-from robbie_mp.transport.segment import unlink_segment
+from robbie_mp.transport.shared_folder import make_folder, remove_names
 
 RUN = f"{os.getpid():08d}"[-8:]
 SLOT = 1
@@ -17,6 +17,7 @@ class SlotOfARun:
 
     def __init__(self) -> None:
         self._open: list[CheckpointBuffers] = []
+        make_folder(RUN)
 
     def start(self, limit_bytes: int = 1 << 20) -> CheckpointBuffers:
         """A new incarnation; those before have ended."""
@@ -32,8 +33,7 @@ class SlotOfARun:
     def forget(self) -> None:
         """The run has ended."""
         self.end()
-        for number in (0, 1):
-            unlink_segment(self.name(number))
+        remove_names(RUN)
 
     def name(self, number: int) -> str:
         return names.checkpoint(RUN, SLOT, number)

@@ -24,6 +24,7 @@ from robbie_mp.checkpoint.encoder import encode, lay_out
 from robbie_mp.checkpoint.file import read_file, remove_unfinished, write_file
 from robbie_mp.transport import names
 from robbie_mp.transport.segment import unlink_segment
+from robbie_mp.transport.shared_folder import make_folder, remove_names
 
 TRACED = ("robbie_mp/checkpoint/", "robbie_mp/transport/segment.py")
 RUN = f"test{os.getpid()}"  # no id that a run can have: a `robbie run` elsewhere would sweep it as dead
@@ -111,7 +112,8 @@ class Incarnation:
         self.buffers.close()
 
 
-def unlink() -> None:
+def forget() -> None:
+    """Remove all checkpoints in memory."""
     for number in (0, 1):
         unlink_segment(names.checkpoint(RUN, 1, number))
 
@@ -137,7 +139,7 @@ def buffers_at_every_line(sizes: list[int]) -> int:
             successor.save(number + 1, sizes[-1])
         with Incarnation(4) as reader:
             assert reader.found == number + 1
-        unlink()
+        forget()
         deaths += died
     return deaths
 
@@ -163,7 +165,7 @@ def buffers_at_random() -> int:
                 found = successor.found
             assert found in (told, told + 1), f"death {death}: {told} told, {found} found"
     assert told > 0, "all died before they had stored anything"
-    unlink()
+    forget()
     return RANDOM_DEATHS
 
 
@@ -216,6 +218,7 @@ def file_at_random(folder: Path) -> int:
 
 def main(scenario: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
+        make_folder(RUN)
         scenarios: dict[str, Callable[[], int]] = {
             "first": lambda: buffers_at_every_line([10]),
             "second": lambda: buffers_at_every_line([10, 10]),
@@ -229,7 +232,7 @@ def main(scenario: str) -> None:
         try:
             print(scenarios[scenario]())
         finally:
-            unlink()
+            remove_names(RUN)
 
 
 if __name__ == "__main__":

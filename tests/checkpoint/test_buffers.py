@@ -26,7 +26,8 @@ def number_in(buffers: CheckpointBuffers) -> int | None:
 
 
 def segments(slot: SlotOfARun) -> dict[str, int]:
-    return {path.name: path.stat().st_size for path in Path("/dev/shm").glob(slot.name(0)[:-1] + "*")}
+    found = Path("/dev/shm").glob(slot.name(0)[:-1] + "*")
+    return {f"{path.parent.name}/{path.name}": path.stat().st_size for path in found}
 
 
 def test_first_incarnation_finds_nothing_and_makes_nothing(slot: SlotOfARun) -> None:

@@ -12,7 +12,7 @@ from robbie_mp.cli import main
 from robbie_mp.doctor.clock import clock_state
 from robbie_mp.doctor.examination import examine, guarded, worst
 from robbie_mp.doctor.finding import Finding, Level, fail, ok, warn
-from robbie_mp.doctor.memory import probe_name, probe_shared_memory
+from robbie_mp.doctor.memory import probe_shared_memory
 from robbie_mp.doctor.needs import Needs, segments
 from robbie_mp.doctor.permissions import check_run_folder, login_setting
 from robbie_mp.doctor.python import own_requirements
@@ -20,6 +20,7 @@ from robbie_mp.profile.model import MemoryLimits, ModuleSpec, Profile
 from robbie_mp.supervisor.memory import RunMemory
 from robbie_mp.supervisor.plan import RunPlan
 from robbie_mp.supervisor.sweep import UNCLAIMED_AGE_S, sweep
+from robbie_mp.transport.shared_folder import make_folder, remove_names
 
 PROFILE = """
 modules:
@@ -82,8 +83,10 @@ def test_broken_machine_is_reported_without_a_traceback(monkeypatch: pytest.Monk
     for name in ("resource.getrlimit", "os.sched_getaffinity", "os.geteuid", "psutil.virtual_memory",
                  "time.get_clock_info", "os.pidfd_open", "platform.release"):  # fmt: skip
         monkeypatch.setattr(name, broken)
+    monkeypatch.setattr("robbie_mp.doctor.memory.secrets.token_hex", lambda _size: "d0c0b0b0")
     findings = examine()
     monkeypatch.undo()
+    remove_names("d0c0b0b0")  # without os.geteuid it could not tell that they are its own
     assert len([finding for finding in findings if "no such thing here" in finding.found]) >= 6
 
 
@@ -96,10 +99,11 @@ def test_worst_level_counts() -> None:
 def test_memory_reckoned_for_the_start_is_what_a_run_takes() -> None:
     modules = tuple(ModuleSpec(name, "zoo:Idle") for name in ("one", "two"))
     plan = RunPlan.of_profile(Profile("p", modules), "d0c7d0c7", Path(), Path(), os.getpid())
+    make_folder("d0c7d0c7")
     memory = RunMemory(plan)
     for name in ("core", "one", "two"):
         memory.open(name, 1)
-    taken = sum(file.stat().st_size for file in Path("/dev/shm").glob("robbie-d0c7d0c7-*"))
+    taken = sum(file.stat().st_size for file in Path("/dev/shm").glob("robbie-d0c7d0c7/*"))
     memory.close()
     needs = Needs.of(Profile("p", modules))
     first_messages = 2 * MemoryLimits().segment_bytes + (64 << 10)
@@ -144,17 +148,23 @@ def test_requirements_are_those_of_the_project() -> None:
 
 
 def test_probe_of_shared_memory_leaves_nothing() -> None:
-    before = set(os.listdir("/dev/shm"))
-    assert probe_shared_memory() == ""
-    assert not [name for name in set(os.listdir("/dev/shm")) - before if "doctor" in name]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("robbie_mp.doctor.memory.secrets.token_hex", lambda _size: "d0c0d0c0")
+        assert probe_shared_memory() == ""
+        assert not list(Path("/dev/shm").glob("*d0c0d0c0*"))
+        make_folder("d0c0d0c0")
+        assert "File exists" in probe_shared_memory(), "the probe looks elsewhere"
+        remove_names("d0c0d0c0")
 
 
 def test_what_a_killed_probe_leaves_is_swept(tmp_path: Path) -> None:
-    name = probe_name()
-    for left in (tmp_path / name, tmp_path / f"sem.{name}"):
-        left.touch()
+    run_id = "0d0c0d0c"
+    (tmp_path / f"robbie-{run_id}").mkdir(mode=0o700)
+    names = {f"robbie-{run_id}/board", f"sem.robbie-{run_id}.{0:016x}"}
+    for name in names:
+        (tmp_path / name).touch(mode=0o600)
     assert sweep([], tmp_path).names == (), "it may be just at work"
     with pytest.MonkeyPatch.context() as patch:
         later = time.time() + 2 * UNCLAIMED_AGE_S
         patch.setattr(time, "time", lambda: later)
-        assert set(sweep([], tmp_path).names) == {name, f"sem.{name}"}
+        assert set(sweep([], tmp_path).names) == names | {f"robbie-{run_id}"}

@@ -175,12 +175,17 @@ def take_one_by_pattern(run: KnownRun) -> Received:
                 return received
 
 
+def names_of(run: KnownRun) -> set[str]:
+    """What a run has in /dev/shm."""
+    return {str(path) for path in Path("/dev/shm").rglob("*") if run.run_id in str(path)}
+
+
 def test_tool_that_stands_still_or_breaks_the_protocol_is_detached_and_leaves_nothing(robot: Robot) -> None:
     robot.write_profile(PROFILE.replace("count: 1", "count: 2"))
     process = robot.start()
     robot.until(lambda modules: modules["listener"]["handled"] > 0)
     (run,) = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
-    before = {path.name for path in Path("/dev/shm").glob(f"*{run.run_id}*")}
+    before = names_of(run)
 
     publisher = attach(run, "a tool that publishes and leaves")
     publisher.ready()
@@ -218,7 +223,7 @@ def test_tool_that_stands_still_or_breaks_the_protocol_is_detached_and_leaves_no
     hostile.close()
     handled = robot.until(lambda modules: TOOL not in modules)["listener"]["handled"]
     robot.until(lambda modules: modules["listener"]["handled"] > handled + EACH)
-    wait_until(lambda: {path.name for path in Path("/dev/shm").glob(f"*{run.run_id}*")} <= before)
+    wait_until(lambda: names_of(run) <= before)
 
     process.send_signal(signal.SIGINT)
     ended = Ended.wait_for(process)

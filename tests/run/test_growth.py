@@ -70,7 +70,7 @@ class Holdings:
             "supervisor's mappings": mappings(os.getpid()),
             "core's descriptors": open_descriptors(core),
             "core's mappings": mappings(core),
-            "names in shared memory": sum(run_id in name for name in os.listdir("/dev/shm")),
+            "names in shared memory": sum(run_id in str(path) for path in Path("/dev/shm").rglob("*")),
             "files": sum(len(files) for _, _, files in os.walk(Path.cwd().parent)),
         }
         for what, count in seen.items():

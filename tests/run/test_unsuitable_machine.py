@@ -1,5 +1,6 @@
 """A Python of 32 bits stores a word in two halves: nothing may run there, and nothing may attach."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -8,8 +9,10 @@ import pytest
 from robbie_mp.cli import main
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.shared_folder import make_folder, remove_names
 from robbie_mp.transport.words import UnsuitableMachine
 
+RUN_ID = f"test{os.getpid()}"
 PROFILE = "modules: {one: {class: 'robbie_mp.module:Module'}}"
 
 
@@ -38,14 +41,15 @@ def test_run_is_refused_before_anything_starts(
 
 
 def test_nobody_makes_or_maps_a_segment_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    segment = Segment.create("robbie-7e573210-x", 100, SegmentKind.DATA)
+    make_folder(RUN_ID)
+    segment = Segment.create(f"robbie-{RUN_ID}/x", 100, SegmentKind.DATA)
     try:
         monkeypatch.setattr(sys, "maxsize", 2**31 - 1)
         with pytest.raises(UnsuitableMachine):
-            Segment.attach("robbie-7e573210-x", SegmentKind.DATA)
+            Segment.attach(f"robbie-{RUN_ID}/x", SegmentKind.DATA)
         with pytest.raises(UnsuitableMachine):
-            Segment.create("robbie-7e573210-y", 100, SegmentKind.DATA)
+            Segment.create(f"robbie-{RUN_ID}/y", 100, SegmentKind.DATA)
     finally:
         monkeypatch.undo()
         segment.close()
-        segment.unlink()
+        remove_names(RUN_ID)

@@ -94,7 +94,10 @@ def gathered(robot: Robot) -> Evidence:
         processors.append(busy_s())
         wait_until(lambda: is_over(observer.read()))
         final = top(robot, run_id, interval_s=0.0)
-        stat_bytes = {path.name: path.stat().st_size for path in Path("/dev/shm").glob(f"robbie-{run_id}-*")}
+        stat_bytes = {
+            f"robbie-{run_id}/{path.name}": path.stat().st_size
+            for path in Path(f"/dev/shm/robbie-{run_id}").iterdir()
+        }
         maps = [line for line in Path("/proc/self/maps").read_text().splitlines() if run_id in line]
         ended = observer.read()
         calls = counted_calls(observer, ended)

@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 from robbie_mp.supervisor.run_directory import RunDirectory
-from robbie_mp.supervisor.sweep import unlink_names
 from tests.supervisor import zoo
 from tests.supervisor.running import Run, Scenario, animal
 
@@ -18,7 +17,7 @@ def main() -> int:
     if terminal != "-":
         os.open(terminal, os.O_RDWR)  # a session leader's first terminal becomes the one that controls it
     directory = RunDirectory.create("zoo", Path(folder), Path(base))
-    segment = Path(f"/dev/shm/robbie-{directory.run_id}-board")
+    segment = Path(f"/dev/shm/robbie-{directory.run_id}/board")
     segment.touch(mode=0o600)
     run = Run(
         Path(folder), *(animal(getattr(zoo, behaviour)) for behaviour in behaviours), run_id=directory.run_id
@@ -29,7 +28,6 @@ def main() -> int:
         print(directory.run_id, *run.incarnations.pids.values(), flush=True)
 
     code = run.play(scenario())
-    unlink_names(directory.run_id)
     directory.remove()
     return code
 

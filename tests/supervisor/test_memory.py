@@ -10,16 +10,19 @@ from robbie_mp.profile.model import ModuleSpec, Profile
 from robbie_mp.supervisor.memory import RunMemory
 from robbie_mp.supervisor.plan import RunPlan
 from robbie_mp.transport import names
-from robbie_mp.transport.run_memory import IncarnationMemory
-from robbie_mp.transport.wakeup import Wakeup
+from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.run_memory import IncarnationMemory, attach_wakeup
+from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.shared_folder import make_folder
 
-RUN_ID = "5e7ba4c0"
+RUN_ID = f"test{os.getpid()}"
 PROFILE = Profile("p", (ModuleSpec("laser", "zoo:Laser"),))
 PLAN = RunPlan.of_profile(PROFILE, RUN_ID, Path(), Path(), os.getpid())
 
 
 @pytest.fixture
 def memory() -> Iterator[RunMemory]:
+    make_folder(RUN_ID)
     made = RunMemory(PLAN)
     yield made
     made.close()
@@ -33,7 +36,9 @@ def test_attached_tools_are_woken_with_core_and_modules_when_the_wall_clock_was_
     memory.open("laser", 1)
     memory.open(tool, 1)
     memory.attached(tool, 1, os.getpid())
-    core = Wakeup.attach(names.core_wakeup(RUN_ID))
+    tables = Segment.attach(names.core(RUN_ID), SegmentKind.CORE)
+    core = attach_wakeup(RUN_ID, tables)
+    tables.close()
     core.wait(0.0)
     assert not core.wait(0.0)
     attached = [

@@ -17,6 +17,7 @@ from robbie_mp.supervisor.run_directory import (
     list_runs,
     safe_folders,
 )
+from robbie_mp.transport.shared_folder import remove_names
 
 
 def mode(path: Path) -> int:
@@ -56,6 +57,7 @@ def test_child_process_does_not_hold_the_lock(tmp_path: Path) -> None:
         os.close(run._lock_fd)  # as the supervisor's death does
         assert [found.is_live for found in list_runs([tmp_path / "robbie"])] == [False]
         child.kill()
+    remove_names(run.run_id)
 
 
 def test_run_whose_supervisor_died_early_is_listed_as_dead(tmp_path: Path) -> None:

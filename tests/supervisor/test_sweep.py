@@ -20,6 +20,7 @@ from robbie_mp.transport.layout import (
     HEADER_WORDS,
     MAGIC,
 )
+from robbie_mp.transport.shared_folder import remove_names
 
 RUN = "0123abcd"
 
@@ -37,19 +38,23 @@ class Place:
         return sweep([self.base, self.base / "missing"], self.shared_memory)
 
     def names(self) -> list[str]:
-        return sorted(path.name for path in self.shared_memory.iterdir())
+        return sorted(path.name for path in self.shared_memory.rglob("*") if not path.is_dir())
 
     def add_names(self, run_id: str) -> None:
         """Add a segment and a semaphore, new now; to make them old, move the clock (`later`)."""
-        for name in (f"robbie-{run_id}-core", f"sem.robbie-{run_id}-core"):
-            (self.shared_memory / name).touch()
+        (self.shared_memory / f"robbie-{run_id}").mkdir(mode=0o700)
+        for name in (f"robbie-{run_id}/core", f"sem.robbie-{run_id}.{0:016x}"):
+            (self.shared_memory / name).touch(mode=0o600)
 
     def add_board(self, run_id: str, supervisor: ProcessIdentity, magic: int = MAGIC) -> None:
         words = [0] * HEADER_WORDS
         words[HEADER_MAGIC] = magic
         words[HEADER_CREATOR_PID] = supervisor.pid
         words[HEADER_CREATOR_START] = supervisor.start_ticks
-        (self.shared_memory / f"robbie-{run_id}-board").write_bytes(struct.pack(f"<{HEADER_WORDS}Q", *words))
+        board = self.shared_memory / f"robbie-{run_id}" / "board"
+        board.parent.mkdir(mode=0o700, exist_ok=True)
+        board.touch(mode=0o600)
+        board.write_bytes(struct.pack(f"<{HEADER_WORDS}Q", *words))
 
 
 @pytest.fixture
@@ -79,7 +84,8 @@ def test_dead_run_is_removed_with_its_names(place: Place) -> None:
     place.add_names(RUN)
     (place.shared_memory / "robbie-0123abcdef-not-ours").touch()
     (place.shared_memory / "somebody-else").touch()
-    assert place.sweep() == Swept((RUN,), (f"robbie-{RUN}-core", f"sem.robbie-{RUN}-core"))
+    names = f"robbie-{RUN}/core", f"robbie-{RUN}", f"sem.robbie-{RUN}.{0:016x}"
+    assert place.sweep() == Swept((RUN,), names)
     assert place.names() == ["robbie-0123abcdef-not-ours", "somebody-else"]
     assert list(place.base.iterdir()) == []
     assert place.sweep() == Swept()
@@ -139,7 +145,8 @@ def test_old_names_without_board_are_removed(place: Place) -> None:
 
 @pytest.mark.usefixtures("later")
 def test_board_that_is_no_file_of_ours_says_nothing(place: Place) -> None:
-    os.mkfifo(place.shared_memory / f"robbie-{RUN}-board")
+    (place.shared_memory / f"robbie-{RUN}").mkdir(mode=0o700)
+    os.mkfifo(place.shared_memory / f"robbie-{RUN}" / "board")
     assert place.sweep().runs == (RUN,)
 
 
@@ -206,8 +213,7 @@ def test_runs_that_start_and_end_during_sweeps_lose_nothing(
         place.add_board(run.run_id, ProcessIdentity.own())
         assert len(place.names()) == 3
         assert [found.is_live for found in list_runs([place.base])] == [True]
-        for path in place.shared_memory.iterdir():
-            path.unlink()
+        remove_names(run.run_id, place.shared_memory)
         run.remove()
     assert len(sweepers) > 2
     assert not any(result.runs for result in sweepers)

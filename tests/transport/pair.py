@@ -1,5 +1,6 @@
 """A publisher and a subscriber of images with real memory between them, in one process."""
 
+import os
 from collections.abc import Callable
 
 import numpy as np
@@ -7,14 +8,14 @@ import numpy as np
 from robbie_mp.channel_names import ChannelNames
 from robbie_mp.clock import SystemClock
 from robbie_mp.messages import Header, Image, Time
-from robbie_mp.supervisor.memory import unlink_data_segments
 from robbie_mp.transport.inbox import Inbox
 from robbie_mp.transport.outbox import Outbox
 from robbie_mp.transport.records import MessageHandling
 from robbie_mp.transport.run_memory import make_block_store, make_views
+from robbie_mp.transport.shared_folder import make_folder, remove_names
 from tests.core.simulated_run import SimulatedRun
 
-RUN_ID = "7e57ab1e"
+RUN_ID = f"test{os.getpid()}"
 
 
 class Pair:
@@ -24,6 +25,7 @@ class Pair:
         self.run = SimulatedRun(queue_messages=5000, handles=5000)
         sender, receiver = self.run.start(1), self.run.start(2)
         self.sender_words, self.receiver_words = sender.out, receiver.out
+        make_folder(RUN_ID)
         blocks = make_block_store(RUN_ID, 1, 1, segment_bytes=1 << 16, limit_bytes=1 << 21)
         self.outbox = Outbox(sender.endpoint, blocks, sender.out, SystemClock())
         self.views = make_views(RUN_ID)
@@ -51,7 +53,7 @@ class Pair:
         self.outbox.close()
         self.views.close()
         vars(self).clear()  # this pair is a cycle, which would unmap what it still maps only when collected
-        unlink_data_segments(RUN_ID, 1, 1)
+        remove_names(RUN_ID)
 
 
 def picture(value: int, size: int = 1000) -> Image:

@@ -1,21 +1,23 @@
+import os
 from collections.abc import Iterator
 
 import pytest
 
 from robbie_mp.transport.blocks import BlockStore, MessageTooLarge
 from robbie_mp.transport.run_memory import make_block_store
-from robbie_mp.transport.segment import Segment, SharedMemoryFull, unlink_segment
+from robbie_mp.transport.segment import Segment, SharedMemoryFull
+from robbie_mp.transport.shared_folder import make_folder, remove_names
 
-RUN = "testblck"
+RUN = f"testblck{os.getpid()}"
 
 
 @pytest.fixture
 def store() -> Iterator[BlockStore]:
+    make_folder(RUN)
     made = make_block_store(RUN, 1, 1, segment_bytes=4096, limit_bytes=64 << 10)
     yield made
     made.close()
-    for number in range(10):
-        unlink_segment(f"robbie-{RUN}-data-1-1-{number}")
+    remove_names(RUN)
 
 
 def test_no_segment_before_the_first_message(store: BlockStore) -> None:

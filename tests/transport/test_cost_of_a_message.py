@@ -5,6 +5,7 @@ bounds here.
 """
 
 import gc
+import os
 import sys
 import tracemalloc
 from collections import Counter
@@ -21,16 +22,16 @@ from robbie_mp.core.members import RouterLimits
 from robbie_mp.core.router import Router, SlotLimits
 from robbie_mp.core.tables import CoreTables, TableSizes
 from robbie_mp.messages import DriveCommand, Image, Message
-from robbie_mp.supervisor.memory import unlink_data_segments
 from robbie_mp.transport import layout
 from robbie_mp.transport.endpoint import Endpoint, EndpointMemory
 from robbie_mp.transport.inbox import Inbox
 from robbie_mp.transport.outbox import Outbox
 from robbie_mp.transport.records import MessageHandling, Outbound
 from robbie_mp.transport.run_memory import make_block_store, make_views
+from robbie_mp.transport.shared_folder import make_folder, remove_names
 from robbie_mp.transport.words import Words
 
-RUN_ID = "7e57c057"
+RUN_ID = f"test{os.getpid()}"
 RING_RECORDS = 256
 CREDIT = 64
 SUPERVISOR, PUBLISHER, SUBSCRIBER = 0, 1, 2
@@ -54,6 +55,7 @@ class Chain:
         self.into = [zeros(layout.in_words(CREDIT)) for _ in bounds]
         self.core = Router(tables, limits, bounds, self._connect, print)
         ends = [self._endpoint(slot) for slot in range(3)]
+        make_folder(RUN_ID)
         blocks = make_block_store(RUN_ID, PUBLISHER, 1, segment_bytes=1 << 20, limit_bytes=1 << 26)
         self.outbox = Outbox(ends[PUBLISHER], blocks, self.out[PUBLISHER], SystemClock())
         self.views = make_views(RUN_ID)
@@ -100,7 +102,7 @@ class Chain:
     def close(self) -> None:
         self.outbox.close()
         self.views.close()
-        unlink_data_segments(RUN_ID, PUBLISHER, 1)
+        remove_names(RUN_ID)
 
 
 @pytest.fixture

@@ -6,18 +6,19 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from robbie_mp.transport import layout
-from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes, unlink_incarnation
+from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes
 from robbie_mp.transport.segment import SharedMemoryFull
+from robbie_mp.transport.shared_folder import make_folder, remove_names
 from tests.few_descriptors import only_free_descriptors
 from tests.transport.pair import Pair, picture
 
-RUN_ID = "7e57f012"
+RUN_ID = f"test{os.getpid()}"
 SIZES = RingSizes(16, 4)
 PROJECT = Path(__file__).parents[2]
 IN_OWN_MEMORY = ["unshare", "--mount", "--propagation", "private"]
@@ -25,26 +26,29 @@ IN_OWN_MEMORY = ["unshare", "--mount", "--propagation", "private"]
 CREATE = """
 import os, subprocess, sys
 from robbie_mp.transport.layout import in_words, out_words
-from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes, unlink_incarnation
+from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes
 from robbie_mp.transport.segment import SharedMemoryFull
+from robbie_mp.transport.shared_folder import make_folder, remove_names
 
 sizes = RingSizes(16, 4)
 out, into = (-(-8 * words // 4096) for words in (out_words(16), in_words(4)))
 pages = [1, out - 1, out, out + into - 1, out + into, out + into + 1, out + into + 3]
 outcomes = []
-for option in [*[f"nr_inodes={number}" for number in range(1, 8)],
+for option in [*[f"nr_inodes={number}" for number in range(2, 8)],
                *[f"size={4096 * number}" for number in pages]]:
     subprocess.run(["mount", "-t", "tmpfs", "-o", option, "none", "/dev/shm"], check=True)
     opened = len(os.listdir("/proc/self/fd"))
+    make_folder("7e57f011")
     try:
         memory = IncarnationMemory.create("7e57f011", 1, 1, sizes)
     except SharedMemoryFull as error:
         assert "no room in /dev/shm for " in str(error), error
-        outcomes.append(str(error).split(" for ")[1].split(" of ")[0].split(" (")[0])
+        outcomes.append(str(error).split(" for ")[1].split(" of ")[0].split(".")[0])
     else:
         memory.close()
-        unlink_incarnation("7e57f011", 1, 1)
+        memory.unlink()
         outcomes.append("made")
+    assert remove_names("7e57f011") == ["robbie-7e57f011"], (option, "the empty folder")
     assert os.listdir("/dev/shm") == [], (option, os.listdir("/dev/shm"))
     assert len(os.listdir("/proc/self/fd")) == opened, option
     subprocess.run(["umount", "/dev/shm"], check=True)
@@ -74,24 +78,27 @@ def run(code: str) -> str:
 
 
 def test_incarnation_for_which_any_piece_finds_no_room_leaves_no_name() -> None:
-    outcomes = run(CREATE).splitlines()
-    assert outcomes == [
-        "segment robbie-7e57f011-out-1-1",
-        "segment robbie-7e57f011-in-1-1",
-        "semaphore robbie-7e57f011-wakeup-1-1",
+    assert set(run(CREATE).splitlines()) == {
+        "semaphore robbie-7e57f011",
+        "segment robbie-7e57f011/out-1-1",
+        "segment robbie-7e57f011/in-1-1",
         "made",
-    ]
+    }
 
 
-def ours() -> set[str]:
-    return {name for name in os.listdir("/dev/shm") if RUN_ID in name}
+@pytest.fixture
+def folder() -> Iterator[None]:
+    make_folder(RUN_ID)
+    yield
+    assert remove_names(RUN_ID) == [f"robbie-{RUN_ID}"], "only the empty folder is left"
 
 
 def descriptors() -> list[str]:
     return sorted(os.listdir("/proc/self/fd"))
 
 
-@pytest.mark.parametrize("free", range(4))
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("free", range(5))
 def test_incarnation_for_which_descriptors_run_out_leaves_nothing(free: int) -> None:
     before = descriptors()
     with only_free_descriptors(free):
@@ -100,17 +107,16 @@ def test_incarnation_for_which_descriptors_run_out_leaves_nothing(free: int) -> 
         except SharedMemoryFull as error:
             assert "ulimit -n" in str(error)
             memory = None
-    if memory is None:
-        assert ours() == set()
-    else:
-        assert free == 3, (
-            "an incarnation takes a descriptor for each of its two segments, and one more to make them"
+    if memory is not None:
+        assert free == 4, (
+            "an incarnation takes a descriptor for each of its two segments, and two more to make them"
         )
         memory.close()
-        unlink_incarnation(RUN_ID, 1, 1)
+        memory.unlink()
     assert descriptors() == before
 
 
+@pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("attach", [IncarnationMemory.attach_as_module, IncarnationMemory.attach_as_core])
 def test_attaching_for_which_descriptors_run_out_keeps_none(
     attach: Callable[[str, int, int], IncarnationMemory],
@@ -126,7 +132,7 @@ def test_attaching_for_which_descriptors_run_out_keeps_none(
             attach(RUN_ID, 1, 1).close()
     finally:
         memory.close()
-        unlink_incarnation(RUN_ID, 1, 1)
+        memory.unlink()
 
 
 def test_message_whose_segment_cannot_be_made_for_want_of_descriptors_is_refused_and_counted(

@@ -1,5 +1,6 @@
 """Watching a run whose modules have written over their own memory."""
 
+import os
 from collections.abc import Iterator
 
 import pytest
@@ -10,15 +11,17 @@ from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board, SlotState, Totals
 from robbie_mp.transport.layout import LINE_WORDS, SegmentKind
 from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.shared_folder import make_folder, remove_names
 from robbie_mp.transport.words import WORD_MAX, write_text
 
-RUN = "testobsv"
+RUN = f"testobsv{os.getpid()}"
 
 
 @pytest.fixture
 def camera() -> Iterator[Segment]:
     """The out segment of the one module of a run that seems to be going on."""
     sizes = TableSizes(slots=2, channels=2, subscriptions=2, handles=2, references=2)
+    make_folder(RUN)
     segments = [
         Segment.create(names.board(RUN), layout.board_words(3), SegmentKind.BOARD),
         Segment.create(names.core(RUN), sizes.words, SegmentKind.CORE),
@@ -31,7 +34,7 @@ def camera() -> Iterator[Segment]:
     yield segments[2]
     for segment in segments:
         segment.close()
-        segment.unlink()
+    remove_names(RUN)
 
 
 def test_garbage_in_a_modules_own_words_is_shown_as_it_is(camera: Segment) -> None:

@@ -8,10 +8,19 @@ import pytest
 from robbie_mp.transport import layout
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing, SharedMemoryFull
+from robbie_mp.transport.shared_folder import make_folder, remove_names
 from robbie_mp.transport.words import read_text, words_for_text, write_text
 from tests.growth import blocks_kept
 
-NAME = "robbie-testsegm-one"
+RUN = f"testsegm{os.getpid()}"
+NAME = f"robbie-{RUN}/one"
+
+
+@pytest.fixture(autouse=True)
+def folder() -> Iterator[None]:
+    make_folder(RUN)
+    yield
+    remove_names(RUN)
 
 
 @pytest.fixture

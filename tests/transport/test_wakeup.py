@@ -1,3 +1,4 @@
+import os
 import signal
 import threading
 import time
@@ -8,15 +9,15 @@ import pytest
 from robbie_mp.transport.segment import SegmentMissing
 from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
 
-NAME = "robbie-testwake-one"
+RUN = f"testwake{os.getpid()}"
 
 
 @pytest.fixture
 def wakeup() -> Iterator[Wakeup]:
-    made = Wakeup.create(NAME)
+    made = Wakeup.create(RUN)
     yield made
     made.close()
-    unlink_wakeup(NAME)
+    unlink_wakeup(RUN, made.tag)
 
 
 def test_post_before_the_wait_is_not_lost(wakeup: Wakeup) -> None:
@@ -61,5 +62,5 @@ def test_signal_ends_a_wait(wakeup: Wakeup) -> None:
 
 
 def test_missing_semaphore_is_named() -> None:
-    with pytest.raises(SegmentMissing, match=NAME):
-        Wakeup.attach(NAME)
+    with pytest.raises(SegmentMissing, match=f"robbie-{RUN}.0000000000000005"):
+        Wakeup.attach(RUN, 5)

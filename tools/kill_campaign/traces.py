@@ -11,9 +11,8 @@ from robbie_mp.core.tables import CoreTables
 from robbie_mp.observe import ModuleFigures
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.segment import Segment
-
-SHARED_MEMORY = Path("/dev/shm")
+from robbie_mp.transport.segment import Segment, SegmentMissing
+from robbie_mp.transport.shared_folder import SHARED_MEMORY
 
 
 @dataclass(frozen=True)
@@ -33,11 +32,12 @@ class Traces:
     @classmethod
     def of(cls, run_id: str, pids: Mapping[str, int]) -> "Traces":
         """Look at a run's processes."""
-        found = [path.name for path in SHARED_MEMORY.iterdir()]
+        of_run = names.folder(run_id)
+        segments = (f"{of_run}/{path.name}" for path in (SHARED_MEMORY / of_run).iterdir())
+        semaphores = (path.name for path in SHARED_MEMORY.glob(f"sem.{of_run}.*"))
         opened = {name: _opened(pid) for name, pid in pids.items()}
-        of_run = names.run_prefix(run_id)
         return cls(
-            frozenset(name for name in found if of_run in name),
+            frozenset([*segments, *semaphores]),
             {
                 name: tuple(sorted(path for path in paths if of_run not in path))
                 for name, paths in opened.items()
@@ -66,14 +66,26 @@ def stale_names(traces: Traces, run_id: str, modules: Mapping[str, ModuleFigures
     """Names of a run at rest that no living process of it needs."""
     slots = {slot: module.incarnation for slot, module in enumerate(modules.values(), start=1)}
     slots[0] = 1  # the supervisor
-    kept = {names.board(run_id), names.clock(run_id), names.core(run_id), f"sem.{names.core_wakeup(run_id)}"}
+    kept = {names.board(run_id), names.clock(run_id), names.core(run_id)}
+    kept.add(_semaphore(run_id, names.core(run_id), SegmentKind.CORE))
     data = []
     for slot, incarnation in slots.items():
         kept |= {names.outbound(run_id, slot, incarnation), names.inbound(run_id, slot, incarnation)}
-        kept.add(f"sem.{names.wakeup(run_id, slot, incarnation)}")
+        kept.add(_semaphore(run_id, names.inbound(run_id, slot, incarnation), SegmentKind.IN))
         kept |= {names.checkpoint(run_id, slot, number) for number in (0, 1)}
         data.append(names.data_prefix(run_id, slot, incarnation))
     return sorted(name for name in traces.names if name not in kept and not name.startswith(tuple(data)))
+
+
+def _semaphore(run_id: str, segment_name: str, kind: SegmentKind) -> str:
+    """Name of the semaphore that a segment speaks of; '' without such a segment."""
+    try:
+        segment = Segment.attach(segment_name, kind)
+    except SegmentMissing:
+        return ""
+    tag = segment.words[layout.HEADER_WAKEUP]
+    segment.close()
+    return f"sem.{names.wakeup(run_id, tag)}"
 
 
 def violations(before: Traces, after: Traces, run_id: str, modules: Mapping[str, ModuleFigures]) -> list[str]:
@@ -113,4 +125,9 @@ def _kind(path: str) -> str:
 
 def kinds(traces: Traces) -> dict[str, int]:
     """Count names by kind: board, core, out, in, wakeup, data, checkpoint."""
-    return dict(Counter(name.removeprefix("sem.").split("-")[2] for name in sorted(traces.names)))
+    return dict(
+        Counter(
+            "wakeup" if name.startswith("sem.") else name.partition("/")[2].split("-")[0]
+            for name in sorted(traces.names)
+        )
+    )
