@@ -1,5 +1,7 @@
 """An occupancy grid as a robot that drives needs it: where it may be, and how far obstacles are."""
 
+from copy import copy
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
@@ -43,6 +45,28 @@ class NavigationGrid:
     def known_m2(self) -> float:
         """Return the area seen to be free."""
         return float(self.free.sum()) * self.resolution_m**2
+
+    def around_robot(self, xy_m: ArrayLike, body_radius_m: float, clearance_m: float) -> "NavigationGrid":
+        """Return the grid for a robot that must get out of where it stands.
+
+        The robot fits where it stands, whatever the map says: the cells under its body are free, as with
+        `footprint_clearing_enabled` of ROS 2's costmaps. It may pass elsewhere with the clearance that it has
+        now, if that is less than the given one, so what let it in lets it out again.
+
+        Args:
+            xy_m: Where it stands, m, map frame.
+            body_radius_m: Its body is round.
+            clearance_m: The robot's centre keeps this far from obstacles where it can.
+        """
+        rows, columns = np.indices(self.free.shape)
+        places = self.middles_m(np.stack([rows, columns], axis=-1))
+        under_body = np.hypot(*np.moveaxis(places - np.asarray(xy_m, float)[:2], -1, 0)) <= body_radius_m
+        around = copy(self)
+        around.unknown, around.free = self.unknown & ~under_body, self.free | under_body
+        around.obstacle_distance_m = distance_cells(~around.unknown & ~around.free) * self.resolution_m
+        has_m = float(around.obstacle_distance_m[around.cell(xy_m)]) - self.resolution_m / 2
+        around.drivable = around.clear(min(clearance_m, max(has_m, 0.0)))
+        return around
 
     def clear(self, clearance_m: float) -> NDArray[np.bool_]:
         """Return which cells `(H, W)` are free and so far from obstacles."""

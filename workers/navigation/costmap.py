@@ -38,15 +38,12 @@ class Costmap:
         self._known = distance_cells(occupied) * resolution_m <= KNOWN_M
         self.static_grid = self._grid(self._cells)
 
-    def grid(
-        self, obstacles: LiveObstacles, now_s: float, clearance_m: float | None = None
-    ) -> NavigationGrid:
+    def grid(self, obstacles: LiveObstacles, now_s: float) -> NavigationGrid:
         """Return where the robot may be, now.
 
         Args:
             obstacles: What the laser sees.
             now_s: The time.
-            clearance_m: So near to obstacles, this time; None: as always.
         """
         points = obstacles.points(now_s)
         columns, rows = np.floor((points - self._corner) / self._resolution_m).astype(np.int64).T
@@ -54,12 +51,11 @@ class Costmap:
         inside = (rows >= 0) & (columns >= 0) & (rows < height) & (columns < width)
         rows, columns = rows[inside], columns[inside]
         new = ~self._known[rows, columns]
-        if clearance_m is None and not new.any():
+        if not new.any():
             return self.static_grid
         cells = self._cells.copy()
         cells[rows[new], columns[new]] = 100
-        return self._grid(cells, clearance_m)
+        return self._grid(cells)
 
-    def _grid(self, cells: NDArray[np.int8], clearance_m: float | None = None) -> NavigationGrid:
-        clearance_m = self._clearance_m if clearance_m is None else clearance_m
-        return NavigationGrid(cells, self._resolution_m, self._corner, clearance_m)
+    def _grid(self, cells: NDArray[np.int8]) -> NavigationGrid:
+        return NavigationGrid(cells, self._resolution_m, self._corner, self._clearance_m)

@@ -241,21 +241,22 @@ class Navigator:
         on_map = self._way(self._costmap.static_grid)
         if on_map.obstruction is Obstruction.NONE:
             self._recover("the way is blocked by something that is not on the map")
-        elif on_map.obstruction is Obstruction.ROBOT:
-            self._recover(on_map.obstruction)
-        elif on_map.obstruction is Obstruction.NO_WAY:
-            self._squeeze_through()
+        elif on_map.obstruction in (Obstruction.ROBOT, Obstruction.NO_WAY):
+            self._squeeze_through(on_map.obstruction)
         else:
             self._end(NavigatorState.UNREACHABLE, on_map.obstruction)
 
-    def _squeeze_through(self) -> None:
+    def _squeeze_through(self, obstruction: Obstruction) -> None:
         """Go where the robot just fits: it may have come in before it saw all of what is around it."""
-        tight_m = self.settings.tight_clearance_m
-        way = self._way(self._costmap.grid(self._obstacles, self._clock(), tight_m))
+        settings = self.settings
+        grid = self._costmap.grid(self._obstacles, self._clock())
+        way = self._way(grid.around_robot(self._pose[0], settings.body_radius_m, settings.tight_clearance_m))
         if way.obstruction is Obstruction.NONE:
             self._take(way)
+        elif obstruction is Obstruction.ROBOT:
+            self._recover(obstruction)
         else:
-            self._end(NavigatorState.UNREACHABLE, Obstruction.NO_WAY)
+            self._end(NavigatorState.UNREACHABLE, obstruction)
 
     def _way(self, grid: NavigationGrid) -> Way:
         return plan_way(grid, self._pose[0], self.goal[:2], self.settings.snap_m, self.settings.tolerance_m)

@@ -46,6 +46,7 @@ class NavigatorSettings:
     Attributes:
         clearance_m: Planned ways keep the robot's centre this far from obstacles.
         tight_clearance_m: This far, where no other way leads to the goal.
+        body_radius_m: The robot's body is round; where it stands, no obstacle is.
         snap_m: The robot may be so far from a place where it can drive.
         tolerance_m: The goal counts as reached from a place so near to it.
         heading_tolerance_rad: How exactly the goal's heading is taken; pi or more: not at all.
@@ -62,6 +63,7 @@ class NavigatorSettings:
 
     clearance_m: float = 0.27
     tight_clearance_m: float = 0.22
+    body_radius_m: float = 0.20
     snap_m: float = 0.4
     tolerance_m: float = 0.25
     heading_tolerance_rad: float = 0.15

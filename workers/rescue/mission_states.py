@@ -58,6 +58,8 @@ class MissionSettings:
         spare_s: It turns back so much earlier than it must.
         clearance_m: Ways keep this far from obstacles, as navigation's do. Were it more, what lies behind a
             passage that only navigation drives through would not be seen to be left to do.
+        tight_clearance_m: Ways keep this far from obstacles where the robot stands too near to some already.
+        body_radius_m: The robot's body is round; where it stands, no obstacle is.
         goal_clearance_m: Goals keep this far from obstacles: more, lest the next map shows no way back.
         plan_period_s: Goals are thought over this often.
         travel_s: A goal that is not reached in so long is given up.
@@ -73,6 +75,8 @@ class MissionSettings:
     home_m_per_s: float = 0.25
     spare_s: float = 15.0
     clearance_m: float = 0.27
+    tight_clearance_m: float = 0.22
+    body_radius_m: float = 0.20
     goal_clearance_m: float = 0.3
     plan_period_s: float = 1.0
     travel_s: float = 60.0

@@ -78,14 +78,21 @@ class Surroundings:
         self.cells = cells
         self.resolution_m = resolution_m
         self.corner_xy_m = np.asarray(corner_xy_m, float)
+        self._settings = settings
         self.grid = NavigationGrid(cells, resolution_m, corner_xy_m, settings.clearance_m)
         self.goals = self.grid.clear(settings.goal_clearance_m)
         self.fronts = WallFronts(cells, resolution_m, corner_xy_m)
 
     def ways_from(self, pose: ArrayLike) -> PathField | None:
         """Return the ways from a pose to everywhere, or None if the robot is not near any drivable place."""
-        start = self.grid.nearest(self.grid.drivable, np.asarray(pose, float), SNAP_M)
-        return None if start is None else PathField(self.grid, start)
+        place = np.asarray(pose, float)
+        start = self.grid.nearest(self.grid.drivable, place, SNAP_M)
+        if start is not None:
+            return PathField(self.grid, start)
+        settings = self._settings
+        tight = self.grid.around_robot(place, settings.body_radius_m, settings.tight_clearance_m)
+        start = tight.nearest(tight.drivable, place, SNAP_M)
+        return None if start is None else PathField(tight, start)
 
     def way_m(self, pose: ArrayLike, goal_xy_m: ArrayLike) -> float:
         """Return the cost of the way to a place, +inf if there is none."""

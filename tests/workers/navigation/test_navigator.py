@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hw.pose import Pose
 from tests.docs.pages import ROOT
 from tests.workers._support.exploration_world import drawn_cells
 from tests.workers._support.navigation_world import NavigationWorld, demo_arena
@@ -200,3 +201,27 @@ def test_costmap_blocks_what_is_seen_and_leaves_the_walls_as_they_are():
 def test_picture_of_the_states_in_the_documentation_is_that_of_the_code():
     page = (ROOT / "docs" / "navigation.md").read_text()
     assert mermaid(NavigatorState.IDLE, TRANSITIONS, NavigatorSettings().time_outs()) in page
+
+
+def test_robot_leaves_a_corridor_that_its_map_shows_as_narrower_than_ways_may_be():
+    # 0.57 m wide: it came in while the map showed one of the walls only.
+    arena = demo_arena()
+    walls = [(1.0, 2.0, 3.0, 2.0), (1.0, 2.57, 3.0, 2.57), (1.0, 2.0, 1.0, 2.57)]
+    narrow = replace(arena, segments=np.vstack([arena.segments, walls]), start=Pose(1.3, 2.285, 0.0))
+    world, goal = NavigationWorld(narrow), (4.5, 2.3, 0.0)
+    world.navigator.go_to(goal)
+    world.run(60.0)
+    assert world.navigator.state is NavigatorState.ARRIVED, world.navigator.status
+    assert world.drive.collisions == 0
+
+
+def test_cells_under_the_robot_are_free_whatever_the_map_says():
+    cells = np.zeros((40, 40), dtype=np.int8)
+    cells[18:23, 18:23] = 100
+    grid = NavigationGrid(cells, 0.05, (0.0, 0.0), 0.27)
+    here = (1.025, 1.025)
+    assert not grid.drivable[grid.cell(here)]
+    around = grid.around_robot(here, body_radius_m=0.2, clearance_m=0.22)
+    assert around.drivable[around.cell(here)]
+    assert around.drivable.shape == grid.drivable.shape
+    assert not grid.drivable[grid.cell(here)]

@@ -10,7 +10,8 @@ from tests.workers._support.mission_world import HALF_KNOWN, HALL, START, Rescue
 from workers.maps.navigation_grid import NavigationGrid
 from workers.navigation.navigator_states import NavigatorSettings
 from workers.navigation.way_planner import Obstruction, plan_way
-from workers.rescue.mission_states import TIME_OUTS, TRANSITIONS, MissionState
+from workers.rescue.mission_states import TIME_OUTS, TRANSITIONS, MissionSettings, MissionState
+from workers.rescue.mission_targets import Surroundings
 from workers.rescue.searched_walls import UNSEARCHED, WallFronts, WallMemory
 from workers.rescue.victim_map import VictimState
 from workers.state_machine import mermaid
@@ -56,6 +57,16 @@ def test_what_lies_behind_a_passage_that_navigation_drives_through_is_left_to_do
     way = plan_way(grid, rescue.pose, (1.6, 0.8), navigation.snap_m, navigation.tolerance_m)
     assert way.obstruction is Obstruction.NONE
     assert rescue.begin().goal[0] > 1.25
+
+
+def test_mission_goes_on_from_a_passage_that_turned_out_narrower_than_ways_may_be():
+    cells = np.full((80, 80), -1, dtype=np.int8)
+    cells[10:70, 10:70] = 0
+    cells[20:60, 28:35] = cells[20:60, 46:53] = 100  # 0.55 m between the walls
+    around = Surroundings(cells, RESOLUTION_M, (0.0, 0.0), MissionSettings())
+    ways = around.ways_from((40.5 * RESOLUTION_M, 40.5 * RESOLUTION_M, 0.0))
+    assert ways is not None
+    assert np.isfinite(ways.cost_m[around.grid.cell((0.8, 0.8))])
 
 
 def test_goals_keep_farther_from_obstacles_than_ways_lest_the_next_map_shows_no_way_back():
