@@ -62,7 +62,7 @@ def test_what_lies_behind_a_passage_that_navigation_drives_through_is_left_to_do
 def test_mission_goes_on_from_a_passage_that_turned_out_narrower_than_ways_may_be():
     cells = np.full((80, 80), -1, dtype=np.int8)
     cells[10:70, 10:70] = 0
-    cells[20:60, 28:35] = cells[20:60, 46:53] = 100  # 0.55 m between the walls
+    cells[20:60, 28:36] = cells[20:60, 45:53] = 100  # 0.45 m between the walls
     around = Surroundings(cells, RESOLUTION_M, (0.0, 0.0), MissionSettings())
     ways = around.ways_from((40.5 * RESOLUTION_M, 40.5 * RESOLUTION_M, 0.0))
     assert ways is not None
