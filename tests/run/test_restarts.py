@@ -10,7 +10,7 @@ from tests.run.robot import Ended, Robot, wait_until
 
 MODULES = '''
 import time
-from robbie_mp.messages import LaserScan
+from robbie_mp.messages import LaserScan, ModuleState
 from robbie_mp.module import Module, setting
 
 
@@ -77,6 +77,20 @@ class Device(Module):
 
     def tick(self):
         self.publish(LaserScan(), topic="device")
+
+
+class Informed(Module):
+    """Hears of changes of all modules: of some before the run has begun."""
+
+    def setup(self):
+        self.subscribe(ModuleState, lambda _state: None)
+
+
+class Slow(Module):
+    """Takes its time to start."""
+
+    def setup(self):
+        time.sleep(2)
 
 
 class Leak(Module):
@@ -181,6 +195,18 @@ def test_idle_module_that_is_stopped_and_leaves_its_messages_is_restarted(robot:
     ended = stopped(robot)
     assert "waiting: BACKOFF (hung: it took none of the messages in its ring for 0." in ended.stderr
     assert ended.modules["waiting"]["lost"] == 0
+
+
+def test_module_that_waits_for_the_start_of_the_run_is_not_suspected(robot: Robot) -> None:
+    profile = """
+    modules:
+      informed: {class: "zoo.hanging:Informed", handler_deadline_s: 0.3}
+      slow: {class: "zoo.hanging:Slow"}
+    """
+    started(robot, profile)
+    figures = robot.until(lambda modules: modules["informed"]["handled"] > 1)
+    assert figures["informed"]["restarts"] == 0
+    assert stopped(robot).exit_code == 0
 
 
 def test_core_that_stands_still_is_replaced_and_nothing_is_lost(robot: Robot) -> None:
