@@ -17,6 +17,7 @@ from robbie_mp.clock import SystemClock
 from robbie_mp.core.directory import ROW_OPEN
 from robbie_mp.core.tables import CoreTables
 from robbie_mp.errors import RobbieError
+from robbie_mp.forks import keep_from_forks
 from robbie_mp.messages import Message
 from robbie_mp.supervisor.control_client import ControlRefused, RunNotControlled, converse
 from robbie_mp.supervisor.plan import TOOL_MEMORY_BYTES, RunPlan
@@ -102,6 +103,11 @@ class Attachment:
         except BaseException:
             self._connection.close()
             raise
+        keep_from_forks(self)
+
+    def disown(self) -> None:
+        """Close a forked process's copy of the connection: else the supervisor would not see us end."""
+        self._connection.close()
 
     def _map(self, plan: RunPlan, run_id: str) -> None:
         slot, incarnation = self._slot, self._incarnation

@@ -1,5 +1,6 @@
 """A module in a run whose profile does not have it: in a process of its own that nobody supervises."""
 
+import os
 import time
 from collections.abc import Callable, Mapping
 from contextlib import closing
@@ -58,6 +59,7 @@ def run_guest(
     checked = check_settings(module_class, settings)
     module_class.check(checked)
     plan = RunPlan.load(run.folder)
+    own_pid = os.getpid()
     with closing(GuestBus(run, name)) as bus:
         module = module_class(
             ModuleContext(
@@ -78,7 +80,8 @@ def run_guest(
         try:
             _work(module, bus, is_stopped)
         finally:
-            module.teardown()
+            if os.getpid() == own_pid:  # a forked process has nothing to tear down
+                module.teardown()
 
 
 def _work(module: Module, bus: GuestBus, is_stopped: Callable[[], object]) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 from robbie_mp.attachment import LONGEST_WAIT_S, Attachment, Detached, Received, attach_again
 from robbie_mp.bus import EmptyPattern, EncodedMessage, Envelope, MessageType, SubscribedTwice
+from robbie_mp.forks import REFUSED, keep_from_forks
 from robbie_mp.messages import Message
 from robbie_mp.messages.errors import MessageError
 from robbie_mp.supervisor.run_directory import KnownRun
@@ -55,6 +56,11 @@ class GuestBus:
         """Held while this lease is used by other threads, or replaced by another one; during loans, too."""
         self._attachment = Attachment(run, purpose)
         self._is_open = True
+        keep_from_forks(self)
+
+    def disown(self) -> None:
+        """Let a forked process do nothing in the run."""
+        self._lock = REFUSED
 
     # -- what a module does ------------------------------------------------------------------------------
 

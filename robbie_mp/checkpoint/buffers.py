@@ -14,6 +14,7 @@ from robbie_mp.checkpoint.decoder import Checkpoint, decode
 from robbie_mp.checkpoint.encoder import Layout
 from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooLarge, CheckpointTooNew
 from robbie_mp.checkpoint.image import read_header
+from robbie_mp.forks import REFUSED, keep_from_forks
 from robbie_mp.transport import names
 from robbie_mp.transport.layout import CHECKPOINT_IMAGE, CHECKPOINT_SEQUENCE, SegmentKind
 from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing, unlink_segment
@@ -46,6 +47,11 @@ class CheckpointBuffers:
         self._newest = 0
         self._sequence = 0
         self._read_newest()
+        keep_from_forks(self)
+
+    def disown(self) -> None:
+        """Let a forked process keep nothing: it would write over the checkpoint of who forked it."""
+        self._lock = REFUSED
 
     def write(self, state: Layout, taken_ns: int) -> None:
         """Keep a state; the one before stays valid until this one is complete.

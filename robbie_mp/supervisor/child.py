@@ -34,6 +34,7 @@ def own_incarnation() -> int:
 
 def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> NoReturn:
     """Run one incarnation of the core or a module, then end the process."""
+    own_pid = os.getpid()
     set_process_name(name)
     faulthandler.enable()  # also answers SIGABRT, which the supervisor sends to a child that hangs
     for stream in (sys.stdout, sys.stderr):
@@ -56,6 +57,8 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
         if isinstance(end.code, str):
             logging.getLogger(name).error("%s", end.code)
     except BaseException as error:  # whatever it is, it is said, and the process ends by it
+        if os.getpid() != own_pid:
+            _end_fork(name, error)
         limit = _memory_limit(plan, name) if isinstance(error, MemoryError) else ""
         logging.getLogger(name).critical("%s: %s%s", type(error).__name__, error, limit, exc_info=True)
         if channel is None or channel.dropped:
@@ -66,6 +69,16 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
     logging.shutdown()
     # What a module leaves running (threads, pools, finalizers) must not hold up a stop or a restart.
     os._exit(code)
+
+
+def _end_fork(name: str, error: BaseException) -> NoReturn:
+    """End a process that a module has forked, and that failed or came out of the handler as the module."""
+    logging.getLogger(name).error(
+        "a process that this module forked has ended by %s: %s. It must not return from where it was forked, "
+        "but end by os._exit(); better start it with multiprocessing.get_context('spawn')",
+        type(error).__name__, error, exc_info=True,
+    )  # fmt: skip
+    os._exit(1)
 
 
 def _memory_limit(plan: RunPlan, name: str) -> str:

@@ -2,9 +2,11 @@
 
 import gc
 import logging
+import os
 import resource
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from robbie_mp.bus import Envelope
@@ -28,7 +30,7 @@ from robbie_mp.ticks import LONGEST_WAIT_BY_RUN_CLOCK_S, LONGEST_WAIT_S, Granted
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.bus import SharedMemoryBus
-from robbie_mp.transport.endpoint import Delivery
+from robbie_mp.transport.endpoint import Delivery, Endpoint
 from robbie_mp.transport.inbox import Inbox
 from robbie_mp.transport.layout import LINE_WORDS, SegmentKind
 from robbie_mp.transport.outbox import Outbox
@@ -40,7 +42,7 @@ from robbie_mp.transport.run_memory import (
     make_views,
 )
 from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.words import write_text
+from robbie_mp.transport.words import Words, write_text
 
 
 def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> None:
@@ -78,8 +80,8 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         config=Config(plan.config),
         checkpoints=checkpoints,
         output_directory=Path(plan.output_directory),
-        show_status=lambda line: write_text(words, layout.OUT_STATUS, LINE_WORDS, line),
-        show_states=lambda line: write_text(words, layout.OUT_STATES, LINE_WORDS, line),
+        show_status=line_writer(endpoint, words, layout.OUT_STATUS),
+        show_states=line_writer(endpoint, words, layout.OUT_STATES),
         run_id=plan.run_id,
         lockstep=lockstep,
     )
@@ -110,9 +112,21 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         lambda: prefer_new_threads(planned.scheduling),
     )
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
+    # It means this process alone: one that it forks ends by it, as who has forked it expects.
+    os.register_at_fork(after_in_child=lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL))
     gc.freeze()  # what is imported stays, so there is no need to look through it again and again
     runner.run()
     checkpoints.close()
+
+
+def line_writer(endpoint: Endpoint, words: Words, at: int) -> Callable[[str], None]:
+    """Return what writes a line for people into a module's memory, one thread at a time."""
+
+    def write(line: str) -> None:
+        with endpoint.lock:
+            write_text(words, at, LINE_WORDS, line)
+
+    return write
 
 
 def run_clock(

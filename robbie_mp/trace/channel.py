@@ -14,6 +14,8 @@ import os
 import termios
 import threading
 
+from robbie_mp.forks import keep_from_forks
+
 CHANNEL_VARIABLE = "ROBBIE_LOG_CHANNEL"
 CAPACITY_BYTES = 1 << 20
 """What an ordinary process may ask for on Linux (fs.pipe-max-size); room for thousands of records."""
@@ -45,6 +47,12 @@ class ChannelHandler(logging.Handler):
         self._waiting_bytes = array.array("i", [0])
         self._rest = b""
         """Of a line that found room in part."""
+        self.dropped = 0
+        keep_from_forks(self)
+
+    def disown(self) -> None:
+        """Let a forked process go on with a line of its own; the rest of the last one is not its to send."""
+        self._rest = b""
         self.dropped = 0
 
     def emit(self, record: logging.LogRecord) -> None:

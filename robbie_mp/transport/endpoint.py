@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.forks import REFUSED, keep_from_forks
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block
 from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling, Outbound
@@ -121,6 +122,12 @@ class Endpoint:
         self._freed = NumberRingReader(
             RingPlace(into, layout.IN_FREED_HEAD, freed_at, layout.FREED_RECORDS, out, tail_at)
         )
+
+        keep_from_forks(self)
+
+    def disown(self) -> None:
+        """Let a forked process neither push nor take anything."""
+        self.lock = self._outbound = self._inbound = self._freed = self.wake_core = REFUSED
 
     # -- declarations ----------------------------------------------------------------------------------
 

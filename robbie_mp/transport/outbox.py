@@ -11,6 +11,7 @@ import numpy as np
 
 from robbie_mp.bus import MessageType, PublishAfterStop
 from robbie_mp.clock import Clock
+from robbie_mp.forks import REFUSED, keep_from_forks
 from robbie_mp.messages import Message, lay_out
 from robbie_mp.messages.encoded import check_encapsulation, check_type
 from robbie_mp.transport import layout
@@ -63,6 +64,11 @@ class Outbox:
         self._awaited: int | None = None
         """So many blocks ever freed are waited for."""
         self._closed = False
+        keep_from_forks(self)
+
+    def disown(self) -> None:
+        """Let a forked process publish nothing: it would write into blocks that are not its own."""
+        self._lock = REFUSED
 
     @property
     def outstanding(self) -> int:

@@ -11,6 +11,7 @@ import os
 from typing import Self
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.forks import keep_from_forks
 from robbie_mp.ownership import ownership_problem
 from robbie_mp.proc import ProcessIdentity
 from robbie_mp.transport import layout
@@ -64,6 +65,15 @@ class Segment:
         self._mapping = mapping
         self.buffer = memoryview(mapping)
         self._cast = self.buffer.cast("Q")
+        if not self.buffer.readonly:
+            keep_from_forks(self)
+
+    def disown(self) -> None:
+        """Let a forked process write no word; arrays of messages and loans stay as they are.
+
+        This is what no way of writing gets round; what has an error of its own for it is refused before.
+        """
+        self._cast.release()
 
     @property
     def words(self) -> Words:

@@ -8,6 +8,7 @@ from typing import Self
 
 import posix_ipc
 
+from robbie_mp.forks import REFUSED, keep_from_forks
 from robbie_mp.ownership import ownership_problem
 from robbie_mp.transport import names
 from robbie_mp.transport.segment import ForeignMemory, SegmentMissing, SharedMemoryFull
@@ -33,6 +34,11 @@ class Wakeup:
         self.patience_s = 0.0
         """A wait sleeps at least so long before it looks for a post: who posts meanwhile wakes nobody."""
         self.post = semaphore.release
+        keep_from_forks(self)
+
+    def disown(self) -> None:
+        """Let a forked process neither wait, which would take posts away from us, nor post."""
+        self._semaphore = self.post = REFUSED
 
     @classmethod
     def create(cls, run_id: str) -> Self:
