@@ -1,5 +1,7 @@
 """The modules of docs/how-to.md do what it says."""
 
+import os
+import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -15,6 +17,8 @@ from robbie_mp.profile.load import load_profile
 from robbie_mp.services.message_logger import MessageLogger
 from robbie_mp.settings import SettingError
 from tests.docs.pages import block
+
+PROJECT = Path(__file__).parents[2]
 
 
 def run(*marks: str) -> dict[str, Any]:
@@ -120,3 +124,32 @@ def test_its_own_tests_pass() -> None:
     names = run("newest", "pace", "testing")
     names["test_planner_says_what_it_plans_on"]()
     names["test_source_publishes_all_and_ends"]()
+
+
+SEND_A_SCAN = """
+import numpy as np
+from robbie_mp.harness import ModuleHarness
+from robbie_mp.messages import LaserScan, Point
+from tests.docs.test_how_to import run
+
+with ModuleHarness(run("processes")["CornerModule"]) as harness:
+    harness.send(LaserScan(ranges=np.array([1.0, 3.0], np.float32)))
+    harness.module.found[0].result(timeout=60)
+    harness.advance(0.02)
+    print([corner.x for corner in harness.take(Point)])
+"""
+
+
+def test_module_publishes_what_other_processes_have_found(tmp_path: Path) -> None:
+    """In a process of its own, for multiprocessing leaves one behind for as long as its user lives."""
+    (tmp_path / "workers").mkdir()
+    (tmp_path / "workers" / "__init__.py").write_text("")
+    (tmp_path / "workers" / "my_corners.py").write_text(
+        "def find_corner(ranges): return float(ranges.max()), 0.0, 1.0\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", SEND_A_SCAN],
+        check=False, capture_output=True, text=True, timeout=100,
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(PROJECT)},
+    )  # fmt: skip
+    assert ended.stdout == "[3.0]\n", ended.stderr
