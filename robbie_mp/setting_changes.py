@@ -17,6 +17,7 @@ from robbie_mp.bus import Bus
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import SettingChange, SettingChanged
 from robbie_mp.module import MessageHandling, Module
+from robbie_mp.private_files import make_private_folder, write_private
 from robbie_mp.profile.problem import ProfileError
 from robbie_mp.settings import Setting, SettingError, settings_of
 
@@ -56,9 +57,9 @@ class SettingsFile:
         Raises:
             OSError: there is no room.
         """
-        self._path.parent.mkdir(exist_ok=True)
+        make_private_folder(self._path.parent)
         unfinished = self._path.with_suffix(f".{os.getpid()}")
-        unfinished.write_text(json.dumps(settings, default=str))
+        write_private(unfinished, json.dumps(settings, default=str))
         unfinished.rename(self._path)
 
 

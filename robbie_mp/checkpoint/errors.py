@@ -20,5 +20,14 @@ class CheckpointDamaged(RobbieError, ValueError):
     """Some bytes are no checkpoint, or no longer the one that was written."""
 
 
+class CheckpointForeign(RobbieError, ValueError):
+    """A file may have been written by somebody else, so that what it says may be forged.
+
+    Example scenarios:
+      - it belongs to another user of the machine
+      - others may write to it
+    """
+
+
 class CheckpointTooNew(RobbieError, ValueError):
     """A checkpoint was written by a newer version of Robbie-MP."""

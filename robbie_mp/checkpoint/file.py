@@ -5,8 +5,11 @@ import os
 from pathlib import Path
 
 from robbie_mp.checkpoint.decoder import Checkpoint, decode
+from robbie_mp.checkpoint.errors import CheckpointForeign
 from robbie_mp.checkpoint.image import HEADER, read_header
 from robbie_mp.errors import RobbieError
+from robbie_mp.ownership import ownership_problem
+from robbie_mp.private_files import PRIVATE_FOLDER, private_opener
 
 STATE_FOLDER = "state"
 SUFFIX = ".checkpoint"
@@ -28,10 +31,13 @@ def read_file(path: Path) -> Checkpoint | None:
     Raises:
         CheckpointDamaged: the file holds none.
         CheckpointTooNew: it has a form that this version does not know.
+        CheckpointForeign: somebody else may have written it.
         CheckpointFileError: it cannot be read.
     """
     try:
-        with open(path, "rb") as file:
+        with open(path, "rb", opener=_without_waiting) as file:
+            if problem := ownership_problem(os.fstat(file.fileno()), readable=True):
+                raise CheckpointForeign(f"{path} {problem}")
             begin = file.read(HEADER.size)
             header = read_header(memoryview(begin), os.fstat(file.fileno()).st_size)
             return decode(begin + file.read(header.size - len(begin)))
@@ -49,8 +55,9 @@ def write_file(path: Path, image: memoryview | bytes) -> None:
     """
     _make_folder(path.parent)
     unfinished = path.with_name(f"{path.name}.{os.getpid()}{UNFINISHED}")
+    unfinished.unlink(missing_ok=True)  # of a process that had our number, or a link that somebody has laid
     try:
-        with open(unfinished, "wb") as file:
+        with open(unfinished, "xb", opener=private_opener) as file:
             file.write(image)
             file.flush()
             os.fsync(file.fileno())
@@ -90,11 +97,16 @@ def remove_unfinished(path: Path) -> None:
                 unfinished.unlink()
 
 
+def _without_waiting(path: str, flags: int) -> int:
+    """Open a file for `open`, but do not wait for somebody to write to what may be a pipe."""
+    return os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC)
+
+
 def _make_folder(folder: Path) -> None:
     """Make a folder, durably, with all that it lies in."""
     if not folder.is_dir():
         _make_folder(folder.parent)
-        folder.mkdir(exist_ok=True)
+        folder.mkdir(mode=PRIVATE_FOLDER, exist_ok=True)
         _sync_folder(folder.parent)
 
 

@@ -10,7 +10,7 @@ from robbie_mp.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.checkpoint.decoder import Checkpoint
 from robbie_mp.checkpoint.disk_writer import DiskWriter
 from robbie_mp.checkpoint.encoder import lay_out
-from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooNew
+from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointForeign, CheckpointTooNew
 from robbie_mp.checkpoint.file import CheckpointFileError, read_file, remove_unfinished, set_aside
 from robbie_mp.transport.segment import SharedMemoryFull
 
@@ -100,6 +100,8 @@ class CheckpointKeeper:
             self._log.warning("starts fresh: %s", error)
         except CheckpointDamaged as error:
             self._log.warning("starts fresh: %s; %s", error, _kept_aside(path, "damaged"))
+        except CheckpointForeign as error:
+            self._log.warning("starts fresh: %s; %s", error, _kept_aside(path, "foreign"))
         except CheckpointTooNew as error:
             self._log.warning("starts fresh: %s; %s", error, _kept_aside(path, "too-new"))
         return None

@@ -15,6 +15,7 @@ from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_profile_arguments
 from robbie_mp.cli.screen import RunScreen
+from robbie_mp.private_files import write_private
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.model import Profile
 from robbie_mp.profile.preflight import Preflight, preflight
@@ -75,7 +76,7 @@ def run_robot(profile: Profile, findings: Preflight, arguments: argparse.Namespa
     with screen:
         result = run_profile(profile, findings.settings, findings.types.values(), output, screen.listener)
     summary = _summary(profile.name, result, time.monotonic() - started_s)
-    (result.output_directory / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    write_private(result.output_directory / "summary.json", json.dumps(summary, indent=2) + "\n")
     if arguments.json:
         print(json.dumps(summary, indent=2))
     else:

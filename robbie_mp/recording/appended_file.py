@@ -13,6 +13,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from robbie_mp.private_files import PRIVATE_FILE
+
 BLOCK_BYTES = 4096
 """What direct writes are aligned to; no disk's block is larger."""
 PIECE_BYTES = 256 << 10
@@ -32,7 +34,7 @@ class AppendedFile:
 
     def __init__(self, path: Path):
         self.bytes = 0
-        self.fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        self.fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, PRIVATE_FILE)
         self._direct: int | None = None
         with contextlib.suppress(OSError):  # a file system in memory, or over a network, need not have it
             self._direct = os.open(path, os.O_WRONLY | os.O_DIRECT | os.O_CLOEXEC)

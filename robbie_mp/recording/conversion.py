@@ -8,6 +8,7 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.writer import Writer
 
+from robbie_mp.private_files import make_private_file
 from robbie_mp.recording.errors import LogError, LogNotWritten
 from robbie_mp.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
 
@@ -81,7 +82,7 @@ def converted_log(target: Path, source: Path) -> Iterator[Conversion]:
         LogNotWritten: the target exists, or cannot be written.
     """
     try:
-        file = target.open("xb")
+        file = make_private_file(target)
     except OSError as error:
         raise LogNotWritten(f"{target} cannot be written: {error.strerror}") from error
     try:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from robbie_mp.private_files import make_private_folder
 from robbie_mp.recording.chunk import Chunk
 from robbie_mp.recording.compression import Compression
 from robbie_mp.recording.disk_budget import LIBRARY, DiskBudget
@@ -75,7 +76,7 @@ class LogWriter:
         self._part: PartWriter | None = None
         self._channels: Mapping[int, RecordedChannel] = {}
         self._start_ns = 0
-        folder.mkdir(parents=True, exist_ok=True)
+        make_private_folder(folder)
         numbers = (PART_NAME.fullmatch(path.name) for path in folder.iterdir())
         self._next_number = 1 + max((int(match["number"]) for match in numbers if match), default=-1)
 

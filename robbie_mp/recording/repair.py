@@ -11,6 +11,7 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from robbie_mp.private_files import make_private_file
 from robbie_mp.recording.contents import Contents
 from robbie_mp.recording.errors import LogIncomplete, LogNotWritten, RepairFailed
 from robbie_mp.recording.part import LogPart
@@ -63,7 +64,7 @@ def repair(source: Path, target: Path, progress: Progress) -> Repair:
         if part.is_being_written:
             raise LogIncomplete(f"{source} is still being written; repair it when the recording has ended")
         try:
-            file = target.open("x+b")
+            file = make_private_file(target)
         except OSError as error:
             raise LogNotWritten(f"{target} cannot be written: {error.strerror}") from error
         try:

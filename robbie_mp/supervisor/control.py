@@ -17,6 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.private_files import PRIVATE_FILE
 from robbie_mp.supervisor.attached_tools import AttachedTools
 from robbie_mp.supervisor.recording import Recording
 from robbie_mp.supervisor.states import ChildState
@@ -70,6 +71,7 @@ class ControlServer:
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.setblocking(False)
         folder_fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        os.fchmod(self._listener.fileno(), PRIVATE_FILE)  # which the name gets from it
         try:
             self._listener.bind(socket_address(folder_fd))
             self._listener.listen(MAX_CLIENTS)

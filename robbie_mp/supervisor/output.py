@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.private_files import make_private_folder
 from robbie_mp.profile.model import TraceSettings
 from robbie_mp.supervisor.rate_limit import RateLimit
 from robbie_mp.trace.crash import CrashFolder, CrashReport
@@ -57,7 +58,7 @@ class OutputStore:
             LogNotWritable: the folder cannot be made or written to.
         """
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            make_private_folder(folder)
         except OSError as error:
             raise LogNotWritable(
                 f"cannot make the log folder {folder}: {error.strerror}; {ADVICE}"

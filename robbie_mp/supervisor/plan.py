@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from robbie_mp.private_files import write_private
 from robbie_mp.profile.model import (
     CheckpointPolicy,
     ClockSettings,
@@ -129,7 +130,7 @@ class RunPlan:
 
     def save(self, run_directory: Path) -> None:
         """Write the plan for the children."""
-        (run_directory / PLAN_FILE).write_text(json.dumps(asdict(self), default=str, indent=1))
+        write_private(run_directory / PLAN_FILE, json.dumps(asdict(self), default=str, indent=1))
 
     @classmethod
     def load(cls, run_directory: Path) -> Self:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.observe import ModuleFigures, RunObserver
+from robbie_mp.private_files import make_private_folder, write_private
 from robbie_mp.profile.model import Profile, Scheduling
 from robbie_mp.profile.show import as_profile
 from robbie_mp.supervisor.attached_tools import AttachedTools
@@ -77,7 +78,7 @@ def run_profile(
     """
     check_machine()
     sweep()
-    output_directory.mkdir(parents=True, exist_ok=True)
+    make_private_folder(output_directory)
     with ExitStack() as stack:
         directory = RunDirectory.create(profile.name, output_directory)
         connections = stack.enter_context(ExitStack())  # of who waits for the end: closed after it
@@ -97,7 +98,7 @@ def run_profile(
             types,
         )
         plan.save(directory.folder)
-        (directory.folder / PROFILE_FILE).write_text(as_profile(profile, settings))
+        write_private(directory.folder / PROFILE_FILE, as_profile(profile, settings))
         return _run(plan, profile, directory.folder, listener, connections)
 
 

@@ -25,6 +25,7 @@ from typing import Self
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.ownership import ownership_problem
+from robbie_mp.private_files import write_private
 from robbie_mp.proc import ProcessIdentity
 from robbie_mp.transport.shared_folder import NamesTaken, make_folder, remove_names
 
@@ -115,7 +116,7 @@ class RunDirectory:
             if lock_fd is None:
                 raise BlockingIOError(f"{unfinished} was locked by another process as soon as it was made")
             undo.callback(os.close, lock_fd)
-            (unfinished / RECORD_NAME).write_text(json.dumps(asdict(record), indent=2) + "\n")
+            write_private(unfinished / RECORD_NAME, json.dumps(asdict(record), indent=2) + "\n")
             unfinished.rename(base / run_id)
             undo.pop_all()
         return cls(base / run_id, record, lock_fd)
@@ -132,9 +133,14 @@ def base_folders() -> list[Path]:
     folders = [Path(f"/tmp/robbie-{os.geteuid()}")]
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     # Under sudo the variable may still name the other user's directory, which is not ours to write to.
-    if runtime and os.path.isdir(runtime) and os.stat(runtime).st_uid == os.geteuid():
+    # In one that others can write to, they could put a folder of theirs in the place of ours.
+    if runtime and os.path.exists(runtime) and not _parent_problem(runtime):
         folders.insert(0, Path(runtime) / "robbie")
     return folders
+
+
+def _parent_problem(folder: str) -> str:
+    return ownership_problem(os.stat(folder), folder=True, readable=True)
 
 
 def safe_folders() -> list[Path]:

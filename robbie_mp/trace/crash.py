@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from robbie_mp.private_files import make_private_folder, write_private
 from robbie_mp.visible_text import visible
 
 CRASH_FOLDER = "crashes"
@@ -130,9 +131,9 @@ class CrashFolder:
         stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime(seconds))
         path = self._folder / f"{report.module}-{stamp}.{milliseconds:03d}-{report.incarnation}.json"
         try:
-            self._folder.mkdir(exist_ok=True)
+            make_private_folder(self._folder)
             unfinished = path.with_suffix(".new")
-            unfinished.write_text(json.dumps(asdict(report), indent=1) + "\n")
+            write_private(unfinished, json.dumps(asdict(report), indent=1) + "\n")
             os.replace(unfinished, path)
             for old in report_files(self._folder.parent, report.module)[: -self._keep]:
                 old.unlink()

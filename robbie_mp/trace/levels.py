@@ -11,6 +11,7 @@ import signal
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
+from robbie_mp.private_files import write_private
 from robbie_mp.trace.kinds import Kind, lowest_level
 
 RECORDED_FILE = "recorded_kinds.json"
@@ -20,7 +21,7 @@ def write_recorded(run_folder: Path, recorded: Mapping[str, Collection[Kind]]) -
     """Say which kinds are recorded of each child, and of the supervisor's remarks."""
     unfinished = run_folder / f"{RECORDED_FILE}.new"
     plain = {name: [kind for kind in Kind if kind in kinds] for name, kinds in recorded.items()}
-    unfinished.write_text(json.dumps(plain))
+    write_private(unfinished, json.dumps(plain))
     os.replace(unfinished, run_folder / RECORDED_FILE)
 
 

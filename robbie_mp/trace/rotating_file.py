@@ -4,6 +4,8 @@ import contextlib
 import os
 from pathlib import Path
 
+from robbie_mp.private_files import PRIVATE_FILE
+
 
 class RotatingFile:
     """Appends to a file; when `a.log` is full it becomes `a.1.log`, that becomes `a.2.log`, the oldest goes.
@@ -52,7 +54,7 @@ class RotatingFile:
             self._fd = None
 
     def _open(self) -> int:
-        self._fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        self._fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, PRIVATE_FILE)
         self._size = os.fstat(self._fd).st_size
         if not self._size:
             self._size = os.write(self._fd, self._head)

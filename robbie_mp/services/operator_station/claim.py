@@ -1,9 +1,11 @@
 """The claim to be a run's operator station: only one can be, or two pages could drive at once."""
 
 import fcntl
+import os
 from pathlib import Path
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.private_files import private_opener
 
 FILE = "operator-station"
 
@@ -28,7 +30,8 @@ class StationClaim:
     """
 
     def __init__(self, run_folder: Path):
-        self._file = (run_folder / FILE).open("a+")
+        fd = private_opener(str(run_folder / FILE), os.O_RDWR | os.O_CREAT | os.O_APPEND)
+        self._file = os.fdopen(fd, "a+")
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
