@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
-from robbie_mp.cli.log_files import add_log_argument, add_topics_argument, progress_bar, warn_of_unmatched
+from robbie_mp.cli.log_files import (
+    add_limit_argument,
+    add_log_argument,
+    add_topics_argument,
+    progress_bar,
+    warn_of_unmatched,
+)
 from robbie_mp.cli.output import PlainTable, console, warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.recording.comparison import ChannelComparison, compare
@@ -35,6 +41,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     add_log_argument(parser, "a")
     add_log_argument(parser, "b")
     add_topics_argument(parser)
+    add_limit_argument(parser)
     parser.add_argument(
         "--ignore-stamps", action="store_true", help="take the stamps in all headers for equal"
     )
@@ -44,7 +51,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 def diff(arguments: argparse.Namespace) -> int:
     """Compare, and print how they differ."""
-    with closing(open_log(arguments.a)) as a, closing(open_log(arguments.b)) as b:
+    with (
+        closing(open_log(arguments.a, arguments.limits)) as a,
+        closing(open_log(arguments.b, arguments.limits)) as b,
+    ):
         warn_of_unmatched([*a.channels, *b.channels], arguments.topics)
         with progress_bar("comparing") as progress:
             found = compare(a, b, arguments.topics, ignore_stamps=arguments.ignore_stamps, progress=progress)

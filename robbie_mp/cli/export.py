@@ -10,7 +10,13 @@ from zipfile import ZipFile
 
 import numpy as np
 
-from robbie_mp.cli.log_files import add_log_argument, add_topics_argument, progress_bar, warn_of_unmatched
+from robbie_mp.cli.log_files import (
+    add_limit_argument,
+    add_log_argument,
+    add_topics_argument,
+    progress_bar,
+    warn_of_unmatched,
+)
 from robbie_mp.cli.message_text import FieldPath, flat, to_csv
 from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import add_command
@@ -51,6 +57,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     form.add_argument("--csv", action="store_true", help="write CSV; so it is without any option")
     form.add_argument("--npz", action="store_true", help="write .npz files of numpy")
     add_topics_argument(parser)
+    add_limit_argument(parser)
     parser.set_defaults(command=export)
 
 
@@ -58,7 +65,7 @@ def export(arguments: argparse.Namespace) -> int:
     """Write the files."""
     write, suffix = (_write_npz, ".npz") if arguments.npz else (_write_csv, ".csv")
     is_whole = True
-    with open_log(arguments.log) as log:
+    with open_log(arguments.log, arguments.limits) as log:
         warn_of_unmatched(log.channels, arguments.topics)
         chosen, _ = select(log.channels, arguments.topics)
         for channel, name in file_names(chosen).items():

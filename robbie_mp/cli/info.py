@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 from rich.text import Text
 
 from robbie_mp.cli import quantities
-from robbie_mp.cli.log_files import add_log_argument
+from robbie_mp.cli.log_files import add_limit_argument, add_log_argument
 from robbie_mp.cli.output import PlainTable, console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.recording.info import LogInfo, describe, part_data
+from robbie_mp.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.recording.part import LogPart
 from robbie_mp.recording.reader import open_log
 
@@ -31,13 +32,14 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         ["robbie info logs/monday", "robbie info logs/monday/monday_0000.mcap --json"],
     )
     add_log_argument(parser, nargs="+")
+    add_limit_argument(parser)
     parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
     parser.set_defaults(command=info)
 
 
 def info(arguments: argparse.Namespace) -> int:
     """Describe the logs."""
-    infos = [_describe(path) for path in arguments.log]
+    infos = [_describe(path, arguments.limits) for path in arguments.log]
     if arguments.json:
         print(json.dumps([one.as_data() for one in infos], indent=2))
         return 0
@@ -49,11 +51,11 @@ def info(arguments: argparse.Namespace) -> int:
 
 def print_log(path: Path) -> None:
     """Tell people what is in a log."""
-    _print(_describe(path))
+    _print(_describe(path, READ_LIMITS))
 
 
-def _describe(path: Path) -> LogInfo:
-    with open_log(path) as log:
+def _describe(path: Path, limits: ReadLimits) -> LogInfo:
+    with open_log(path, limits) as log:
         return describe(log)
 
 

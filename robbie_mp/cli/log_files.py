@@ -9,6 +9,7 @@ from pathlib import Path
 from robbie_mp.cli import completers
 from robbie_mp.cli.output import PlainConsole, warn
 from robbie_mp.recording.conversion import Conversion
+from robbie_mp.recording.limits import MEGABYTE, READ_LIMITS, ReadLimits
 from robbie_mp.recording.reader import LogChannel
 from robbie_mp.recording.repair import Progress
 from robbie_mp.recording.selection import channel_name, select
@@ -19,6 +20,25 @@ def add_log_argument(parser: argparse.ArgumentParser, name: str = "log", nargs: 
     text = "a log: an MCAP file, or a folder of parts"
     argument = parser.add_argument(name, metavar=name.upper(), type=Path, nargs=nargs, help=text)
     argument.completer = completers.logs  # type: ignore[attr-defined]
+
+
+def add_limit_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option by which commands take how large a chunk of a log may be."""
+    parser.add_argument(
+        "--max-chunk-mib",
+        type=_mebibytes,
+        default=READ_LIMITS,
+        dest="limits",
+        metavar="MIB",
+        help=f"largest chunk, decompressed, and largest record ({READ_LIMITS.chunk_bytes // MEGABYTE})",
+    )
+
+
+def _mebibytes(text: str) -> ReadLimits:
+    count = int(text)
+    if not 1 <= count <= 1 << 20:
+        raise argparse.ArgumentTypeError(f"expected 1 to {1 << 20} MiB; got {text}")
+    return ReadLimits(chunk_bytes=count * MEGABYTE)
 
 
 @contextmanager

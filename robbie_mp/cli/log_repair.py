@@ -5,9 +5,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robbie_mp.cli.log_files import add_log_argument, progress_bar
+from robbie_mp.cli.log_files import add_limit_argument, add_log_argument, progress_bar
 from robbie_mp.cli.parser import BAD_USAGE, add_command
 from robbie_mp.recording.errors import RepairFailed
+from robbie_mp.recording.limits import ReadLimits
 from robbie_mp.recording.reader import open_log
 from robbie_mp.recording.repair import repair, repaired_name
 
@@ -35,6 +36,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         help="the new file; without it NAME.repaired.mcap beside the old one, whose place in a folder of "
         "parts it then takes",
     )
+    add_limit_argument(parser)
     parser.set_defaults(command=log_repair)
 
 
@@ -46,23 +48,23 @@ def log_repair(arguments: argparse.Namespace) -> int:
         if arguments.output:
             print(f"{log} is a folder: without -o its parts are repaired where they are", file=sys.stderr)
             return BAD_USAGE
-        with open_log(log) as opened:
+        with open_log(log, arguments.limits) as opened:
             damaged = [part.path for part in opened.parts if not part.is_complete]
         targets = {path: repaired_name(path) for path in damaged}
     if not targets:
         print(f"all parts of {log} are whole")
     try:
         for source, target in targets.items():
-            _repair(source, target)
+            _repair(source, target, arguments.limits)
     except RepairFailed as failure:
         print(failure, file=sys.stderr)
         return 1
     return 0
 
 
-def _repair(source: Path, target: Path) -> None:
+def _repair(source: Path, target: Path, limits: ReadLimits) -> None:
     with progress_bar(f"repairing {source.name}") as progress:
-        done = repair(source, target, progress)
+        done = repair(source, target, progress, limits)
     for line in done.damage or ["nothing was wrong with it"]:
         print(f"{source}: {line}", file=sys.stderr)
     print(f"{done.target}: {done.messages} messages, read again and found whole")

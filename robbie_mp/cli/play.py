@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robbie_mp.cli import completers
+from robbie_mp.cli.log_files import add_limit_argument
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_set_argument
 from robbie_mp.cli.run import add_output_arguments, run_robot
@@ -17,6 +18,7 @@ from robbie_mp.profile.model import ClockSettings, ModuleSpec, Profile
 from robbie_mp.profile.preflight import preflight
 from robbie_mp.profile.problem import ProfileError, refuse
 from robbie_mp.profile.workspace import find_workspace
+from robbie_mp.recording.limits import MEGABYTE, READ_LIMITS
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -64,6 +66,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         action="store_true",
         help="the next message only when all is over that came of the last: the same results every time",
     )
+    add_limit_argument(parser)
     add_set_argument(parser)
     add_output_arguments(parser)
     parser.set_defaults(command=play)
@@ -97,6 +100,8 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
     given = {name: getattr(arguments, option) for option, name in names.items()}
     settings = {name: value for name, value in given.items() if value is not None}
     settings["file"] = str(arguments.file.absolute())
+    if arguments.limits != READ_LIMITS:
+        settings["max_chunk_mib"] = arguments.limits.chunk_bytes // MEGABYTE
     if arguments.rate is not None:
         settings["rate"] = None if math.isinf(arguments.rate) else arguments.rate
     return settings

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 import re
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, cast
+from typing import Annotated, Any, ClassVar, NamedTuple, cast
 
 from robbie_mp.messages.declaration import python_name
 from robbie_mp.messages.errors import MessageError, SchemaError
@@ -22,6 +22,17 @@ NAME_LINE = re.compile(r"\s*MSG:\s*(\S+)\s*\n")
 COMMENT = re.compile(r"""("(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*')|\#.*""")
 LINE = re.compile(r"(?P<type>\S+)\s+(?P<name>[A-Za-z]\w*)(?:\s*=\s*(?P<constant>.*)|\s+(?P<default>.*))?")
 TYPE = re.compile(r"(?P<base>[\w/]+)(?:<=(?P<text>\d+))?(?P<several>\[(?P<bounded><=)?(?P<count>\d*)\])?")
+MAX_TEXT_BYTES = 256 << 10
+"""Of a definition with all types in it, comments included."""
+MAX_LINE_CHARACTERS = 4096
+MAX_FIELDS = 5000
+"""Of a message, and of all messages in it wherever they stand: code is generated for each of them."""
+MAX_NESTING = 16
+"""Messages within messages; generated code has a loop for each list, and Python allows 20 of these."""
+MAX_FIXED_BYTES = 64 << 20
+"""Of a message without any element in its sequences: that much a message takes that nobody has filled."""
+OBJECT_BYTES = 64
+"""About what a number, a text or a message by itself takes in Python."""
 KNOWN_ANYWAY = {
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
     "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec",
@@ -38,8 +49,14 @@ def message_type_from_schema(type_name: str, text: str, version: int = 1) -> typ
         version: what the class says its version is.
 
     Raises:
-        SchemaError: the text is not understood, incomplete, or needs what CDR decoders here lack (wstring).
+        SchemaError: the text is not understood, incomplete, needs what CDR decoders here lack (wstring), or
+            is of a message with more fields, deeper, or larger than any should be: a text of 2 kB can
+            describe one with more fields than there is memory.
     """
+    if len(text) > MAX_TEXT_BYTES:
+        raise SchemaError(
+            f"{type_name}: its schema has {len(text)} characters; the limit is {MAX_TEXT_BYTES}"
+        )
     first, *others = SEPARATOR_LINE.split(text)
     definitions = dict(KNOWN_ANYWAY)
     for other in others:
@@ -47,12 +64,47 @@ def message_type_from_schema(type_name: str, text: str, version: int = 1) -> typ
             raise SchemaError(
                 f"{type_name}: no 'MSG: package/Type' line behind a separator in its schema text"
             )
-        definitions[_short(named[1])] = other[named.end() :]
-    return _Builder(definitions).build(type_name, NAME_LINE.sub("", first, count=1), version)
+        try:
+            definitions[_short(named[1])] = other[named.end() :]
+        except ValueError:
+            raise SchemaError(f"{type_name}: {named[1]!r} in its schema is no name of a type") from None
+    if named := NAME_LINE.match(first):
+        first = first[named.end() :]
+    return _Builder(definitions).build(type_name, first, version)
 
 
 def _short(name: str) -> str:
     return name if name.count("/") == 1 else short_name(name)
+
+
+class _Extent(NamedTuple):
+    """How much a message or a field is, with all that is in it."""
+
+    fields: int = 1
+    nesting: int = 0
+    fixed_bytes: int = OBJECT_BYTES
+
+    def times(self, count: int) -> _Extent:
+        """Return the extent of a list of these, whose code is there once."""
+        return self._replace(fixed_bytes=OBJECT_BYTES + count * self.fixed_bytes)
+
+    def and_field(self, other: _Extent) -> _Extent:
+        """Return the extent of a message with one more field.
+
+        Raises:
+            ValueError: there is more than may be.
+        """
+        fields, fixed_bytes = self.fields + other.fields, self.fixed_bytes + other.fixed_bytes
+        nesting = max(self.nesting, other.nesting)
+        if fields > MAX_FIELDS:
+            raise ValueError(
+                f"more than {MAX_FIELDS} fields, those of messages in it counted; that is the limit"
+            )
+        if nesting > MAX_NESTING:
+            raise ValueError(f"messages in messages, more than {MAX_NESTING} deep; that is the limit")
+        if fixed_bytes > MAX_FIXED_BYTES:
+            raise ValueError(f"arrays of fixed length of {fixed_bytes} bytes; the limit is {MAX_FIXED_BYTES}")
+        return _Extent(fields, nesting, fixed_bytes)
 
 
 @dataclass
@@ -61,6 +113,10 @@ class _Builder:
     """By short name."""
     made: dict[str, type[Message] | None] = field(default_factory=dict)
     """By short name; None while one is being made."""
+    extents: dict[str, _Extent] = field(default_factory=dict)
+    """By type name."""
+    nesting: int = 0
+    """How deep the one is that is being made."""
 
     def build(self, type_name: str, definition: str, version: int) -> type[Message]:
         annotations: dict[str, Any] = {}
@@ -69,14 +125,22 @@ class _Builder:
             "__module__": __name__,
             "__doc__": "Made from a schema.",
         }
+        extent = _Extent()
         for line in definition.splitlines():
+            if len(line) > MAX_LINE_CHARACTERS:
+                raise SchemaError(
+                    f"{type_name}: a line of its schema has {len(line)} characters; the limit is "
+                    f"{MAX_LINE_CHARACTERS}"
+                )
             if content := COMMENT.sub(lambda found: found[1] or "", line).strip():
                 try:
-                    self._declare(type_name, content, annotations, body)
-                except (ValueError, SyntaxError, MessageError) as error:
+                    kind = self._declare(type_name, content, annotations, body)
+                    extent = extent if kind is None else extent.and_field(self._extent(kind))
+                except (ValueError, SyntaxError, MessageError, RecursionError, MemoryError) as error:
                     raise SchemaError(
-                        f"{type_name}: in the line {content!r} of its schema: {error}"
+                        f"{type_name}: in the line {content!r:.200} of its schema: {error}"
                     ) from error
+        self.extents[type_name] = extent  # known before the class is made, which looks at all in it
         try:
             made = MessageType(
                 type_name.rpartition("/")[2], (Message,), body, name=type_name, version=version
@@ -85,7 +149,23 @@ class _Builder:
         except MessageError as error:
             raise SchemaError(f"{type_name}: its schema makes no message type: {error}") from error
 
-    def _declare(self, type_name: str, line: str, annotations: dict[str, Any], body: dict[str, Any]) -> None:
+    def _extent(self, kind: FieldType) -> _Extent:
+        """Return how much a field is."""
+        match kind:
+            case Nested():
+                inner = self.extents[kind.layout.type_name]
+                return _Extent(inner.fields + 1, inner.nesting + 1, inner.fixed_bytes + OBJECT_BYTES)
+            case Items():
+                return self._extent(kind.element).times(kind.length or 0)
+            case Numbers():
+                return _Extent(fixed_bytes=OBJECT_BYTES + (kind.length or 0) * kind.element.size)
+            case _:
+                return _Extent()
+
+    def _declare(
+        self, type_name: str, line: str, annotations: dict[str, Any], body: dict[str, Any]
+    ) -> FieldType | None:
+        """Take a line in; return the type of its field, None for a constant."""
         parts = LINE.fullmatch(line)
         if not parts:
             raise ValueError("expected 'type name', 'type name default' or 'type NAME=value'")
@@ -94,13 +174,14 @@ class _Builder:
         if parts["constant"] is not None:
             annotations[name] = ClassVar[str if isinstance(kind, Text) else annotation]
             body[name] = _value(kind, parts["constant"])
-            return
+            return None
         name = python_name(name)
         if name in annotations:
             raise ValueError(f"there are two fields {name}")
         annotations[name] = annotation
         if parts["default"]:
             body[name] = _value(kind, parts["default"])
+        return kind
 
     def _type(self, owner: str, text: str) -> FieldType:
         parts = TYPE.fullmatch(text)
@@ -133,7 +214,11 @@ class _Builder:
             raise ValueError(f"no definition of {short}{did_you_mean(short, self.definitions)}")
         if short not in self.made:
             self.made[short] = None
+            self.nesting += 1
+            if self.nesting > MAX_NESTING:
+                raise ValueError(f"messages in messages, more than {MAX_NESTING} deep; that is the limit")
             self.made[short] = self.build(short.replace("/", "/msg/"), self.definitions[short], version=1)
+            self.nesting -= 1
         made = self.made[short]
         if made is None:
             raise ValueError(f"{short} contains itself")

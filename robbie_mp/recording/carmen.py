@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from robbie_mp.recording.errors import LogError
 
+MAX_LINE_CHARACTERS = 16 << 20
+"""A sweep of a million beams has less."""
 LASER_OFFSET = "robot_frontlaser_offset"
 """How far in front of the robot's centre the laser is, in m."""
 
@@ -91,8 +93,13 @@ class CarmenLog:
         """
         self.broken_lines = self.bytes_read = 0
         with Path(self.path).open(encoding="ascii", errors="replace") as lines:
-            for number, line in enumerate(lines, start=1):
+            for number, line in enumerate(iter(lambda: lines.readline(MAX_LINE_CHARACTERS), ""), start=1):
                 self.bytes_read += len(line)
+                if len(line) == MAX_LINE_CHARACTERS:
+                    raise BrokenLine(
+                        f"{self.path}:{number}: the longest line may have {MAX_LINE_CHARACTERS - 1} "
+                        "characters; is this a CARMEN log?"
+                    )
                 try:
                     record = self._read(line)
                 except (ValueError, IndexError) as error:

@@ -6,6 +6,7 @@ from typing import BinaryIO, NamedTuple
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Header, Metadata, Schema
 
+from robbie_mp.recording.limits import ReadLimits
 from robbie_mp.recording.mcap_records import Frame, chunk_data, content, parse
 
 
@@ -21,14 +22,15 @@ class Block(NamedTuple):
     channel_ids: frozenset[int] | None
     """Whose messages are in it; None if that is not known."""
 
-    def read(self, file: BinaryIO) -> bytes:
+    def read(self, file: BinaryIO, limits: ReadLimits) -> bytes:
         """Return its records.
 
         Raises:
             LogDamaged: they are not what was written.
+            LogLimitExceeded: they are too large.
         """
-        data = content(file, self.frame)
-        return chunk_data(parse(Chunk, data)) if self.frame.opcode == Opcode.CHUNK else data
+        data = content(file, self.frame, limits)
+        return chunk_data(parse(Chunk, data), limits) if self.frame.opcode == Opcode.CHUNK else data
 
 
 @dataclass
@@ -60,8 +62,40 @@ class Contents:
     end_ns: int = 0
     compressions: dict[str, int] = field(default_factory=dict)
     damage: list[str] = field(default_factory=list)
+    _description_bytes: int = 0
+
+    def add_schema(self, schema: Schema, limits: ReadLimits) -> None:
+        """Add the description of a type.
+
+        Raises:
+            LogLimitExceeded: there are too many, or they are too long.
+        """
+        self._add_bytes(self.schemas.get(schema.id), schema)
+        self.schemas[schema.id] = schema
+        limits.check_descriptions(len(self.schemas), self._description_bytes)
+
+    def add_channel(self, channel: Channel, limits: ReadLimits) -> None:
+        """Add the description of a channel.
+
+        Raises:
+            LogLimitExceeded: there are too many, or they are too long.
+        """
+        self._add_bytes(self.channels.get(channel.id), channel)
+        self.channels[channel.id] = channel
+        limits.check_descriptions(len(self.channels), self._description_bytes)
+
+    def _add_bytes(self, before: Schema | Channel | None, now: Schema | Channel) -> None:
+        self._description_bytes += _length(now) - (_length(before) if before is not None else 0)
 
     @property
     def message_count(self) -> int:
         """Messages in the whole file."""
         return sum(self.counts.values())
+
+
+def _length(described: Schema | Channel) -> int:
+    """Return about how many bytes a description takes."""
+    if isinstance(described, Schema):
+        return len(described.name) + len(described.data)
+    texts = sum(len(key) + len(value) for key, value in described.metadata.items())
+    return len(described.topic) + len(described.message_encoding) + texts

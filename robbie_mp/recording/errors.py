@@ -19,6 +19,10 @@ class LogDamaged(LogError, ValueError):
     """Bytes of a log are not what they must be; the text says which, and why."""
 
 
+class LogLimitExceeded(LogError, ValueError):
+    """A log would take more memory than is allowed; the text says what of it, where, and the limit."""
+
+
 class NotDecodable(LogError, ValueError):
     """Messages of a log are encoded in a way that is not known here, or their schema is missing."""
 

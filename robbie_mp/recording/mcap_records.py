@@ -7,7 +7,7 @@ what says how long something is, is read here and compared with what there is.
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from io import BytesIO
 from typing import BinaryIO, NamedTuple, Protocol, TypeVar
 
@@ -17,12 +17,13 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.records import Attachment, Chunk
 
-from robbie_mp.recording.errors import LogDamaged
+from robbie_mp.recording.errors import LogDamaged, LogLimitExceeded
+from robbie_mp.recording.limits import READ_LIMITS, ReadLimits
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
-CHUNK_LIMIT_BYTES = 1 << 32
+DECOMPRESSED_PIECE_BYTES = 1 << 20
 
 _Record_co = TypeVar("_Record_co", covariant=True)
 
@@ -80,8 +81,14 @@ def frame_at(file: BinaryIO, offset: int, size: int) -> Frame:
     return frame
 
 
-def content(file: BinaryIO, frame: Frame) -> bytes:
-    """Read the content of a record."""
+def content(file: BinaryIO, frame: Frame, limits: ReadLimits = READ_LIMITS) -> bytes:
+    """Read the content of a record.
+
+    Raises:
+        LogDamaged: the file has become shorter.
+        LogLimitExceeded: it is too large.
+    """
+    limits.check_chunk(frame.length)
     file.seek(frame.start)
     data = file.read(frame.length)
     if len(data) < frame.length:
@@ -120,17 +127,20 @@ def read_attachment(data: bytes) -> Attachment:
     return attachment
 
 
-def chunk_data(chunk: Chunk) -> bytes:
+def chunk_data(chunk: Chunk, limits: ReadLimits = READ_LIMITS) -> bytes:
     """Return the records in a chunk, decompressed; their checksum is compared if there is one.
+
+    Never is more decompressed than the chunk says it holds, nor than the limit.
 
     Raises:
         LogDamaged: they are not what was written, or compressed in a way that is not known here.
+        LogLimitExceeded: there are more bytes than may be.
     """
     size = chunk.uncompressed_size
-    if size > CHUNK_LIMIT_BYTES:
-        raise LogDamaged(f"a chunk says it holds {size} bytes")
     try:
-        data = _decompress(chunk.compression, chunk.data, size)
+        data = _decompress(chunk.compression, chunk.data, size, limits)
+    except LogLimitExceeded:
+        raise
     except (zstandard.ZstdError, RuntimeError, ValueError, EOFError, MemoryError) as error:
         raise LogDamaged(f"a chunk cannot be decompressed: {error}") from error
     if len(data) != size:
@@ -140,17 +150,42 @@ def chunk_data(chunk: Chunk) -> bytes:
     return data
 
 
-def _decompress(compression: str, data: bytes, size: int) -> bytes:
+def _decompress(compression: str, data: bytes, size: int, limits: ReadLimits) -> bytes:
+    """Decompress; a size that the compressed data do not confirm is damage, not a chunk that is too large."""
     if compression == "":
         return data
     if compression == "zstd":
-        if zstandard.frame_content_size(data) not in (-1, size):  # that much would be allocated
+        known = zstandard.frame_content_size(data)
+        if known == -1:
+            return _unfold(zstandard.ZstdDecompressor().stream_reader(data).read, size, limits)
+        if known != size:
             raise ValueError("its frame is of another size")
+        limits.check_chunk(size)
         return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
     if compression == "lz4":
-        decompressed: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
-        return decompressed
+        decompressor = lz4.frame.LZ4FrameDecompressor()
+        rest = data
+
+        def read(count: int) -> bytes:
+            nonlocal rest
+            piece: bytes = b"" if decompressor.eof else decompressor.decompress(rest, max_length=count)
+            rest = b""  # the decompressor keeps what it has not used
+            return piece
+
+        return _unfold(read, size, limits)
     raise ValueError(f"this program does not know the compression {compression!r}")
+
+
+def _unfold(read: Callable[[int], bytes], size: int, limits: ReadLimits) -> bytes:
+    """Read piece by piece, and no more than there may be."""
+    pieces: list[bytes] = []
+    found = 0
+    while found < size and (piece := read(min(DECOMPRESSED_PIECE_BYTES, size - found))):
+        pieces.append(piece)
+        found += len(piece)
+        if found > limits.chunk_bytes:
+            limits.check_chunk(size)
+    return b"".join(pieces)
 
 
 def frames_in(data: bytes) -> Iterator[Frame]:

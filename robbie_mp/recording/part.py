@@ -9,7 +9,8 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment
 
 from robbie_mp.recording.contents import Block, Contents
-from robbie_mp.recording.errors import LogDamaged, LogUnreadable, NotALog
+from robbie_mp.recording.errors import LogDamaged, LogLimitExceeded, LogUnreadable, NotALog
+from robbie_mp.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.recording.mcap_records import MAGIC, MESSAGE_HEAD, RECORD_HEAD, content, read_attachment
 from robbie_mp.recording.scan import scan
 from robbie_mp.recording.summary import read_summary
@@ -40,23 +41,29 @@ class LogPart:
         is_being_written: whether a logger is writing it.
     """
 
-    def __init__(self, path: Path, *, trust_summary: bool = True):
+    def __init__(self, path: Path, limits: ReadLimits = READ_LIMITS, *, trust_summary: bool = True):
         """Open it, and read its summary, or all of it for want of one.
 
         Args:
             path: the file.
+            limits: what may be in it.
             trust_summary: whether its summary says what is in it; else all of it is read.
 
         Raises:
             LogUnreadable: it cannot be opened.
             NotALog: it is no MCAP file.
+            LogLimitExceeded: something in it is too large.
         """
         self.path = path
+        self._limits = limits
         self._file = _open(path)
         try:
             self.size = self._file.seek(0, 2)
             _check_magic(path, self._file)
-            self.contents = self._look(trust_summary)
+            try:
+                self.contents = self._look(trust_summary)
+            except LogLimitExceeded as error:
+                raise LogLimitExceeded(f"{path}: {error}") from error
             self.is_being_written = not self.is_complete and _is_locked(self._file)
         except BaseException:
             self._file.close()
@@ -71,12 +78,12 @@ class LogPart:
         damage: list[str] = []
         known: Contents | None = None
         try:
-            known = read_summary(self._file, self.size)
+            known = read_summary(self._file, self.size, self._limits)
         except LogDamaged as error:
             damage.append(str(error))
         if known and trust_summary:
             return known
-        found = scan(self._file, self.size, known)
+        found = scan(self._file, self.size, self._limits, known)
         found.damage = found.damage or damage
         return found
 
@@ -100,7 +107,10 @@ class LogPart:
 
     def _messages_of(self, block: Block) -> Iterator[PartMessage]:
         try:
-            yield from _messages_in(block.read(self._file))
+            yield from _messages_in(block.read(self._file, self._limits))
+        except LogLimitExceeded as error:
+            place = block.frame.start - RECORD_HEAD.size
+            raise LogLimitExceeded(f"{self.path}: byte {place}: {error}") from error
         except LogDamaged as damage:
             self.contents.damage.append(f"byte {block.frame.start - RECORD_HEAD.size}: {damage}")
 
@@ -108,7 +118,7 @@ class LogPart:
         """Yield the attachments; what is damaged is left out, and noted."""
         for frame in self.contents.attachments:
             try:
-                yield read_attachment(content(self._file, frame))
+                yield read_attachment(content(self._file, frame, self._limits))
             except LogDamaged as damage:
                 self.contents.damage.append(f"byte {frame.start - RECORD_HEAD.size}: {damage}")
 

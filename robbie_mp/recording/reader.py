@@ -21,6 +21,7 @@ from robbie_mp.recording.format import (
     TOPIC_KEY,
     VERSION_KEY,
 )
+from robbie_mp.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.recording.part import LogPart
 
 REPAIRED_SUFFIX = ".repaired.mcap"
@@ -158,17 +159,22 @@ class Log:
         self.close()
 
 
-def open_log(path: Path) -> Log:
+def open_log(path: Path, limits: ReadLimits = READ_LIMITS) -> Log:
     """Open a log: an MCAP file, or a folder of parts `NAME_0000.mcap`, `NAME_0001.mcap`, ….
 
     One that was cut, or is still being written, is read to its last whole chunk; to open it takes reading it.
 
+    Args:
+        path: the file or folder.
+        limits: what may be in it.
+
     Raises:
         LogUnreadable: it is missing, or may not be read.
         NotALog: it is no log, or a folder without one, or with several.
+        LogLimitExceeded: something in it is too large; to read its messages raises this, too.
     """
     with ExitStack() as opened:
-        parts = [opened.enter_context(LogPart(file)) for file in part_files(path)]
+        parts = [opened.enter_context(LogPart(file, limits)) for file in part_files(path)]
         log = Log(path, parts)
         opened.pop_all()
     return log

@@ -14,6 +14,7 @@ from mcap.writer import CompressionType, Writer
 from robbie_mp.private_files import make_private_file
 from robbie_mp.recording.contents import Contents
 from robbie_mp.recording.errors import LogIncomplete, LogNotWritten, RepairFailed
+from robbie_mp.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.recording.part import LogPart
 from robbie_mp.recording.reader import REPAIRED_SUFFIX
 
@@ -46,21 +47,23 @@ def repaired_name(source: Path) -> Path:
     return source.with_name(source.name.removesuffix(".mcap") + REPAIRED_SUFFIX)
 
 
-def repair(source: Path, target: Path, progress: Progress) -> Repair:
+def repair(source: Path, target: Path, progress: Progress, limits: ReadLimits = READ_LIMITS) -> Repair:
     """Write a file with every message of every whole chunk of another, and check it by reading it again.
 
     Args:
         source: the log; one MCAP file, by whomever. It is only read.
         target: the new file. If the repair fails, it is removed.
         progress: counts messages, each when it is written and when it is read again.
+        limits: what may be in the source.
 
     Raises:
         LogUnreadable, NotALog: as for `open_log`.
+        LogLimitExceeded: something in the source is too large.
         LogIncomplete: the source is still being written.
         LogNotWritten: the target exists, or cannot be written.
         RepairFailed: reading it again has not given what was written.
     """
-    with LogPart(source, trust_summary=False) as part:
+    with LogPart(source, limits, trust_summary=False) as part:
         if part.is_being_written:
             raise LogIncomplete(f"{source} is still being written; repair it when the recording has ended")
         try:

@@ -8,7 +8,8 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Header, Metadata, Schema
 
 from robbie_mp.recording.contents import Block, Contents
-from robbie_mp.recording.errors import LogDamaged
+from robbie_mp.recording.errors import LogDamaged, LogLimitExceeded
+from robbie_mp.recording.limits import ReadLimits
 from robbie_mp.recording.mcap_records import (
     MAGIC,
     MESSAGE_HEAD,
@@ -30,10 +31,13 @@ WINDOW_BYTES = 1 << 20
 CHUNK_HEAD = struct.Struct("<BQQQQII")
 """Opcode, length, start time, end time, size, checksum, and the length of the name of the compression."""
 LONGEST_NAME_BYTES = 16
+SEARCH_BYTES, SEARCH_TIMES_SIZE = 1 << 30, 16
+"""So much, and so many times the size of the file, is read and decompressed of what only looks like chunks. A
+file can be made of places that do, each within the one before."""
 CHUNK_OPCODE = re.compile(rb"\x06")
 
 
-def scan(file: BinaryIO, size: int, known: Contents | None = None) -> Contents:
+def scan(file: BinaryIO, size: int, limits: ReadLimits, known: Contents | None = None) -> Contents:
     """Return what is whole in a file.
 
     Where something is not, the next whole chunk is looked for; `damage` tells of it.
@@ -41,21 +45,27 @@ def scan(file: BinaryIO, size: int, known: Contents | None = None) -> Contents:
     Args:
         file: the file.
         size: its size.
+        limits: what may be in it.
         known: what its summary says, for messages behind what is not whole.
+
+    Raises:
+        LogLimitExceeded: something in it is too large.
     """
-    return _Scan(file, size, known or Contents()).run()
+    return _Scan(file, size, limits, known or Contents()).run()
 
 
 class _Scan:
-    def __init__(self, file: BinaryIO, size: int, known: Contents):
+    def __init__(self, file: BinaryIO, size: int, limits: ReadLimits, known: Contents):
         self._file = file
         self._size = size
+        self._limits = limits
         self._known = known
         self._found = Contents(schemas=dict(known.schemas), channels=dict(known.channels))
+        self._search_bytes = SEARCH_BYTES + SEARCH_TIMES_SIZE * size
+        """What may still be read and decompressed of places that only look like chunks."""
         self._row: list[Frame] = []
         """Messages outside of chunks since the last other record."""
-        self._row_ids: list[int] = []
-        self._row_times: list[int] = []
+        self._row_tally = _Tally()
         self._strangers = 0
         """Messages of channels that are not known."""
 
@@ -68,10 +78,16 @@ class _Scan:
                 frame = frame_at(self._file, offset, self._size)
                 has_end = self._take(frame)
                 offset = frame.end
+            except LogLimitExceeded as error:
+                raise LogLimitExceeded(f"byte {offset}: {error}") from error
             except LogDamaged as damage:
                 self._end_row()
                 self._found.damage.append(f"byte {offset}: {damage}")
                 following = self._next_chunk(offset + 1)
+                if self._search_bytes < 0:
+                    self._found.damage.append(
+                        "too many places look like chunks and are none; the search ended"
+                    )
                 if following is None:
                     break
                 offset = following
@@ -98,14 +114,14 @@ class _Scan:
             case Opcode.CHUNK:
                 self._take_chunk(frame)
             case Opcode.SCHEMA | Opcode.CHANNEL:
-                self._describe(frame.opcode, content(self._file, frame))
+                self._describe(frame.opcode, content(self._file, frame, self._limits))
             case Opcode.HEADER if frame.start == len(MAGIC) + RECORD_HEAD.size:
-                found.header = parse(Header, content(self._file, frame))
+                found.header = parse(Header, content(self._file, frame, self._limits))
             case Opcode.METADATA:
-                found.metadata.append(parse(Metadata, content(self._file, frame)))
+                found.metadata.append(parse(Metadata, content(self._file, frame, self._limits)))
             case Opcode.ATTACHMENT:
                 found.attachments.append(frame)
-            case Opcode.MESSAGE_INDEX if _is_message_index(content(self._file, frame)):
+            case Opcode.MESSAGE_INDEX if _is_message_index(content(self._file, frame, self._limits)):
                 pass
             case Opcode.DATA_END if frame.length == DATA_END_BYTES:
                 return True
@@ -115,28 +131,26 @@ class _Scan:
 
     def _describe(self, opcode: int, data: bytes) -> None:
         if opcode == Opcode.SCHEMA:
-            schema = parse(Schema, data)
-            self._found.schemas[schema.id] = schema
+            self._found.add_schema(parse(Schema, data), self._limits)
         else:
-            channel = parse(Channel, data)
-            self._found.channels[channel.id] = channel
+            self._found.add_channel(parse(Channel, data), self._limits)
 
     def _take_chunk(self, frame: Frame) -> None:
-        chunk = parse(Chunk, content(self._file, frame))
-        data = chunk_data(chunk)
-        ids: list[int] = []
-        times: list[int] = []
-        for inner in list(frames_in(data)):  # none of it counts unless all of it is whole
+        chunk = parse(Chunk, content(self._file, frame, self._limits))
+        data = chunk_data(chunk, self._limits)
+        for _ in frames_in(data):  # none of it counts unless all of it is whole
+            pass
+        tally = _Tally()
+        for inner in frames_in(data):
             if inner.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._describe(inner.opcode, data[inner.start : inner.end])
             elif inner.opcode == Opcode.MESSAGE:
                 if inner.length < MESSAGE_HEAD.size:
                     raise LogDamaged(f"a message record has only {inner.length} bytes")
                 channel_id, _, time_ns, _ = MESSAGE_HEAD.unpack_from(data, inner.start)
-                ids.append(channel_id)
-                times.append(time_ns)
+                tally.add(channel_id, time_ns)
         self._found.compressions[chunk.compression] = self._found.compressions.get(chunk.compression, 0) + 1
-        self._add_block(frame, ids, times)
+        self._add_block(frame, tally)
 
     def _take_single(self, frame: Frame) -> None:
         if frame.length < MESSAGE_HEAD.size:
@@ -144,8 +158,7 @@ class _Scan:
         self._file.seek(frame.start)
         channel_id, _, time_ns, _ = MESSAGE_HEAD.unpack(self._file.read(MESSAGE_HEAD.size))
         self._row.append(frame)
-        self._row_ids.append(channel_id)
-        self._row_times.append(time_ns)
+        self._row_tally.add(channel_id, time_ns)
         if frame.end - self._row[0].start > ROW_BYTES:
             self._end_row()
 
@@ -153,40 +166,75 @@ class _Scan:
         if self._row:
             start, end = self._row[0].start - RECORD_HEAD.size, self._row[-1].end
             row = Frame(Opcode.MESSAGE, start, end - start)
-            self._add_block(row, self._row_ids, self._row_times)
-            self._row, self._row_ids, self._row_times = [], [], []
+            self._add_block(row, self._row_tally)
+            self._row, self._row_tally = [], _Tally()
 
-    def _add_block(self, frame: Frame, ids: list[int], times: list[int]) -> None:
+    def _add_block(self, frame: Frame, tally: "_Tally") -> None:
         found = self._found
-        known = [(id_, time_ns) for id_, time_ns in zip(ids, times, strict=True) if id_ in found.channels]
-        self._strangers += len(ids) - len(known)
+        known = {id_: times for id_, times in tally.times.items() if id_ in found.channels}
+        self._strangers += sum(times[0] for id_, times in tally.times.items() if id_ not in known)
         if not known:
             return
-        start_ns, end_ns = min(known, key=_time)[1], max(known, key=_time)[1]
+        start_ns, end_ns = (
+            min(times[1] for times in known.values()),
+            max(times[2] for times in known.values()),
+        )
         found.start_ns = min(found.start_ns, start_ns) if found.blocks else start_ns
         found.end_ns = max(found.end_ns, end_ns)
-        found.blocks.append(Block(frame, start_ns, end_ns, frozenset(id_ for id_, _ in known)))
-        for id_, _ in known:
-            found.counts[id_] = found.counts.get(id_, 0) + 1
+        found.blocks.append(Block(frame, start_ns, end_ns, frozenset(known)))
+        for id_, (count, _, _) in known.items():
+            found.counts[id_] = found.counts.get(id_, 0) + count
 
     def _next_chunk(self, offset: int) -> int | None:
         """Return where the next whole chunk begins, or None."""
-        while offset < self._size:
+        while offset < self._size and self._search_bytes >= 0:
             self._file.seek(offset)
             window = self._file.read(WINDOW_BYTES + CHUNK_HEAD.size + LONGEST_NAME_BYTES + 8)
             for opcode in CHUNK_OPCODE.finditer(window, 0, WINDOW_BYTES):
                 if _may_be_chunk(window, opcode.start()) and self._is_chunk(offset + opcode.start()):
                     return offset + opcode.start()
+                if self._search_bytes < 0:
+                    return None
             offset += WINDOW_BYTES
         return None
 
     def _is_chunk(self, offset: int) -> bool:
         try:
-            chunk = parse(Chunk, content(self._file, frame_at(self._file, offset, self._size)))
-            frames = list(frames_in(chunk_data(chunk)))
+            frame = frame_at(self._file, offset, self._size)
+            chunk = parse(Chunk, content(self._file, frame, self._limits))
+            self._search_bytes -= frame.length
+            if chunk.uncompressed_crc == 0 or self._search_bytes < 0:
+                return False
+            self._search_bytes -= min(chunk.uncompressed_size, self._limits.chunk_bytes)
+            data = chunk_data(chunk, self._limits)
+            for _ in frames_in(data):
+                pass
         except LogDamaged:
             return False
-        return bool(frames) and chunk.uncompressed_crc != 0
+        except LogLimitExceeded as error:
+            raise LogLimitExceeded(f"byte {offset}: {error}") from error
+        self._search_bytes += frame.length + len(data)  # what is a chunk is not searched in vain
+        return bool(data)
+
+
+class _Tally:
+    """How many messages of each channel there are, and from when to when, without keeping any of them."""
+
+    def __init__(self) -> None:
+        self.times: dict[int, list[int]] = {}
+        """By channel: how many, the earliest, the latest."""
+
+    def add(self, channel_id: int, time_ns: int) -> None:
+        """Count a message."""
+        known = self.times.get(channel_id)
+        if known is None:
+            self.times[channel_id] = [1, time_ns, time_ns]
+            return
+        known[0] += 1
+        if time_ns < known[1]:
+            known[1] = time_ns
+        elif time_ns > known[2]:
+            known[2] = time_ns
 
 
 def _may_be_chunk(window: bytes, at: int) -> bool:
@@ -204,7 +252,3 @@ def _may_be_chunk(window: bytes, at: int) -> bool:
 
 def _is_message_index(data: bytes) -> bool:
     return len(data) >= 6 and len(data) == 6 + int.from_bytes(data[2:6], "little")
-
-
-def _time(one: tuple[int, int]) -> int:
-    return one[1]

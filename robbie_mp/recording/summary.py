@@ -9,6 +9,7 @@ from mcap.records import AttachmentIndex, Channel, Footer, Header, Metadata, Met
 
 from robbie_mp.recording.contents import Block, Contents
 from robbie_mp.recording.errors import LogDamaged
+from robbie_mp.recording.limits import ReadLimits
 from robbie_mp.recording.mcap_records import MAGIC, RECORD_HEAD, Frame, content, frame_at, frames_in, parse
 
 FOOTER_BYTES = RECORD_HEAD.size + 20
@@ -17,27 +18,26 @@ CHUNK_INDEX_ENTRY = struct.Struct("<HQ")
 TEXT_LENGTH = struct.Struct("<QI")
 
 
-def read_summary(file: BinaryIO, size: int) -> Contents | None:
+def read_summary(file: BinaryIO, size: int, limits: ReadLimits) -> Contents | None:
     """Return what the summary of a file says; None if there is none, or if it does not say all.
 
     Raises:
         LogDamaged: the file has no end, or its summary is damaged.
+        LogLimitExceeded: the summary is too large, or something that it tells of.
     """
-    start, data = _summary(file, size)
+    start, data = _summary(file, size, limits)
     if not data:
         return None
-    found = Contents(header=parse(Header, content(file, frame_at(file, len(MAGIC), size))))
+    found = Contents(header=parse(Header, content(file, frame_at(file, len(MAGIC), size), limits)))
     statistics: Statistics | None = None
     metadata: list[MetadataIndex] = []
     for frame in frames_in(data):
         record = data[frame.start : frame.end]
         match frame.opcode:
             case Opcode.SCHEMA:
-                schema = parse(Schema, record)
-                found.schemas[schema.id] = schema
+                found.add_schema(parse(Schema, record), limits)
             case Opcode.CHANNEL:
-                channel = parse(Channel, record)
-                found.channels[channel.id] = channel
+                found.add_channel(parse(Channel, record), limits)
             case Opcode.CHUNK_INDEX:
                 found.blocks.append(_block(record, found.compressions, start))
             case Opcode.STATISTICS:
@@ -52,11 +52,11 @@ def read_summary(file: BinaryIO, size: int) -> Contents | None:
     found.counts = dict(statistics.channel_message_counts)
     found.start_ns, found.end_ns = statistics.message_start_time, statistics.message_end_time
     for index in sorted(metadata, key=lambda index: index.offset):
-        found.metadata.append(parse(Metadata, content(file, frame_at(file, index.offset, start))))
+        found.metadata.append(parse(Metadata, content(file, frame_at(file, index.offset, start), limits)))
     return found
 
 
-def _summary(file: BinaryIO, size: int) -> tuple[int, bytes]:
+def _summary(file: BinaryIO, size: int, limits: ReadLimits) -> tuple[int, bytes]:
     """Return where the records of the summary begin, and them; nothing if there are none."""
     end = size - FOOTER_BYTES - len(MAGIC)
     file.seek(max(end, 0))
@@ -69,7 +69,7 @@ def _summary(file: BinaryIO, size: int) -> tuple[int, bytes]:
         return end, b""
     if not len(MAGIC) < footer.summary_start <= end:
         raise LogDamaged(f"the summary cannot begin at byte {footer.summary_start}")
-    data = content(file, Frame(Opcode.FOOTER, footer.summary_start, end - footer.summary_start))
+    data = content(file, Frame(Opcode.FOOTER, footer.summary_start, end - footer.summary_start), limits)
     if footer.summary_crc and zlib.crc32(data + tail[: FOOTER_BYTES - 4]) != footer.summary_crc:
         raise LogDamaged("the summary has another checksum than it says")
     return footer.summary_start, data

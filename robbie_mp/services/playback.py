@@ -14,6 +14,7 @@ from robbie_mp.playback.player import ControlRefused, Outlet, Player
 from robbie_mp.playback.tape import Tape
 from robbie_mp.playback.translation import RunTypes, Translation, translation_of
 from robbie_mp.recording.errors import LogError
+from robbie_mp.recording.limits import MEGABYTE, READ_LIMITS, ReadLimits
 from robbie_mp.recording.reader import Log, LogChannel, open_log
 from robbie_mp.recording.selection import channel_name
 from robbie_mp.run_clock import MAX_RATE, ClockWriter
@@ -56,6 +57,9 @@ class Playback(Module):
     senders: list[str] | None = setting(
         None, "shell patterns of the modules whose messages to play; null: all that do not run in this run"
     )
+    max_chunk_mib: int = setting(
+        READ_LIMITS.chunk_bytes // MEGABYTE, "largest chunk of the log, decompressed", minimum=1
+    )
     outstanding_limit: int = setting(200, "messages that may be waiting or in work", minimum=1, maximum=4000)
     outstanding_bytes: int = setting(32 << 20, "so large they may be together", minimum=1)
     period_s: float = setting(0.005, "time between looks at the clock", minimum=0.001)
@@ -64,7 +68,7 @@ class Playback(Module):
     @classmethod
     def check(cls, settings: dict[str, Any]) -> None:
         """See that there is a log, and something to play in it."""
-        with _open(settings["file"]) as log:
+        with _open(settings) as log:
             length_s = (log.end_ns - log.start_ns) / 1e9
             start_s, end_s = settings["start_s"], settings["end_s"]
             if start_s > length_s:
@@ -80,7 +84,7 @@ class Playback(Module):
     def further_types(cls, settings: dict[str, Any], others: Collection[str]) -> Iterable[TypeDescription]:
         """Describe the types that only the log knows; see that the others can become what they are now."""
         types = RunTypes(own_types())
-        with _open(settings["file"]) as log:
+        with _open(settings) as log:
             channels = selection.of_topics(log.channels, settings["topics"])
             played = selection.of_senders(channels, settings["senders"], {SUPERVISOR, CORE, *others})
             _translations(played, types)
@@ -93,7 +97,7 @@ class Playback(Module):
     def setup(self) -> None:
         """Open the log, and begin the run's time, or go on where a killed incarnation was."""
         plan = self._plan()
-        self.log_file = _open(self.file)
+        self.log_file = _open({"file": self.file, "max_chunk_mib": self.max_chunk_mib})
         self.clock_writer = ClockWriter.attach(self.run_id)
         channels = self._channels({SUPERVISOR, CORE, *(module.name for module in plan.modules)})
         types = RunTypes(TypeDescription(*one) for one in plan.types)
@@ -246,9 +250,9 @@ class Playback(Module):
         self.log_file.close()
 
 
-def _open(file: Path) -> Log:
+def _open(settings: dict[str, Any]) -> Log:
     try:
-        return open_log(file)
+        return open_log(settings["file"], ReadLimits(chunk_bytes=settings["max_chunk_mib"] * MEGABYTE))
     except LogError as error:
         raise SettingError(str(error), "file") from error
 
