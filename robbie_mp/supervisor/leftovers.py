@@ -20,6 +20,7 @@ from robbie_mp.supervisor.event_loop import EventLoop
 MARKER = "ROBBIE_CHILD"
 MAX_PASSES = 20
 END_WAIT_S = 0.5
+RETRY_S = 0.05
 
 
 def marker(run_id: str, name: str, incarnation: int) -> str:
@@ -76,6 +77,7 @@ class Leftovers:
         self._loop = loop
         self._on_gone = on_gone
         self._pidfds: dict[int, int] = {}
+        self._is_closed = False
 
     @property
     def pids(self) -> tuple[int, ...]:
@@ -83,8 +85,17 @@ class Leftovers:
         return tuple(self._pidfds)
 
     def end(self) -> None:
-        """Kill what is there; again when that has ended, for it may have forked meanwhile."""
-        self._pidfds = self._kill()
+        """Kill what is there; again when that has ended, for it may have forked meanwhile.
+
+        If there is no descriptor left to look for it, again a little later: nobody may be overlooked.
+        """
+        if self._is_closed:
+            return
+        try:
+            self._pidfds = self._kill()
+        except OSError:
+            self._loop.call_later(RETRY_S, self.end)
+            return
         for pid, pidfd in self._pidfds.items():
             self._loop.watch(pidfd, lambda pid=pid: self._on_end(pid))  # type: ignore[misc]
         if not self._pidfds:
@@ -92,6 +103,7 @@ class Leftovers:
 
     def close(self) -> None:
         """Watch them no longer."""
+        self._is_closed = True
         for pidfd in self._pidfds.values():
             self._loop.unwatch(pidfd)
             os.close(pidfd)
@@ -118,17 +130,27 @@ def kill_all(belongs: Callable[[ProcessStat], bool]) -> dict[int, int]:
 
     Returns:
         A pidfd of each, which the caller closes, by its pid.
+
+    Raises:
+        OSError: there is no descriptor left, so some may have been overlooked.
     """
     killed: dict[int, int] = {}
     seen = {os.getpid()}
-    for _ in range(MAX_PASSES):
-        found = [p for p in processes() if p.pid not in seen and belongs(p)]
-        if not found:
-            break
-        for process in found:
-            seen.add(process.pid)
-            if (pidfd := _kill(process)) is not None:
-                killed[process.pid] = pidfd
+    try:
+        for _ in range(MAX_PASSES):
+            found = [p for p in processes() if p.pid not in seen and belongs(p)]
+            if not found:
+                break
+            for process in found:
+                seen.add(process.pid)
+                if (pidfd := _kill(process)) is not None:
+                    killed[process.pid] = pidfd
+        # With none left, /proc may have seemed to know less than it does.
+        os.close(os.open("/proc", os.O_RDONLY | os.O_CLOEXEC))
+    except OSError:
+        for pidfd in killed.values():
+            os.close(pidfd)
+        raise
     return killed
 
 
@@ -180,7 +202,8 @@ class OrphanReaper:
         deadline_s = time.monotonic() + END_WAIT_S
         # Again, because those whose parent is killed here come to us only then.
         while (orphans := own_children() - self._foreign) and time.monotonic() < deadline_s:
-            wait_gone(kill_all(lambda stat: stat.pid in orphans))
+            with contextlib.suppress(OSError):  # no descriptor left for now; this is tried again
+                wait_gone(kill_all(lambda stat: stat.pid in orphans))
             for pid in orphans:
                 _reap(pid)
         set_child_subreaper(self._was_subreaper)

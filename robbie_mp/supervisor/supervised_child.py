@@ -335,11 +335,18 @@ class SupervisedChild:
         if self._killed_s is None:
             self._killed_s = self._clock()
         self._leftovers = Leftovers(
-            lambda: kill_child_leftovers(process.pid, process.marker, self._around.known_pids()),
+            lambda: self._kill_leftovers(process),
             self._around.loop,
             lambda: self._on_gone(process, status),
         )
         self._leftovers.end()
+
+    def _kill_leftovers(self, process: ChildProcess) -> dict[int, int]:
+        try:
+            return kill_child_leftovers(process.pid, process.marker, self._around.known_pids())
+        except OSError:  # no descriptor left: those of its streams will do
+            self._finish_streams()
+            return kill_child_leftovers(process.pid, process.marker, self._around.known_pids())
 
     def _on_gone(self, process: ChildProcess, status: ExitStatus) -> None:
         self._finish_streams()

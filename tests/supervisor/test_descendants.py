@@ -9,6 +9,7 @@ from pathlib import Path
 from robbie_mp.prctl import is_child_subreaper
 from robbie_mp.supervisor.leftovers import OrphanReaper, kill_run_leftovers
 from robbie_mp.supervisor.states import ChildState
+from tests.few_descriptors import only_free_descriptors
 from tests.supervisor import zoo
 from tests.supervisor.running import Run, Scenario, animal, is_gone, wait_for
 
@@ -84,3 +85,22 @@ def test_marked_processes_of_another_run_are_not_killed() -> None:
         others.kill()
         others.wait()
         ours.wait()
+
+
+def test_child_that_ends_when_no_descriptor_is_left_is_restarted_and_what_it_forked_gone(
+    tmp_path: Path,
+) -> None:
+    """The streams of the dead child are given back first: the search for what it forked needs descriptors."""
+    run = Run(tmp_path, animal(zoo.forks, "parent"))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        mine = run.incarnations.forked("parent")
+        with only_free_descriptors(0):
+            os.kill(run.incarnations.pids["parent", 1], signal.SIGKILL)
+            yield lambda: ChildState.BACKOFF in run.states("parent")
+        assert all(map(is_gone, mine))
+        yield lambda: run.states("parent").count(ChildState.RUNNING) == 2
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
