@@ -22,7 +22,7 @@ def _left_behind() -> dict[str, set[object]]:
     """What of ours exists now: children, threads, and names in shared memory (segments and semaphores)."""
     return {
         "process": _children(),
-        "thread": set(threading.enumerate()),
+        "thread": {one for one in threading.enumerate() if not one.name.startswith("pytest_timeout")},
         "/dev/shm entry": set(_shared_names()),
         "descriptor": {(fd, _target(fd)) for fd in os.listdir("/proc/self/fd")} - {None},
     }

@@ -6,7 +6,6 @@ Chromium, records a log meanwhile, and plays that beside virtual devices. Needs 
 
 import io
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from playwright.sync_api import Page
 
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver
+from robbie_mp.operator_link import read_link
 from robbie_mp.transport.segment import SegmentMissing
 from tools.operator_trials.chromium import chromium
 
@@ -91,9 +91,8 @@ def recording(folder: str) -> Iterator[None]:
 
 
 def address() -> str:
-    """Return where the page is; '' as long as it is not there."""
-    found = re.search(r"http://\S+/", status("operator")[1])
-    return found[0] if found else ""
+    """Return the link to the page; '' as long as it is not there."""
+    return next((link for run in live_runs() if (link := read_link(run.folder))), "")
 
 
 def status(module: str) -> tuple[int, str]:

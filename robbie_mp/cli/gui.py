@@ -10,9 +10,11 @@ from robbie_mp.attachment import RunEnded
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.cli.signals import signals_noted
+from robbie_mp.operator_link import read_link
 from robbie_mp.profile.problem import refuse
 from robbie_mp.profile.reader import read_text
 from robbie_mp.settings import SettingError
+from robbie_mp.supervisor.run_directory import KnownRun
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -35,6 +37,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "longer drives: the base stops by itself.",
         [
             "robbie gui",
+            "robbie gui --link",
             "robbie gui --attach 1f0c --port 8090",
             "robbie gui --host 0.0.0.0 --operator-token file:operator.token",
             "robbie gui --set 'tabs={drive: Pad, map: Where am I}' --set max_linear_m_per_s=0.3",
@@ -58,6 +61,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         default=[],
         help="any other setting that an operator station has in a profile; may be repeated",
     )
+    parser.add_argument(
+        "--link", action="store_true", help="only show the link of the page of a run that has one"
+    )
     parser.set_defaults(command=gui)
 
 
@@ -68,6 +74,8 @@ def gui(arguments: argparse.Namespace) -> int:
 
     settings = _settings(arguments)
     run = choose_run(arguments.run)
+    if arguments.link:
+        return _show_link(run)
     load_website()
     logging.basicConfig(format="%(levelname)s: %(message)s", stream=sys.stderr)
     with signals_noted() as stopped:
@@ -82,8 +90,17 @@ def gui(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _show_link(run: KnownRun) -> int:
+    """Print the link of the station that a run has already."""
+    link = read_link(run.folder)
+    if not link:
+        raise refuse("this run has no operator station; robbie gui, without --link, serves one")
+    print(link)
+    return 0
+
+
 def _announce(station: "OperatorStation") -> None:
-    print(f"operator station: {station.address} (Ctrl-C ends it)", flush=True)
+    print(f"operator station: {station.link} (Ctrl-C ends it)", flush=True)
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, object]:

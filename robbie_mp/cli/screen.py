@@ -18,14 +18,18 @@ from rich.live import Live
 from robbie_mp.cli.figures import LIVE_FIGURES, table
 from robbie_mp.cli.output import PlainConsole
 from robbie_mp.observe import RunObserver
+from robbie_mp.operator_link import read_link
 from robbie_mp.supervisor.output import SUPERVISOR
 from robbie_mp.supervisor.run import RunListener
+from robbie_mp.supervisor.run_directory import list_runs
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.transport.segment import SegmentMissing
 from robbie_mp.visible_text import visible
 
+LINK = "link"
+"""Instead of a style: the link of the operator's page is to be shown, if there is a new one."""
 REFRESH_S = 0.25
 QUEUED_LINES = 1000
 LAST_WORDS_S = 1.0
@@ -78,6 +82,7 @@ class RunScreen:
         self._thread = threading.Thread(target=self._show, name="screen", daemon=True)
         self._run_id = ""
         self._reported = 0
+        self._link = ""
         self.dropped = 0
         self.listener = RunListener(self._on_entry, self._on_change, self._on_begin)
 
@@ -104,6 +109,8 @@ class RunScreen:
                 self._put(f"[{entry.module}] {line}", "dim" if entry.stream == "stdout" else "")
 
     def _on_change(self, change: StateChange) -> None:
+        if change.new is ChildState.RUNNING:
+            self._put(change.name, LINK)
         if change.new in (ChildState.FAILED, ChildState.BACKOFF):
             again = f", again in {change.restart_in_s:.2f} s" if change.restart_in_s is not None else ""
             self._put(f"{change.name}: {change.new} ({change.reason}{again})", "bold red")
@@ -156,11 +163,25 @@ class RunScreen:
     def _print_next(self, live: Live | None, timeout_s: float | None) -> None:
         with contextlib.suppress(queue.Empty):
             text, style = self._lines.get(timeout=timeout_s)
-            if text:
+            if style == LINK:
+                self._show_link(live)
+            elif text:
                 self._print(live, text, style)
         if (missing := self.dropped - self._reported) and self._lines.empty():
             self._reported += missing
             self._print(live, f"({missing} lines not shown: this came too slowly here; see the logs)", "")
+
+    def _show_link(self, live: Live | None) -> None:
+        """Show how to open the operator's page; where others may read it, without the token."""
+        run = next((one for one in list_runs() if one.run_id == self._run_id), None)
+        link = read_link(run.folder) if run else ""
+        if link == self._link:
+            return
+        self._link = link
+        if self._console.is_terminal or "?" not in link:
+            self._print(live, f"operator station: {link}", "")
+        else:
+            self._print(live, "operator station: `robbie gui --link` shows its link", "")
 
     def _print(self, live: Live | None, text: str, style: str) -> None:
         if live is None:

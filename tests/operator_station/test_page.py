@@ -1,9 +1,8 @@
 """The page in a real browser: what it shows is so, and what is pressed happens."""
 
-import re
-
 import pytest
 
+from robbie_mp.operator_link import read_link
 from tests.operator_station.browser import browser, needs_chromium, page_of
 from tests.run.robot import Ended, Robot
 
@@ -18,10 +17,9 @@ modules:
 
 
 def address_of(robot: Robot) -> str:
-    figures = robot.until(lambda modules: "http://" in modules["operator"]["status"])
-    found = re.search(r"http://\S+/", figures["operator"]["status"])
-    assert found
-    return found[0]
+    """The link with which the user of the robot opens the page."""
+    robot.until(lambda modules: "http://" in modules["operator"]["status"])
+    return read_link(robot.known_run().folder)
 
 
 def test_page_shows_the_processes_and_the_emergency_stop_reaches_the_base_and_latches(robot: Robot) -> None:

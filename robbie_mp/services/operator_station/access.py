@@ -1,10 +1,10 @@
 """Who may see and who may steer: tokens, sessions, and where requests may come from.
 
-On the machine itself nobody is asked. Reached over a network, the page asks for one of two tokens of the
-profile. Requests that another site makes a browser send are refused by their origin (OWASP, Cross-Site
-Request Forgery Prevention; RFC 6454).
+Everybody is asked for a token, on the machine itself too: others may use it. Requests that another site makes
+a browser send are refused by their origin (OWASP, Cross-Site Request Forgery Prevention; RFC 6454).
 """
 
+import hashlib
 import hmac
 import ipaddress
 import secrets
@@ -13,10 +13,10 @@ from collections.abc import Mapping
 from enum import IntEnum
 from urllib.parse import urlsplit
 
-SESSIONS = 64
-"""So many are remembered; the one that was used least lately goes first."""
+MAX_SESSIONS = 64
+"""Of each role; the one that was used least lately goes first. Observers so end no operator's session."""
 SHORTEST_TOKEN = 16
-"""Longer than can be guessed. Wrong ones are traced, but not limited: that would lock the operator out."""
+"""Longer than can be guessed at the rate at which wrong ones are taken."""
 
 
 class Role(IntEnum):
@@ -39,17 +39,17 @@ def is_loopback(host: str) -> bool:
 
 
 class Access:
-    """Knows tokens and sessions.
+    """Knows tokens and sessions, of which it keeps only digests.
 
     Args:
-        operator_token: '' lets everybody in as operator.
+        operator_token: makes an operator.
         observer_token: '' means that there are no observers.
-        sessions: that were there before; for the same tokens.
+        sessions: digests that were there before, with their roles; for the same tokens.
     """
 
     def __init__(self, operator_token: str, observer_token: str, sessions: Mapping[str, int] | None = None):
         self._tokens = {
-            role: token.encode()
+            role: hashlib.sha256(token.encode()).digest()
             for role, token in ((Role.OPERATOR, operator_token), (Role.OBSERVER, observer_token))
             if token
         }
@@ -57,46 +57,45 @@ class Access:
 
     @property
     def sessions(self) -> dict[str, int]:
-        """What is to be known after a restart."""
-        return {name: int(role) for name, role in tuple(self._sessions.items())}
-
-    @property
-    def is_open(self) -> bool:
-        """Whether nobody is asked for a token."""
-        return not self._tokens
+        """What is to be known after a restart: nobody can log in with it."""
+        return {digest: int(role) for digest, role in tuple(self._sessions.items())}
 
     def log_in(self, token: str) -> str | None:
-        """Return a new session for a token; None if it is wrong. Takes as long for any wrong token."""
-        given, found = token.encode(), None
+        """Return a new session for a token; None if it is wrong. It takes as long for any of any length."""
+        given, found = hashlib.sha256(token.encode("utf-8", "replace")).digest(), None
         for role, known in self._tokens.items():
             if hmac.compare_digest(given, known):
                 found = role
         if found is None:
             return None
         session = secrets.token_urlsafe(32)
-        self._sessions[session] = found
-        while len(self._sessions) > SESSIONS:
-            self._sessions.popitem(last=False)
+        self._sessions[digest_of(session)] = found
+        same = [digest for digest, role in self._sessions.items() if role is found]
+        for digest in same[:-MAX_SESSIONS]:
+            del self._sessions[digest]
         return session
+
+    def log_out(self, session: str) -> None:
+        """End a session for good."""
+        self._sessions.pop(digest_of(session), None)
 
     def role_of(self, session: str | None) -> Role | None:
         """Return what a session may do; None if there is no such session."""
-        if self.is_open:
-            return Role.OPERATOR
-        role = self._sessions.get(session or "")
+        digest = digest_of(session or "")
+        role = self._sessions.get(digest)
         if role is not None:
-            self._sessions.move_to_end(session or "")
+            self._sessions.move_to_end(digest)
         return role
+
+
+def digest_of(session: str) -> str:
+    """Return what is kept of a session: it tells nobody the session."""
+    return hashlib.sha256(session.encode("utf-8", "replace")).hexdigest()
 
 
 def is_own_origin(origin: str | None, host: str | None) -> bool:
     """Whether a request comes from a page of ours: its origin is the host that it asks."""
     return origin is None or (host is not None and urlsplit(origin).netloc.lower() == host.lower())
-
-
-def is_local_name(host: str | None) -> bool:
-    """Whether a request asks for this machine by a local name, and not by one from a stranger's DNS."""
-    return host is not None and is_loopback(urlsplit(f"//{host}").hostname or "")
 
 
 class DriversSeat:

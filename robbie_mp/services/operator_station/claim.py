@@ -38,7 +38,9 @@ class StationClaim:
             self._file.seek(0)
             address = self._file.read() or "it is just starting"
             self._file.close()
-            raise StationExists(f"this run has an operator station already: {address}") from None
+            raise StationExists(
+                f"this run has an operator station already: {address}; robbie gui --link shows its link"
+            ) from None
 
     def announce(self, address: str) -> None:
         """Tell others where the page is."""

@@ -4,6 +4,9 @@ import socket
 
 from robbie_mp.errors import RobbieError
 
+BACKLOG = 32
+"""Connections that may be accepted at once."""
+
 UNREAD_LIMIT_S = 20.0
 """Who takes nothing of what was sent for so long is disconnected."""
 UNSENT_BYTES = 1 << 16
@@ -32,7 +35,7 @@ def listen(host: str, port: int, unread_limit_s: float = UNREAD_LIMIT_S) -> sock
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        listener = socket.create_server((host, port), family=family)
+        listener = socket.create_server((host, port), family=family, backlog=BACKLOG)
     except OSError as error:
         raise AddressUnusable(
             f"cannot listen on {host}, port {port}: {error.strerror or error}; "

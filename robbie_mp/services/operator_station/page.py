@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
 
 TAB = "tab"
+LOG_OUT = "() => fetch('/logout', {method: 'POST'}).then(() => window.location.assign('/login'))"
 RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
 """Look for a server that has gone every few tenths of a second (Socket.IO's own choice is up to 5 s)."""
 
@@ -43,6 +44,8 @@ def build_page(
     with ui.header().classes("items-center q-py-xs"):
         ui.label(f"Robbie · {station.run_id}").classes("text-lg")
         ui.badge(role.name.lower()).props("outline id=role color=white")
+        leave = ui.button(icon="logout").on("click", js_handler=LOG_OUT)
+        leave.props('flat dense color=white id=log-out aria-label="Log out" title="Log out"')
         ui.space()
         for build in tools:
             build(page)

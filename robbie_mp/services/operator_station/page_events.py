@@ -8,19 +8,24 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs
 
 from nicegui import core
 from nicegui.client import Client
+from socketio.exceptions import ConnectionRefusedError
+from starlette.types import Message, Receive, Scope, Send
 
-from robbie_mp.services.operator_station.gate import SESSION
+from robbie_mp.services.operator_station.gate import SESSION, App
 
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
 
 NAMESPACE = "/"
+LOAD_ANEW = "Implicit handshake failed"
+"""At this a page is loaded anew, as when the station was restarted and does not know it."""
 MAX_CHARACTERS = {
     "event": 1 << 16,
     "javascript_response": 1 << 14,
@@ -31,6 +36,10 @@ MAX_CHARACTERS = {
 """Of what an event carries. The longest are texts that a visitor has written."""
 MAX_LOG_CHARACTERS = 500
 """Of what a page has to say of itself; the rest is left out."""
+PACKETS = ("1", "3", "40", "40{}", "41")
+"""To close, to answer a ping, to connect and to disconnect."""
+EVENT_PACKET = re.compile(r"42\d{0,9}(?=\[)")
+"""How one begins that carries an event, with a number if it wants an answer."""
 LEVELS = ("debug", "info", "warning", "error")
 FORMS: dict[str, dict[str, type | tuple[type, ...]]] = {
     "event": {"client_id": str, "id": int, "listener_id": str, "args": list},
@@ -64,7 +73,7 @@ class PageEvents:
         # What is passed as the environment may come from an event that calls itself "connect".
         environ = core.sio.get_environ(connection) or {}
         if not self._may_join(connection, named_in(environ)):
-            return False
+            raise ConnectionRefusedError(LOAD_ANEW)
         await self._handlers["connect"](connection, environ, None)
         return True
 
@@ -111,6 +120,42 @@ class PageEvents:
         page = self._station.pages.get(key)
         scope = (core.sio.get_environ(connection) or {}).get("asgi.scope", {})
         return page is not None and page.session == scope.get(SESSION)
+
+
+def with_known_packets(app: App) -> App:
+    """Return an application that gets only packets that pages send; any other one ends its connection.
+
+    Socket.IO knows many more. Of one that promises attachments, for instance, it keeps all that come until
+    they are complete, which is never.
+    """
+
+    async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+        async def take() -> Message:
+            message = await receive()
+            if message["type"] == "websocket.receive" and not is_known(message.get("text")):
+                return {"type": "websocket.disconnect", "code": 1003}
+            return message
+
+        is_socket = scope["type"] == "websocket"
+        await app(scope, take if is_socket else receive, send)
+
+    return answer
+
+
+def is_known(packet: str | None) -> bool:
+    """Whether a packet is one that pages send, of Socket.IO 5 in Engine.IO 4."""
+    if packet is None:
+        return False
+    if packet in PACKETS:
+        return True
+    event = EVENT_PACKET.match(packet)
+    if event is None:
+        return False
+    try:
+        content = json.loads(packet[event.end() :])
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(content, list) and len(content) == 2 and content[0] in FORMS
 
 
 def has_form(content: Any, form: dict[str, type | tuple[type, ...]]) -> bool:

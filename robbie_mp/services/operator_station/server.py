@@ -1,17 +1,29 @@
 """The page server in a thread of the module's process."""
 
+import asyncio
 import socket
 import threading
 import time
+from functools import partial
+from typing import cast
 
 import uvicorn
-from uvicorn.protocols.websockets.wsproto_impl import WSProtocol
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.services.operator_station.connections import (
+    BoundedHttp,
+    BoundedWebSocket,
+    Connections,
+)
 from robbie_mp.services.operator_station.gate import App
+from robbie_mp.services.operator_station.listening import BACKLOG
 
 START_LIMIT_S = 10.0
 STOP_LIMIT_S = 2.0
+MAX_MESSAGE_BYTES = 1 << 17
+"""From a page; who sends more is disconnected."""
+MAX_HEADERS_BYTES = 1 << 14
+"""Of a request, cookies included."""
 
 
 class ServerFailed(RobbieError, RuntimeError):
@@ -24,17 +36,24 @@ class PageServer:
     Args:
         app: what answers.
         listener: the socket on which it is asked; it is closed with this.
+        connections: count what comes there.
     """
 
-    def __init__(self, app: App, listener: socket.socket):
+    def __init__(self, app: App, listener: socket.socket, connections: Connections):
         self._socket = listener
-        # wsproto, for uvicorn's other one is built on what its library calls obsolete.
+        # h11 and wsproto bound what they keep of a request; uvicorn's other ones do not, or are obsolete.
         config = uvicorn.Config(
             app,
             log_config=None,
             log_level="warning",
             access_log=False,
-            ws=WSProtocol,
+            http=cast(type[asyncio.Protocol], partial(BoundedHttp, connections)),
+            ws=cast(type[asyncio.Protocol], partial(BoundedWebSocket, connections)),
+            ws_max_size=MAX_MESSAGE_BYTES,
+            h11_max_incomplete_event_size=MAX_HEADERS_BYTES,
+            backlog=BACKLOG,
+            # Who asks is who is connected, and not who somebody says it is.
+            proxy_headers=False,
             # What is large is compressed already, and this would be done for each page on the event loop.
             ws_per_message_deflate=False,
             timeout_graceful_shutdown=1,

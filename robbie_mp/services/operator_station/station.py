@@ -7,11 +7,13 @@ import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from robbie_mp.bus import MessageType
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import TimeJump
 from robbie_mp.module import MessageHandling, Module, setting
+from robbie_mp.operator_link import remove_link, token_of_run, write_link
 from robbie_mp.scene_graph import SceneGraphListener
 from robbie_mp.secret import Secret, reveal
 from robbie_mp.services.operator_station.access import SHORTEST_TOKEN, Access, DriversSeat, is_loopback
@@ -79,7 +81,7 @@ class OperatorStation(Module):
     host: str = setting("127.0.0.1", "address to listen on; 0.0.0.0: all of this machine's")
     port: int = setting(8080, "port to listen on; 0: any that is free", minimum=0, maximum=65535)
     operator_token: Secret | None = setting(
-        None, "what an operator logs in with; null: everybody here is one"
+        None, "what an operator logs in with; null: a new one for each run, in the link that is printed"
     )
     observer_token: Secret | None = setting(None, "what an observer logs in with; null: there are none")
     tabs: dict[str, str] = setting(
@@ -110,8 +112,6 @@ class OperatorStation(Module):
                 f"secret of at least {SHORTEST_TOKEN} characters is kept, or host to 127.0.0.1",
                 "host",
             )
-        if settings["observer_token"] and not settings["operator_token"]:
-            raise SettingError("with an observer_token there must be an operator_token", "observer_token")
         if len(settings["robot_size_m"]) != 3:
             raise SettingError("expected three numbers: length, width and height", "robot_size_m")
         model = settings["robot_model"]
@@ -136,7 +136,9 @@ class OperatorStation(Module):
         self.known_run = next(run for run in list_runs() if run.run_id == self.run_id)
         self._claim = StationClaim(self.known_run.folder)
         before = self.restored or {"port": 0, "sessions": {}}
-        self.access = Access(reveal(self.operator_token), reveal(self.observer_token), before["sessions"])
+        folder = self.known_run.folder
+        token = reveal(self.operator_token) or token_of_run(folder)
+        self.access = Access(token, reveal(self.observer_token), before["sessions"])
         self.refusals = limited(f"{self.log.name}.refusals")
         self.drivers_seat = DriversSeat()
         self.pages: dict[str, Page] = {}
@@ -155,6 +157,8 @@ class OperatorStation(Module):
         self.address = f"http://{self.host}:{self._port}/"
         self._remember()
         self._claim.announce(self.address)
+        self.link = self.address if self.operator_token else f"{self.address}login?token={quote(token)}"
+        write_link(folder, self.link)
         self.log.info("operator station: %s", self.address)
 
     def _listen(self, port_before: int) -> socket.socket:
@@ -234,4 +238,5 @@ class OperatorStation(Module):
             return
         self._website.close()
         self.run_watch.close()
+        remove_link(self.known_run.folder)
         self._claim.close()

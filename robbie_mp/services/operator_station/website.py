@@ -5,16 +5,21 @@ from __future__ import annotations
 import socket
 from typing import TYPE_CHECKING
 
-from fastapi import FastAPI
-from nicegui import core, ui
+from fastapi import FastAPI, Request
+from nicegui import app, core, ui
+from starlette.exceptions import HTTPException
+from starlette.responses import PlainTextResponse, Response
 
+from robbie_mp.services.operator_station.connections import bounded_connections
 from robbie_mp.services.operator_station.emergency_stop import EmergencyStopBar
 from robbie_mp.services.operator_station.gate import Gate
 from robbie_mp.services.operator_station.live.map import LiveMap
 from robbie_mp.services.operator_station.live.server import with_live
+from robbie_mp.services.operator_station.log_limit import limited
 from robbie_mp.services.operator_station.moment_marker import MomentMarker
 from robbie_mp.services.operator_station.page import build_page
-from robbie_mp.services.operator_station.page_events import PageEvents
+from robbie_mp.services.operator_station.page_events import PageEvents, with_known_packets
+from robbie_mp.services.operator_station.page_limit import with_page_limit
 from robbie_mp.services.operator_station.panels import PANELS
 from robbie_mp.services.operator_station.playback_bar import PlaybackBar
 from robbie_mp.services.operator_station.server import PageServer
@@ -24,8 +29,16 @@ from robbie_mp.services.operator_station.victim_watch import VictimWatch
 if TYPE_CHECKING:
     from robbie_mp.services.operator_station.station import OperatorStation
 
+LIBRARIES = ("nicegui", "asyncio", "uvicorn.error", "engineio.server", "socketio.server")
+"""Loggers of those who complain of what visitors send: they have a limit."""
 MESSAGE_HISTORY = 100
 """Messages kept for a page that has lost its connection; one that misses more is loaded anew."""
+
+
+def answer_plainly(_request: Request, error: Exception) -> Response:
+    """Answer that something is not there, or went wrong; NiceGUI would make a page for each such request."""
+    status = error.status_code if isinstance(error, HTTPException) else 500
+    return PlainTextResponse("there is no such thing here\n" if status == 404 else "failed\n", status)
 
 
 class Website:
@@ -63,8 +76,14 @@ class Website:
         # Without long polling each connection is a socket, which is counted, and closed with its session.
         core.sio.eio.transports = ["websocket"]
         core.app.config.socket_io_js_transports = ["websocket"]
-        app = with_live(application, station.live)
-        self._server = PageServer(Gate(app, station.access, station.log), listener)
+        for code in (404, 500):
+            app.add_exception_handler(code, answer_plainly)
+        for name in LIBRARIES:
+            limited(name)
+        behind = with_page_limit(with_live(with_known_packets(application), station.live), station)
+        connections = bounded_connections()
+        gate = Gate(behind, station.access, connections, station.refusals)
+        self._server = PageServer(gate, listener, connections)
 
     def start(self) -> None:
         """Begin to serve.

@@ -2,6 +2,7 @@
 
 import json
 import re
+import resource
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,6 +19,8 @@ SOURCES = (
     TESTS / "operator_station" / "stage.py",
     HERE / "listener.py",
 )
+DESCRIPTORS = 512
+"""That each process of the robot may have."""
 OPERATOR, OBSERVER = "correct-horse-battery", "only-looking-please"
 PROFILE = """
 modules:
@@ -46,6 +49,7 @@ class Station:
         self.port = int(found[1])
         robot.until(lambda modules: all(one["state"] == "RUNNING" for one in modules.values()))
         self._forgotten = 0
+        self.starts_before = self.starts
 
     def forget(self) -> None:
         """Leave out what was heard until now."""
@@ -71,6 +75,10 @@ class Station:
         wait_until(lambda: ("EmergencyStop", True) in self.heard)
 
     @property
+    def pid(self) -> int:
+        return int(self.robot.top()["operator"]["pid"])
+
+    @property
     def starts(self) -> int:
         """How often the station was started."""
         return int(self.robot.top()["operator"]["incarnation"])
@@ -78,7 +86,7 @@ class Station:
 
 @pytest.fixture(autouse=True)
 def nothing_left_behind() -> None:
-    """A robot is shared by all tests of a file, and looked at when it has ended."""
+    """Robots are shared by the tests of a file, and looked at when they have ended."""
 
 
 @pytest.fixture(scope="module")
@@ -96,8 +104,13 @@ def shared_station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station
         robot.write_secret("operator.token", OPERATOR)
         robot.write_secret("observer.token", OBSERVER)
         robot.write_profile(PROFILE)
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
         try:
-            robot.start()
+            resource.setrlimit(resource.RLIMIT_NOFILE, (DESCRIPTORS, hard))
+            try:
+                robot.start()
+            finally:
+                resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
             yield Station(robot)
         finally:
             robot.close()

@@ -115,6 +115,13 @@ def test_sockets_of_two_operators_cannot_speak_for_each_others_pages(station: St
     assert station.heard == [("EmergencyStop", True)]
 
 
+def test_page_that_a_restarted_station_does_not_know_is_loaded_anew(station: Station) -> None:
+    operator = station.operator()
+    query = operator.open().query | {"client_id": str(uuid.uuid4())}
+    with operator.connect(query) as page:
+        assert page.greeting == '44{"message":"Implicit handshake failed"}'
+
+
 def test_session_whose_token_is_not_known_any_more_gets_no_connection(station: Station) -> None:
     document = station.operator().open()
     with pytest.raises(Exception, match="403"):  # noqa: SIM117

@@ -1,0 +1,55 @@
+"""The link that opens a run's operator page, and the token in it: for the eyes of the run's user alone.
+
+Both are files in the run's folder, which nobody else may enter. Neither is in a status, the trace or a
+recording: observers see those.
+"""
+
+import contextlib
+import os
+import secrets
+from pathlib import Path
+
+LINK_FILE = "operator-link"
+TOKEN_FILE = "operator-token"
+TOKEN_BYTES = 32
+OWN = 0o600
+
+
+def token_of_run(folder: Path) -> str:
+    """Return the token of a run whose profile sets none; a restarted station finds the one from before.
+
+    Args:
+        folder: of the run.
+    """
+    file = folder / TOKEN_FILE
+    with contextlib.suppress(FileNotFoundError):
+        return file.read_text()
+    token = secrets.token_urlsafe(TOKEN_BYTES)
+    _write(file, token)
+    return token
+
+
+def write_link(folder: Path, link: str) -> None:
+    """Leave the link where commands find it."""
+    _write(folder / LINK_FILE, link)
+
+
+def read_link(folder: Path) -> str:
+    """Return the link; '' if the run has no operator station, or it is just starting."""
+    with contextlib.suppress(FileNotFoundError):
+        return (folder / LINK_FILE).read_text()
+    return ""
+
+
+def remove_link(folder: Path) -> None:
+    """Take the link away: there is nothing behind it any more."""
+    (folder / LINK_FILE).unlink(missing_ok=True)
+
+
+def _write(file: Path, text: str) -> None:
+    """Write a file whole or not at all, with its mode from the beginning."""
+    new = file.with_name(f"{file.name}.{os.getpid()}")
+    descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, OWN)
+    with open(descriptor, "w") as opened:
+        opened.write(text)
+    new.replace(file)
