@@ -94,7 +94,7 @@ def test_channels_have_the_messages_and_bytes_that_were_published(evidence: Evid
 def test_kept_messages_are_pinned(evidence: Evidence) -> None:
     keeper = evidence.module("keeper")
     size = LaserScan(ranges=np.zeros(64, np.float32)).encoded_size()
-    assert (keeper["pinned"], keeper["pinned_bytes"]) == (KEPT, KEPT * size)
+    assert (keeper["pinned"], keeper["pinned_bytes"], keeper["copied"]) == (KEPT, KEPT * size, 0)
     talker = evidence.module("talker7")
     assert (talker["outstanding"], talker["outstanding_bytes"]) == (KEPT, KEPT * size)
     assert evidence.final["core"]["handles"] >= KEPT
