@@ -3,7 +3,7 @@
 import contextlib
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,12 +28,14 @@ class Traces:
     names: frozenset[str]
     descriptors: Mapping[str, tuple[str, ...]]
     mappings: Mapping[str, frozenset[str]]
+    semaphores: Mapping[str, str]
+    """By the segment that speaks of each: when a run has ended, nobody can be asked any more."""
 
     @classmethod
     def of(cls, run_id: str, pids: Mapping[str, int]) -> "Traces":
         """Look at a run's processes."""
         of_run = names.folder(run_id)
-        segments = (f"{of_run}/{path.name}" for path in (SHARED_MEMORY / of_run).iterdir())
+        segments = [f"{of_run}/{path.name}" for path in (SHARED_MEMORY / of_run).iterdir()]
         semaphores = (path.name for path in SHARED_MEMORY.glob(f"sem.{of_run}.*"))
         opened = {name: _opened(pid) for name, pid in pids.items()}
         return cls(
@@ -46,6 +48,7 @@ class Traces:
                 name: frozenset(path for path in [*_mapped(pid), *opened[name]] if of_run in path)
                 for name, pid in pids.items()
             },
+            dict(_semaphores(run_id, segments)),
         )
 
 
@@ -67,25 +70,29 @@ def stale_names(traces: Traces, run_id: str, modules: Mapping[str, ModuleFigures
     slots = {slot: module.incarnation for slot, module in enumerate(modules.values(), start=1)}
     slots[0] = 1  # the supervisor
     kept = {names.board(run_id), names.clock(run_id), names.core(run_id)}
-    kept.add(_semaphore(run_id, names.core(run_id), SegmentKind.CORE))
+    kept.add(traces.semaphores.get(names.core(run_id), ""))
     data = []
     for slot, incarnation in slots.items():
         kept |= {names.outbound(run_id, slot, incarnation), names.inbound(run_id, slot, incarnation)}
-        kept.add(_semaphore(run_id, names.inbound(run_id, slot, incarnation), SegmentKind.IN))
+        kept.add(traces.semaphores.get(names.inbound(run_id, slot, incarnation), ""))
         kept |= {names.checkpoint(run_id, slot, number) for number in (0, 1)}
         data.append(names.data_prefix(run_id, slot, incarnation))
     return sorted(name for name in traces.names if name not in kept and not name.startswith(tuple(data)))
 
 
-def _semaphore(run_id: str, segment_name: str, kind: SegmentKind) -> str:
-    """Name of the semaphore that a segment speaks of; '' without such a segment."""
-    try:
-        segment = Segment.attach(segment_name, kind)
-    except SegmentMissing:
-        return ""
-    tag = segment.words[layout.HEADER_WAKEUP]
-    segment.close()
-    return f"sem.{names.wakeup(run_id, tag)}"
+def _semaphores(run_id: str, segments: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Segments that speak of a semaphore, each with its name."""
+    for name in segments:
+        what = name.rpartition("/")[2]
+        kind = SegmentKind.CORE if what == "core" else SegmentKind.IN if what.startswith("in-") else None
+        if kind is None:
+            continue
+        try:
+            segment = Segment.attach(name, kind)
+        except SegmentMissing:
+            continue
+        yield name, f"sem.{names.wakeup(run_id, segment.words[layout.HEADER_WAKEUP])}"
+        segment.close()
 
 
 def violations(before: Traces, after: Traces, run_id: str, modules: Mapping[str, ModuleFigures]) -> list[str]:
