@@ -9,6 +9,7 @@ slowly, or does not read what it is told is cut off.
 """
 
 import contextlib
+import errno
 import json
 import os
 import socket
@@ -28,6 +29,8 @@ from robbie_mp.trace.kinds import Kind
 SOCKET_NAME = "control"
 MAX_CLIENTS = 8
 MAX_LINE_BYTES = 4096
+NO_ROOM = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+DEAF_S = 0.2
 LINE_TIMEOUT_S = 2.0
 PURPOSE_LENGTH = 100
 
@@ -68,6 +71,8 @@ class ControlServer:
         self._recording = Recording(folder, tree)
         self._clock = clock
         self._clients: list[_Client] = []
+        self._deaf_until_s: float | None = None
+        """Until then nobody is accepted, for there was no descriptor left."""
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.setblocking(False)
         folder_fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -81,6 +86,9 @@ class ControlServer:
 
     def turn(self) -> None:
         """Answer whose wish has come true, cut off who is late; called every turn of the loop."""
+        if self._deaf_until_s is not None and self._clock() >= self._deaf_until_s:
+            self._deaf_until_s = None
+            self._tree.watch(self._listener.fileno(), self._on_connect)
         for client in list(self._clients):
             if client.progress is None:
                 if self._clock() >= client.late_s:
@@ -97,8 +105,11 @@ class ControlServer:
     def _on_connect(self) -> None:
         try:
             connection, _ = self._listener.accept()
-        except OSError:
-            return  # it went away, or we have no descriptor left
+        except OSError as error:
+            if error.errno in NO_ROOM:  # it stays readable: the loop would come here again and again
+                self._tree.unwatch(self._listener.fileno())
+                self._deaf_until_s = self._clock() + DEAF_S
+            return  # else it went away
         connection.setblocking(False)
         client = _Client(connection, self._clock() + LINE_TIMEOUT_S)
         self._clients.append(client)

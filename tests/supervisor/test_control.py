@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 from robbie_mp.errors import RobbieError
@@ -17,6 +18,7 @@ from robbie_mp.supervisor.control_client import RunNotControlled, control
 from robbie_mp.supervisor.states import ChildState
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.levels import read_level, read_recorded
+from tests.few_descriptors import only_free_descriptors
 from tests.supervisor import zoo
 from tests.supervisor.running import NEVER, Run, Scenario, animal, core
 
@@ -358,3 +360,20 @@ def test_folder_without_a_supervisor_takes_no_commands(tmp_path: Path) -> None:
         assert "takes no commands" in str(error)
     else:
         raise AssertionError("somebody answered")
+
+
+def test_command_that_comes_when_no_descriptor_is_left_waits_and_keeps_nobody_busy(tmp_path: Path) -> None:
+    run = Controlled(tmp_path, core(), animal(zoo.works))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        with closing(connect(run)) as connection:
+            connection.send(b'{"command": "stop"}\n')
+            with only_free_descriptors(0):
+                before, until_s = run.turns, time.monotonic() + 1.0
+                yield lambda: time.monotonic() > until_s
+                assert run.turns - before < 200, "the supervisor looks again and again"
+            yield lambda: bool(run.tree.stop_reason)
+
+    assert run.play(scenario()) == 0
+    assert run.tree.stop_reason == "stopped by command"
