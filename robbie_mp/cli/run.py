@@ -15,7 +15,6 @@ from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_profile_arguments
 from robbie_mp.cli.screen import RunScreen
-from robbie_mp.private_files import write_private
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.model import Profile
 from robbie_mp.profile.preflight import Preflight, preflight
@@ -73,10 +72,21 @@ def run_robot(profile: Profile, findings: Preflight, arguments: argparse.Namespa
     output = arguments.output or default_output_directory(profile.name, datetime.now())
     screen = RunScreen(quiet=arguments.quiet or arguments.json)
     started_s = time.monotonic()
+    summary: dict[str, object] = {}
+
+    def summarize(result: RunResult) -> str:
+        summary.update(_summary(profile.name, result, time.monotonic() - started_s))
+        return json.dumps(summary, indent=2) + "\n"
+
     with screen:
-        result = run_profile(profile, findings.settings, findings.types.values(), output, screen.listener)
-    summary = _summary(profile.name, result, time.monotonic() - started_s)
-    write_private(result.output_directory / "summary.json", json.dumps(summary, indent=2) + "\n")
+        types = findings.types.values()
+        result = run_profile(profile, findings.settings, types, output, screen.listener, summarize)
+    if result.unwritten:
+        print(
+            f"the disk of {result.output_directory} has stalled: {result.unwritten} pieces of trace and "
+            "summary were not written when the run ended; they are if it takes something again",
+            file=sys.stderr,
+        )
     if arguments.json:
         print(json.dumps(summary, indent=2))
     else:

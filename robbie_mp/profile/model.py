@@ -182,6 +182,8 @@ class TraceSettings:
     pages: int = bounded(2, 1, 1000)
     crash_reports: int = bounded(20, 1, MAX_ENTRIES)
     """The newest ones of each process."""
+    waiting_bytes: int = bounded(8 << 20, 1 << 16, 1 << 30)
+    """What the disk has not taken yet; beyond this it is dropped."""
 
 
 @dataclass(frozen=True)

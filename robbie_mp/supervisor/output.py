@@ -1,9 +1,11 @@
-"""What children say: entries of the trace, written to files, shown, and the last of it remembered.
+"""What children say: entries of the trace, handed over to be written, shown, and the last of it remembered.
 
-Each child has files of its own, so that who says much pushes out nobody's lines but its own. What is beyond
-the bound of lines per second is thrown away and counted.
+Nothing here waits for the disk; see `robbie_mp.supervisor.disk_writer`. Each child has files of its own, so
+that who says much pushes out nobody's lines but its own. What is beyond the bound of lines per second is
+thrown away and counted.
 """
 
+import json
 import os
 import time
 from collections import deque
@@ -14,13 +16,12 @@ from pathlib import Path
 from robbie_mp.errors import RobbieError
 from robbie_mp.private_files import make_private_folder
 from robbie_mp.profile.model import TraceSettings
+from robbie_mp.supervisor.disk_writer import CLOSE_LIMIT_S, DiskWriter
 from robbie_mp.supervisor.rate_limit import RateLimit
-from robbie_mp.trace.crash import CrashFolder, CrashReport
+from robbie_mp.trace.crash import CrashReport, report_name, report_place
 from robbie_mp.trace.entry import Entry, EntryNumbers
 from robbie_mp.trace.kinds import ALL_KINDS, KIND_OF_STREAM, Kind, kind_of_level
 from robbie_mp.trace.log_record import LogRecord, parse_line
-from robbie_mp.trace.page import TracePage
-from robbie_mp.trace.rotating_file import RotatingFile
 from robbie_mp.visible_text import visible
 
 LOG = "log"
@@ -29,6 +30,8 @@ ERRORS = "errors"
 SUPERVISOR = "supervisor"
 REPORT_EVERY_S = 1.0
 SHOWN_LINES = 40
+STALLED_AFTER_S = 2.0
+"""A disk that has taken nothing for so long is said to have stalled."""
 ADVICE = "choose another output directory"
 
 Listener = Callable[[Entry], None]
@@ -39,13 +42,18 @@ class LogNotWritable(RobbieError, OSError):
 
 
 class OutputStore:
-    """The outputs of all children of a run."""
+    """The outputs of all children of a run.
+
+    Attributes:
+        disk: what writes them, and whatever else the supervisor has to write.
+    """
 
     def __init__(
         self,
         folder: Path,
         listener: Listener = lambda entry: None,
         limits: TraceSettings | None = None,
+        disk: DiskWriter | None = None,
     ):
         """Prepare for children.
 
@@ -53,6 +61,7 @@ class OutputStore:
             folder: gets the files of each child.
             listener: called with each entry that is kept, in the supervisor's thread; must not block.
             limits: what is kept of each child.
+            disk: what writes, closed by the caller; None: one of our own, closed by `close`.
 
         Raises:
             LogNotWritable: the folder cannot be made or written to.
@@ -71,31 +80,66 @@ class OutputStore:
         """Which of the supervisor's remarks are recorded."""
         self._listener = listener
         self._numbers = EntryNumbers()
-        self._crashes = CrashFolder(folder, self.limits.crash_reports)
-        self._page = TracePage(folder, self.limits.page_bytes, self.limits.pages)
+        self._stalled_since_s: float | None = None
+        self._owns_disk = disk is None
+        self.disk = disk or DiskWriter(self.limits.waiting_bytes)
+        self.disk.on_restart = lambda: self._open("")  # what takes the place of a dead one goes on
+        self._open("begin a page")
 
     def child(self, name: str, kinds: Collection[Kind] = ALL_KINDS) -> "ChildOutput":
         """Return the output of a new child, of which these kinds are recorded."""
-        file = RotatingFile(self.folder / f"{name}.jsonl", self.limits.file_bytes, self.limits.files)
-        return ChildOutput(name, file, self, kinds)
+        return ChildOutput(name, self, kinds)
 
     def number(self) -> int:
         """Return the number of the next entry."""
         return self._numbers.next()
 
-    def written(self, entries: list[Entry], lines: list[bytes]) -> None:
-        """Put entries that a child's file has got on the page, and show them."""
-        self._page.write(lines)
+    def write(self, name: str, entries: list[Entry], on_done: Callable[[bool], None]) -> None:
+        """Have entries written to a child's file and to the page, and show them."""
+        self.disk.order(["entries", name], b"".join([entry.to_line() for entry in entries]), on_done)
         for entry in entries:
             self._listener(entry)
 
-    def write_report(self, report: CrashReport) -> str:
-        """Keep the report of a crash; return its place below the folder, '' if the disk refuses it."""
-        return self._crashes.write(report)
+    def write_report(self, report: CrashReport, on_done: Callable[[bool], None]) -> str:
+        """Have the report of a crash written; return its place below the folder."""
+        self.disk.order(["report", report.module, report_name(report)], report.to_json(), on_done)
+        return report_place(report)
+
+    def turn(self) -> str:
+        """Go on writing; called every turn of the supervisor's loop.
+
+        Returns:
+            What is to be said of the disk: that it has stalled, or takes something again; mostly ''.
+        """
+        self.disk.turn()
+        stalled_s = self.disk.stalled_s
+        if self._stalled_since_s is None and stalled_s >= STALLED_AFTER_S:
+            self._stalled_since_s = time.monotonic() - stalled_s
+            return (
+                f"the disk of {self.folder} has stalled: it has taken nothing for {stalled_s:.1f} s. "
+                f"Up to {self.limits.waiting_bytes} bytes of the trace wait; what comes beyond is dropped"
+            )
+        if self._stalled_since_s is not None and stalled_s < STALLED_AFTER_S:
+            lasted_s = time.monotonic() - self._stalled_since_s
+            self._stalled_since_s = None
+            return f"the disk of {self.folder} takes something again, after {lasted_s:.1f} s"
+        return ""
+
+    def flush(self, limit_s: float = CLOSE_LIMIT_S) -> bool:
+        """Wait until all is written; False if the disk takes nothing for so long."""
+        return self.disk.flush(limit_s)
 
     def close(self) -> None:
-        """Close the page."""
-        self._page.close()
+        """Wait for what is still to be written, as long as the disk takes anything."""
+        if self._owns_disk:
+            self.disk.close()
+        else:
+            self.disk.flush()
+
+    def _open(self, begin_page: str) -> None:
+        names = ("file_bytes", "files", "page_bytes", "pages", "crash_reports")
+        bounds = {name: getattr(self.limits, name) for name in names}
+        self.disk.order(["trace", str(self.folder.absolute()), begin_page], json.dumps(bounds).encode())
 
 
 class ChildOutput:
@@ -107,14 +151,13 @@ class ChildOutput:
         limits: what is kept.
         kinds: which entries are recorded; the others are neither written nor counted.
         lines: how many entries were kept so far.
-        dropped: how many were thrown away so far: beyond the rate, because the disk refused them, or by the
-            child itself because its log channel was full.
+        dropped: how many were thrown away so far: beyond the rate, because the disk refused them or has
+            stalled, or by the child itself because its log channel was full.
     """
 
     def __init__(
         self,
         name: str,
-        file: RotatingFile,
         store: OutputStore,
         kinds: Collection[Kind],
     ):
@@ -123,7 +166,6 @@ class ChildOutput:
         self.lines = 0
         self.dropped = 0
         self._name = name
-        self._file = file
         self._store = store
         self._incarnation = 0
         self._unreported = 0
@@ -190,7 +232,7 @@ class ChildOutput:
     def report_crash(self, report: CrashReport) -> None:
         """Keep the report of an abnormal end, with the last lines, and say so."""
         report = replace(report, said=list(self._last["stderr"]), printed=list(self._last["stdout"]))
-        place = self._store.write_report(report)
+        place = self._store.write_report(report, lambda is_done: self._drop_unwritten(not is_done))
         where = f" in {report.last_words.activity}" if report.last_words.activity else ""
         text = f"crashed{where}: {report.reason}"
         detail = "\n".join(report.lines())
@@ -207,9 +249,8 @@ class ChildOutput:
             self._write([self._entry(time.time(), Kind.WARNING, SUPERVISOR, text)])
 
     def close(self) -> None:
-        """Close the log file."""
+        """Say what was dropped."""
         self.report_dropped()
-        self._file.close()
 
     def _report_dropped_now_and_then(self, is_flood_over: bool) -> None:
         if is_flood_over and time.monotonic() - self._reported_s >= REPORT_EVERY_S:
@@ -248,7 +289,8 @@ class ChildOutput:
         if not entries:
             return
         self.lines += len(entries)
-        lines = [entry.to_line() for entry in entries]
-        if not self._file.write(b"".join(lines)):
-            self.dropped += len(entries)
-        self._store.written(entries, lines)
+        count = len(entries)
+        self._store.write(self._name, entries, lambda is_done: self._drop_unwritten(0 if is_done else count))
+
+    def _drop_unwritten(self, count: int) -> None:
+        self.dropped += count

@@ -9,7 +9,7 @@ from robbie_mp.supervisor.output import SUPERVISOR
 from robbie_mp.supervisor.supervised_child import SupervisedChild
 from robbie_mp.supervisor.tree import Tree
 from robbie_mp.trace.kinds import Kind
-from robbie_mp.trace.levels import write_recorded
+from robbie_mp.trace.levels import RECORDED_FILE, recorded_as_json, write_recorded
 
 
 class Recording:
@@ -24,7 +24,7 @@ class Recording:
         """
         self._run_folder = run_folder
         self._tree = tree
-        self._tell([])
+        write_recorded(run_folder, self._recorded())  # before anybody looks
 
     def set(self, kinds: Collection[Kind], name: str | None) -> None:
         """Record these kinds from now on.
@@ -46,8 +46,14 @@ class Recording:
             child.output.kinds = frozenset(kinds)
         self._tell(changed)
 
-    def _tell(self, changed: Collection[SupervisedChild]) -> None:
+    def _recorded(self) -> dict[str, Collection[Kind]]:
         recorded = {child.spec.name: child.output.kinds for child in self._tree.children}
-        write_recorded(self._run_folder, {SUPERVISOR: self._tree.output.remarked_kinds, **recorded})
-        for child in changed:
-            child.send_signal(signal.SIGURG)
+        return {SUPERVISOR: self._tree.output.remarked_kinds, **recorded}
+
+    def _tell(self, changed: Collection[SupervisedChild]) -> None:
+        def on_done(_is_done: bool) -> None:
+            for child in changed:
+                child.send_signal(signal.SIGURG)
+
+        path = self._run_folder / RECORDED_FILE
+        self._tree.output.disk.order(["replace", str(path)], recorded_as_json(self._recorded()), on_done)

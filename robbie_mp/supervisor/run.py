@@ -16,6 +16,7 @@ from robbie_mp.profile.show import as_profile
 from robbie_mp.supervisor.attached_tools import AttachedTools
 from robbie_mp.supervisor.child_spec import SPARE_COMPUTE_THREADS, ChildSpec
 from robbie_mp.supervisor.control import ControlServer
+from robbie_mp.supervisor.disk_writer import DiskWriter
 from robbie_mp.supervisor.memory import SUPERVISOR, RunMemory
 from robbie_mp.supervisor.output import Listener, OutputStore
 from robbie_mp.supervisor.plan import CORE, RunPlan
@@ -28,6 +29,8 @@ from robbie_mp.supervisor.tree import Tree
 from robbie_mp.trace.reader import LOG_FOLDER
 from robbie_mp.transport.board import TOOL_PREFIX
 from robbie_mp.transport.words import check_machine
+
+SUMMARY_FILE = "summary.json"
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,8 @@ class RunResult:
     entries_dropped: dict[str, int]
     """Those that there was no room for."""
     output_directory: Path
+    unwritten: int = 0
+    """Pieces of trace and summary that a stalled disk had not taken at the end."""
 
 
 def run_profile(
@@ -61,6 +66,7 @@ def run_profile(
     types: Iterable[TypeDescription],
     output_directory: Path,
     listener: RunListener,
+    summarize: Callable[[RunResult], str] = lambda _result: "",
 ) -> RunResult:
     """Run a profile to its end.
 
@@ -70,6 +76,7 @@ def run_profile(
         types: the robot's own message types, for tools that attach to the run.
         output_directory: where modules write their results; the children's logs go to its folder `log`.
         listener: hears what happens.
+        summarize: makes the content of `SUMMARY_FILE` in the output directory; '': there is none.
 
     Raises:
         SharedMemoryFull: there is no room for the run's tables.
@@ -82,7 +89,8 @@ def run_profile(
     with ExitStack() as stack:
         directory = RunDirectory.create(profile.name, output_directory)
         connections = stack.enter_context(ExitStack())  # of who waits for the end: closed after it
-        stack.callback(directory.remove)
+        disk = stack.enter_context(DiskWriter(profile.trace.waiting_bytes))
+        stack.callback(directory.remove, disk)
         complete = replace(
             profile,
             modules=tuple(
@@ -99,11 +107,19 @@ def run_profile(
         )
         plan.save(directory.folder)
         write_private(directory.folder / PROFILE_FILE, as_profile(profile, settings))
-        return _run(plan, profile, directory.folder, listener, connections)
+        result = _run(plan, profile, directory.folder, listener, connections, disk)
+        if summary := summarize(result):
+            disk.order(["replace", str(output_directory.absolute() / SUMMARY_FILE)], summary.encode())
+    return replace(result, unwritten=disk.unfinished)
 
 
 def _run(
-    plan: RunPlan, profile: Profile, run_folder: Path, listener: RunListener, connections: ExitStack
+    plan: RunPlan,
+    profile: Profile,
+    run_folder: Path,
+    listener: RunListener,
+    connections: ExitStack,
+    disk: DiskWriter,
 ) -> RunResult:
     output_directory = Path(plan.output_directory)
     memory = RunMemory(plan, listener.change)
@@ -118,7 +134,7 @@ def _run(
             _children(profile, run_folder, environment),
             plan.run_id,
             memory,
-            OutputStore(output_directory / LOG_FOLDER, listener.entry, profile.trace),
+            OutputStore(output_directory / LOG_FOLDER, listener.entry, profile.trace, disk),
             lambda: _each_turn(tree, memory, control, tools),
             spares=_spares(profile, run_folder, environment),
         )

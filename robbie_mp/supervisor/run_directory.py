@@ -27,6 +27,7 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.ownership import ownership_problem
 from robbie_mp.private_files import write_private
 from robbie_mp.proc import ProcessIdentity
+from robbie_mp.supervisor.disk_writer import DiskWriter
 from robbie_mp.transport.shared_folder import NamesTaken, make_folder, remove_names
 
 RUN_ID = re.compile(r"[0-9a-f]{8}")
@@ -121,10 +122,18 @@ class RunDirectory:
             undo.pop_all()
         return cls(base / run_id, record, lock_fd)
 
-    def remove(self) -> None:
-        """Remove the folder with what is left of the run in shared memory, then unlock it."""
+    def remove(self, disk: DiskWriter | None = None) -> None:
+        """Remove the folder with what is left of the run in shared memory, then unlock it.
+
+        Args:
+            disk: what removes it; what it leaves on a stalled disk is removed by the next sweep. None: we do.
+        """
         remove_names(self.run_id)
-        shutil.rmtree(self.folder, ignore_errors=True)
+        if disk:
+            disk.order(["remove", str(self.folder)], b"")
+            disk.flush()
+        else:
+            shutil.rmtree(self.folder, ignore_errors=True)
         os.close(self._lock_fd)
 
 

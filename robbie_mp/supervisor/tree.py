@@ -233,7 +233,7 @@ class Tree:
         return SupervisedChild(spec, output.child(spec.name, spec.record), budget, surroundings)
 
     def _known_pids(self) -> set[int]:
-        return self._spares.pids.union(*(child.pids for child in self.children))
+        return self._spares.pids.union(self.output.disk.pids, *(child.pids for child in self.children))
 
     def _turn(self) -> bool:
         """Go round the loop once; False when the run is over."""
@@ -243,6 +243,8 @@ class Tree:
             child.poll()
         self._announce_all_started()
         self._check_clock_step()
+        if news := self.output.turn():
+            self._own_output.say(Kind.WARNING, news)
         self._each_turn()
         modules = [child for child in self.children if child.spec.kind is ChildKind.MODULE]
         if all(child.state and child.state.is_final and not child.may_return for child in modules):

@@ -99,6 +99,10 @@ class CrashReport:
                 made += [f"last {title}:", *(f"    {line}" for line in lines)]
         return [visible(line) for line in made]
 
+    def to_json(self) -> bytes:
+        """Return the report as `from_json` reads it."""
+        return json.dumps(asdict(self), indent=1).encode() + b"\n"
+
     @classmethod
     def from_json(cls, text: str) -> Self | None:
         """Return what was written; None if it is none."""
@@ -127,19 +131,34 @@ class CrashFolder:
 
     def write(self, report: CrashReport) -> str:
         """Write a report; return its place below the folder of the trace, '' if the disk refuses it."""
-        seconds, milliseconds = divmod(int(report.time_s * 1000), 1000)
-        stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime(seconds))
-        path = self._folder / f"{report.module}-{stamp}.{milliseconds:03d}-{report.incarnation}.json"
+        name = report_name(report)
+        return report_place(report) if self.keep(report.module, name, report.to_json()) else ""
+
+    def keep(self, module: str, name: str, data: bytes) -> bool:
+        """Write what `CrashReport.to_json` made, and remove what is too old; False if the disk refuses it."""
+        path = self._folder / name
         try:
             make_private_folder(self._folder)
             unfinished = path.with_suffix(".new")
-            write_private(unfinished, json.dumps(asdict(report), indent=1) + "\n")
+            write_private(unfinished, data.decode())
             os.replace(unfinished, path)
-            for old in report_files(self._folder.parent, report.module)[: -self._keep]:
+            for old in report_files(self._folder.parent, module)[: -self._keep]:
                 old.unlink()
         except OSError:
-            return ""
-        return f"{CRASH_FOLDER}/{path.name}"
+            return False
+        return True
+
+
+def report_name(report: CrashReport) -> str:
+    """Return the name of a report's file."""
+    seconds, milliseconds = divmod(int(report.time_s * 1000), 1000)
+    stamp = time.strftime("%Y%m%dT%H%M%S", time.gmtime(seconds))
+    return f"{report.module}-{stamp}.{milliseconds:03d}-{report.incarnation}.json"
+
+
+def report_place(report: CrashReport) -> str:
+    """Return where a report is, below the folder of the trace."""
+    return f"{CRASH_FOLDER}/{report_name(report)}"
 
 
 def report_files(folder: Path, module: str | None = None) -> list[Path]:

@@ -20,9 +20,14 @@ RECORDED_FILE = "recorded_kinds.json"
 def write_recorded(run_folder: Path, recorded: Mapping[str, Collection[Kind]]) -> None:
     """Say which kinds are recorded of each child, and of the supervisor's remarks."""
     unfinished = run_folder / f"{RECORDED_FILE}.new"
-    plain = {name: [kind for kind in Kind if kind in kinds] for name, kinds in recorded.items()}
-    write_private(unfinished, json.dumps(plain))
+    write_private(unfinished, recorded_as_json(recorded).decode())
     os.replace(unfinished, run_folder / RECORDED_FILE)
+
+
+def recorded_as_json(recorded: Mapping[str, Collection[Kind]]) -> bytes:
+    """Return the content of the file."""
+    plain = {name: [kind for kind in Kind if kind in kinds] for name, kinds in recorded.items()}
+    return json.dumps(plain).encode()
 
 
 def read_recorded(run_folder: Path) -> dict[str, list[Kind]]:

@@ -21,17 +21,19 @@ class TracePage:
         dropped: entries that the disk refused.
     """
 
-    def __init__(self, folder: Path, page_bytes: int, pages: int):
-        """Begin a new page; a former run's is kept as an older one.
+    def __init__(self, folder: Path, page_bytes: int, pages: int, *, begin_anew: bool = True):
+        """Begin a new page, unless told otherwise; a former run's is kept as an older one.
 
         Args:
             folder: of the trace.
             page_bytes: bound of each page.
             pages: how many are kept.
+            begin_anew: False: go on with the page that is there.
         """
         head = files("robbie_mp.trace").joinpath("page.html").read_bytes()
         self._file = RotatingFile(folder / PAGE_NAME, page_bytes, pages, head)
-        self._file.begin_anew()
+        if begin_anew:
+            self._file.begin_anew()
         self.dropped = 0
 
     def write(self, lines: list[bytes]) -> None:

@@ -17,7 +17,6 @@ from robbie_mp.supervisor.output import ChildOutput, LogNotWritable, OutputStore
 from robbie_mp.supervisor.output_stream import OutputStream
 from robbie_mp.supervisor.rate_limit import RateLimit
 from robbie_mp.supervisor.states import ChildState
-from robbie_mp.trace import rotating_file
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.rotating_file import RotatingFile
@@ -129,6 +128,7 @@ def test_no_more_lines_pass_than_a_burst_and_the_rate(floods: list[tuple[float, 
 def test_log_line_says_when_which_incarnation_and_which_stream(tmp_path: Path, recorder: Recorder) -> None:
     recorder.output.begin(7)
     recorder.feed(b"hello\n")
+    recorder.store.flush()
     entry = Entry.from_line((tmp_path / "child.jsonl").read_bytes())
     assert entry == recorder.lines[0]
     assert (entry.incarnation, entry.stream, entry.text, entry.kind) == (7, "stdout", "hello", Kind.INFO)
@@ -162,15 +162,12 @@ def test_log_is_continued_by_the_next_run(tmp_path: Path) -> None:
     assert (tmp_path / "a.log").read_bytes() == b"one\ntwo\n"
 
 
-def test_full_disk_is_counted_and_stops_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_disk_that_refuses_is_counted_and_stops_nobody(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, TraceSettings())
-
-    def refuse(fd: int, data: bytes) -> int:
-        raise OSError(28, "No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(rotating_file.os, "write", refuse)
-        recorder.output.add("stdout", ["one", "two"])
+    (tmp_path / "child.jsonl").mkdir()  # so that nothing can be written there
+    recorder.output.add("stdout", ["one", "two"])
+    recorder.store.flush()
+    (tmp_path / "child.jsonl").rmdir()
     recorder.output.add("stdout", ["three"])
     recorder.close()
     assert texts(recorder.lines) == ["one", "two", "three"]

@@ -66,6 +66,7 @@ def test_follower_reads_each_entry_once_however_files_rotate(tmp_path: Path) -> 
         chance.choice(modules).add("stdout", lines)
         written += lines
         if chance.random() < 0.5:
+            store.flush()
             read += [entry.text for entry in follower.read_new()]
             assert read == written
     for module in modules:

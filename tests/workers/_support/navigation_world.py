@@ -1,6 +1,5 @@
 """A simulated robot that drives to goals, in simulated time: arena, laser, drive and navigator."""
 
-
 import numpy as np
 
 from hw.simulation.arena import Arena

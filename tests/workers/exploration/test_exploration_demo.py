@@ -1,6 +1,5 @@
 """The closed loop in one process: arena, laser, map, exploration and drive, in simulated time."""
 
-
 import numpy as np
 from scipy import ndimage
 

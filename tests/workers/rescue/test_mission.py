@@ -1,6 +1,5 @@
 """The mission decides what to do next, and comes home before it is too late."""
 
-
 import numpy as np
 import pytest
 

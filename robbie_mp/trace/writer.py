@@ -1,0 +1,113 @@
+"""What runs in the process that writes a run's files: `python -m robbie_mp.trace.writer`.
+
+A disk may stall for seconds, and who writes to it then sleeps in the kernel. The supervisor must not, so it
+hands all it writes to this process (`robbie_mp.supervisor.disk_writer`). Orders come on standard input, one
+after another: a line of JSON, `[NAME, ARGUMENTS…, LENGTH]`, and LENGTH bytes. Each is answered on standard
+output by one byte, `1` if it is done and `0` if the disk refused it. At the end of its input, as when the
+supervisor was killed, the process has written all that it was given, and ends.
+"""
+
+import json
+import os
+import shutil
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+from robbie_mp.private_files import write_private
+from robbie_mp.trace.crash import CrashFolder
+from robbie_mp.trace.page import TracePage
+from robbie_mp.trace.rotating_file import RotatingFile
+
+DONE = b"1"
+REFUSED = b"0"
+
+
+class Writer:
+    """Carries out orders; each returns whether the disk has taken it."""
+
+    def __init__(self) -> None:
+        self._folder = Path()
+        self._bounds = (1 << 20, 1)
+        self._files: dict[str, RotatingFile] = {}
+        self._page: TracePage | None = None
+        self._crashes: CrashFolder | None = None
+        self._orders: dict[str, Callable[..., bool]] = {
+            "trace": self._open_trace,
+            "entries": self._entries,
+            "report": self._report,
+            "replace": self._replace,
+            "remove": self._remove,
+        }
+
+    def carry_out(self, order: list[str], data: bytes) -> bool:
+        """Do as one order says; False if the disk refused it."""
+        try:
+            return self._orders[order[0]](data, *order[1:])
+        except OSError:
+            return False
+
+    def close(self) -> None:
+        """Close all files."""
+        for file in self._files.values():
+            file.close()
+        if self._page:
+            self._page.close()
+
+    def _open_trace(self, limits: bytes, folder: str, begin_page: str) -> bool:
+        bounds: dict[str, int] = json.loads(limits)
+        self._folder = Path(folder)
+        self._bounds = (bounds["file_bytes"], bounds["files"])
+        self._page = TracePage(
+            self._folder, bounds["page_bytes"], bounds["pages"], begin_anew=bool(begin_page)
+        )
+        self._crashes = CrashFolder(self._folder, bounds["crash_reports"])
+        return True
+
+    def _entries(self, data: bytes, module: str) -> bool:
+        if module not in self._files:
+            self._files[module] = RotatingFile(self._folder / f"{module}.jsonl", *self._bounds)
+        is_written = self._files[module].write(data)
+        if self._page:
+            self._page.write(data.splitlines(keepends=True))
+        return is_written
+
+    def _report(self, data: bytes, module: str, name: str) -> bool:
+        return self._crashes is not None and self._crashes.keep(module, name, data)
+
+    def _replace(self, data: bytes, path: str) -> bool:
+        unfinished = f"{path}.new"
+        write_private(Path(unfinished), data.decode())
+        os.replace(unfinished, path)
+        return True
+
+    def _remove(self, _data: bytes, path: str) -> bool:
+        shutil.rmtree(path, ignore_errors=True)
+        return not os.path.lexists(path)
+
+
+def serve(orders: BinaryIO, answers: int) -> None:
+    """Carry out all orders that come, and answer each."""
+    writer = Writer()
+    while line := orders.readline():
+        *order, length = json.loads(line)
+        data = orders.read(length)
+        if len(data) < length:
+            break  # the supervisor was killed within it
+        answer = DONE if writer.carry_out(order, data) else REFUSED
+        if answers >= 0:
+            try:
+                os.write(answers, answer)
+            except OSError:
+                answers = -1  # nobody listens any more
+    writer.close()
+
+
+if __name__ == "__main__":
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(
+            number, signal.SIG_IGN
+        )  # who stops a whole session or group wants its last words written
+    serve(sys.stdin.buffer, sys.stdout.fileno())

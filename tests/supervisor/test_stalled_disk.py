@@ -1,0 +1,204 @@
+"""A disk that takes nothing any more holds up nobody: not the supervisor, no module that prints, no stop."""
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Protocol
+
+import pytest
+
+from robbie_mp.profile.model import TraceSettings
+from robbie_mp.supervisor import disk_writer
+from robbie_mp.supervisor.disk_writer import DiskWriter
+from robbie_mp.supervisor.states import ChildState
+from robbie_mp.trace.entry import Entry
+from robbie_mp.trace.reader import entries
+from tests.supervisor import zoo
+from tests.supervisor.running import PROJECT, Run, Scenario, animal, wait_for
+from tools.loop_disk import LoopDisk
+
+RUNNING = ChildState.RUNNING
+
+
+class Stall(Protocol):
+    """A way to have a run's disk take nothing."""
+
+    folder: Path
+
+    def freeze(self) -> None: ...
+
+    def thaw(self) -> None: ...
+
+
+class StoppedWriter:
+    """What there is where no disk can be frozen: the process that writes stands still."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.run: Run | None = None
+
+    def freeze(self) -> None:
+        self._send(signal.SIGSTOP)
+
+    def thaw(self) -> None:
+        self._send(signal.SIGCONT)
+
+    def _send(self, number: signal.Signals) -> None:
+        assert self.run is not None
+        for pid in self.run.tree.output.disk.pids:
+            os.kill(pid, number)
+
+
+@pytest.fixture(params=["frozen disk", "stopped writer"])
+def stall(request: pytest.FixtureRequest, tmp_path: Path) -> Stall:
+    if request.param == "frozen disk":
+        found: LoopDisk = request.getfixturevalue("disk")
+        return found
+    (tmp_path / "logs").mkdir()
+    return StoppedWriter(tmp_path / "logs")
+
+
+def started(folder: Path, stall: Stall, *behaviours: object, limits: TraceSettings | None = None) -> Run:
+    if isinstance(stall, LoopDisk):
+        (folder / "logs").symlink_to(stall.folder)
+    run = Run(folder, *(animal(behaviour) for behaviour in behaviours), limits=limits)  # type: ignore[arg-type]
+    if isinstance(stall, StoppedWriter):
+        stall.run = run
+    return run
+
+
+def written(folder: Path, module: str) -> list[Entry]:
+    (folder / "log").symlink_to(folder / "logs")  # where a reader looks for it
+    return list(entries(folder, [module]))
+
+
+def test_supervision_and_output_go_on_while_the_disk_stands_still(tmp_path: Path, stall: Stall) -> None:
+    run = started(tmp_path, stall, zoo.works, zoo.works_busily)
+    turned_s: list[float] = []
+    run.each_turn = lambda: turned_s.append(time.monotonic())
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        stall.freeze()
+        turned_s.clear()
+        said = len(run.text("works_busily", "stdout"))
+        os.kill(run.incarnations.pids["works", 1], signal.SIGKILL)
+        yield lambda: run.states("works").count(RUNNING) == 2
+        yield lambda: len(run.text("works_busily", "stdout")) > said + 50
+        yield lambda: any("has stalled" in text for text in run.text("supervisor", "supervisor"))
+        longest_s = max(after - before for before, after in itertools.pairwise(turned_s))
+        assert longest_s < 0.5
+        stall.thaw()
+        yield lambda: any("takes something again" in text for text in run.text("supervisor", "supervisor"))
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+    kept = [entry for entry in run.lines if entry.module == "works_busily"]
+    assert written(tmp_path, "works_busily") == kept, "lost though there was room"
+    assert run.tree.child("works_busily").output.dropped == 0
+    reports = [entry.crash_report for entry in run.lines if entry.crash_report]
+    assert len(reports) == 1
+    assert (run.logs / reports[0]).exists()
+
+
+def test_what_waits_for_a_stalled_disk_is_bounded_and_the_rest_is_counted(
+    tmp_path: Path, stall: Stall
+) -> None:
+    limits = TraceSettings(waiting_bytes=1 << 16, lines_per_s=1e6, burst_lines=1_000_000)
+    run = started(tmp_path, stall, zoo.works_busily, limits=limits)
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        stall.freeze()
+        yield lambda: run.tree.child("works_busily").output.dropped > 100
+        stall.thaw()
+        dropped = run.tree.child("works_busily").output.dropped
+        turns = run.turns
+        yield lambda: run.turns > turns + 50
+        assert run.tree.child("works_busily").output.dropped - dropped <= dropped
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+    made = run.tree.child("works_busily").output
+    assert len(written(tmp_path, "works_busily")) == made.lines - made.dropped
+
+
+def test_ordered_stop_with_a_stalled_disk_is_bounded_and_what_is_lost_is_counted(
+    tmp_path: Path, stall: Stall, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(DiskWriter.close, "__defaults__", (0.3,))
+    run = started(tmp_path, stall, zoo.works_busily)
+    writers: set[int] = set()
+    stopped_s = 0.0
+
+    def scenario() -> Scenario:
+        nonlocal stopped_s
+        yield run.all_running
+        stall.freeze()
+        writers.update(run.tree.output.disk.pids)
+        said = len(run.text("works_busily", "stdout"))
+        yield lambda: len(run.text("works_busily", "stdout")) > said + 20
+        stopped_s = time.monotonic()
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+    assert time.monotonic() - stopped_s < 3.0
+    assert run.tree.output.disk.unfinished > 0
+    assert run.tree.child("works_busily").output.dropped > 20
+    if isinstance(stall, StoppedWriter):
+        for pid in writers:
+            os.kill(pid, signal.SIGCONT)
+    else:
+        stall.thaw()
+    for pid in writers:
+        os.waitpid(pid, 0)  # it is still ours, as it would be of init if we had ended
+    assert written(tmp_path, "works_busily"), "not written in the end, though the disk is back"
+
+
+def test_writer_that_dies_is_replaced_and_what_it_had_not_written_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(disk_writer, "START_EVERY_S", 0.0)
+    run = Run(tmp_path, animal(zoo.works_busily))
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        (first,) = run.tree.output.disk.pids
+        os.kill(first, signal.SIGSTOP)
+        said = len(run.text("works_busily", "stdout"))
+        yield lambda: len(run.text("works_busily", "stdout")) > said + 20
+        os.kill(first, signal.SIGKILL)
+        yield lambda: not run.tree.output.disk.pids & {first} and run.tree.output.disk.pids != set()
+        said = len(run.text("works_busily", "stdout"))
+        yield lambda: len(run.text("works_busily", "stdout")) > said + 20
+        run.tree.stop("seen enough")
+
+    assert run.play(scenario()) == 0
+    made = run.tree.child("works_busily").output
+    assert made.dropped > 20
+    assert len(written(tmp_path, "works_busily")) >= made.lines - made.dropped
+    assert (tmp_path / "logs" / "trace.html").exists()
+    assert not (tmp_path / "logs" / "trace.1.html").exists(), "a page was begun anew within a run"
+
+
+def test_all_that_was_handed_over_is_written_when_the_supervisor_is_killed(tmp_path: Path) -> None:
+    script = (
+        "import os, signal\n"
+        "from pathlib import Path\n"
+        "from robbie_mp.supervisor.output import OutputStore\n"
+        "store = OutputStore(Path('logs'))\n"
+        "store.child('laser').add('stdout', [str(number) for number in range(3000)])\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=tmp_path,
+        env=dict(os.environ, PYTHONPATH=str(PROJECT)),
+        check=False,
+    )
+    file = tmp_path / "logs" / "laser.jsonl"
+    wait_for(lambda: file.exists() and len(file.read_bytes().splitlines()) == 3000)
