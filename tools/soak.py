@@ -140,6 +140,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, default=30.0, help="how long (30)")
     parser.add_argument("--seed", type=int, default=1, help="of all choices (1)")
     parser.add_argument("--log", type=Path, default=LOG, help="a CARMEN log (../shared/data/intel.clf)")
+    parser.add_argument(
+        "--freeze-log", action="store_true", help="have the log disk stand still now and then (as root)"
+    )
     parser.add_argument("--keep", type=Path, metavar="DIR", help="an empty folder for journals and logs")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)
@@ -147,7 +150,15 @@ def main(arguments: list[str] | None = None) -> int:
     if not others:
         print(f"soak: {options.log} is not there, so nothing is played and mapped", file=sys.stderr)
     watch = Watch()
-    plan = Plan(10**9, options.seed, options.minutes, mean_pause_s=2.0, spared=SPARED, others=others)
+    plan = Plan(
+        10**9,
+        options.seed,
+        options.minutes,
+        mean_pause_s=2.0,
+        spared=SPARED,
+        freeze_log=options.freeze_log,
+        others=others,
+    )
     with tempfile.TemporaryDirectory(prefix="robbie-soak-") as temporary:
         try:
             report = run_campaign(plan, options.keep or Path(temporary), watch.look)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.observe import ChannelFigures, ModuleFigures, SubscriptionFigures
-from tools.kill_campaign import neighbours
+from tools.kill_campaign import frozen_log, neighbours
 from tools.kill_campaign.__main__ import main
 from tools.kill_campaign.campaign import _other_ends
 from tools.kill_campaign.message import Numbered
@@ -171,6 +171,21 @@ def test_short_campaign_finds_no_violation(tmp_path: Path, capsys: pytest.Captur
     assert report["restarts"]["core"] > 0
     assert report["neighbours"]["stopped_viewer_dropped"] > 0
     assert report["neighbours"]["hoarder_copied"] > 0
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.usefixtures("disk")  # which skips where there can be none
+def test_short_campaign_with_a_log_disk_that_stands_still_finds_no_violation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(frozen_log, "MEAN_PAUSE_S", 0.5)
+    arguments = ["--kills", "12", "--seed", "5", "--longest-stop", "1", "--mean-pause", "0.8", "--json"]
+    code = main([*arguments, "--freeze-log", "--keep", str(tmp_path)])
+    report = json.loads(capsys.readouterr().out)
+    assert code == 0, report["violations"]
+    assert report["log_disk"]["standstills"] >= 1
+    assert report["log_disk"]["kills_while_frozen"] >= 1
+    assert report["log_disk"]["restarts_while_frozen"] >= 1
 
 
 def test_restarts_that_nobody_asked_for_are_told_with_their_reason() -> None:

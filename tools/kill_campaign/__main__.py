@@ -32,6 +32,9 @@ def main(arguments: list[str] | None = None) -> int:
         default=3,
         help="how often to stop one viewer of a camera while another hoards; 0: without a camera (3)",
     )
+    parser.add_argument(
+        "--freeze-log", action="store_true", help="have the log disk stand still now and then (as root)"
+    )
     parser.add_argument("--keep", type=Path, metavar="DIR", help="an empty folder for journals and logs")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)
@@ -46,6 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
                     options.seed,
                     mean_pause_s=options.mean_pause,
                     longest_stop_s=options.longest_stop,
+                    freeze_log=options.freeze_log,
                     rounds_with_camera=options.camera_rounds,
                 )
                 report = run_campaign(plan, folder)

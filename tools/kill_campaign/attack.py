@@ -47,6 +47,7 @@ class Attack:
         longest_stop_s: how long a process is stopped at most.
         spared: names of processes that are not to be killed or stopped.
         each_second: called about once a second.
+        each_look: called about twenty times a second.
 
     Attributes:
         kills, stops: what was done.
@@ -58,6 +59,7 @@ class Attack:
     longest_stop_s: float = 10.0
     spared: frozenset[str] = frozenset()
     each_second: Callable[[Robot], None] | None = None
+    each_look: Callable[[], None] = lambda: None
     kills: list[Signalled] = field(default_factory=list)
     stops: list[Signalled] = field(default_factory=list)
 
@@ -137,6 +139,7 @@ class Attack:
         until_s = time.monotonic() + length_s
         while (left_s := until_s - time.monotonic()) > 0:
             time.sleep(min(left_s, 0.05))
+            self.each_look()
             for pid, end_s in list(self._stopped.items()):
                 if time.monotonic() >= end_s:
                     self._continue(pid)

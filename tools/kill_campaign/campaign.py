@@ -1,5 +1,6 @@
 """One campaign from the first process to the verdict."""
 
+import contextlib
 import re
 import time
 from collections import Counter
@@ -10,10 +11,12 @@ from typing import Any
 
 from robbie_mp.observe import ModuleFigures
 from tools.kill_campaign import neighbours, traces
-from tools.kill_campaign.attack import Attack
+from tools.kill_campaign.attack import Attack, Signalled
+from tools.kill_campaign.frozen_log import FrozenLog, log_disk
 from tools.kill_campaign.modules import PAUSE_FILE, QUIET
 from tools.kill_campaign.neighbours import measure_neighbours
 from tools.kill_campaign.profile import publishers, roles, write_workspace
+from tools.kill_campaign.records import ModuleRecord
 from tools.kill_campaign.recovery import recovery_times
 from tools.kill_campaign.robot import Robot
 from tools.kill_campaign.traces import Traces
@@ -37,6 +40,7 @@ class Plan:
         spared: processes that are neither killed nor stopped.
         rounds_with_camera: how often to measure what a stopped and a hoarding viewer of a camera cost a
             healthy one; 0: without a camera.
+        freeze_log: have the disk of the logs stand still now and then.
         others: modules besides the participants, as the profile has them.
     """
 
@@ -47,6 +51,7 @@ class Plan:
     longest_stop_s: float = 10.0
     spared: frozenset[str] = frozenset()
     rounds_with_camera: int = 0
+    freeze_log: bool = False
     others: Mapping[str, dict[str, Any]] = field(default_factory=dict)
 
 
@@ -60,11 +65,12 @@ def run_campaign(
     """
     settings = roles(overloaded=True, camera=plan.rounds_with_camera > 0)
     write_workspace(folder / "workspace", settings, plan.others)
-    robot = Robot(folder, folder / "workspace", "campaign")
-    try:
-        return _run(plan, robot, list(settings), publishers(settings), each_second)
-    finally:
-        robot.close()
+    with contextlib.ExitStack() as stack:
+        disk = stack.enter_context(log_disk(folder / "output")) if plan.freeze_log else None
+        robot = Robot(folder, folder / "workspace", "campaign")
+        stack.callback(robot.close)
+        frozen_log = FrozenLog(disk, robot, plan.seed) if disk else None
+        return _run(plan, robot, list(settings), publishers(settings), each_second, frozen_log)
 
 
 def _run(
@@ -73,6 +79,7 @@ def _run(
     names: list[str],
     sending: list[str],
     each_second: Callable[[Robot], None] | None,
+    frozen_log: FrozenLog | None,
 ) -> dict[str, Any]:
     robot.wait_until_running()
     robot.wait_for(lambda: _all_work(robot, sending), "not everybody publishes")
@@ -80,8 +87,12 @@ def _run(
     beside = measure_neighbours(robot, plan.rounds_with_camera) if plan.rounds_with_camera else None
     attack = Attack(robot, plan.seed, plan.mean_pause_s, plan.longest_stop_s, plan.spared, each_second)
     began_s = time.monotonic()
+    if frozen_log:
+        attack.each_look = frozen_log.look
     attack.run(plan.kills, began_s + 60 * plan.minutes)
     attack.finish()
+    if frozen_log:
+        frozen_log.finish()
     duration_s = time.monotonic() - began_s
     robot.wait_for(robot.all_running, "not everything is RUNNING again")
     time.sleep(CALM_S)
@@ -96,6 +107,7 @@ def _run(
     verdict.violations += traces.violations(before, after, robot.run_id, figures)
     verdict.violations += _deaths(attack, figures)
     verdict.violations += neighbours.violations(beside) if beside else []
+    verdict.violations += frozen_log.violations(attack.kills) if frozen_log else []
     verdict.violations += _end(robot, summary, figures, names)
     return {
         "seed": plan.seed,
@@ -110,6 +122,8 @@ def _run(
         "deliveries": causes(figures),
         "neighbours": beside or {},
         "recovery": recovery_times(attack.kills, records),
+        "log_disk": _of_log_disk(frozen_log, attack.kills, records) if frozen_log else {},
+        "trace_entries_dropped": sum(module["trace_entries_dropped"] for module in summary["modules"]),
         "rest_s": round(rest_s, 2),
         "names": {"before": traces.kinds(before), "after": traces.kinds(after)},
         "descriptors": {
@@ -117,6 +131,12 @@ def _run(
         },
         "violations": verdict.violations,
     }
+
+
+def _of_log_disk(
+    frozen_log: FrozenLog, kills: list[Signalled], records: dict[str, ModuleRecord]
+) -> dict[str, Any]:
+    return frozen_log.report(kills, recovery_times(frozen_log.during(kills), records))
 
 
 def _all_work(robot: Robot, sending: list[str]) -> bool:
