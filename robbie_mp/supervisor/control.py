@@ -148,8 +148,7 @@ class ControlServer:
                 self._hand_over(client, purpose[:PURPOSE_LENGTH], self._tools)
                 return None
             case {"command": "record", "kinds": [*kinds], **others} if not others.keys() - {"module"}:
-                done = self._record(kinds, others.get("module"))
-                return lambda: done
+                return self._record(kinds, others.get("module"))
             case {"command": "stop", **others} if not others:
                 self._tree.stop("stopped by command")
                 return lambda: None
@@ -166,12 +165,22 @@ class ControlServer:
             raise
         self._clients.remove(client)
 
-    def _record(self, kinds: list[object], name: object) -> Answer:
+    def _record(self, kinds: list[object], name: object) -> Progress:
         if not all(kind in list(Kind) for kind in kinds) or not isinstance(name, str | None):
             raise BadRequest(f"expected kinds of {', '.join(Kind)}; got {kinds!r:.100}")
         recorded = [kind for kind in Kind if kind in kinds]
-        self._recording.set(recorded, name)
-        return {"done": f"{name or 'every module'}: {', '.join(recorded) or 'nothing'} recorded from now on"}
+        told: list[bool] = []
+        self._recording.set(recorded, name, told.append)
+        done = f"{name or 'every module'}: {', '.join(recorded) or 'nothing'} recorded from now on"
+
+        def progress() -> Answer | None:
+            if told:
+                return {"done": done} if told[0] else {"error": f"{done}; the disk refused to tell modules"}
+            if self._tree.output.disk.stalled_s >= LINE_TIMEOUT_S:
+                return {"done": f"{done}; modules hear of it when the disk, which has stalled, goes on"}
+            return None
+
+        return progress
 
     def _answer(self, client: "_Client", answer: Answer) -> None:
         with contextlib.suppress(OSError):  # it does not wait for an answer, or does not read

@@ -111,7 +111,9 @@ def test_reports_are_read_as_they_were_written_and_only_the_newest_are_kept(tmp_
     store = OutputStore(tmp_path / "log", limits=TraceSettings(crash_reports=3))
     for incarnation in range(1, 6):
         for module in ("laser", "laser-front"):
-            assert store.write_report(report(module, incarnation)).startswith(f"crashes/{module}-2023")
+            place = store.write_report(report(module, incarnation), lambda is_done: None)
+            assert place.startswith(f"crashes/{module}-2023")
+    store.close()
     assert crash_reports(tmp_path, "laser") == [report("laser", number) for number in (3, 4, 5)]
     assert crash_reports(tmp_path, "laser-front", newest=1) == [report("laser-front", 5)]
     assert [found.incarnation for found in crash_reports(tmp_path)] == [3, 3, 4, 4, 5, 5]
@@ -138,4 +140,7 @@ def test_report_for_people_says_all_and_obeys_nothing() -> None:
 def test_disk_that_takes_no_report_stops_nobody(tmp_path: Path) -> None:
     store = OutputStore(tmp_path / "log")
     (tmp_path / "log" / "crashes").touch()
-    assert store.write_report(report("laser", 1)) == ""
+    answers: list[bool] = []
+    store.write_report(report("laser", 1), answers.append)
+    store.close()
+    assert answers == [False]
