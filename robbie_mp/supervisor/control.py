@@ -20,6 +20,7 @@ from pathlib import Path
 from robbie_mp.errors import RobbieError
 from robbie_mp.private_files import PRIVATE_FILE
 from robbie_mp.supervisor.attached_tools import AttachedTools
+from robbie_mp.supervisor.output import STALLED_AFTER_S
 from robbie_mp.supervisor.recording import Recording
 from robbie_mp.supervisor.states import ChildState
 from robbie_mp.supervisor.supervised_child import SupervisedChild
@@ -176,7 +177,7 @@ class ControlServer:
         def progress() -> Answer | None:
             if told:
                 return {"done": done} if told[0] else {"error": f"{done}; the disk refused to tell modules"}
-            if self._tree.output.disk.stalled_s >= LINE_TIMEOUT_S:
+            if self._tree.output.disk.stalled_s >= STALLED_AFTER_S:
                 return {"done": f"{done}; modules hear of it when the disk, which has stalled, goes on"}
             return None
 

@@ -22,7 +22,7 @@ from robbie_mp.trace import writer
 PIPE_BYTES = 1 << 20
 """What an ordinary process may ask for on Linux (fs.pipe-max-size)."""
 MAX_WAITING_BYTES = 8 << 20
-CLOSE_LIMIT_S = 3.0
+CLOSE_LIMIT_S = 5.0
 """So long the end of a run waits for a disk that does not take anything more."""
 START_EVERY_S = 1.0
 OnDone = Callable[[bool], None]

@@ -30,7 +30,7 @@ ERRORS = "errors"
 SUPERVISOR = "supervisor"
 REPORT_EVERY_S = 1.0
 SHOWN_LINES = 40
-STALLED_AFTER_S = 2.0
+STALLED_AFTER_S = 5.0
 """A disk that has taken nothing for so long is said to have stalled."""
 ADVICE = "choose another output directory"
 
