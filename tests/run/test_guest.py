@@ -1,5 +1,9 @@
 """A module that joins a run from outside hears, speaks, ticks, and comes back when it was detached."""
 
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,7 +18,7 @@ from robbie_mp.messages import DriveCommand, EmergencyStop, Image
 from robbie_mp.module import MessageHandling, Module
 from robbie_mp.supervisor.control_client import ControlRefused
 from robbie_mp.supervisor.run_directory import KnownRun
-from tests.run.robot import Ended, Robot, wait_until
+from tests.run.robot import Ended, Robot, is_running, wait_until
 
 PROFILE = """
 modules:
@@ -144,3 +148,35 @@ def test_guest_or_tool_whose_run_is_over_when_it_attaches_again_can_still_end_in
         stream.receive()
     assert stream.missed == 0
     stream.close()
+
+
+FORKING_TOOL = """
+import os, time
+from robbie_mp.attachment import Attachment
+from robbie_mp.cli.runs import live_runs
+[run] = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
+attachment = Attachment(run, "a tool that forks")
+fork = os.fork()
+if fork:
+    print(fork, flush=True)
+time.sleep(1000)
+"""
+
+
+def test_fork_of_a_tool_does_not_keep_its_place(robot: Robot) -> None:
+    """The place is free when the connection is closed, and a fork has a copy of the tool's end."""
+    robot.write_profile(PROFILE)
+    process = robot.start()
+    robot.until(lambda modules: modules["pulse"]["state"] == "RUNNING")
+    with subprocess.Popen([sys.executable, "-c", FORKING_TOOL], stdout=subprocess.PIPE, text=True) as tool:
+        assert tool.stdout is not None
+        fork = int(tool.stdout.readline())
+        assert robot.top()[TOOL]["pid"] == tool.pid
+        tool.kill()
+    try:
+        wait_until(lambda: TOOL not in robot.top(), 10.0)
+        assert is_running(fork)
+    finally:
+        os.kill(fork, signal.SIGKILL)
+    process.send_signal(signal.SIGINT)
+    assert Ended.wait_for(process).exit_code == 0
