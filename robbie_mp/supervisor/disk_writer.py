@@ -60,6 +60,8 @@ class DiskWriter:
         self._started_s = float("-inf")
         self._was_started = self._is_closed = False
         self._process: subprocess.Popen[bytes] | None = None
+        self._past: list[subprocess.Popen[bytes]] = []
+        """Processes that were let go and are not reaped yet."""
         self._orders = self._answers = -1
         self._start()
 
@@ -101,6 +103,7 @@ class DiskWriter:
 
     def turn(self) -> None:
         """Hear what was done, and send what found no room before; called every turn of the loop."""
+        self._past = [process for process in self._past if process.poll() is None]
         if self._process:
             self._hear()
             self._send()
@@ -129,6 +132,9 @@ class DiskWriter:
         self.flush(limit_s)
         self.unfinished += self.waiting
         self._let_go(limit_s if not self.waiting else 0.0)
+        for process in self._past:
+            if process.poll() is None:
+                process.returncode = 0  # it sleeps on the disk; Popen would otherwise wait for it some day
 
     def __enter__(self) -> Self:
         """Return the writer."""
@@ -209,7 +215,7 @@ class DiskWriter:
         os.close(self._answers)
         self._orders = self._answers = -1
         if process.poll() is None:
-            process.returncode = 0  # Popen would otherwise wait for it some day
+            self._past.append(process)
         self._unsent.clear()
         unanswered, self._unanswered = self._unanswered, deque()
         self._waiting_bytes = 0
