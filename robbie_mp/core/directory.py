@@ -202,6 +202,10 @@ class Directory:
         """Find a channel by its row."""
         return next(channel for channel in self._channels.values() if channel.index == index)
 
+    def known_channel(self, type_name: str, version: int, topic: str) -> Channel | None:
+        """Find a channel if it was opened."""
+        return self._channels.get((type_name, version, topic))
+
     def channel(self, type_name: str, version: int, topic: str, slot: int = 0) -> Channel:
         """Find a channel, or open it for the module in a slot.
 
@@ -232,7 +236,7 @@ class Directory:
         Raises:
             TableFull: there are as many subscriptions as the profile allows.
         """
-        entry = self._find(slot, wish)
+        entry = self.find(slot, wish)
         if entry is not None and entry.is_open:
             self._forget_end(entry)
             return entry
@@ -243,7 +247,7 @@ class Directory:
             _connect(channel, entry)
         return entry
 
-    def _find(self, slot: int, wish: Wish) -> Subscription | None:
+    def find(self, slot: int, wish: Wish) -> Subscription | None:
         """Return a module's subscription of that kind, open or closed; of a tool's, one that is open."""
         newest_only = wish.handling is MessageHandling.KEEP_ONLY_NEWEST
         wanted = (wish.type_name, wish.version, wish.topic, newest_only)

@@ -82,9 +82,7 @@ class FreedBlocks:
         connected = {(link.slot, link.incarnation) for link in self._members.links}
         self._dead_sources = self._ledger.sources() - connected
         for slot in self._slots:
-            last = max(
-                self._words[slot.at + column] for column in (layout.PUBLISHER_LINKED, layout.PUBLISHER_READY)
-            )
+            last = self._words[slot.at + layout.PUBLISHER_LAST_INCARNATION]
             for incarnation in range(max(1, last - KNOWN_DEAD), last + 1):
                 source = (slot.index, incarnation)
                 if source not in connected and source not in self._dead_sources:

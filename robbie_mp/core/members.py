@@ -79,6 +79,8 @@ class Members:
         known_slot.link = link
         self._set_links((*self.links, link))
         self._words[known_slot.at + layout.PUBLISHER_LINKED] = incarnation
+        # In this order: what a new core does not find linked, but knows to have been, it takes for dead.
+        self._words[known_slot.at + layout.PUBLISHER_LAST_INCARNATION] = incarnation
 
     def disconnect(self, link: Link) -> None:
         """Forget a dead incarnation; that it was connected stays written until it has been taken back."""

@@ -37,7 +37,11 @@ def restore_slot(slot: Slot, words: Words) -> None:
 
 
 def restore_declarations(link: Link, directory: Directory) -> None:
-    """Read again what a module has declared so far."""
+    """Read again what a module has declared and the dead core has heard.
+
+    Nothing is opened here: what is not in the tables is still to be said by a record in the ring. If it were
+    opened now, a message cut short in routing would have more subscribers than there was room for.
+    """
     for number in range(layout.DECLARATION_COUNT):
         kind = link.out_words[
             layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS + layout.DECLARATION_KIND
@@ -46,9 +50,10 @@ def restore_declarations(link: Link, directory: Directory) -> None:
             return
         wish = link.declaration(number)
         if kind == Outbound.ADVERTISE:
-            link.channels[number] = directory.channel(wish.type_name, wish.version, wish.topic, link.slot)
-        else:
-            entry = directory.subscribe(link.slot, wish)
+            channel = directory.known_channel(wish.type_name, wish.version, wish.topic)
+            if channel is not None:
+                link.channels[number] = channel
+        elif (entry := directory.find(link.slot, wish)) is not None and entry.is_open:
             entry.declaration = number
             entry.declared_by = link.incarnation
 

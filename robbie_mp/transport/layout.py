@@ -100,7 +100,8 @@ PUBLISHER_READY = 8  # the incarnation that has finished its setup
 PUBLISHER_REFUSED_NTH = 9
 PUBLISHER_REFUSED_INCARNATION = 10
 PUBLISHER_REFUSED_RECORD = 11
-PUBLISHER_WORDS = 12
+PUBLISHER_LAST_INCARNATION = 12  # the last one that was ever connected
+PUBLISHER_WORDS = 13
 
 # A channel's row: a message type, its version and a topic. The name is written last, the state after it.
 CHANNEL_STATE = 0

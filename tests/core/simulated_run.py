@@ -213,6 +213,7 @@ class SimulatedRun:
         queue_bytes: int = 1 << 30,
         handles: int = 64,
         subscriptions: int = 16,
+        references: int | None = None,
         *,
         in_flight_bytes: int = 1 << 30,
         memory_bytes: int = 1 << 40,
@@ -221,7 +222,7 @@ class SimulatedRun:
     ):
         self.lockstep = lockstep
         self.log = log
-        sizes = TableSizes(slots, 8, subscriptions, handles, references=4 * handles)
+        sizes = TableSizes(slots, 8, subscriptions, handles, references or 4 * handles)
         self.words = zeros(sizes.words)
         self.tables = CoreTables.create(self.words, sizes)
         self.fuse = Fuse()

@@ -219,6 +219,52 @@ def test_module_started_again_without_a_subscription_gets_it_back_when_it_wishes
     assert run.reports == []
 
 
+def module_that_dies_in_setup(deaths: list[int]) -> SimulatedRun:
+    """Play a module that publishes in its setup and dies there; then its message is let go."""
+    run = SimulatedRun()
+    subscriber = run.start(2)
+    subscriber.subscribe()
+    subscriber.ready()
+    publisher = run.start(1)
+    publisher.publish(publisher.advertise(), 7)
+    run.kill(publisher)
+    run.supervisor_notices()
+    assert subscriber.handle_all() == [7]
+    run.fuse.stores, run.fuse.deaths = 0, deaths
+    run.run_core()
+    return run
+
+
+def test_segments_of_a_module_that_never_got_ready_are_removed_whenever_the_core_dies() -> None:
+    for death in range(module_that_dies_in_setup([]).fuse.stores):
+        run = module_that_dies_in_setup([death])
+        assert run.crashes == 1
+        assert (Inbound.SEGMENTS_GONE, 1, 1) in run.supervisor_notices(), death
+
+
+def start_beside_a_full_table(deaths: list[int]) -> SimulatedRun:
+    """Play a module that starts while a message takes the last place that there is for references."""
+    run = SimulatedRun(references=1)
+    publisher, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    late = run.start(3)
+    run.fuse.stores, run.fuse.deaths = 0, deaths
+    publisher.publish(channel, 1)
+    late.subscribe()
+    late.ready()
+    run.run_core()
+    assert subscriber.handle_all() == [1]
+    run.run_core()
+    assert run.counts(0)["delivered"] == 1
+    assert run.counts(1)["routed"] == 0, "it came before the subscription"
+    assert late.take() is None
+    return run
+
+
+def test_core_takes_over_beside_a_full_table_while_a_module_starts() -> None:
+    for death in range(start_beside_a_full_table([]).fuse.stores):
+        assert start_beside_a_full_table([death]).crashes == 1
+
+
 def test_what_a_module_wrote_before_the_core_knew_it_is_seen_without_another_post() -> None:
     run = SimulatedRun()
     run.make(1, 1).ready()
