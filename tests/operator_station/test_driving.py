@@ -217,7 +217,7 @@ def test_robot_stands_when_the_link_is_cut_and_drives_when_it_is_mended(robot: R
     journal = Journal(robot)
     with cut_link() as link:
         program = link.write_starter(str(CHROMIUM), robot.folder / "chromium")
-        with browser(program) as started, page_of(started, address) as page:
+        with browser(program) as started, page_of(started, address, may_say=RECONNECTING) as page:
             page.fill("#token", "drives-from-far-away")
             page.keyboard.press("Enter")
             page.wait_for_selector("#drive-pad")

@@ -1,77 +1,87 @@
-"""The emergency stop: always in sight, on a key, latched by the base and released on purpose only."""
+"""The emergency stop: above everything, in one place, latched by the base, released on purpose only."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nicegui import ui
-from nicegui.events import KeyEventArguments
+from nicegui.element import Element
 
 from robbie_mp.messages import EmergencyStop
 from robbie_mp.services.operator_station.access import Role
-from robbie_mp.services.operator_station.panel import Page
 from robbie_mp.services.operator_station.sending import header_of_now
+from robbie_mp.services.operator_station.stop_connection import StopService
+from robbie_mp.services.operator_station.stop_requests import StopRequests
 
 if TYPE_CHECKING:
+    from robbie_mp.services.operator_station.panel import Page
     from robbie_mp.services.operator_station.station import OperatorStation
 
 REQUEST_TOPIC = "emergency_stop"
 STATE_TOPIC = "emergency_stop_state"
-KEY = "Escape"
+STOPPED_BY = "stopped by hand on the operator's page"
+RELEASED_BY = "released by hand on the operator's page"
+STYLE = Path(__file__).parent / "emergency_stop.css"
 
 
-class EmergencyStopBar:
-    """The button at the top of every page, and what the base has answered."""
+class StopButton(Element, component="emergency_stop.js"):
+    """The button and what is the case. Its script keeps a press until the base has confirmed it."""
+
+
+class EmergencyStopControl:
+    """Everybody may stop the robot; operators release it.
+
+    Attributes:
+        service: answers the buttons of all pages.
+    """
 
     def __init__(self, station: OperatorStation):
         self._station = station
         self._state = station.newest(EmergencyStop, STATE_TOPIC)
+        self._requests = StopRequests(self._send)
+        self._state.listen(self._see)
+        self.service = StopService(self._requests, self._state)
+
+    def tick(self) -> None:
+        """Repeat what the base has not confirmed; in the module's thread."""
+        self._requests.repeat()
+
+    def _send(self, engaged: bool) -> bool:
+        """Ask the base to stop and stay, or to be ready to drive again."""
+        reason = STOPPED_BY if engaged else RELEASED_BY
+        message = EmergencyStop(header=header_of_now(self._station), engaged=engaged, reason=reason)
+        return self._station.publish(message, topic=REQUEST_TOPIC)
+
+    def _see(self, state: EmergencyStop) -> None:
+        self._requests.see(engaged=state.engaged, published_s=self._station.envelope.published_ns / 1e9)
 
     @property
-    def is_engaged(self) -> bool:
-        """Whether the base has said that it stands and stays."""
-        return self._state.message is not None and self._state.message.engaged
-
-    def request(self, page: Page, *, engaged: bool, reason: str) -> None:
-        """Ask the base to stop and stay, or, for an operator, to be ready to drive again."""
-        header = header_of_now(self._station)
-        message = EmergencyStop(header=header, engaged=engaged, reason=reason)
-        what, needs = ("the emergency stop", Role.OBSERVER) if engaged else ("its release", Role.OPERATOR)
-        page.publish(message, what, REQUEST_TOPIC, needs)
+    def _can_be_released(self) -> bool:
+        is_engaged = self._state.message is not None and self._state.message.engaged
+        return is_engaged or self._requests.waits_s is not None
 
     def build(self, page: Page) -> None:
-        """Make button and indicator for a page. Everybody may stop the robot; operators release it."""
-
-        def stop() -> None:
-            self.request(page, engaged=True, reason="stopped by hand on the operator's page")
+        """Make the button for a page, and elsewhere the one that releases."""
+        ui.add_css(STYLE)
+        StopButton()
 
         def release() -> None:
             dialog.close()
-            self.request(page, engaged=False, reason="released by hand on the operator's page")
+            if page.may("the release of the emergency stop") and not self._requests.release():
+                ui.notify("the release was not sent: the robot's memory is full", type="negative")
 
-        button = ui.button("EMERGENCY STOP", icon="dangerous", color="red-10")
-        button.props('size=lg id=emergency-stop aria-keyshortcuts="Escape"').classes("font-bold")
-        # When it is pressed, not when it is let go; clicks without a pointer are those of the keyboard.
-        button.on("pointerdown", stop, [])
-        button.on("click", stop, js_handler="(event) => { if (event.detail === 0) emit(); }")
-
-        def on_key(event: KeyEventArguments) -> None:
-            if event.key == KEY and event.action.keydown:
-                stop()
-
-        ui.keyboard(on_key, repeating=False, ignore=[])
-        shown = ui.badge("").props("id=emergency-stop-state").classes("text-lg p-2")
         with ui.dialog() as dialog, ui.card():
             ui.label("Release the emergency stop? The robot may move at once.")
             with ui.row():
                 ui.button("Release", on_click=release, color="orange-10").props("id=confirm-release")
                 ui.button("Keep it stopped", on_click=dialog.close)
+        # Its place is kept while it is not to be seen, so that nothing else moves.
         again = ui.button("Release …", on_click=dialog.open).props("id=release-emergency-stop")
 
         def update() -> None:
-            state = self._state.message
-            shown.set_text("base silent" if state is None else "STOPPED" if state.engaged else "ready")
-            shown.props(f"color={'grey' if state is None else 'red' if state.engaged else 'green-9'}")
-            again.set_visibility(self.is_engaged and page.role is Role.OPERATOR)
+            is_shown = self._can_be_released and page.role is Role.OPERATOR
+            again.classes(remove="invisible" if is_shown else "", add="" if is_shown else "invisible")
 
+        update()
         page.always(0.1, update)

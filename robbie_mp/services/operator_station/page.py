@@ -41,7 +41,7 @@ def build_page(
     station.opened(page)
     client.on_delete(lambda: station.closed(page))
     ui.run_javascript(RECONNECT)
-    with ui.header().classes("items-center q-py-xs"):
+    with ui.header().classes("items-center q-py-xs beside-emergency-stop"):
         ui.label(f"Robbie · {station.run_id}").classes("text-lg")
         ui.badge(role.name.lower()).props("outline id=role color=white")
         leave = ui.button(icon="logout").on("click", js_handler=LOG_OUT)

@@ -6,6 +6,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
 from starlette.responses import Response
 
 from robbie_mp.messages import TimeJump, VictimFound
@@ -37,11 +38,22 @@ class KnownVictim:
     """The operator may answer until then, if asked; monotonic clock."""
     count: int
     """Of messages about victims until this one."""
+    image_count: int
+    """Of the message with which its image came."""
+    heard_s: float
+    """When the newest message came; monotonic clock."""
+    asked_since_s: float
+    """When the operator was asked first, without an answer since; monotonic clock."""
 
     @property
     def is_asked(self) -> bool:
         """Whether the operator is to answer."""
         return self.found.state == VictimFound.ASKED
+
+    @property
+    def age_s(self) -> float:
+        """How long ago the robot last told of it."""
+        return time.monotonic() - self.heard_s
 
     @property
     def time_left_s(self) -> float:
@@ -68,7 +80,13 @@ class VictimWatch:
         self.count += 1
         # A copy: kept messages would fill their publisher's memory.
         found = VictimFound.decode(message.encode())
-        known = KnownVictim(found, time.monotonic() + found.answer_within_s, self.count)
+        now_s = time.monotonic()
+        before = self.victims.get(found.id)
+        since_s = before.asked_since_s if before is not None and before.is_asked else now_s
+        is_same = before is not None and np.array_equal(before.found.image.data, found.image.data)
+        image_count = before.image_count if before is not None and is_same else self.count
+        until_s = now_s + found.answer_within_s
+        known = KnownVictim(found, until_s, self.count, image_count, now_s, since_s)
         others = {number: victim for number, victim in self.victims.items() if number != found.id}
         while len(others) >= MOST_VICTIMS:
             others.pop(next(iter(others)))  # the one nothing was heard of for longest

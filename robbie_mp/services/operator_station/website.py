@@ -11,7 +11,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import PlainTextResponse, Response
 
 from robbie_mp.services.operator_station.connections import bounded_connections
-from robbie_mp.services.operator_station.emergency_stop import EmergencyStopBar
+from robbie_mp.services.operator_station.emergency_stop import EmergencyStopControl
 from robbie_mp.services.operator_station.gate import Gate
 from robbie_mp.services.operator_station.live.map import LiveMap
 from robbie_mp.services.operator_station.live.server import with_live
@@ -59,7 +59,8 @@ class Website:
         titles = station.tabs or dict.fromkeys(wanted, "")
         self._panels = [PANELS[name](station) for name in titles]
         titled = [(panel, titles[panel.name] or panel.title) for panel in self._panels]
-        tools = [MomentMarker(station).build, EmergencyStopBar(station).build]
+        self._emergency_stop = EmergencyStopControl(station)
+        tools = [self._emergency_stop.build, MomentMarker(station).build]
         bars = [PlaybackBar(station).build, VictimQuestion(station).build]
         page = ui.page("/", title="Robbie", response_timeout=10)
         page(lambda: build_page(station, tools, bars, titled))
@@ -80,7 +81,10 @@ class Website:
             app.add_exception_handler(code, answer_plainly)
         for name in LIBRARIES:
             limited(name)
-        behind = with_page_limit(with_live(with_known_packets(application), station.live), station)
+        live = self._emergency_stop.service.beside(
+            with_live(with_known_packets(application), station.live)
+        )
+        behind = with_page_limit(live, station)
         connections = bounded_connections()
         gate = Gate(behind, station.access, connections, station.refusals)
         self._server = PageServer(gate, listener, connections)
@@ -100,6 +104,7 @@ class Website:
             ServerFailed: it is not.
         """
         self._server.check()
+        self._emergency_stop.tick()
         self._map.tick()
         for panel in self._panels:
             panel.tick()

@@ -119,6 +119,17 @@ class Attacker:
             made.send(CONNECT)
             yield PageSocket(made)
 
+    def stop_robot(self) -> None:
+        """Press the emergency stop as a page does, until the base has confirmed it."""
+        press, fate = str(uuid.uuid4()), ""
+        headers = {"Cookie": self.cookie} if self.cookie else {}
+        with websockets_client.connect(
+            f"ws://127.0.0.1:{self.port}/emergency-stop", additional_headers=headers, open_timeout=LIMIT_S
+        ) as made:
+            while fate != "confirmed":
+                made.send(json.dumps({"asked_ms": 1.0, "press": press}))
+                fate = json.loads(made.recv(LIMIT_S))["fate"]
+
     @contextmanager
     def half_open(self, sent: bytes = b"") -> Iterator[socket.socket]:
         """Connect, and send the beginning of something."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import leaving_nothing_behind
-from tests.run.robot import Robot, wait_until
+from tests.run.robot import Robot
 from tests.security.operator_station.attacker import Attacker
 
 HERE = Path(__file__).parent
@@ -69,10 +69,6 @@ class Station:
         """Types of all messages that came from the page; of emergency stops, whether they engage it."""
         lines = (self.robot.output / "heard.txt").read_text().splitlines()
         return [(name, engaged) for name, engaged in map(json.loads, lines[self._forgotten :])]
-
-    def wait_for_stop(self) -> None:
-        """Wait until the robot has heard an emergency stop."""
-        wait_until(lambda: ("EmergencyStop", True) in self.heard)
 
     @property
     def pid(self) -> int:

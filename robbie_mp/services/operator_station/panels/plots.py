@@ -110,11 +110,11 @@ class Line:
         """Take values from here on; in the module's thread."""
         if not self._is_closed:
             self._source = source
-            source.listeners.append(self._take)
+            source.listen(self._take)
 
     def _take(self, message: Message) -> None:
         if self._is_closed and self._source is not None:
-            self._source.listeners.remove(self._take)
+            self._source.ignore(self._take)
             return
         if self._station.envelope.topic != self.topic:
             return  # who subscribes to no topic gets those of all topics

@@ -1,0 +1,162 @@
+// The emergency stop and what is the case. It has a connection of its own (stop_connection.py). A press is kept, over
+// the loading of the page too, and named in every question, until the robot says that the press is settled.
+//
+// The page is not given up while there is no other to be had: what the browser would show instead has no button, and
+// sends nothing. So a script that loads the page anew has to wait until the server answers.
+export default {
+  template: `<div style="position: absolute">
+    <Teleport to="body">
+      <div v-if="is_lost" id="link-lost" role="alert">
+        <div>No connection to the robot for {{ lost_s }} s. What this page shows is old.</div>
+      </div>
+      <div class="emergency-stop">
+        <div :class="shown.look">
+          <span class="state" id="emergency-stop-state" role="status">{{ shown.state }}</span>
+          <span class="detail" id="emergency-stop-detail" :title="shown.detail">{{ shown.detail }}</span>
+        </div>
+        <button id="emergency-stop" type="button" aria-keyshortcuts="Escape" title="Stop the robot: Escape"
+          @pointerdown.stop="press" @mousedown.prevent @click.stop="click">EMERGENCY STOP</button>
+      </div>
+    </Teleport></div>`,
+  data() {
+    // now_ms and heard_ms are times of performance.now(): now, and of the last question that was answered.
+    return { now_ms: performance.now(), heard_ms: performance.now(), answer: null, kept: kept_press() };
+  },
+  mounted() {
+    this.on_key = (event) => {
+      if (event.key === "Escape" && !event.repeat) this.press();
+    };
+    // Before any dialog or menu has the key.
+    addEventListener("keydown", this.on_key, { capture: true });
+    this.on_sight = () => this.beat();
+    document.addEventListener("visibilitychange", this.on_sight);
+    this.on_leave = (event) => {
+      if (event.navigationType !== "reload" || event.userInitiated || !event.cancelable || this.may_leave) return;
+      event.preventDefault();
+      this.leave_when_answered();
+    };
+    window.navigation?.addEventListener("navigate", this.on_leave);
+    this.open();
+    this.timer = setInterval(() => this.beat(), BEAT_MS);
+  },
+  unmounted() {
+    removeEventListener("keydown", this.on_key, { capture: true });
+    document.removeEventListener("visibilitychange", this.on_sight);
+    window.navigation?.removeEventListener("navigate", this.on_leave);
+    clearInterval(this.timer);
+    this.shut();
+  },
+  computed: {
+    is_lost() {
+      return this.now_ms - this.heard_ms > LOST_MS;
+    },
+    lost_s() {
+      return Math.floor((this.now_ms - this.heard_ms) / 1000);
+    },
+    shown() {
+      const { answer, kept } = this;
+      const before = !answer || answer.engaged === null ? "unknown" : answer.engaged ? "STOPPED" : "ready";
+      if (kept || (answer && answer.waits_s !== null)) return this.shown_while_pending();
+      if (this.is_lost) return { state: "no link", look: "", detail: `for ${this.lost_s} s; before: ${before}` };
+      if (!answer) return { state: "connecting", look: "", detail: "" };
+      if (answer.age_s === null) return { state: "base silent", look: "", detail: "it has said nothing yet" };
+      const age_s = answer.age_s + (this.now_ms - this.heard_ms) / 1000;
+      if (age_s > STALE_S)
+        return { state: "base silent", look: "", detail: `for ${Math.floor(age_s)} s; before: ${before}` };
+      if (answer.engaged) return { state: "STOPPED", look: "is-stopped", detail: answer.reason };
+      return { state: "ready", look: "is-ready", detail: "" };
+    },
+  },
+  methods: {
+    shown_while_pending() {
+      const { answer, kept } = this;
+      const look = "is-pending";
+      const is_at_robot = !kept || (answer && answer.fate && answer.press === kept.name);
+      if (!is_at_robot || this.is_lost) {
+        const age_ms = kept ? performance.timeOrigin + this.now_ms - kept.pressed_ms : Infinity;
+        if (age_ms < SOON_MS) return { state: "stopping …", look, detail: "" };
+        const detail = `it is kept, and sent first; pressed ${Math.max(0, Math.floor(age_ms / 1000))} s ago`;
+        if (kept && !is_at_robot) return { state: "NOT DELIVERED", look, detail };
+      } else if (answer.waits_s === null || answer.waits_s * 1000 < SOON_MS)
+        return { state: "stopping …", look, detail: "" };
+      const detail = `the base does not answer; repeated for ${Math.floor(answer.waits_s ?? 0)} s`;
+      return { state: "NOT CONFIRMED", look, detail };
+    },
+    click(event) {
+      if (event.detail === 0) this.press(); // by the keyboard; a pointer has pressed already when it went down
+    },
+    press() {
+      this.kept = { name: new_name(), pressed_ms: performance.timeOrigin + performance.now() };
+      sessionStorage.setItem(KEPT, JSON.stringify(this.kept));
+      this.ask();
+    },
+    beat() {
+      this.now_ms = performance.now();
+      const { socket } = this;
+      const limit_ms = socket.readyState === WebSocket.CONNECTING ? CONNECT_MS : LOST_MS;
+      const silent_ms = this.now_ms - Math.max(this.heard_ms, socket.opened_ms ?? 0, socket.made_ms);
+      if (socket.readyState === WebSocket.CLOSED ? this.now_ms - socket.made_ms > RETRY_MS : silent_ms > limit_ms)
+        this.open();
+      else this.ask();
+    },
+    open() {
+      this.shut();
+      const scheme = location.protocol === "https:" ? "wss:" : "ws:";
+      const socket = new WebSocket(`${scheme}//${location.host}/emergency-stop`);
+      this.socket = Object.assign(socket, { made_ms: performance.now() });
+      socket.onopen = () => {
+        socket.opened_ms = performance.now();
+        this.ask();
+      };
+      socket.onmessage = (event) => this.hear(JSON.parse(event.data));
+    },
+    shut() {
+      if (!this.socket) return;
+      this.socket.onopen = this.socket.onmessage = null;
+      this.socket.close();
+    },
+    ask() {
+      if (this.socket.readyState !== WebSocket.OPEN) return;
+      // What has not left this machine would only make what comes later older.
+      if (this.socket.bufferedAmount > MAX_UNSENT_BYTES) return;
+      this.socket.send(JSON.stringify({ asked_ms: performance.now(), press: this.kept?.name ?? "" }));
+    },
+    async leave_when_answered() {
+      if (this.is_leaving) return;
+      this.is_leaving = true;
+      // NiceGUI answers such a request without making a page.
+      const question = () => ({ headers: { "NiceGUI-Check": "try_reconnect" }, signal: AbortSignal.timeout(CONNECT_MS) });
+      while (!(await fetch(location.href, question()).catch(() => null))?.ok)
+        await new Promise((done) => setTimeout(done, RETRY_MS));
+      this.may_leave = true;
+      location.reload();
+    },
+    hear(answer) {
+      this.now_ms = performance.now();
+      this.heard_ms = Math.max(this.heard_ms, answer.asked_ms);
+      this.answer = answer;
+      if (this.kept && answer.press === this.kept.name && SETTLED.includes(answer.fate)) {
+        this.kept = null;
+        sessionStorage.removeItem(KEPT);
+      }
+    },
+  },
+};
+
+const BEAT_MS = 250;
+const LOST_MS = 1200; // without an answer for so long, the connection counts as lost, and another one is tried
+const CONNECT_MS = 3000; // a new connection may take so long
+const RETRY_MS = 300;
+const STALE_S = 1; // a base tells its state several times a second
+const SOON_MS = 700; // a press that is settled within this is not worth a word
+const MAX_UNSENT_BYTES = 1000;
+const KEPT = "robbie-emergency-stop";
+const SETTLED = ["confirmed", "withdrawn"];
+
+function kept_press() {
+  return JSON.parse(sessionStorage.getItem(KEPT) ?? "null");
+}
+
+function new_name() {
+  return Array.from(crypto.getRandomValues(new Uint32Array(4)), (part) => part.toString(16)).join("-");
+}

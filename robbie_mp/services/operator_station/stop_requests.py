@@ -1,0 +1,143 @@
+"""Presses of the emergency stop: each is repeated to the base until the base has confirmed it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from enum import StrEnum
+
+REPEAT_S = 0.2
+"""A stop that the base has not confirmed is sent again after so long."""
+MIN_INTERVAL_S = 0.05
+"""Stops are not sent more often, however many pages press."""
+IN_FLIGHT_S = 0.5
+"""A base that says STOPPED this soon after a release may not have heard of the release yet."""
+MAX_PRESSES = 256
+"""This many presses are remembered: those that wait, and those that are settled."""
+MAX_NAME_LENGTH = 64
+
+
+class Fate(StrEnum):
+    """What has become of a press."""
+
+    PENDING = "pending"
+    """The base has not confirmed it yet."""
+    CONFIRMED = "confirmed"
+    """The base stands."""
+    WITHDRAWN = "withdrawn"
+    """An operator released the stop before the base confirmed it."""
+
+
+class StopRequests:
+    """Sends stops and releases to the base, and knows what has become of each press.
+
+    A press has a name, so that a page may repeat it on every connection until it is told that the press is
+    settled. A press that is settled never stops the robot again. Any thread may call any method.
+
+    Args:
+        send: sends a stop (True) or a release (False) to the base; False if that is not possible now.
+        now_s: the machine's monotonic time.
+    """
+
+    def __init__(self, send: Callable[[bool], bool], now_s: Callable[[], float] = time.monotonic):
+        self._send = send
+        self._now_s = now_s
+        self._lock = threading.Lock()
+        self._pending: OrderedDict[str, float | None] = OrderedDict()
+        """When each press was first sent to the base; None: not yet."""
+        self._settled: OrderedDict[str, Fate] = OrderedDict()
+        self._last_sent_s = self._released_s = -float("inf")
+        self._waits_since_s = 0.0
+        self._listeners: tuple[Callable[[], None], ...] = ()
+
+    @property
+    def waits_s(self) -> float | None:
+        """How long the base has not confirmed a stop; None if it has confirmed all."""
+        with self._lock:
+            return self._now_s() - self._waits_since_s if self._pending else None
+
+    def fate(self, name: str) -> Fate | None:
+        """What has become of a press; None if it is not known here."""
+        with self._lock:
+            return Fate.PENDING if name in self._pending else self._settled.get(name)
+
+    def press(self, name: str) -> None:
+        """Stop the robot; nothing happens if this press is known already."""
+        with self._lock:
+            if name in self._pending or name in self._settled:
+                return
+            if not self._pending:
+                self._waits_since_s = self._now_s()
+            self._pending[name] = None
+            _shorten(self._pending)
+            self._send_stop()
+        self._tell()
+
+    def release(self) -> bool:
+        """Let the robot drive again; presses that still wait are withdrawn. False if it was not sent."""
+        with self._lock:
+            is_sent = self._send(False)
+            if is_sent:
+                self._released_s = self._now_s()
+                self._settle(list(self._pending), Fate.WITHDRAWN)
+        self._tell()
+        return is_sent
+
+    def see(self, *, engaged: bool, published_s: float) -> None:
+        """Learn what the base says, and when it said so."""
+        with self._lock:
+            if not self._pending or not engaged or published_s < self._released_s + IN_FLIGHT_S:
+                return
+            heard = [
+                name for name, sent_s in self._pending.items() if sent_s is not None and sent_s < published_s
+            ]
+            self._settle(heard, Fate.CONFIRMED)
+        if heard:
+            self._tell()
+
+    def repeat(self) -> None:
+        """Send again what the base has not confirmed; to be called often."""
+        with self._lock:
+            if not self._pending:
+                return
+            is_new = None in self._pending.values()
+            if is_new or self._now_s() - self._last_sent_s >= REPEAT_S:
+                self._send_stop()
+
+    def listen(self, listener: Callable[[], None]) -> None:
+        """Have something called, in any thread, whenever the fate of a press changes."""
+        with self._lock:
+            self._listeners = (*self._listeners, listener)
+
+    def ignore(self, listener: Callable[[], None]) -> None:
+        """Stop calling it."""
+        with self._lock:
+            self._listeners = tuple(one for one in self._listeners if one is not listener)
+
+    def _send_stop(self) -> None:
+        """Send a stop for all that wait, unless the last one was just sent."""
+        now_s = self._now_s()
+        if now_s - self._last_sent_s < MIN_INTERVAL_S or not self._send(True):
+            return
+        self._last_sent_s = now_s
+        for name, sent_s in self._pending.items():
+            if sent_s is None:
+                self._pending[name] = now_s
+
+    def _settle(self, names: list[str], fate: Fate) -> None:
+        for name in names:
+            del self._pending[name]
+            self._settled[name] = fate
+        _shorten(self._settled)
+
+    def _tell(self) -> None:
+        for listener in self._listeners:
+            listener()
+
+
+def _shorten(presses: OrderedDict[str, float | None] | OrderedDict[str, Fate]) -> None:
+    """Forget the oldest. A page that still waits for its press presses it anew."""
+    while len(presses) > MAX_PRESSES:
+        presses.popitem(last=False)

@@ -1,0 +1,75 @@
+// Asks about one victim at a time. It goes on with the one that it shows for as long as the robot asks about that one,
+// never changes while a pointer is down on it, and its answer names the victim that it was shown for.
+export default {
+  template: `<div style="position: absolute"><div v-if="shown" id="victim-question" class="victim-question" role="region" aria-label="Question"
+      @pointerdown="hold">
+    <img v-if="shown.count" :key="shown.id" :src="picture" alt="what the camera has seen">
+    <div>
+      <div class="title" role="status">Is this a victim? {{ shown.text }}</div>
+      <div id="victim-time-left">{{ shown.left }}</div>
+      <div id="victim-silent" v-if="shown.silent" class="silent">{{ shown.silent }}</div>
+      <div v-if="waiting" class="silent">{{ waiting }}</div>
+      <div v-if="answers.length" class="answers">
+        <button v-for="[text, answer, colour] in answers" type="button" :id="'victim-' + text.toLowerCase()"
+          :style="{ background: colour }" :disabled="is_inert" :data-victim="shown.id"
+          @click="say(text, answer)">{{ text }}</button>
+      </div>
+    </div></div></div>`,
+  props: { questions: Array, answers: Array },
+  data() {
+    return { shown: null, held: false, is_inert: false, waiting: "" };
+  },
+  mounted() {
+    this.let_go = () => {
+      // A click comes right after its pointer has gone up.
+      if (this.held) setTimeout(() => ((this.held = false), this.look()), 100);
+    };
+    for (const name of ["pointerup", "pointercancel"]) addEventListener(name, this.let_go);
+    this.look();
+  },
+  unmounted() {
+    for (const name of ["pointerup", "pointercancel"]) removeEventListener(name, this.let_go);
+    clearTimeout(this.timer);
+  },
+  watch: {
+    questions() {
+      this.look();
+    },
+  },
+  computed: {
+    picture() {
+      return `/pictures/victim/${this.shown.id}?count=${this.shown.count}`;
+    },
+  },
+  methods: {
+    look() {
+      if (this.held) return;
+      const same = this.questions.find((one) => one.id === this.shown?.id);
+      const next = same ?? this.questions[0] ?? null;
+      if (!same) {
+        clearTimeout(this.timer);
+        this.waiting = "";
+        // A press that was meant for the question before, or for what was there before, does not answer this one.
+        this.is_inert = next !== null;
+        if (this.is_inert) this.timer = setTimeout(() => (this.is_inert = false), INERT_MS);
+      }
+      this.shown = next;
+    },
+    hold(event) {
+      const button = event.target.closest("button");
+      if (!button) return;
+      button.setPointerCapture(event.pointerId); // so that this page hears wherever the pointer goes up
+      this.held = true;
+    },
+    say(text, answer) {
+      this.$emit("answer", { id: this.shown.id, answer });
+      this.is_inert = true;
+      this.waiting = `“${text}” is sent; the robot has not answered yet`;
+      clearTimeout(this.timer);
+      this.timer = setTimeout(() => ((this.is_inert = false), (this.waiting = "")), REPEAT_MS);
+    },
+  },
+};
+
+const INERT_MS = 700; // longer than it takes to see that the question is another one
+const REPEAT_MS = 3000; // what the robot has not answered for so long may be said again
