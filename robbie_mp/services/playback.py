@@ -8,6 +8,7 @@ from typing import Any
 from robbie_mp.messages import MessageError, PlaybackControl, PlaybackState, Time
 from robbie_mp.messages.descriptions import TypeDescription, own_types
 from robbie_mp.module import Module, setting
+from robbie_mp.observe.unhandled import UnhandledMessages
 from robbie_mp.playback import selection
 from robbie_mp.playback.log_time import LogTime
 from robbie_mp.playback.player import ControlRefused, Outlet, Player
@@ -99,6 +100,7 @@ class Playback(Module):
         plan = self._plan()
         self.log_file = _open({"file": self.file, "max_chunk_mib": self.max_chunk_mib})
         self.clock_writer = ClockWriter.attach(self.run_id)
+        self.unhandled = UnhandledMessages(self.run_id, self.name)
         channels = self._channels({SUPERVISOR, CORE, *(module.name for module in plan.modules)})
         types = RunTypes(TypeDescription(*one) for one in plan.types)
         outlet = self._make_outlet(_translations(channels, types))
@@ -135,7 +137,8 @@ class Playback(Module):
             outlet = LockstepOutlet(self, translations, self._remember, self.lockstep, self._run_ns)
             outlet.schedule.due_ns |= self.restored["due_ns"] if self.restored else {}
             return outlet
-        return PacedOutlet(self, translations, self._remember, self.outstanding_limit, self.outstanding_bytes)
+        limits = self.outstanding_limit, self.outstanding_bytes
+        return PacedOutlet(self, translations, self._remember, *limits, self.unhandled.count)
 
     def _make_player(self, channels: list[LogChannel], outlet: Outlet) -> Player:
         log, machine_ns = self.log_file, self.clock.monotonic_ns
@@ -247,6 +250,7 @@ class Playback(Module):
         """Let the run's time stand where it is."""
         self.clock_writer.pause(self._run_ns())
         self.clock_writer.close()
+        self.unhandled.close()
         self.log_file.close()
 
 

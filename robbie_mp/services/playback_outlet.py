@@ -12,7 +12,7 @@ from robbie_mp.recording.reader import LoggedMessage
 from robbie_mp.transport.blocks import MessageTooLarge
 
 PATIENCE_NS = 15_000_000_000
-"""Messages that nobody lets go for so long are kept, not in work: a handler may not take so long."""
+"""Messages that nobody has handled for so long are not waited for: their subscriber stands still."""
 
 
 class BusOutlet:
@@ -66,6 +66,7 @@ class PacedOutlet(BusOutlet):
         module, translations, remember: as for `BusOutlet`.
         limit: messages that may be waiting or in work at once.
         limit_bytes: so large they may be together; a larger one goes alone.
+        unhandled: tells how many there are; those that somebody has handled and keeps are not on their way.
     """
 
     def __init__(
@@ -75,13 +76,15 @@ class PacedOutlet(BusOutlet):
         remember: Callable[[int], None],
         limit: int,
         limit_bytes: int,
+        unhandled: Callable[[], int],
     ):
         super().__init__(module, translations, remember)
         self._limit = limit
         self._limit_bytes = limit_bytes
+        self._unhandled = unhandled
         self._sizes: deque[int] = deque(maxlen=limit)
-        """Of the last messages: of those on their way, if they are let go in order."""
-        self._last_outstanding = 0
+        """Of the last messages: of those on their way, if they are handled in order."""
+        self._last_unhandled = 0
         self._unchanged_since_ns = 0
 
     def send(self, message: LoggedMessage) -> bool:
@@ -89,25 +92,30 @@ class PacedOutlet(BusOutlet):
         is_sent = super().send(message)
         if is_sent:
             self._sizes.append(len(message.data))
-            self._last_outstanding = 0
+            self._last_unhandled = 0
         return is_sent
 
     def has_room(self, size: int) -> bool:
         """Whether so few messages are on their way that one more may follow."""
-        outstanding = self._module.outstanding
-        if outstanding == 0:
-            self._sizes.clear()
-            return True
-        while len(self._sizes) > outstanding:
+        # Those that are kept count here as well, but most often there is room all the same; the exact number
+        # takes longer to find.
+        return self._fits(self._module.outstanding, size) or self._fits(self._unhandled(), size)
+
+    def _fits(self, on_their_way: int, size: int) -> bool:
+        while len(self._sizes) > on_their_way:
             self._sizes.popleft()
-        return outstanding < self._limit and sum(self._sizes) + size <= self._limit_bytes
+        if on_their_way == 0:
+            return True
+        return on_their_way < self._limit and sum(self._sizes) + size <= self._limit_bytes
 
     def is_empty(self) -> bool:
-        """Whether everything sent has been handled, or is kept by somebody for long."""
-        outstanding, now_ns = self._module.outstanding, self._module.clock.monotonic_ns()
-        if outstanding != self._last_outstanding:
-            self._last_outstanding, self._unchanged_since_ns = outstanding, now_ns
-        return outstanding == 0 or now_ns - self._unchanged_since_ns > PATIENCE_NS
+        """Whether everything sent has been handled, or nobody goes on with it."""
+        if self._module.outstanding == 0:
+            return True
+        unhandled, now_ns = self._unhandled(), self._module.clock.monotonic_ns()
+        if unhandled != self._last_unhandled:
+            self._last_unhandled, self._unchanged_since_ns = unhandled, now_ns
+        return unhandled == 0 or now_ns - self._unchanged_since_ns > PATIENCE_NS
 
     def wake(self) -> None:
         """Have the module's next tick as soon as there is more room."""

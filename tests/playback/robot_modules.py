@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from robbie_mp.messages import DriveCommand, Message, TimeJump, Upgrade, float32, uint8
-from robbie_mp.module import Module, setting
+from robbie_mp.messages import DriveCommand, Image, Message, TimeJump, Upgrade, float32, uint8
+from robbie_mp.module import MessageHandling, Module, setting
 
 
 def percent_to_ratio(fields: dict[str, Any]) -> dict[str, Any]:
@@ -50,3 +50,15 @@ class Witness(Module):
     def write(self, *words: object) -> None:
         with open(self.output_directory / "witness.txt", "a") as file:
             print(self.clock.now_ns(), *words, file=file)
+
+
+class Keeper(Module):
+    """Keeps the newest image, as a page does that shows it."""
+
+    def setup(self) -> None:
+        self.newest: Image | None = None
+        self.subscribe(Image, self.on_image, MessageHandling.KEEP_ONLY_NEWEST)
+
+    def on_image(self, image: Image) -> None:
+        self.newest = image
+        self.status = f"keeps {image.data[0]}"

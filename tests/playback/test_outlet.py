@@ -22,9 +22,14 @@ class FakeModule:
     def __init__(self) -> None:
         self.clock = ManualClock(1)
         self.outstanding = 0
+        self.kept = 0
+        """Of those: handled, but somebody still looks at them."""
         self.sent: list[bytes] = []
         self.log = SimpleNamespace(error=lambda *words: self.said.append(words))
         self.said: list[Any] = []
+
+    def unhandled(self) -> int:
+        return self.outstanding - self.kept
 
     def publish_encoded(self, _type: str, _version: int, data: bytes, *, topic: str) -> bool:
         self.sent.append(data)
@@ -42,7 +47,7 @@ def message(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LoggedMessage]
 def outlet() -> tuple[FakeModule, PacedOutlet]:
     module = FakeModule()
     translations = dict.fromkeys(range(3), Translation(1, None))
-    return module, PacedOutlet(module, translations, lambda _: None, LIMIT, LIMIT_BYTES)  # type: ignore[arg-type]
+    return module, PacedOutlet(module, translations, lambda _: None, LIMIT, LIMIT_BYTES, module.unhandled)  # type: ignore[arg-type]
 
 
 def send_while_room(outlet: PacedOutlet, message: LoggedMessage, size: int) -> int:
@@ -65,7 +70,20 @@ def test_messages_wait_when_too_many_or_too_large_are_on_their_way(
     assert send_while_room(paced, message, size) == fit
 
 
-def test_what_is_kept_for_ever_does_not_hold_up_the_end(
+@pytest.mark.parametrize("size", [10, 600])
+def test_what_was_handled_and_is_kept_holds_up_nothing(
+    outlet: tuple[FakeModule, PacedOutlet], message: LoggedMessage, size: int
+) -> None:
+    module, paced = outlet
+    fit = send_while_room(paced, message, size)
+    assert not paced.is_empty()
+    module.kept = fit
+    assert paced.is_empty()
+    assert send_while_room(paced, message, size) == fit
+    assert not paced.is_empty()
+
+
+def test_what_nobody_handles_does_not_hold_up_the_end_for_ever(
     outlet: tuple[FakeModule, PacedOutlet], message: LoggedMessage
 ) -> None:
     module, paced = outlet

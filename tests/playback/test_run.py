@@ -4,19 +4,23 @@ import os
 import pty
 import select
 import subprocess
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from robbie_mp.cli.playback import give_order
 from robbie_mp.cli.runs import live_runs
-from robbie_mp.messages import PlaybackState
+from robbie_mp.messages import Image, PlaybackState
 from robbie_mp.playback.player import ControlRefused
+from robbie_mp.services.playback_outlet import PATIENCE_NS
 from tests.playback.battery_log import write_battery_log
-from tests.recording.logs import START_NS, STEP_NS
+from tests.playback.conftest import PROFILE
+from tests.recording.logs import START_NS, STEP_NS, LogFile
 from tests.run.robot import COMMAND, LIMIT_S, Ended, Robot, kill, wait_until
 
 COUNT = 60
@@ -156,6 +160,37 @@ def test_runs_in_lockstep_are_the_same_also_when_the_playback_is_killed(
     steer("resume")
     assert Ended.wait_for(process).exit_code == 0
     assert witnessed(player_robot) == first
+
+
+def test_seek_and_end_do_not_wait_for_an_image_that_a_page_shows(player_robot: Robot, tmp_path: Path) -> None:
+    """Only for handlers: what was handled may be kept for ever."""
+    limit_s = PATIENCE_NS / 1e9 / 2
+    with LogFile(tmp_path / "images.mcap") as images:
+        for number in range(20):
+            pixels = np.full(100, number, np.uint8)
+            images.add(
+                Image(width=10, height=10, encoding="mono8", step=10, data=pixels),
+                "eye",
+                time_ns=START_NS + number * STEP_NS,
+            )
+    player_robot.write_profile(
+        PROFILE.replace("witness:", "keeper: {class: crew.modules:Keeper}\n  witness:")
+    )
+    process = start(player_robot, tmp_path / "images.mcap", "--paused")
+    steer = Steered(player_robot)
+    steer("step")
+    player_robot.until(lambda modules: modules["keeper"]["status"] == "keeps 0")
+    steer("seek", 1.0)
+    assert wait_until(lambda: witnessed(player_robot, "jump") != []) < limit_s
+    steer("step")
+    player_robot.until(lambda modules: modules["keeper"]["status"] == "keeps 10")
+    steer("rate", float("inf"))
+    began_s = time.monotonic()
+    steer("resume")
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    assert time.monotonic() - began_s < limit_s
+    assert ended.modules["keeper"]["status"] == "keeps 19"
 
 
 def test_what_cannot_be_played_is_refused_before_any_process_starts(

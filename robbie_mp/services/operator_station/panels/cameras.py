@@ -9,6 +9,7 @@ from starlette.responses import Response
 
 from robbie_mp.messages import CompressedImage, Detection2DArray, Image
 from robbie_mp.module import MessageHandling
+from robbie_mp.services.operator_station.ages import silence
 from robbie_mp.services.operator_station.detection_boxes import Box, DetectionBoxes, boxes_of
 from robbie_mp.services.operator_station.latest import Latest
 from robbie_mp.services.operator_station.panel import Page, Panel
@@ -28,6 +29,8 @@ REFRESH_S = 0.1
 MOST_CAMERAS = 12
 FRESH_NS = 500_000_000
 """What was found in an image so much older than the one that is shown is shown in it, too."""
+SILENT_AFTER_S = 2.0
+"""A camera that works has sent an image within this time."""
 ADDRESS = "/pictures/camera/{name:path}"
 
 
@@ -120,9 +123,13 @@ class CameraCard:
             self._image.classes("w-full block").style("image-rendering: pixelated")
             self._boxes = DetectionBoxes().classes("absolute inset-0 w-full h-full pointer-events-none")
         self._text = ui.label("").classes("text-sm")
+        self._silent = ui.label("").classes("text-orange font-bold camera-silent")
 
     def show(self, camera: Camera, found: Detection2DArray | None) -> None:
         """Show the newest image and what was found in it."""
         self._image.show(camera.latest.count)
         self._boxes.show(camera.boxes(found))
         self._text.set_text(camera.description)
+        silent = silence(camera.latest.age_s, SILENT_AFTER_S)
+        self._silent.set_text(f"silent: this image is {silent} old" if silent else "")
+        self._image.classes(add="grayscale" if silent else "", remove="" if silent else "grayscale")

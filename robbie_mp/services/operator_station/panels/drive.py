@@ -12,6 +12,7 @@ from nicegui.events import GenericEventArguments
 
 from robbie_mp.messages import DriveCommand, Duration, Odometry
 from robbie_mp.services.operator_station.access import Role
+from robbie_mp.services.operator_station.ages import silence
 from robbie_mp.services.operator_station.dead_man import DeadManSwitch
 from robbie_mp.services.operator_station.panel import Page, Panel
 from robbie_mp.services.operator_station.sending import header_of_now
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 VALID_FOR = Duration.from_nanoseconds(220_000_000)
 """The base brakes when no further command comes within this, two heartbeats, and stands soon after."""
+SILENT_AFTER_S = 1.0
+"""A base that works has told how the robot moves within this time."""
 MANUAL_TOPIC = "manual"
 STYLE = """.drive-pad {position: relative; width: 18rem; height: 18rem; border-radius: 1rem;
   touch-action: none; background: #263238; border: 2px solid #607d8b; cursor: grab}
@@ -55,7 +58,10 @@ class DrivePanel(Panel):
             odometry = self._odometry.message
             if odometry is not None:
                 twist = odometry.twist.twist
-                shown.set_text(f"{twist.linear.x:.2f} m/s, {twist.angular.z:.2f} rad/s")
+                silent = silence(self._odometry.age_s, SILENT_AFTER_S)
+                age = f" ({silent} ago; the odometry is silent)" if silent else ""
+                shown.set_text(f"{twist.linear.x:.2f} m/s, {twist.angular.z:.2f} rad/s{age}")
+                shown.classes(add="text-orange" if silent else "", remove="" if silent else "text-orange")
 
         page.every(0.2, self.name, update)
 

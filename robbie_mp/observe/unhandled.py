@@ -1,0 +1,65 @@
+"""How many messages of a module are not handled yet, whoever may still look at those that are."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robbie_mp.core.ledger import Outcome
+from robbie_mp.core.tables import CoreTables
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.board import Board
+from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.words import new_fence
+
+_SLOT_BITS = 0xFFFF
+_STATE_BITS = 0xFF
+
+
+class UnhandledMessages:
+    """Counts the messages of one module that wait for a handler or are in one.
+
+    It maps the core's tables read-only, and so costs nobody else anything. A message that was handled does
+    not count, even if a subscriber keeps it.
+
+    Args:
+        run_id: the run.
+        module: the name of the module; it runs.
+
+    Raises:
+        SegmentMissing: there is no such run, or the module does not run.
+        ValueError: the run has no such module.
+    """
+
+    def __init__(self, run_id: str, module: str):
+        board = Segment.attach(names.board(run_id), SegmentKind.BOARD)
+        rows = Board(board.words)
+        self._slot = rows.modules().index(module) + 1
+        incarnation = rows.incarnation(self._slot)
+        board.close()
+        self._core = Segment.attach(names.core(run_id), SegmentKind.CORE)
+        self._tables = CoreTables.attach(self._core.words)
+        self._out = Segment.attach(names.outbound(run_id, self._slot, incarnation), SegmentKind.OUT)
+        self._in = Segment.attach(names.inbound(run_id, self._slot, incarnation), SegmentKind.IN)
+        self._fence = new_fence()
+
+    def count(self) -> int:
+        """Return how many there are; those that the core has not looked at yet count as well."""
+        unseen = self._out.words[layout.OUT_HEAD] - self._in.words[layout.IN_OUTBOUND_TAIL]
+        self._fence()  # what the core has seen is in the tables by now
+        sizes = self._tables.sizes
+        references = self._table(self._tables.reference(0), sizes.references, layout.REFERENCE_WORDS)
+        handles = self._table(self._tables.handle(0), sizes.handles, layout.HANDLE_WORDS)
+        is_held = (references[:, layout.REFERENCE_STATE] & _STATE_BITS) == Outcome.HELD
+        held = np.unique(references[is_held, layout.REFERENCE_HANDLE])
+        sources = handles[held[held < sizes.handles], layout.HANDLE_SOURCE]
+        return unseen + int(np.count_nonzero((sources & _SLOT_BITS) == self._slot))
+
+    def _table(self, at: int, rows: int, row_words: int) -> NDArray[np.uint64]:
+        """One of the core's tables, `(rows, row_words)`; it changes while one looks."""
+        words = np.frombuffer(self._core.buffer, np.uint64)
+        return words[at : at + rows * row_words].reshape(rows, row_words)
+
+    def close(self) -> None:
+        """Unmap what was mapped."""
+        for segment in (self._core, self._out, self._in):
+            segment.close()
