@@ -162,6 +162,7 @@ def killed_server_is_found_again(robot: Robot, journal: Journal, page: Page) -> 
     """Nobody loads the page anew but the page itself, and it shows what has happened meanwhile."""
     page.click("#tab-system")
     page.click("#tab-drive")
+    page.evaluate("window.is_the_old_page = true")
     killed = server(robot)
     stops(journal, page, lambda: kill(killed))
     page.keyboard.up("KeyW")
@@ -169,6 +170,7 @@ def killed_server_is_found_again(robot: Robot, journal: Journal, page: Page) -> 
         attachment.ready()
         attachment.publish(EmergencyStop(engaged=True, reason="meanwhile"), "emergency_stop")
     page.wait_for_selector("#emergency-stop-state:has-text('STOPPED')")
+    page.wait_for_function("window.is_the_old_page === undefined")
     figures = robot.until(lambda modules: modules["operator"]["state"] == "RUNNING")
     assert (figures["operator"]["restarts"], figures["operator"]["pid"] != killed) == (1, True)
     page.click("#release-emergency-stop")

@@ -25,6 +25,8 @@ WHAT_IS_AT = """([x, y]) => {
   const found = document.elementFromPoint(x, y).closest('button, [id]');
   return found.closest('#emergency-stop, #release-emergency-stop')?.id ?? found.id;
 }"""
+IS_CONNECTED = "window.did_handshake && window.socket.connected"
+"""The connection of all that is not the emergency stop; on a busy machine it comes later than that."""
 HAS_FOCUS_IN_DIALOG = "document.activeElement.closest('.q-dialog') !== null"
 
 
@@ -35,6 +37,7 @@ def test_emergency_stop_is_always_in_reach_and_no_press_is_lost(robot: Robot) ->
     address = address_of(robot)
     with browser() as started, page_of(started, address, may_say=RECONNECTING) as page:
         page.wait_for_selector(f"{STATE}:text-is('ready')")
+        page.wait_for_function(IS_CONNECTED)
         request_that_the_base_misses_is_repeated_until_it_is_confirmed(page, robot)
         button_is_in_one_place_whatever_the_state(page)
         button_is_there_on_a_tablet(started, address)
@@ -57,6 +60,7 @@ def press(page: Page, box: FloatRect) -> None:
 
 
 def release(page: Page) -> None:
+    page.wait_for_function(IS_CONNECTED)
     page.click("#release-emergency-stop")
     page.click("#confirm-release")
     page.wait_for_selector(f"{STATE}:text-is('ready')")
@@ -105,6 +109,7 @@ def button_is_in_one_place_whatever_the_state(page: Page) -> None:
 def button_is_there_on_a_tablet(started: Browser, address: str) -> None:
     with page_of(started, address, TABLET) as tablet:
         tablet.wait_for_selector(f"{STATE}:text-is('ready')")
+        tablet.wait_for_function(IS_CONNECTED)
         button_is_in_one_place_whatever_the_state(tablet)
 
 
@@ -124,6 +129,7 @@ def first_press_stops_the_robot_while_a_dialog_is_open(page: Page, robot: Robot)
 
 def open_dialog(page: Page) -> None:
     """Have the page ask something."""
+    page.wait_for_function(IS_CONNECTED)
     row = page.locator("#panel-system tr:has(td:text-is('base'))")
     if row.locator(".q-checkbox[aria-checked=true]").count() == 0:
         row.locator(".q-checkbox").click()
@@ -161,11 +167,13 @@ def press_while_the_server_stands_still_is_kept_and_delivered(page: Page, robot:
 
 
 def press_just_before_the_server_is_killed_reaches_the_base(page: Page, robot: Robot) -> None:
+    page.evaluate("window.is_the_old_page = true")
     killed = server(robot)
     os.kill(killed, signal.SIGSTOP)
     page.keyboard.press("Escape")
     kill(killed)
     is_stopped(page, robot)
+    page.wait_for_function("window.is_the_old_page === undefined")
     release(page)
 
 

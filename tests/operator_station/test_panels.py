@@ -111,6 +111,7 @@ def test_panels_show_what_the_robot_has_and_the_robot_hears_what_is_said_there(
             log_in(tablet, "opens-everything")
             everything_fits(tablet)
         assert told.count("wish") == wishes, "it went on without its page"
+        image_of_a_silent_camera_shows_its_age(page, robot)
         page.click("#tab-drive")  # and nothing is attached to the robot any more
         robot.until(lambda modules: not any("operator station:" in one["status"] for one in modules.values()))
 
@@ -278,6 +279,15 @@ def cameras_are_shown(page: Page, address: str) -> None:
     assert shown.shape == (1, 2, 3)
     unknown = page.request.get(f"{address}pictures/camera/eye/compressed")
     assert (unknown.status, "mystery" in unknown.headers["x-robbie-reason"]) == (204, True)
+
+
+def image_of_a_silent_camera_shows_its_age(page: Page, robot: Robot) -> None:
+    page.click("#tab-cameras")
+    page.wait_for_selector("#panel-cameras :text('2 x 1 bgr8')")
+    assert not page.locator("#panel-cameras :text('silent')").count()
+    robot.command("module", "stop", "known", "--run", robot.known_run().run_id)
+    page.wait_for_selector("#panel-cameras .camera-silent:text-matches('silent: this image is [0-9]+ s old')")
+    page.wait_for_selector("#panel-cameras img.grayscale")
 
 
 def mission_is_steered(page: Page, told: Told) -> None:

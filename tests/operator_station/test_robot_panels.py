@@ -176,4 +176,8 @@ def test_panels_show_the_robot_and_change_it(robot: Robot) -> None:
         camera_follows_the_robot_or_is_free(page, robot)
         plots_draw_chosen_numbers(page)
         virtual_devices_obey(page, robot)
+        page.click("#tab-drive")
+        page.wait_for_selector("#velocity:text-is('0.00 m/s, 0.00 rad/s')")
         system_shows_processes_and_restarts_and_stops_them(page, robot)
+        page.click("#tab-drive")
+        page.wait_for_selector("#velocity:has-text('ago; the odometry is silent')")

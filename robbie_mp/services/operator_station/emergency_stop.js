@@ -6,8 +6,8 @@
 export default {
   template: `<div style="position: absolute">
     <Teleport to="body">
-      <div v-if="is_lost" id="link-lost" role="alert">
-        <div>No connection to the robot for {{ lost_s }} s. What this page shows is old.</div>
+      <div v-if="is_lost || is_page_lost" id="link-lost" role="alert">
+        <div>No connection to the robot for {{ Math.max(lost_s, page_lost_s) }} s. What this page shows is old.</div>
       </div>
       <div class="emergency-stop">
         <div :class="shown.look">
@@ -20,7 +20,9 @@ export default {
     </Teleport></div>`,
   data() {
     // now_ms and heard_ms are times of performance.now(): now, and of the last question that was answered.
-    return { now_ms: performance.now(), heard_ms: performance.now(), answer: null, kept: kept_press() };
+    // page_ms: when the connection of all else on the page was last there.
+    const now_ms = performance.now();
+    return { now_ms, heard_ms: now_ms, page_ms: now_ms, answer: null, kept: kept_press() };
   },
   mounted() {
     this.on_key = (event) => {
@@ -53,6 +55,12 @@ export default {
     lost_s() {
       return Math.floor((this.now_ms - this.heard_ms) / 1000);
     },
+    is_page_lost() {
+      return this.now_ms - this.page_ms > LOST_MS;
+    },
+    page_lost_s() {
+      return Math.floor((this.now_ms - this.page_ms) / 1000);
+    },
     shown() {
       const { answer, kept } = this;
       const before = !answer || answer.engaged === null ? "unknown" : answer.engaged ? "STOPPED" : "ready";
@@ -60,9 +68,8 @@ export default {
       if (this.is_lost) return { state: "no link", look: "", detail: `for ${this.lost_s} s; before: ${before}` };
       if (!answer) return { state: "connecting", look: "", detail: "" };
       if (answer.age_s === null) return { state: "base silent", look: "", detail: "it has said nothing yet" };
-      const age_s = answer.age_s + (this.now_ms - this.heard_ms) / 1000;
-      if (age_s > STALE_S)
-        return { state: "base silent", look: "", detail: `for ${Math.floor(age_s)} s; before: ${before}` };
+      if (answer.age_s > STALE_S)
+        return { state: "base silent", look: "", detail: `for ${Math.floor(answer.age_s)} s; before: ${before}` };
       if (answer.engaged) return { state: "STOPPED", look: "is-stopped", detail: answer.reason };
       return { state: "ready", look: "is-ready", detail: "" };
     },
@@ -92,6 +99,7 @@ export default {
     },
     beat() {
       this.now_ms = performance.now();
+      if (window.socket?.connected) this.page_ms = this.now_ms;
       const { socket } = this;
       const limit_ms = socket.readyState === WebSocket.CONNECTING ? CONNECT_MS : LOST_MS;
       const silent_ms = this.now_ms - Math.max(this.heard_ms, socket.opened_ms ?? 0, socket.made_ms);
