@@ -1,11 +1,13 @@
 """The emergency stop on the page: in reach whatever is open, and never said to be what it is not."""
 
+import contextlib
 import os
 import signal
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, FloatRect, Page
+from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
 from tests.operator_station.browser import RECONNECTING, TABLET, browser, needs_chromium, page_of
 from tests.operator_station.test_page import address_of
@@ -61,9 +63,19 @@ def press(page: Page, box: FloatRect) -> None:
 
 def release(page: Page) -> None:
     page.wait_for_function(IS_CONNECTED)
-    page.click("#release-emergency-stop")
+    click_until(page, "#release-emergency-stop", "#confirm-release")
     page.click("#confirm-release")
     page.wait_for_selector(f"{STATE}:text-is('ready')")
+
+
+def click_until(page: Page, button: str, wanted: str) -> None:
+    """Click again if nothing comes of it: the server drops a browser that is slow to answer."""
+    for _ in range(5):
+        page.click(button)
+        with contextlib.suppress(PlaywrightTimeout):
+            page.wait_for_selector(wanted, timeout=15_000)
+            return
+    raise AssertionError(f"{button} has no effect")
 
 
 def is_stopped(page: Page, robot: Robot) -> None:
@@ -98,7 +110,7 @@ def button_is_in_one_place_whatever_the_state(page: Page) -> None:
         for y in (0.05, 0.5, 0.95):
             place = [box["x"] + x * box["width"], box["y"] + y * box["height"]]
             assert page.evaluate(WHAT_IS_AT, place) == "emergency-stop"
-    page.click("#release-emergency-stop")
+    click_until(page, "#release-emergency-stop", "#confirm-release")
     for other in (box_of(page, "#release-emergency-stop"), box_of(page, "#confirm-release")):
         assert other["x"] + other["width"] < box["x"] or other["y"] > box["y"] + box["height"]
     page.click("#confirm-release")
@@ -133,8 +145,7 @@ def open_dialog(page: Page) -> None:
     row = page.locator("#panel-system tr:has(td:text-is('base'))")
     if row.locator(".q-checkbox[aria-checked=true]").count() == 0:
         row.locator(".q-checkbox").click()
-    page.click("#order-restart")
-    page.wait_for_selector("#confirm-order")
+    click_until(page, "#order-restart", "#confirm-order")
     page.wait_for_function(HAS_FOCUS_IN_DIALOG)
 
 
