@@ -204,9 +204,7 @@ def _open(name: str, access: int) -> int:
     folder, _, file = name.partition("/")
     with opened_folder(folder) as folder_fd:
         try:
-            return os.open(
-                file, access | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder_fd
-            )
+            return os.open(file, access | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=folder_fd)
         except FileNotFoundError as error:
             raise SegmentMissing(f"there is no shared memory {name}; its run is over") from error
         except OSError as error:

@@ -79,9 +79,10 @@ def opened_folder(name: str, shared_memory: Path = SHARED_MEMORY) -> Iterator[in
 def remove_names(run_id: str, shared_memory: Path = SHARED_MEMORY) -> list[str]:
     """Remove all that a run of ours has in shared memory, and return the names; others' names stay."""
     removed = []
-    with contextlib.suppress(SegmentMissing, ForeignMemory), opened_folder(
-        names.folder(run_id), shared_memory
-    ) as fd:
+    with (
+        contextlib.suppress(SegmentMissing, ForeignMemory),
+        opened_folder(names.folder(run_id), shared_memory) as fd,
+    ):
         for file in sorted(os.listdir(fd)):
             with contextlib.suppress(OSError):
                 os.unlink(file, dir_fd=fd)

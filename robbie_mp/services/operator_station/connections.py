@@ -31,7 +31,7 @@ MAX_STRANGERS_OF_ONE = 16
 MAX_VISITORS = 160
 """Connections of all sessions."""
 MAX_VISITORS_OF_ONE = 48
-"""Of one session: eight pages, each with three sockets and a few requests."""
+"""Of one session: eight pages, each with four sockets and a few requests."""
 RESERVED_DESCRIPTORS = 64
 """Left for the module's own files."""
 MIN_VISITORS = 16

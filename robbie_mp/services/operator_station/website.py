@@ -81,9 +81,7 @@ class Website:
             app.add_exception_handler(code, answer_plainly)
         for name in LIBRARIES:
             limited(name)
-        live = self._emergency_stop.service.beside(
-            with_live(with_known_packets(application), station.live)
-        )
+        live = self._emergency_stop.service.beside(with_live(with_known_packets(application), station.live))
         behind = with_page_limit(live, station)
         connections = bounded_connections()
         gate = Gate(behind, station.access, connections, station.refusals)
