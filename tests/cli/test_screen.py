@@ -4,8 +4,12 @@ import os
 import pty
 import time
 from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
 
 from robbie_mp.cli.screen import QUEUED_LINES, RunScreen
+from robbie_mp.operator_link import write_link
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind
@@ -72,6 +76,34 @@ def test_blocked_reader_stalls_nobody_and_what_is_missing_is_counted() -> None:
     screen._thread.join(5.0)
     os.close(writer)
     assert not screen._thread.is_alive()
+
+
+def running(name: str) -> StateChange:
+    return StateChange(name, 1, ChildState.STARTING, ChildState.RUNNING, "ready", 0.0)
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_link_with_its_token_is_shown_to_a_terminal_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_terminal: bool
+) -> None:
+    link = "http://127.0.0.1:8080/login?token=a-secret"
+    run = SimpleNamespace(run_id="1f0c", folder=tmp_path)
+    monkeypatch.setattr("robbie_mp.cli.screen.list_runs", lambda: [run])
+    reader, writer = pty.openpty() if is_terminal else os.pipe()
+    with RunScreen(quiet=True, fd=writer) as screen:
+        screen.listener.begin("1f0c")
+        screen.listener.change(running("laser"))
+        write_link(tmp_path, link)
+        screen.listener.change(running("operator"))
+        screen.listener.change(running("mapping"))
+    os.write(writer, b"the end")
+    shown = ""
+    while "the end" not in shown:
+        shown += os.read(reader, 1 << 16).decode()
+    os.close(reader)
+    os.close(writer)
+    assert shown.count(link) == int(is_terminal)
+    assert shown.count("robbie gui --link") == int(not is_terminal)
 
 
 def test_stopped_terminal_does_not_stop_the_end_of_the_run() -> None:
