@@ -129,11 +129,6 @@ class CrashFolder:
         self._folder = folder / CRASH_FOLDER
         self._keep = keep
 
-    def write(self, report: CrashReport) -> str:
-        """Write a report; return its place below the folder of the trace, '' if the disk refuses it."""
-        name = report_name(report)
-        return report_place(report) if self.keep(report.module, name, report.to_json()) else ""
-
     def keep(self, module: str, name: str, data: bytes) -> bool:
         """Write what `CrashReport.to_json` made, and remove what is too old; False if the disk refuses it."""
         path = self._folder / name

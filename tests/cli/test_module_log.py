@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.cli.module_log import read_module_log
-from robbie_mp.trace.crash import CrashFolder, CrashReport, LastWords
+from robbie_mp.trace.crash import CrashFolder, CrashReport, LastWords, report_name, report_place
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind
 
@@ -41,7 +41,8 @@ def test_last_crash_is_the_newest_report(written: Path) -> None:
         crash = CrashReport(
             "laser", incarnation, 7, 1e9 + incarnation, 1.0, reason, None, 11, 0.1, [], words, said, []
         )
-        place = reports.write(crash)
+        assert reports.keep(crash.module, report_name(crash), crash.to_json())
+        place = report_place(crash)
         text = f"crashed in tick: {reason}"
         write(written, entry(incarnation, text, traceback="\n".join(crash.lines()), crash_report=place))
     log = read_module_log(written, "laser", 2)

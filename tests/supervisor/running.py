@@ -133,19 +133,24 @@ class Run:
         self._scenario: Scenario | None = None
         self._condition: Callable[[], bool] = lambda: True
         self._limit_s = 0.0
-        self.tree = Tree(
-            [
-                dataclasses.replace(spec, argv=(*spec.argv, str(folder / "ready"), str(os.getpid())))
-                for spec in specs
-            ],
-            run_id or secrets.token_hex(4),
-            self.incarnations,
-            OutputStore(self.logs, self.lines.append, limits),
-            self._each_turn,
-            wall_clock,
-            clock,
-            spares,
-        )
+        store = OutputStore(self.logs, self.lines.append, limits)
+        try:
+            self.tree = Tree(
+                [
+                    dataclasses.replace(spec, argv=(*spec.argv, str(folder / "ready"), str(os.getpid())))
+                    for spec in specs
+                ],
+                run_id or secrets.token_hex(4),
+                self.incarnations,
+                store,
+                self._each_turn,
+                wall_clock,
+                clock,
+                spares,
+            )
+        except BaseException:
+            store.close()
+            raise
 
     def play(self, scenario: Scenario | None = None) -> int:
         """Run to the end; the scenario yields what it waits for. Its end does not end the run."""
