@@ -70,6 +70,7 @@ class Crowd:
         """Slots and incarnations whose data segments the supervisor has unlinked."""
         for slot in self.participants:
             self._start(slot)
+        self._bury()
         self.run.fuse.stores = 0
         self.run.fuse.deaths = [choose((20, 80, 300, 900)) for _ in range(deaths)]
         self.run.fuse.deaths = [self.random.randrange(stores) for stores in self.run.fuse.deaths]
