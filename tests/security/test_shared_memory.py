@@ -12,6 +12,7 @@ import posix_ipc
 import pytest
 
 from robbie_mp.checkpoint.buffers import CheckpointBuffers
+from robbie_mp.checkpoint.encoder import lay_out
 from robbie_mp.supervisor.run_directory import RunDirectory
 from robbie_mp.supervisor.sweep import sweep
 from robbie_mp.transport import layout, names
@@ -176,9 +177,9 @@ def test_what_is_no_regular_file_is_not_attached(folder: Path) -> None:
 @needs_root
 def test_forged_checkpoint_is_not_restored(folder: Path) -> None:
     buffers = CheckpointBuffers(RUN, 1, 1, 1 << 20)
+    buffers.write(lay_out({"count": 1000}), 1)
     buffers.close()
-    forged = SHARED_MEMORY / names.checkpoint(RUN, 1, 0)
-    Segment.create(names.checkpoint(RUN, 1, 0), 512, SegmentKind.CHECKPOINT).close()
+    (forged,) = folder.glob("checkpoint-1-*")
     os.chown(forged, NOBODY, NOBODY)
     found = CheckpointBuffers(RUN, 1, 2, 1 << 20)
     assert found.found is None
