@@ -1,8 +1,8 @@
 """The demo's application control: explores the arena, drives home, and ends the run."""
 
 from hw.laser import LaserGeometry
-from robbie_mp.messages import DriveCommand, Duration, Header, LaserScan, OccupancyGrid, PoseStamped, Time
-from robbie_mp.module import MessageHandling, Module, setting
+from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
+from robbie_mp.messages import DriveCommand, LaserScan, OccupancyGrid, PoseStamped
 from workers.exploration.explorer import Explorer, ExplorerSettings
 from workers.navigation.collision_guard import CollisionGuard
 from workers.navigation.path_follower import FollowerSettings, PathFollower

@@ -3,18 +3,16 @@
 from pathlib import Path
 
 from modules.planar_messages import angles_rad, laser_mount, map_cells, planar, pose_stamped
+from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
-    Header,
     LaserScan,
     LocalizationState,
     OccupancyGrid,
     Odometry,
     PoseStamped,
     TFMessage,
-    Time,
     TimeJump,
 )
-from robbie_mp.module import MessageHandling, Module, setting
 from workers.localization.likelihood_field import LikelihoodField
 from workers.localization.localizer import Localization, LocalizationSettings, Localizer
 from workers.maps.map_file import read_map

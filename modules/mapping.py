@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from modules.planar_messages import laser_mount, planar, pose_stamped
+from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.checkpoint.errors import CheckpointTooLarge
 from robbie_mp.messages import (
-    Header,
     LaserScan,
     MapMetaData,
     OccupancyGrid,
@@ -18,10 +18,8 @@ from robbie_mp.messages import (
     Point,
     Pose,
     TFMessage,
-    Time,
     TimeJump,
 )
-from robbie_mp.module import MessageHandling, Module, setting
 from workers.mapping.grid_mapper import GridMapper
 from workers.maps.map_file import write_map
 from workers.maps.map_picture import draw_map

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from modules.planar_messages import angles_rad, laser_mount, map_cells, planar, pose_stamped
+from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
     CancelGoal,
     DriveCommand,
-    Duration,
     EmergencyStop,
-    Header,
     LaserScan,
     NavigationState,
     OccupancyGrid,
@@ -18,10 +17,8 @@ from robbie_mp.messages import (
     Pose,
     PoseStamped,
     TFMessage,
-    Time,
     TimeJump,
 )
-from robbie_mp.module import MessageHandling, Module, setting
 from workers.laser.laser_sweep import LaserSweep
 from workers.navigation.collision_guard import CollisionGuard
 from workers.navigation.navigator import Navigator

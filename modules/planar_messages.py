@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from robbie_mp import Header
 from robbie_mp.messages import (
     Frontiers,
-    Header,
     LaserScan,
     OccupancyGrid,
     Point,

@@ -3,10 +3,9 @@
 import time
 from pathlib import Path
 
-from robbie_mp.module import Module, setting
+from robbie_mp import REQUIRED, Module, SettingError, setting
 from robbie_mp.recording.carmen import BrokenLine, CarmenLog, OdometryRecord, Record
 from robbie_mp.recording.carmen_messages import laser_place, odometry_message, scan_message
-from robbie_mp.settings import REQUIRED, SettingError
 
 BURST_S = 0.02  # a tick longer than this would make the module slow to stop
 

@@ -1,1 +1,76 @@
-"""Robbie-MP: a robot framework for robots that must keep going."""
+"""Robbie-MP: a robot framework for robots that must keep going.
+
+Everything a module's author needs is here: `from robbie_mp import Module, Message, setting`. The stock
+messages (`LaserScan`, `Odometry`, ...) are in `robbie_mp.messages`.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from robbie_mp.errors import RobbieError as RobbieError
+    from robbie_mp.messages import DEFAULT as DEFAULT
+    from robbie_mp.messages import Array as Array
+    from robbie_mp.messages import Duration as Duration
+    from robbie_mp.messages import FixedLength as FixedLength
+    from robbie_mp.messages import Header as Header
+    from robbie_mp.messages import MaxLength as MaxLength
+    from robbie_mp.messages import Message as Message
+    from robbie_mp.messages import Time as Time
+    from robbie_mp.messages import Upgrade as Upgrade
+    from robbie_mp.messages import bool_ as bool_
+    from robbie_mp.messages import byte as byte
+    from robbie_mp.messages import char as char
+    from robbie_mp.messages import float32 as float32
+    from robbie_mp.messages import float64 as float64
+    from robbie_mp.messages import int8 as int8
+    from robbie_mp.messages import int16 as int16
+    from robbie_mp.messages import int32 as int32
+    from robbie_mp.messages import int64 as int64
+    from robbie_mp.messages import replace as replace
+    from robbie_mp.messages import uint8 as uint8
+    from robbie_mp.messages import uint16 as uint16
+    from robbie_mp.messages import uint32 as uint32
+    from robbie_mp.messages import uint64 as uint64
+    from robbie_mp.module.bus import EncodedMessage as EncodedMessage
+    from robbie_mp.module.bus import Envelope as Envelope
+    from robbie_mp.module.harness import ModuleHarness as ModuleHarness
+    from robbie_mp.module.module import Module as Module
+    from robbie_mp.module.secret import Secret as Secret
+    from robbie_mp.module.settings import REQUIRED as REQUIRED
+    from robbie_mp.module.settings import SettingError as SettingError
+    from robbie_mp.module.settings import setting as setting
+    from robbie_mp.transport.records import MessageHandling as MessageHandling
+
+_HOMES = {
+    "robbie_mp.errors": ("RobbieError",),
+    "robbie_mp.messages": (
+        "DEFAULT", "Array", "Duration", "FixedLength", "Header", "MaxLength", "Message", "Time", "Upgrade",
+        "bool_", "byte", "char", "float32", "float64", "int8", "int16", "int32", "int64", "replace",
+        "uint8", "uint16", "uint32", "uint64",
+    ),
+    "robbie_mp.module.bus": ("EncodedMessage", "Envelope"),
+    "robbie_mp.module.harness": ("ModuleHarness",),
+    "robbie_mp.module.module": ("Module",),
+    "robbie_mp.module.secret": ("Secret",),
+    "robbie_mp.module.settings": ("REQUIRED", "SettingError", "setting"),
+    "robbie_mp.transport.records": ("MessageHandling",),
+}  # fmt: skip
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = list(_HOME_OF)
+
+
+def __getattr__(name: str) -> object:
+    """Import a name when it is first used.
+
+    The core and the supervisor are part of this package, too, and restart faster without numpy.
+    """
+    if name not in _HOME_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOME_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    """Return the names of the interface."""
+    return sorted(__all__)

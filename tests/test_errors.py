@@ -9,12 +9,11 @@ from collections.abc import Iterator
 import pytest
 
 import robbie_mp
-from robbie_mp.bus import EmptyPattern, SubscribedTwice
-from robbie_mp.errors import RobbieError
+from robbie_mp import RobbieError, SettingError
+from robbie_mp.module.bus import EmptyPattern, SubscribedTwice
 from robbie_mp.profile.problem import Problem, ProfileError
 from robbie_mp.scene_graph.errors import SceneFileError, TooNew, TooOld, UnknownNode
-from robbie_mp.services.operator_station.composer import FormError
-from robbie_mp.settings import SettingError
+from robbie_mp.station.composer import FormError
 
 PROBLEMS = [Problem("one"), Problem("two")]
 WITH_CONSTRUCTORS = [

@@ -20,7 +20,7 @@ from playwright.sync_api import Page
 
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver
-from robbie_mp.operator_link import read_link
+from robbie_mp.run.operator_link import read_link
 from robbie_mp.transport.segment import SegmentMissing
 from tools.operator_trials.chromium import chromium
 

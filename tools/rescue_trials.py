@@ -30,9 +30,9 @@ from hw.simulation.arena_file import read_arena
 from hw.simulation.arena_generator import ArenaWishes
 from hw.simulation.generate_arena import generate_arena
 from hw.simulation.reachable_area import reachable_area
-from robbie_mp.clock import SystemClock
+from robbie_mp.module.clock import SystemClock
 from robbie_mp.profile.load import load_profile
-from robbie_mp.run_clock import RunClock
+from robbie_mp.run.run_clock import RunClock
 from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
 from workers.maps.map_file import read_map
 from workers.planar_pose import relative, transform_points

@@ -20,9 +20,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import yaml
 
-from robbie_mp.harness import ModuleHarness
-from robbie_mp.messages import Header, JointState, Time
-from robbie_mp.module import Module
+from robbie_mp import Header, Module, ModuleHarness, Time
+from robbie_mp.messages import JointState
 from robbie_mp.scene_graph import Joint, JointType, Node, RigidTransform, SceneGraph, SceneGraphListener
 from robbie_mp.services.scene_graph import SceneGraphService
 

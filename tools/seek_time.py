@@ -17,7 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from robbie_mp.messages import Header, LaserScan, Time, schema_text
+from robbie_mp import Header, Time
+from robbie_mp.messages import LaserScan, schema_text
 from robbie_mp.playback.tape import Tape
 from robbie_mp.recording.conversion import NewChannel, converted_log
 from robbie_mp.recording.format import ChannelKey, TopicNames

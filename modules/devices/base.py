@@ -10,23 +10,21 @@ from hw.pose import Pose as Pose2D
 from hw.simulation.arena_file import read_arena
 from hw.simulation.drive import SimulatedDrive, WorldState
 from modules.devices.simulated_world import SimulatedDevice
+from robbie_mp import Header, MessageHandling, Time, setting
 from robbie_mp.messages import (
     BatteryState,
     DriveCommand,
     EmergencyStop,
-    Header,
     Odometry,
     Point,
     Pose,
     PoseWithCovariance,
     Quaternion,
     SimulatedWorld,
-    Time,
     Twist,
     TwistWithCovariance,
     Vector3,
 )
-from robbie_mp.module import MessageHandling, setting
 from workers.planar_pose import relative
 
 MANUAL_TOPIC = "manual"

@@ -5,8 +5,8 @@ import math
 from hw.drive import DriveState
 from hw.simulation.battery import BatteryModel, SimulatedBattery
 from modules.devices.simulated_world import SharedWorld, SimulatedDevice
-from robbie_mp.messages import BatteryState, Header, Time
-from robbie_mp.module import setting
+from robbie_mp import Header, Time, setting
+from robbie_mp.messages import BatteryState
 
 
 class SimulatedBatteryModule(SimulatedDevice):

@@ -3,8 +3,8 @@
 from hw.bumper import PARTS
 from hw.simulation.bumper import SimulatedBumper
 from modules.devices.simulated_world import SharedWorld, SimulatedDevice
-from robbie_mp.messages import Bumper, Header, Time
-from robbie_mp.module import setting
+from robbie_mp import Header, Time, setting
+from robbie_mp.messages import Bumper
 
 
 class SimulatedBumperModule(SimulatedDevice):

@@ -8,8 +8,8 @@ from hw.camera import CameraGeometry
 from hw.simulation.camera import SimulatedCamera, SimulatedThermalCamera
 from modules.devices.pan_tilt_history import PanTiltHistory
 from modules.devices.simulated_world import SharedWorld, SimulatedDevice
-from robbie_mp.messages import CameraInfo, Header, Image, JointState
-from robbie_mp.module import setting
+from robbie_mp import Header, setting
+from robbie_mp.messages import CameraInfo, Image, JointState
 
 
 class SimulatedCameraModule(SimulatedDevice):

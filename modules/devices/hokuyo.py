@@ -1,8 +1,8 @@
 """The robot's laser range finder, if it is one of Hokuyo's."""
 
 from hw.hokuyo.laser import HokuyoLaser
-from robbie_mp.messages import Header, LaserScan, Time
-from robbie_mp.module import Module, setting
+from robbie_mp import Header, Module, Time, setting
+from robbie_mp.messages import LaserScan
 
 
 class HokuyoLaserRangeFinder(Module):

@@ -5,8 +5,8 @@ import numpy as np
 from hw.drive import DriveState
 from hw.simulation.imu import SimulatedImu
 from modules.devices.simulated_world import SharedWorld, SimulatedDevice
-from robbie_mp.messages import Header, Imu, Vector3
-from robbie_mp.module import setting
+from robbie_mp import Header, setting
+from robbie_mp.messages import Imu, Vector3
 
 # How ROS says that a message has no orientation.
 NO_ORIENTATION = np.array([-1.0] + [0.0] * 8)

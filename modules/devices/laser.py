@@ -3,8 +3,8 @@
 from hw.laser import LaserGeometry
 from hw.simulation.laser import LaserFailure, LaserSilent, SimulatedLaser
 from modules.devices.simulated_world import SharedWorld, SimulatedDevice
-from robbie_mp.messages import Header, LaserScan
-from robbie_mp.module import setting
+from robbie_mp import Header, setting
+from robbie_mp.messages import LaserScan
 
 
 class SimulatedLaserRangeFinder(SimulatedDevice):

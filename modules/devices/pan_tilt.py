@@ -2,8 +2,8 @@
 
 from hw.pan_tilt import PanTiltError, PanTiltLimits
 from hw.simulation.pan_tilt import SimulatedPanTilt
-from robbie_mp.messages import Header, JointState, PanTiltCommand, Time
-from robbie_mp.module import Module, setting
+from robbie_mp import Header, Module, Time, setting
+from robbie_mp.messages import JointState, PanTiltCommand
 
 
 class SimulatedPanTiltModule(Module):

@@ -6,9 +6,8 @@ from pathlib import Path
 from hw.drive import DriveState
 from hw.pose import Pose
 from hw.simulation.arena_file import ArenaError, read_arena
-from robbie_mp.messages import Odometry, SimulatedWorld, Time
-from robbie_mp.module import MessageHandling, Module, setting
-from robbie_mp.settings import REQUIRED, SettingError
+from robbie_mp import REQUIRED, MessageHandling, Module, SettingError, Time, setting
+from robbie_mp.messages import Odometry, SimulatedWorld
 
 
 class SimulatedDevice(Module):

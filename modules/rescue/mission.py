@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.planar_messages import frontiers_message, map_cells, planar, pose_stamped
+from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
     BatteryState,
     CameraInfo,
     CancelGoal,
-    Header,
     MissionOrder,
     MissionStatus,
     NavigationState,
@@ -20,10 +20,8 @@ from robbie_mp.messages import (
     PointsOfInterest,
     PoseStamped,
     SearchedWalls,
-    Time,
     VictimFound,
 )
-from robbie_mp.module import MessageHandling, Module, setting
 from workers.rescue.look_around import LookAround
 from workers.rescue.mission import Mission
 from workers.rescue.mission_orders import OperatorOrder

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 
 from modules.planar_messages import map_cells
+from robbie_mp import Header, MessageHandling, Module, SettingError, Time, setting
 from robbie_mp.messages import (
     BoundingBox2D,
     CameraInfo,
     Detection2D,
     Detection2DArray,
-    Header,
     Image,
     MapMetaData,
     ObjectHypothesis,
@@ -23,13 +23,10 @@ from robbie_mp.messages import (
     Pose2D,
     Quaternion,
     SearchedWalls,
-    Time,
     VictimConfirmation,
     VictimFound,
 )
-from robbie_mp.module import MessageHandling, Module, setting
 from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
-from robbie_mp.settings import SettingError
 from workers.rescue.searched_walls import CameraView, WallFronts, WallMemory
 from workers.rescue.victim_detection import Projection, TagSighting, VictimDetector, VisionMissing
 from workers.rescue.victim_map import Victim, VictimMap, VictimState

@@ -14,7 +14,7 @@ from robbie_mp.checkpoint.decoder import Checkpoint, decode
 from robbie_mp.checkpoint.encoder import Layout
 from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooLarge, CheckpointTooNew
 from robbie_mp.checkpoint.image import read_header
-from robbie_mp.forks import REFUSED, keep_from_forks
+from robbie_mp.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.transport import names
 from robbie_mp.transport.layout import CHECKPOINT_IMAGE, CHECKPOINT_SEQUENCE, SegmentKind
 from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing, unlink_segment

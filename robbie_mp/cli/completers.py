@@ -9,7 +9,7 @@ from pathlib import Path
 
 from robbie_mp.cli.runs import choose_run
 from robbie_mp.errors import RobbieError
-from robbie_mp.supervisor.run_directory import KnownRun
+from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.visible_text import is_visible
 
 Completer = Callable[..., list[str]]
@@ -29,26 +29,26 @@ def of_run(names: Callable[[KnownRun], Iterable[str]]) -> Completer:
 
 
 def _modules(run: KnownRun) -> Iterable[str]:
-    from robbie_mp.supervisor.plan import RunPlan  # noqa: PLC0415 - only what TAB needs, for TAB is waited for
+    from robbie_mp.run.plan import RunPlan  # noqa: PLC0415 - only what TAB needs, for TAB is waited for
 
     return [*(module.name for module in RunPlan.load(run.folder).modules), "core"]
 
 
 def _types(run: KnownRun) -> Iterable[str]:
-    from robbie_mp.cli.known_types import types_of_run  # noqa: PLC0415
+    from robbie_mp.views.known_types import types_of_run  # noqa: PLC0415
 
     return [name.replace("/msg/", "/") for name in types_of_run(run).names()]
 
 
 def _topics(run: KnownRun) -> Iterable[str]:
-    from robbie_mp.declarations import read_declarations  # noqa: PLC0415
+    from robbie_mp.observe.declarations import read_declarations  # noqa: PLC0415
 
     declared = read_declarations(run.run_id)
     return {entry.topic for entry in declared if not entry.is_by_patterns} - {""}
 
 
 def _settings(run: KnownRun) -> Iterable[str]:
-    from robbie_mp.setting_changes import SettingsFile  # noqa: PLC0415
+    from robbie_mp.module.setting_changes import SettingsFile  # noqa: PLC0415
 
     return [f"{name}.{key}" for name in _modules(run) for key in SettingsFile(run.folder, name).read()]
 

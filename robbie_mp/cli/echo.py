@@ -7,17 +7,17 @@ from collections.abc import Callable
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
-from robbie_mp.attachment import Received, RunEnded
+from robbie_mp.attach.attachment import Received, RunEnded
+from robbie_mp.attach.message_stream import MessageStream
 from robbie_mp.cli import completers
-from robbie_mp.cli.known_types import types_of_run
-from robbie_mp.cli.message_text import FieldPath, flat, to_csv, to_json, to_yaml
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.declarations import read_declarations
-from robbie_mp.message_stream import MessageStream
 from robbie_mp.messages import DecodeError, Message
-from robbie_mp.supervisor.run_directory import KnownRun
+from robbie_mp.observe.declarations import read_declarations
+from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.transport.endpoint import ChannelName
+from robbie_mp.views.known_types import types_of_run
+from robbie_mp.views.message_text import FieldPath, flat, to_csv, to_json, to_yaml
 from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:

@@ -17,7 +17,6 @@ from robbie_mp.cli.log_files import (
     progress_bar,
     warn_of_unmatched,
 )
-from robbie_mp.cli.message_text import FieldPath, flat, to_csv
 from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.messages import Message
@@ -28,6 +27,7 @@ from robbie_mp.recording.errors import LogNotWritten, NotDecodable
 from robbie_mp.recording.reader import Log, LogChannel, open_log
 from robbie_mp.recording.repair import Progress
 from robbie_mp.recording.selection import channel_name, select
+from robbie_mp.views.message_text import FieldPath, flat, to_csv
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -8,7 +8,7 @@ from typing import Any
 from robbie_mp.cli.figures import state_name
 from robbie_mp.observe import ChannelRates, ModuleFigures, RunRates, RunReading, WorkHistograms
 from robbie_mp.observe.talk import Talk, talk_of
-from robbie_mp.supervisor.run_directory import KnownRun
+from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.supervisor.states import ChildState
 
 SCHEMA = 1

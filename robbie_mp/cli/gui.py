@@ -6,20 +6,20 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from robbie_mp.attachment import RunEnded
+from robbie_mp.attach.attachment import RunEnded
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.cli.signals import signals_noted
-from robbie_mp.operator_link import read_link
+from robbie_mp.module.settings import SettingError
 from robbie_mp.profile.problem import refuse
 from robbie_mp.profile.reader import read_text
-from robbie_mp.settings import SettingError
-from robbie_mp.supervisor.run_directory import KnownRun
+from robbie_mp.run.operator_link import read_link
+from robbie_mp.run.run_directory import KnownRun
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
-    from robbie_mp.services.operator_station import OperatorStation
+    from robbie_mp.station import OperatorStation
 
 NAME = "operator station"
 TOKENS = {"operator_token": "ROBBIE_OPERATOR_TOKEN", "observer_token": "ROBBIE_OBSERVER_TOKEN"}
@@ -69,8 +69,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 def gui(arguments: argparse.Namespace) -> int:
     """Serve the page until the run or the user ends this."""
-    from robbie_mp.guest import run_guest  # noqa: PLC0415 - help is waited for, and needs neither
-    from robbie_mp.services.operator_station import OperatorStation, load_website  # noqa: PLC0415
+    from robbie_mp.attach.tool_module import run_guest  # noqa: PLC0415 - help is waited for, and needs neither
+    from robbie_mp.station import OperatorStation, load_website  # noqa: PLC0415
 
     settings = _settings(arguments)
     run = choose_run(arguments.run)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
-from robbie_mp.attachment import Attachment, Received
+from robbie_mp.attach.attachment import Attachment, Received
 from robbie_mp.cli import completers
 from robbie_mp.cli.figures import state_name
 from robbie_mp.cli.output import PlainTable, console
@@ -17,13 +17,13 @@ from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import SettingChange, SettingChanged
+from robbie_mp.module.setting_changes import NotChangeable, SettingsFile
+from robbie_mp.module.settings import SettingError
 from robbie_mp.observe import RunObserver
 from robbie_mp.profile.show import inline
-from robbie_mp.setting_changes import NotChangeable, SettingsFile
-from robbie_mp.settings import SettingError
+from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.suggest import did_you_mean
-from robbie_mp.supervisor.plan import RunPlan
-from robbie_mp.supervisor.run_directory import KnownRun
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -6,16 +6,16 @@ import secrets
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from robbie_mp.attachment import Attachment
+from robbie_mp.attach.attachment import Attachment
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.play import rate
 from robbie_mp.cli.playback_keys import steer_with_keys
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.declarations import read_declarations
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import PlaybackControl, PlaybackState
+from robbie_mp.observe.declarations import read_declarations
 from robbie_mp.playback.player import ControlRefused
-from robbie_mp.supervisor.run_directory import KnownRun
+from robbie_mp.run.run_directory import KnownRun
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

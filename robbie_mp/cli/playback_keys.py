@@ -10,11 +10,11 @@ import tty
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 
-from robbie_mp.attachment import Attachment, RunEnded
+from robbie_mp.attach.attachment import Attachment, RunEnded
 from robbie_mp.cli.output import print_in_place
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import PlaybackControl, PlaybackState
-from robbie_mp.supervisor.run_directory import KnownRun
+from robbie_mp.run.run_directory import KnownRun
 
 HELP = "space: pause or resume   .: step   ←, →: 5 s   -, +: rate   m: as fast as possible   q: quit"
 KEY = re.compile(rb"\x1b\[[A-D]|.", re.DOTALL)

@@ -8,14 +8,14 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
 
-from robbie_mp.channel_counters import ChannelCount, ChannelCounters
 from robbie_mp.cli.echo import add_topic_argument
-from robbie_mp.cli.known_types import types_of_run
 from robbie_mp.cli.runs import add_run_argument, choose_run
+from robbie_mp.observe.channel_counters import ChannelCount, ChannelCounters
 from robbie_mp.transport import names
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment
 from robbie_mp.transport.words import WORD_MAX
+from robbie_mp.views.known_types import types_of_run
 from robbie_mp.visible_text import one_line
 
 

@@ -10,25 +10,25 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robbie_mp.attachment import Received, RunEnded
+from robbie_mp.attach.attachment import Received, RunEnded
+from robbie_mp.attach.message_stream import MessageStream
+from robbie_mp.capture.queue_drops import QueueDrops, key_of_missing
+from robbie_mp.capture.recorded_run import RecordedRun
+from robbie_mp.capture.selection import Selection
 from robbie_mp.cli import completers
 from robbie_mp.cli.info import print_log
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.cli.signals import signals_noted
 from robbie_mp.errors import RobbieError
-from robbie_mp.message_stream import MessageStream
+from robbie_mp.linux.priority import step_back
 from robbie_mp.recording.chunk_queue import BufferLimits
 from robbie_mp.recording.compression import Compression
 from robbie_mp.recording.disk_budget import DiskBudget
 from robbie_mp.recording.format import ChannelKey
 from robbie_mp.recording.log_writer import LogWriter, Split
 from robbie_mp.recording.recorder import LOGGER_NICE, Recorder
-from robbie_mp.services.queue_drops import QueueDrops, key_of_missing
-from robbie_mp.services.recorded_run import RecordedRun
-from robbie_mp.services.selection import Selection
-from robbie_mp.stepping_back import step_back
-from robbie_mp.supervisor.run_directory import KnownRun
+from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.records import ANY_VERSION
 

@@ -3,7 +3,7 @@
 import argparse
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.supervisor.run_directory import KnownRun, list_runs
+from robbie_mp.run.run_directory import KnownRun, list_runs
 
 
 class NoSuchRun(RobbieError, LookupError):

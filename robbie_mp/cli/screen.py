@@ -18,10 +18,10 @@ from rich.live import Live
 from robbie_mp.cli.figures import LIVE_FIGURES, table
 from robbie_mp.cli.output import PlainConsole
 from robbie_mp.observe import RunObserver
-from robbie_mp.operator_link import read_link
+from robbie_mp.run.operator_link import read_link
+from robbie_mp.run.run_directory import list_runs
 from robbie_mp.supervisor.output import SUPERVISOR
 from robbie_mp.supervisor.run import RunListener
-from robbie_mp.supervisor.run_directory import list_runs
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind

@@ -13,9 +13,9 @@ from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.cli.top_csv import record
-from robbie_mp.cli.top_tables import modules_table, totals_line
 from robbie_mp.errors import RobbieError
 from robbie_mp.observe import RunObserver, RunRates, RunReading, rates_between
+from robbie_mp.views.process_table import modules_table, totals_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

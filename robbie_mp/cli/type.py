@@ -5,9 +5,9 @@ import json
 from typing import TYPE_CHECKING
 
 from robbie_mp.cli.echo import add_type_argument
-from robbie_mp.cli.known_types import types_of_run_or_workspace
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument
+from robbie_mp.views.known_types import types_of_run_or_workspace
 from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:

@@ -4,11 +4,11 @@ import re
 from collections.abc import Callable
 from fnmatch import translate
 
-from robbie_mp.core.tables import CoreTables
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.layout import NAME_WORDS, PATTERN_COUNT
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling
+from robbie_mp.transport.tables import CoreTables
 from robbie_mp.transport.words import WORD_BYTES, WORD_MAX, read_text, write_text
 
 LONGEST_INTERVAL_US = 10**9

@@ -11,8 +11,8 @@ from itertools import compress
 from typing import NamedTuple
 
 from robbie_mp.core.directory import Channel, Subscription
-from robbie_mp.core.tables import CoreTables
 from robbie_mp.transport import layout
+from robbie_mp.transport.tables import CoreTables
 from robbie_mp.transport.words import WORD_BYTES, WORD_MAX, row_writer
 
 NO_RECORD = WORD_MAX

@@ -10,11 +10,11 @@ from types import FrameType
 from robbie_mp.core.link import LinkMemory
 from robbie_mp.core.members import SUPERVISOR_SLOT, RouterLimits
 from robbie_mp.core.router import Router, SlotLimits
-from robbie_mp.core.tables import CoreTables
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes, attach_wakeup
 from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.tables import CoreTables
 
 HEARTBEAT_S = 0.2
 

@@ -17,10 +17,10 @@ from robbie_mp.core.message_flow import MessageFlow
 from robbie_mp.core.queues import Queues
 from robbie_mp.core.recovery import restore_declarations, restore_references, restore_slot
 from robbie_mp.core.room import RoomMaker
-from robbie_mp.core.tables import CoreTables
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound, Outbound
 from robbie_mp.transport.ring import Record, RingCorrupt
+from robbie_mp.transport.tables import CoreTables
 from robbie_mp.transport.words import WORD_MAX, new_fence
 
 # Looked up once, not for every message: each look-up costs as much as what is done with it.

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from robbie_mp.doctor.finding import Finding, fail, ok
-from robbie_mp.prctl import is_child_subreaper, parent_death_signal
-from robbie_mp.proc import read_stat
+from robbie_mp.linux.prctl import is_child_subreaper, parent_death_signal
+from robbie_mp.linux.proc import read_stat
 from robbie_mp.supervisor.process import P_PIDFD
 
 OLDEST = (5, 4)

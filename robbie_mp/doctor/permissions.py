@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from robbie_mp.doctor.finding import Finding, fail, ok, warn
-from robbie_mp.supervisor.run_directory import base_folders, privacy_problem
+from robbie_mp.run.run_directory import base_folders, privacy_problem
 
 SERIAL_PORTS = ("ttyUSB*", "ttyACM*", "ttyAMA*", "ttyTHS*")
 LOGIN_SETTINGS = ("/usr/lib/systemd", "/etc/systemd", "/run/systemd")

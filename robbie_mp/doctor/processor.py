@@ -8,7 +8,7 @@ from pathlib import Path
 from robbie_mp.doctor.finding import Finding, ok, warn
 from robbie_mp.doctor.needs import Needs
 from robbie_mp.doctor.read import read_line
-from robbie_mp.wake_latency import DEVICE, HOW_TO_ALLOW
+from robbie_mp.linux.wake_latency import DEVICE, HOW_TO_ALLOW
 
 PROCESSORS = Path("/sys/devices/system/cpu")
 QUOTA = Path("/sys/fs/cgroup/cpu.max")

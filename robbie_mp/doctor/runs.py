@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from robbie_mp.doctor.finding import Finding, ok, warn
-from robbie_mp.supervisor.run_directory import list_runs
+from robbie_mp.run.run_directory import list_runs
 from robbie_mp.supervisor.sweep import unclaimed_runs
 
 

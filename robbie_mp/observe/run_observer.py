@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robbie_mp.core.directory import ROW_OPEN
-from robbie_mp.core.tables import CoreTables
+from robbie_mp.linux.proc import ProcessUsage, read_usage
 from robbie_mp.observe.figures import (
     ChannelFigures,
     CoreFigures,
@@ -20,7 +20,6 @@ from robbie_mp.observe.figures import (
 )
 from robbie_mp.observe.machine import MachineReading
 from robbie_mp.observe.module_memory import NO_WORDS, ModuleMemory
-from robbie_mp.proc import ProcessUsage, read_usage
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.histogram import Histogram
@@ -28,6 +27,7 @@ from robbie_mp.transport.layout import HISTOGRAM_WORDS, LINE_WORDS, NAME_WORDS, 
 from robbie_mp.transport.records import MessageHandling
 from robbie_mp.transport.segment import Segment, SegmentMissing
 from robbie_mp.transport.shared_folder import opened_folder
+from robbie_mp.transport.tables import CoreTables
 from robbie_mp.transport.words import read_text
 
 _ACTIVITIES = {int(activity): activity.name.lower() for activity in Activity}

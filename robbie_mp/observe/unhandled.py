@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robbie_mp.core.ledger import Outcome
-from robbie_mp.core.tables import CoreTables
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.tables import CoreTables
 from robbie_mp.transport.words import new_fence
 
 _SLOT_BITS = 0xFFFF

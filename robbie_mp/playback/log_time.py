@@ -8,7 +8,7 @@ LEASE_NS = 250_000_000
 
 
 class ClockDriver(Protocol):
-    """What sets the run's clock; see `robbie_mp.run_clock.ClockWriter`."""
+    """What sets the run's clock; see `robbie_mp.run.run_clock.ClockWriter`."""
 
     def play(self, at_ns: int, rate: float, limit_ns: int) -> None:
         """Let it go on from a time, so many times as fast as real time, up to a limit."""

@@ -6,6 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
+from robbie_mp.module.value_check import NO_LIMITS, ValueMismatch, check_value
 from robbie_mp.profile.dependencies import read_dependencies
 from robbie_mp.profile.model import (
     CheckpointPolicy,
@@ -24,7 +25,6 @@ from robbie_mp.profile.model import (
 from robbie_mp.profile.problem import Place, Problem, ProfileError
 from robbie_mp.profile.reader import Node
 from robbie_mp.suggest import did_you_mean
-from robbie_mp.value_check import NO_LIMITS, ValueMismatch, check_value
 
 T = TypeVar("T")
 PROFILE_KEYS = ("parents", "description", "modules", "config", "core", "spares", "trace", "tools", "clock")

@@ -16,9 +16,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO, TypeVar
 
-from robbie_mp.die_with_parent import die_with_parent
+from robbie_mp.linux.die_with_parent import die_with_parent
 from robbie_mp.messages.descriptions import TypeDescription, own_types
-from robbie_mp.settings import SettingError, examine_settings
+from robbie_mp.module.settings import SettingError, examine_settings
 from robbie_mp.suggest import did_you_mean
 
 Class = TypeVar("Class")

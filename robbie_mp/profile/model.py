@@ -6,9 +6,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from robbie_mp.module.value_check import Limits
 from robbie_mp.profile.problem import Place
 from robbie_mp.trace.kinds import Kind
-from robbie_mp.value_check import Limits
 
 AGES_S = 1e9
 """An upper bound for times, about 30 years: more than any run, and less than what system calls refuse."""

@@ -14,7 +14,7 @@ from robbie_mp.profile.checking_process import PreflightError, check_events
 from robbie_mp.profile.model import ModuleSpec, Profile
 from robbie_mp.profile.problem import Problem, ProfileError
 
-BASE_CLASS = "robbie_mp.module:Module"
+BASE_CLASS = "robbie_mp:Module"
 OWN_CODE = "robbie_mp."
 
 

@@ -13,7 +13,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from robbie_mp.private_files import PRIVATE_FILE
+from robbie_mp.linux.private_files import PRIVATE_FILE
 
 BLOCK_BYTES = 4096
 """What direct writes are aligned to; no disk's block is larger."""

@@ -8,7 +8,7 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.writer import Writer
 
-from robbie_mp.private_files import make_private_file
+from robbie_mp.linux.private_files import make_private_file
 from robbie_mp.recording.errors import LogError, LogNotWritten
 from robbie_mp.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from robbie_mp.private_files import make_private_folder
+from robbie_mp.linux.private_files import make_private_folder
 from robbie_mp.recording.chunk import Chunk
 from robbie_mp.recording.compression import Compression
 from robbie_mp.recording.disk_budget import LIBRARY, DiskBudget

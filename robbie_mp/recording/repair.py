@@ -11,7 +11,7 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from robbie_mp.private_files import make_private_file
+from robbie_mp.linux.private_files import make_private_file
 from robbie_mp.recording.contents import Contents
 from robbie_mp.recording.errors import LogIncomplete, LogNotWritten, RepairFailed
 from robbie_mp.recording.limits import READ_LIMITS, ReadLimits

@@ -1,7 +1,7 @@
 """The scene graph in any module: learnt from the transforms that the robot publishes."""
 
 from robbie_mp.messages import TFMessage, TimeJump, TransformStamped
-from robbie_mp.module import Module
+from robbie_mp.module.module import Module
 from robbie_mp.scene_graph.conversion import from_transform
 from robbie_mp.scene_graph.errors import SceneGraphError
 from robbie_mp.scene_graph.graph import HISTORY_S, SceneGraph

@@ -7,21 +7,21 @@ from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
 
-from robbie_mp.bus import EncodedMessage
-from robbie_mp.channel_counters import ChannelCounters, messages_missed
+from robbie_mp.capture.queue_drops import QueueDrops, key_of_missing
+from robbie_mp.capture.recorded_run import RecordedRun
+from robbie_mp.capture.selection import Pair, Selection, type_pattern
 from robbie_mp.messages import ModuleState
-from robbie_mp.module import Module, setting
+from robbie_mp.module.bus import EncodedMessage
+from robbie_mp.module.module import Module, setting
+from robbie_mp.module.settings import SettingError
+from robbie_mp.observe.channel_counters import ChannelCounters, messages_missed
 from robbie_mp.recording.chunk_queue import BufferLimits
 from robbie_mp.recording.compression import Compression
 from robbie_mp.recording.disk_budget import DiskBudget
 from robbie_mp.recording.format import ChannelKey
 from robbie_mp.recording.log_writer import LogWriter, Split
 from robbie_mp.recording.recorder import LOGGER_NICE, Recorder
-from robbie_mp.services.queue_drops import QueueDrops, key_of_missing
-from robbie_mp.services.recorded_run import RecordedRun
-from robbie_mp.services.selection import Pair, Selection, type_pattern
-from robbie_mp.settings import SettingError
-from robbie_mp.supervisor.run_directory import list_runs
+from robbie_mp.run.run_directory import list_runs
 from robbie_mp.transport import names
 from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.layout import SegmentKind

@@ -7,7 +7,8 @@ from typing import Any
 
 from robbie_mp.messages import MessageError, PlaybackControl, PlaybackState, Time
 from robbie_mp.messages.descriptions import TypeDescription, own_types
-from robbie_mp.module import Module, setting
+from robbie_mp.module.module import Module, setting
+from robbie_mp.module.settings import REQUIRED, SettingError
 from robbie_mp.observe.unhandled import UnhandledMessages
 from robbie_mp.playback import selection
 from robbie_mp.playback.log_time import LogTime
@@ -18,11 +19,10 @@ from robbie_mp.recording.errors import LogError
 from robbie_mp.recording.limits import MEGABYTE, READ_LIMITS, ReadLimits
 from robbie_mp.recording.reader import Log, LogChannel, open_log
 from robbie_mp.recording.selection import channel_name
-from robbie_mp.run_clock import MAX_RATE, ClockWriter
+from robbie_mp.run.plan import CORE, RunPlan
+from robbie_mp.run.run_clock import MAX_RATE, ClockWriter
+from robbie_mp.run.run_directory import list_runs
 from robbie_mp.services.playback_outlet import LockstepOutlet, PacedOutlet
-from robbie_mp.settings import REQUIRED, SettingError
-from robbie_mp.supervisor.plan import CORE, RunPlan
-from robbie_mp.supervisor.run_directory import list_runs
 
 TELL_EVERY_NS = 200_000_000
 MAX_S = 1e9

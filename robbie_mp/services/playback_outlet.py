@@ -3,9 +3,9 @@
 from collections import deque
 from collections.abc import Callable, Mapping
 
-from robbie_mp.lockstep import Lockstep, TickSchedule
 from robbie_mp.messages import MessageError, Tick, Time, TimeJump
-from robbie_mp.module import Module
+from robbie_mp.module.lockstep import Lockstep, TickSchedule
+from robbie_mp.module.module import Module
 from robbie_mp.playback.player import DueTick
 from robbie_mp.playback.translation import Translation
 from robbie_mp.recording.reader import LoggedMessage

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from robbie_mp.messages import ChannelProfile, ModuleProfile, SystemProfile, Time
-from robbie_mp.module import Module, setting
+from robbie_mp.module.module import Module, setting
 from robbie_mp.observe import ModuleFigures, RunObserver, RunRates, RunReading, rates_between
 from robbie_mp.supervisor.states import state_name
 from robbie_mp.transport.words import WORD_MAX

@@ -4,12 +4,12 @@ from pathlib import Path
 from typing import Any
 
 from robbie_mp.messages import JointState, Odometry, PoseStamped, TimeJump
-from robbie_mp.module import Module, setting
+from robbie_mp.module.module import Module, setting
+from robbie_mp.module.settings import REQUIRED, SettingError
 from robbie_mp.scene_graph import JointType, RigidTransform, SceneFileError, SceneGraph, read_scene
 from robbie_mp.scene_graph.announcing import fixed_transforms, state_of, transforms_at
 from robbie_mp.scene_graph.updating import SceneUpdater, prefix_of
 from robbie_mp.scene_graph.warn_once import WarnOnce
-from robbie_mp.settings import REQUIRED, SettingError
 
 MOVED_LIMIT = 2000
 """Transforms in one message."""

@@ -2,11 +2,11 @@
 
 import time
 
-from robbie_mp.lockstep import TickSchedule
 from robbie_mp.messages import Tick, Time
-from robbie_mp.module import Module, setting
-from robbie_mp.run_clock import ClockWriter
-from robbie_mp.settings import SettingError
+from robbie_mp.module.lockstep import TickSchedule
+from robbie_mp.module.module import Module, setting
+from robbie_mp.module.settings import SettingError
+from robbie_mp.run.run_clock import ClockWriter
 
 STEPS_AT_ONCE = 100
 """So many ticks are granted before this module looks at its own messages again, if each is over at once."""

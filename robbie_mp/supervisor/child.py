@@ -12,10 +12,10 @@ import traceback
 from pathlib import Path
 from typing import NoReturn
 
-from robbie_mp.die_with_parent import die_with_parent
-from robbie_mp.prctl import set_process_name
+from robbie_mp.linux.die_with_parent import die_with_parent
+from robbie_mp.linux.prctl import set_process_name
+from robbie_mp.run.plan import CORE, RunPlan
 from robbie_mp.supervisor.leftovers import MARKER
-from robbie_mp.supervisor.plan import CORE, RunPlan
 from robbie_mp.trace.channel import log_to_supervisor
 from robbie_mp.trace.levels import follow_level
 

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.private_files import PRIVATE_FILE
+from robbie_mp.linux.private_files import PRIVATE_FILE
 from robbie_mp.supervisor.attached_tools import AttachedTools
 from robbie_mp.supervisor.output import STALLED_AFTER_S
 from robbie_mp.supervisor.recording import Recording

@@ -5,7 +5,7 @@ import logging
 from robbie_mp.core.process import CoreProcess
 from robbie_mp.core.router import SlotLimits
 from robbie_mp.profile.model import QueueLimits
-from robbie_mp.supervisor.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, RunPlan
+from robbie_mp.run.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, RunPlan
 from robbie_mp.supervisor.scheduling import apply_scheduling
 
 SUPERVISOR_QUEUE = SlotLimits(queue_messages=1000, queue_bytes=1 << 20, memory_bytes=SUPERVISOR_MEMORY_BYTES)

@@ -2,12 +2,12 @@
 
 import time
 
-from robbie_mp.core.tables import CoreTables
 from robbie_mp.trace.crash import LastMessage, LastWords
 from robbie_mp.transport import layout
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.layout import LINE_WORDS, NAME_WORDS, RECORD_WORDS, Activity
 from robbie_mp.transport.records import Inbound
+from robbie_mp.transport.tables import CoreTables
 from robbie_mp.transport.words import Words, read_text
 
 COUNTERS = {

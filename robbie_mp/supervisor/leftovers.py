@@ -13,8 +13,8 @@ from collections.abc import Callable, Collection, Mapping
 from types import TracebackType
 from typing import Self
 
-from robbie_mp.prctl import is_child_subreaper, set_child_subreaper
-from robbie_mp.proc import ProcessStat, environment_value, own_children, processes, read_stat
+from robbie_mp.linux.prctl import is_child_subreaper, set_child_subreaper
+from robbie_mp.linux.proc import ProcessStat, environment_value, own_children, processes, read_stat
 from robbie_mp.supervisor.event_loop import EventLoop
 
 MARKER = "ROBBIE_CHILD"

@@ -6,19 +6,18 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from robbie_mp.clock import SystemClock
-from robbie_mp.core.tables import CoreTables, TableSizes
 from robbie_mp.messages import ModuleState, Time
+from robbie_mp.module.clock import SystemClock
+from robbie_mp.module.outbox import Outbox
+from robbie_mp.run.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, PlannedModule, RunPlan
 from robbie_mp.supervisor.incarnations import Doing
 from robbie_mp.supervisor.last_words import LastWordsReader, describe_activity
-from robbie_mp.supervisor.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, PlannedModule, RunPlan
 from robbie_mp.supervisor.states import STATES, ChildState, StateChange
 from robbie_mp.trace.crash import LastWords
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import TOOL_PREFIX, Board, SlotBounds, SlotState, Totals
 from robbie_mp.transport.endpoint import Notice
 from robbie_mp.transport.layout import Activity, SegmentKind
-from robbie_mp.transport.outbox import Outbox
 from robbie_mp.transport.records import Inbound, Outbound
 from robbie_mp.transport.run_memory import (
     IncarnationMemory,
@@ -27,6 +26,7 @@ from robbie_mp.transport.run_memory import (
 )
 from robbie_mp.transport.segment import Segment
 from robbie_mp.transport.shared_folder import ForeignMemory, SegmentMissing, opened_folder, remove_names
+from robbie_mp.transport.tables import CoreTables, TableSizes
 from robbie_mp.transport.wakeup import Wakeup
 
 SUPERVISOR = "supervisor"

@@ -9,31 +9,37 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from robbie_mp.bus import Envelope
-from robbie_mp.channel_counters import messages_waiting
-from robbie_mp.channel_names import ChannelNames
 from robbie_mp.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.checkpoint.file import checkpoint_file
 from robbie_mp.checkpoint.keeper import CheckpointKeeper, DiskPolicy
-from robbie_mp.clock import SystemClock
-from robbie_mp.config import Config
-from robbie_mp.lockstep import Lockstep
-from robbie_mp.module import Module, ModuleContext
+from robbie_mp.module.bus import Envelope
+from robbie_mp.module.clock import SystemClock
+from robbie_mp.module.config import Config
+from robbie_mp.module.inbox import Inbox
+from robbie_mp.module.lockstep import Lockstep
+from robbie_mp.module.module import Module, ModuleContext
+from robbie_mp.module.outbox import Outbox
+from robbie_mp.module.runner import ModuleRunner
+from robbie_mp.module.setting_changes import SettingChanges, SettingsFile
+from robbie_mp.module.settings import SettingError, check_settings
+from robbie_mp.module.shared_memory_bus import SharedMemoryBus
+from robbie_mp.module.ticks import (
+    LONGEST_WAIT_BY_RUN_CLOCK_S,
+    LONGEST_WAIT_S,
+    GrantedTicks,
+    Ticks,
+    TimedTicks,
+)
+from robbie_mp.observe.channel_counters import messages_waiting
+from robbie_mp.observe.channel_names import ChannelNames
 from robbie_mp.profile.check import load_class
-from robbie_mp.run_clock import RunClock
-from robbie_mp.runner import ModuleRunner
-from robbie_mp.setting_changes import SettingChanges, SettingsFile
-from robbie_mp.settings import SettingError, check_settings
-from robbie_mp.supervisor.plan import PlannedModule, RunPlan
+from robbie_mp.run.plan import PlannedModule, RunPlan
+from robbie_mp.run.run_clock import RunClock
 from robbie_mp.supervisor.scheduling import apply_scheduling, prefer_new_threads
-from robbie_mp.ticks import LONGEST_WAIT_BY_RUN_CLOCK_S, LONGEST_WAIT_S, GrantedTicks, Ticks, TimedTicks
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
-from robbie_mp.transport.bus import SharedMemoryBus
 from robbie_mp.transport.endpoint import Delivery, Endpoint
-from robbie_mp.transport.inbox import Inbox
 from robbie_mp.transport.layout import LINE_WORDS, SegmentKind
-from robbie_mp.transport.outbox import Outbox
 from robbie_mp.transport.run_memory import (
     IncarnationMemory,
     attach_wakeup,

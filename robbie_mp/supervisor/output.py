@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.private_files import make_private_folder
+from robbie_mp.linux.private_files import make_private_folder
 from robbie_mp.profile.model import TraceSettings
 from robbie_mp.supervisor.disk_writer import CLOSE_LIMIT_S, DiskWriter
 from robbie_mp.supervisor.rate_limit import RateLimit

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
-from robbie_mp.proc import read_stat
+from robbie_mp.linux.proc import read_stat
 from robbie_mp.supervisor.leftovers import MARKER
 from robbie_mp.trace.channel import CHANNEL_VARIABLE, open_channel
 

@@ -8,19 +8,19 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
+from robbie_mp.linux.private_files import make_private_folder, write_private
 from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.observe import ModuleFigures, RunObserver
-from robbie_mp.private_files import make_private_folder, write_private
 from robbie_mp.profile.model import Profile, Scheduling
 from robbie_mp.profile.show import as_profile
+from robbie_mp.run.plan import CORE, RunPlan
+from robbie_mp.run.run_directory import PROFILE_FILE, RunDirectory
 from robbie_mp.supervisor.attached_tools import AttachedTools
 from robbie_mp.supervisor.child_spec import SPARE_COMPUTE_THREADS, ChildSpec
 from robbie_mp.supervisor.control import ControlServer
 from robbie_mp.supervisor.disk_writer import DiskWriter
 from robbie_mp.supervisor.memory import SUPERVISOR, RunMemory
 from robbie_mp.supervisor.output import Listener, OutputStore
-from robbie_mp.supervisor.plan import CORE, RunPlan
-from robbie_mp.supervisor.run_directory import PROFILE_FILE, RunDirectory
 from robbie_mp.supervisor.scheduling import computing_with
 from robbie_mp.supervisor.spares import SpareCommand
 from robbie_mp.supervisor.states import StateChange

@@ -6,10 +6,10 @@ import os
 from collections.abc import Mapping
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.own_threads import for_all_threads
+from robbie_mp.linux.own_threads import for_all_threads
+from robbie_mp.linux.priority import step_back
+from robbie_mp.linux.wake_latency import DEVICE, HOW_TO_ALLOW, limit_wake_latency
 from robbie_mp.profile.model import Scheduling
-from robbie_mp.stepping_back import step_back
-from robbie_mp.wake_latency import DEVICE, HOW_TO_ALLOW, limit_wake_latency
 
 COMPUTE_THREAD_VARIABLES = (
     "OMP_NUM_THREADS",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.proc import read_wait_channel
+from robbie_mp.linux.proc import read_wait_channel
 from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.child_stream import ChildStream
 from robbie_mp.supervisor.crash_watch import CrashWatch

@@ -14,7 +14,7 @@ import os
 import termios
 import threading
 
-from robbie_mp.forks import keep_from_forks
+from robbie_mp.linux.forks import keep_from_forks
 
 CHANNEL_VARIABLE = "ROBBIE_LOG_CHANNEL"
 CAPACITY_BYTES = 1 << 20

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from robbie_mp.private_files import make_private_folder, write_private
+from robbie_mp.linux.private_files import make_private_folder, write_private
 from robbie_mp.visible_text import visible
 
 CRASH_FOLDER = "crashes"

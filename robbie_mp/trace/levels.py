@@ -11,7 +11,7 @@ import signal
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from robbie_mp.private_files import write_private
+from robbie_mp.linux.private_files import write_private
 from robbie_mp.trace.kinds import Kind, lowest_level
 
 RECORDED_FILE = "recorded_kinds.json"

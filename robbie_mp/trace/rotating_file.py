@@ -4,7 +4,7 @@ import contextlib
 import os
 from pathlib import Path
 
-from robbie_mp.private_files import PRIVATE_FILE
+from robbie_mp.linux.private_files import PRIVATE_FILE
 
 
 class RotatingFile:

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
-from robbie_mp.private_files import write_private
+from robbie_mp.linux.private_files import write_private
 from robbie_mp.trace.crash import CrashFolder
 from robbie_mp.trace.page import TracePage
 from robbie_mp.trace.rotating_file import RotatingFile

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.forks import REFUSED, keep_from_forks
+from robbie_mp.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block
 from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling, Outbound

@@ -1,4 +1,4 @@
-"""A checkpoint on disk; tests/checkpoint/killing.py has what happens when its writer dies."""
+"""A checkpoint on disk; tests/checkpoint/_support/killing.py has what happens when its writer dies."""
 
 import os
 from pathlib import Path

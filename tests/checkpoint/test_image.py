@@ -16,7 +16,7 @@ from robbie_mp.checkpoint.decoder import decode
 from robbie_mp.checkpoint.encoder import encode, lay_out
 from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooNew, UnsupportedState
 from robbie_mp.checkpoint.image import CRC_BEGIN, HEADER, Header, aligned, write_header
-from tests.checkpoint.states import STATES, same
+from tests.checkpoint._support.states import STATES, same
 
 STATE = {
     "map": np.arange(12, dtype=">i4").reshape(3, 4),

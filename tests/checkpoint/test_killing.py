@@ -12,7 +12,7 @@ PROJECT = Path(__file__).parents[2]
 
 
 def deaths(scenario: str) -> int:
-    command = [sys.executable, "-m", "tests.checkpoint.killing", scenario]
+    command = [sys.executable, "-m", "tests.checkpoint._support.killing", scenario]
     ended = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=50, check=False)
     assert ended.returncode == 0, ended.stderr
     return int(ended.stdout)

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robbie_mp import ModuleHarness
 from robbie_mp.checkpoint.encoder import encode
 from robbie_mp.checkpoint.errors import UnsupportedState
 from robbie_mp.checkpoint.file import read_file, write_file
-from robbie_mp.harness import ModuleHarness
-from tests.checkpoint import remembering
-from tests.checkpoint.remembering import Remembering
-from tests.run.robot import Robot
+from tests.checkpoint._support import remembering
+from tests.checkpoint._support.remembering import Remembering
+from tests.run._support.robot import Robot
 
 PROFILE = """
 modules:

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from robbie_mp import Message, float64
 from robbie_mp.cli import main
-from robbie_mp.messages import Message, TFMessage, TransformStamped, float64, schema_text
-from tests.recording.logs import START_NS, STEP_NS, LogFile, scan, write_log
+from robbie_mp.messages import TFMessage, TransformStamped, schema_text
+from tests.recording._support.logs import START_NS, STEP_NS, LogFile, scan, write_log
 from tests.recording.test_imports import CARMEN, write_bag
 
 

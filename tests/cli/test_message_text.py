@@ -6,7 +6,8 @@ import math
 import pytest
 import yaml
 
-from robbie_mp.cli.message_text import (
+from robbie_mp.messages import FieldError, LaserScan, Odometry, Point, TFMessage, Transform, TransformStamped
+from robbie_mp.views.message_text import (
     FieldPath,
     NoSuchField,
     flat,
@@ -15,7 +16,6 @@ from robbie_mp.cli.message_text import (
     to_json,
     to_yaml,
 )
-from robbie_mp.messages import FieldError, LaserScan, Odometry, Point, TFMessage, Transform, TransformStamped
 
 
 def scan(size: int) -> LaserScan:

@@ -8,7 +8,7 @@ import pytest
 
 from robbie_mp.cli import main
 from robbie_mp.cli.new import make_workspace
-from tests.docs.pages import ROOT
+from tests.docs._support.pages import ROOT
 
 
 def test_no_placeholder_is_left(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from robbie_mp.cli.screen import QUEUED_LINES, RunScreen
-from robbie_mp.operator_link import write_link
+from robbie_mp.run.operator_link import write_link
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from robbie_mp.core.router import SlotLimits
 from robbie_mp.transport import layout
-from tests.core.simulated_run import SimulatedModule, SimulatedRun
+from tests.core._support.simulated_run import SimulatedModule, SimulatedRun
 
 PUBLISHER, LISTENER, TOOL = 1, 2, 3
 TOOL_CREDIT = 2

@@ -1,10 +1,11 @@
 """Modules die, come back, stay away or break the protocol: what becomes of their messages, who is told."""
 
+from robbie_mp import MessageHandling
 from robbie_mp.core.members import NOTICE_LIMIT
 from robbie_mp.transport import layout
 from robbie_mp.transport.endpoint import Delivery, Notice
-from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
-from tests.core.simulated_run import CREDIT, SimulatedRun, connected
+from robbie_mp.transport.records import Inbound, Outbound
+from tests.core._support.simulated_run import CREDIT, SimulatedRun, connected
 
 
 def left_waiting(run: SimulatedRun) -> int:

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.core.history import SLOTS, History
-from tests.core.simulated_run import Fuse, StateLog
+from tests.core._support.history import SLOTS, History
+from tests.core._support.simulated_run import Fuse, StateLog
 
 Scenario = Callable[[History], None]
 

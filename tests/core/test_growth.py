@@ -2,9 +2,9 @@
 
 from itertools import count
 
-from robbie_mp.transport.records import MessageHandling
-from tests.core.simulated_run import SimulatedModule, SimulatedRun
-from tests.growth import blocks_kept
+from robbie_mp import MessageHandling
+from tests._support.growth import blocks_kept
+from tests.core._support.simulated_run import SimulatedModule, SimulatedRun
 
 SLOTS = 9
 

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound, Outbound
 from robbie_mp.transport.words import WORD_MAX
-from tests.core.siege import HOSTILE_SLOT, Siege
-from tests.core.simulated_run import RING_RECORDS
+from tests.core._support.siege import HOSTILE_SLOT, Siege
+from tests.core._support.simulated_run import RING_RECORDS
 
 OUT_WORDS = layout.out_words(RING_RECORDS)
 DECLARATIONS_USED = 4

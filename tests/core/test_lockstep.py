@@ -1,8 +1,9 @@
 """In lockstep one message is handled at a time in the whole robot, in the one order, whoever dies."""
 
+from robbie_mp import MessageHandling
 from robbie_mp.transport import layout
-from robbie_mp.transport.records import Inbound, MessageHandling
-from tests.core.simulated_run import SimulatedModule, SimulatedRun, connected
+from robbie_mp.transport.records import Inbound
+from tests.core._support.simulated_run import SimulatedModule, SimulatedRun, connected
 
 
 def take_one(run: SimulatedRun, *modules: SimulatedModule) -> tuple[int, int]:

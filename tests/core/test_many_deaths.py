@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.core.crowd import Crowd
+from tests.core._support.crowd import Crowd
 
 PLAYS = 400
 EXHAUSTIVE_PLAYS = 20_000

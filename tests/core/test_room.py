@@ -2,11 +2,11 @@
 
 import pytest
 
+from robbie_mp import MessageHandling
 from robbie_mp.core.router import _IN_FLIGHT_SHARE
 from robbie_mp.transport.blocks import block_bytes
-from robbie_mp.transport.records import MessageHandling
 from robbie_mp.transport.words import WORD_MAX
-from tests.core.simulated_run import CREDIT, SimulatedModule, SimulatedRun, connected
+from tests.core._support.simulated_run import CREDIT, SimulatedModule, SimulatedRun, connected
 
 ALWAYS, NEWEST = MessageHandling.ALWAYS_DELIVER, MessageHandling.KEEP_ONLY_NEWEST
 LATER = 1 << 40

@@ -2,10 +2,11 @@
 
 import pytest
 
+from robbie_mp import MessageHandling
 from robbie_mp.core import router
 from robbie_mp.transport import layout
-from robbie_mp.transport.records import MessageHandling, Outbound
-from tests.core.simulated_run import CREDIT, SimulatedRun, connected
+from robbie_mp.transport.records import Outbound
+from tests.core._support.simulated_run import CREDIT, SimulatedRun, connected
 
 NEWEST = MessageHandling.KEEP_ONLY_NEWEST
 

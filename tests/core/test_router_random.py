@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.core import router
-from tests.core.history import SLOTS, History
+from tests.core._support.history import SLOTS, History
 
 ACTIONS = ["publish"] * 4 + ["handle"] * 3 + ["core"] * 2
 ACTIONS += ["kill", "start", "begin_and_die", "keep", "let_go", "make_room"]

@@ -1,8 +1,9 @@
 """Who waits for blocks or credit: when the core is woken for releases, and publishers for what was freed."""
 
+from robbie_mp import MessageHandling
 from robbie_mp.transport import layout
-from robbie_mp.transport.records import MessageHandling, Outbound
-from tests.core.simulated_run import CREDIT, SimulatedModule, SimulatedRun, connected
+from robbie_mp.transport.records import Outbound
+from tests.core._support.simulated_run import CREDIT, SimulatedModule, SimulatedRun, connected
 
 
 def test_publisher_is_refused_when_its_ring_is_full_but_can_still_release() -> None:

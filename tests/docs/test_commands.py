@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.cli.program import COMMANDS, _parser
-from tests.docs.pages import PAGES, ROOT
+from tests.docs._support.pages import PAGES, ROOT
 
 COMMAND = re.compile(r"\b(?<![\w/.-])robbie((?: [a-z][\w./-]*| --?[a-z]+)*)")
 REFERENCE = (ROOT / "docs" / "reference.md").read_text()

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robbie_mp.harness import ModuleHarness
+from robbie_mp import ModuleHarness, SettingError
 from robbie_mp.messages import DriveCommand, Image, LaserScan, ModuleState, TwistStamped
 from robbie_mp.profile.load import load_profile
 from robbie_mp.services.message_logger import MessageLogger
-from robbie_mp.settings import SettingError
-from tests.docs.pages import block
+from tests.docs._support.pages import block
 
 PROJECT = Path(__file__).parents[2]
 
@@ -128,7 +127,7 @@ def test_its_own_tests_pass() -> None:
 
 SEND_A_SCAN = """
 import numpy as np
-from robbie_mp.harness import ModuleHarness
+from robbie_mp import ModuleHarness
 from robbie_mp.messages import LaserScan, Point
 from tests.docs.test_how_to import run
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.cli.new import SUFFIX, TEMPLATE
-from tests.docs.pages import PAGES, ROOT, anchors, blocks, prose
+from tests.docs._support.pages import PAGES, ROOT, anchors, blocks, prose
 
 LINK = re.compile(r"\]\((?!https?:)([^)\s]+)\)")
 MENTIONED = re.compile(r"`((?:robbie_mp|tests|modules|workers|hw|profiles|tools|docs)/[\w./]+)`")

@@ -10,10 +10,10 @@ import pytest
 import yaml
 
 from robbie_mp.cli import main
+from robbie_mp.module.settings import check_settings, settings_of
 from robbie_mp.services.message_logger import MessageLogger
-from robbie_mp.settings import check_settings, settings_of
-from tests.docs.pages import ROOT, block
-from tests.recording.logs import write_log
+from tests.docs._support.pages import ROOT, block
+from tests.recording._support.logs import write_log
 from tests.recording.test_imports import CARMEN, write_bag
 
 PAGE = "docs/logs.md"

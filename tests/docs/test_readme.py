@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.harness import ModuleHarness
+from robbie_mp import ModuleHarness
 from robbie_mp.messages import DriveCommand, LaserScan
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.problem import ProfileError
-from tests.docs.pages import ROOT, block
+from tests.docs._support.pages import ROOT, block
 
 
 @pytest.fixture

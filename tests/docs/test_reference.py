@@ -4,7 +4,7 @@ import re
 
 from robbie_mp.profile.model import CoreLimits, MemoryLimits, QueueLimits, TraceSettings
 from robbie_mp.transport import layout
-from tests.docs.pages import ROOT
+from tests.docs._support.pages import ROOT
 
 TEXT = (ROOT / "docs" / "reference.md").read_text()
 ROWS = dict(re.findall(r"^\| ([^|]+) \| ([^|]+) \|[^|\n]*\|$", TEXT.split("## Limits")[1], re.MULTILINE))

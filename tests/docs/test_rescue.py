@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.docs.pages import block
+from tests.docs._support.pages import block
 from workers.state_machine import IllegalTransition
 
 

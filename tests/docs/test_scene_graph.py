@@ -6,11 +6,11 @@ from typing import Any
 import pytest
 import yaml
 
-from robbie_mp.harness import ModuleHarness
-from robbie_mp.messages import Header, LaserScan, TFMessage, Time, Transform, TransformStamped, Vector3
+from robbie_mp import Header, ModuleHarness, Time
+from robbie_mp.messages import LaserScan, TFMessage, Transform, TransformStamped, Vector3
+from robbie_mp.module.settings import check_settings
 from robbie_mp.services.scene_graph import SceneGraphService
-from robbie_mp.settings import check_settings
-from tests.docs.pages import ROOT, block
+from tests.docs._support.pages import ROOT, block
 
 PAGE = "docs/scene-graph.md"
 

@@ -17,8 +17,8 @@ from robbie_mp.doctor.needs import Needs, segments
 from robbie_mp.doctor.permissions import check_run_folder, login_setting
 from robbie_mp.doctor.python import own_requirements
 from robbie_mp.profile.model import MemoryLimits, ModuleSpec, Profile
+from robbie_mp.run.plan import RunPlan
 from robbie_mp.supervisor.memory import RunMemory
-from robbie_mp.supervisor.plan import RunPlan
 from robbie_mp.supervisor.sweep import UNCLAIMED_AGE_S, sweep
 from robbie_mp.transport.shared_folder import make_folder, remove_names
 
@@ -33,7 +33,9 @@ modules:
 def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "profiles").mkdir()
     (tmp_path / "profiles" / "robot.yaml").write_text(PROFILE)
-    (tmp_path / "sound.py").write_text("from robbie_mp.module import Module\nclass Sound(Module): pass\n")
+    (tmp_path / "sound.py").write_text(
+        "from robbie_mp.module.module import Module\nclass Sound(Module): pass\n"
+    )
     (tmp_path / "broken.py").write_text("import no_such_package\n")
     monkeypatch.chdir(tmp_path)
     return tmp_path

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from robbie_mp.messages import DecodeError, Message, message_type_from_schema, stock_registry
 from robbie_mp.messages.codec.locate import find_failure
 from robbie_mp.messages.message import fields_of
-
-from .strategies import PATIENT, messages
+from tests.messages._support.strategies import PATIENT, messages
 
 STOCK = list(stock_registry())
 VARIABLE = message_type_from_schema(

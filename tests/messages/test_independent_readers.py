@@ -6,9 +6,8 @@ from hypothesis import strategies as st
 from mcap_ros2._dynamic import generate_dynamic
 
 from robbie_mp.messages import Message, message_type_from_schema, schema_text, stock_registry
-
-from .rosbags_bridge import assert_same, jazzy, store_with, to_rosbags
-from .strategies import PATIENT, definitions, messages
+from tests.messages._support.rosbags_bridge import assert_same, jazzy, store_with, to_rosbags
+from tests.messages._support.strategies import PATIENT, definitions, messages
 
 STOCK = list(stock_registry())
 JAZZY = jazzy()

@@ -24,8 +24,7 @@ from robbie_mp.messages import (
 )
 from robbie_mp.messages.field_types import Numbers
 from robbie_mp.messages.message import fields_of
-
-from .strategies import PATIENT, messages
+from tests.messages._support.strategies import PATIENT, messages
 
 
 def sequences(message_type: type[Message]) -> set[str]:

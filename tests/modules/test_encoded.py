@@ -2,10 +2,10 @@
 
 import pytest
 
-from robbie_mp.bus import EmptyPattern, EncodedMessage, Envelope, SubscribedTwice
-from robbie_mp.harness import ModuleHarness, PublishedEncoded
+from robbie_mp import EncodedMessage, Envelope, Module, ModuleHarness
 from robbie_mp.messages import DecodeError, DriveCommand, LaserScan
-from robbie_mp.module import Module
+from robbie_mp.module.bus import EmptyPattern, SubscribedTwice
+from robbie_mp.module.harness import PublishedEncoded
 
 SECRET = b"\x00\x01\x00\x00\x07"
 

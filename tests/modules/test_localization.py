@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from modules.localization import MonteCarloLocalization
-from robbie_mp.harness import ModuleHarness
+from robbie_mp import Header, ModuleHarness, Time
 from robbie_mp.messages import (
-    Header,
     LaserScan,
     LocalizationState,
     MapMetaData,
@@ -20,7 +19,6 @@ from robbie_mp.messages import (
     PoseStamped,
     PoseWithCovariance,
     Quaternion,
-    Time,
     TimeJump,
 )
 from tools.localization_trials import RESOLUTION_M, Conditions, Drive

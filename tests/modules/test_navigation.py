@@ -9,12 +9,11 @@ from hw.simulation.arena_file import read_arena
 from hw.simulation.drive import SimulatedDrive
 from hw.simulation.laser import SimulatedLaser
 from modules.navigation import Navigation
-from robbie_mp.harness import ModuleHarness
+from robbie_mp import Header, ModuleHarness, Time
 from robbie_mp.messages import (
     CancelGoal,
     DriveCommand,
     EmergencyStop,
-    Header,
     LaserScan,
     MapMetaData,
     NavigationState,
@@ -23,7 +22,6 @@ from robbie_mp.messages import (
     Pose,
     PoseStamped,
     Quaternion,
-    Time,
     TimeJump,
 )
 from robbie_mp.messages import Path as PathMessage

@@ -10,12 +10,10 @@ import pytest
 from modules.devices.base import SimulatedBase
 from modules.exploration import Exploration
 from modules.mapping import Mapping
+from robbie_mp import Duration, Header, ModuleHarness, Time
 from robbie_mp.checkpoint.errors import CheckpointTooLarge
-from robbie_mp.harness import ModuleHarness
 from robbie_mp.messages import (
     DriveCommand,
-    Duration,
-    Header,
     LaserScan,
     MapMetaData,
     OccupancyGrid,
@@ -26,13 +24,12 @@ from robbie_mp.messages import (
     PoseWithCovariance,
     Quaternion,
     TFMessage,
-    Time,
     Transform,
     TransformStamped,
     Vector3,
 )
 from tests._support.places import ARENAS
-from tests.checkpoint.states import same
+from tests.checkpoint._support.states import same
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
 
 ARENA = ARENAS / "demo.yaml"

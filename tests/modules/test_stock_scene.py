@@ -10,7 +10,7 @@ from hw.laser import LaserGeometry
 from hw.pan_tilt import PanTiltLimits
 from modules.devices.base import SimulatedBase
 from modules.devices.pan_tilt import SimulatedPanTiltModule
-from robbie_mp.harness import ModuleHarness
+from robbie_mp import ModuleHarness
 from robbie_mp.messages import Odometry, PanTiltCommand, PoseStamped
 from robbie_mp.scene_graph import SceneGraph, read_scene
 from robbie_mp.services.scene_graph import SceneGraphService

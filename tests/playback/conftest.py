@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.run._support.robot import Robot
 from tests.run.conftest import robot
-from tests.run.robot import Robot
 
 __all__ = ["player_robot", "robot"]
 
@@ -20,7 +20,7 @@ def player_robot(robot: Robot) -> Robot:
     """A robot with a witness and a playback."""
     (robot.folder / "crew").mkdir()
     (robot.folder / "crew" / "__init__.py").write_text("")
-    modules = Path(__file__).with_name("robot_modules.py").read_text()
+    modules = (Path(__file__).parent / "_support" / "robot_modules.py").read_text()
     (robot.folder / "crew" / "modules.py").write_text(modules)
     robot.write_profile(PROFILE)
     return robot

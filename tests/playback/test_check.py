@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.messages import Message, Upgrade, float32
+from robbie_mp import Message, SettingError, Upgrade, float32
+from robbie_mp.module.settings import check_settings
 from robbie_mp.services.playback import Playback
-from robbie_mp.settings import SettingError, check_settings
-from tests.playback.battery_log import write_battery_log
-from tests.recording.logs import START_NS, LogFile
+from tests.playback._support.battery_log import write_battery_log
+from tests.recording._support.logs import START_NS, LogFile
 
 LENGTH_S = 1.9
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from robbie_mp.playback.player import ControlRefused, DueTick
 from robbie_mp.recording.reader import Log, open_log
-from tests.playback.recorder import SECOND_NS, TICK_NS, PlayerRig
-from tests.recording.logs import START_NS, STEP_NS, write_log
+from tests.playback._support.recorder import SECOND_NS, TICK_NS, PlayerRig
+from tests.recording._support.logs import START_NS, STEP_NS, write_log
 
 COUNT = 50
 ALL = list(range(1, COUNT + 1))

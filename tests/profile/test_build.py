@@ -5,8 +5,7 @@ import pytest
 from robbie_mp.profile.model import CoreLimits, ModuleSpec, Profile, RestartPolicy, RestartWhen
 from robbie_mp.profile.problem import ProfileError
 from robbie_mp.supervisor.child_spec import ChildSpec
-
-from .conftest import Robot
+from tests.profile.conftest import Robot
 
 
 def test_what_is_not_written_has_its_default(robot: Robot) -> None:

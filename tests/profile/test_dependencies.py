@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from robbie_mp.profile.dependencies import read_dependencies
 from robbie_mp.profile.problem import Place
 from robbie_mp.profile.reader import Node
-
-from .conftest import Robot
+from tests.profile.conftest import Robot
 
 NAMES = [f"m{number}" for number in range(6)]
 

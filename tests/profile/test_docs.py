@@ -20,8 +20,7 @@ from robbie_mp.profile.model import (
     ToolLimits,
     TraceSettings,
 )
-
-from .conftest import Robot
+from tests.profile.conftest import Robot
 
 TEXT = (Path(__file__).parents[2] / "docs" / "profiles.md").read_text()
 

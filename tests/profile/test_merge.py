@@ -3,8 +3,7 @@
 import pytest
 
 from robbie_mp.profile.model import ModuleSpec, Profile
-
-from .conftest import Robot
+from tests.profile.conftest import Robot
 
 
 def module(profile: Profile, name: str) -> ModuleSpec:

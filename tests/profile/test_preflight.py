@@ -11,13 +11,12 @@ from robbie_mp.profile.checking_process import PreflightError
 from robbie_mp.profile.model import ModuleSpec, Profile
 from robbie_mp.profile.preflight import preflight
 from robbie_mp.profile.problem import ProfileError
-
-from .conftest import PLAIN, Robot, write_class
+from tests.profile.conftest import PLAIN, Robot, write_class
 
 MAPPING = """
 from pathlib import Path
 from base_of_modules import Base
-from robbie_mp.settings import REQUIRED, SettingError, setting
+from robbie_mp import REQUIRED, SettingError, setting
 
 class Mapping(Base):
     resolution_m: float = setting(0.05, "edge of a grid cell", minimum=0)
@@ -148,7 +147,7 @@ def test_an_error_that_names_no_setting_is_reported_at_the_settings(mapper: Robo
 def test_a_class_with_a_wrong_declaration_is_reported(robot: Robot) -> None:
     robot.write_code(
         "m",
-        "from base_of_modules import Base\nfrom robbie_mp.settings import setting\n"
+        "from base_of_modules import Base\nfrom robbie_mp.module.settings import setting\n"
         "class A(Base):\n    x = setting(1, 'no type')",
     )
     write_class(robot, "m:A")
@@ -235,7 +234,7 @@ def test_by_default_classes_must_be_modules(robot: Robot) -> None:
     robot.write_code(
         "mods.real",
         """
-        from robbie_mp.module import Module, setting
+        from robbie_mp import Module, setting
         class Real(Module):
             rate_hz: float = setting(10.0, "how often")
         """,
@@ -244,7 +243,7 @@ def test_by_default_classes_must_be_modules(robot: Robot) -> None:
     assert preflight(robot.load()).settings == {"real": {"rate_hz": 10.0}}
     robot.write("demo", f"modules:\n  plain: {PLAIN}")
     with pytest.raises(
-        ProfileError, match=r"^profiles/demo\.yaml:2: .* not derived from robbie_mp\.module\.Module$"
+        ProfileError, match=r"^profiles/demo\.yaml:2: .* not derived from robbie_mp\.module\.module\.Module$"
     ):
         preflight(robot.load())
 

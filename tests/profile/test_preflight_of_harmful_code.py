@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from .conftest import PLAIN, Robot
+from tests.profile.conftest import PLAIN, Robot
 
 ASK = """
 from robbie_mp.profile.load import load_profile

@@ -12,15 +12,14 @@ import robbie_mp.cli.profile
 from robbie_mp.cli import main
 from robbie_mp.profile.preflight import preflight
 from robbie_mp.profile.show import as_tree
-
-from .conftest import BASE_CLASS, Robot
+from tests.profile.conftest import BASE_CLASS, Robot
 
 Out = pytest.CaptureFixture[str]
 
 CODE = """
 from pathlib import Path
 from base_of_modules import Base
-from robbie_mp.settings import setting
+from robbie_mp import setting
 class Mapping(Base):
     resolution_m: float = setting(0.05, "edge of a grid cell", minimum=0)
     names: list[str] = setting(["no"], "names")

@@ -7,8 +7,7 @@ import pytest
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.problem import ProfileError
 from robbie_mp.profile.workspace import find_workspace
-
-from .conftest import Robot
+from tests.profile.conftest import Robot
 
 
 def test_a_name_is_looked_up_in_the_workspace_around_the_current_folder(

@@ -5,22 +5,12 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.messages import (
-    LaserScan,
-    Message,
-    SchemaError,
-    TypeRegistry,
-    Upgrade,
-    VersionError,
-    float32,
-    float64,
-    schema_text,
-    uint8,
-)
+from robbie_mp import Message, Upgrade, float32, float64, uint8
+from robbie_mp.messages import LaserScan, SchemaError, TypeRegistry, VersionError, schema_text
 from robbie_mp.recording.decoding import LogDecoder
 from robbie_mp.recording.errors import NotDecodable
 from robbie_mp.recording.reader import open_log
-from tests.recording.logs import START_NS, LogFile, scan
+from tests.recording._support.logs import START_NS, LogFile, scan
 
 
 class ChargeThen(Message, name="team_msgs/msg/Charge", version=1):

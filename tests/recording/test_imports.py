@@ -18,7 +18,7 @@ from robbie_mp.recording.decoding import LogDecoder
 from robbie_mp.recording.errors import BagUnreadable, LogNotWritten, LogUnreadable
 from robbie_mp.recording.reader import LoggedMessage, open_log
 from robbie_mp.recording.rosbag_import import import_rosbag
-from tests.recording.logs import START_NS
+from tests.recording._support.logs import START_NS
 
 CARMEN = """\
 PARAM robot_frontlaser_offset 0.15 nohost 0

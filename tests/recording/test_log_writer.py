@@ -16,7 +16,7 @@ from robbie_mp.recording.format import RunMetadata, counts_from_metadata, part_p
 from robbie_mp.recording.info import describe
 from robbie_mp.recording.log_writer import Split
 from robbie_mp.recording.reader import open_log
-from tests.recording.recording import (
+from tests.recording._support.recording import (
     CHANNELS,
     START_NS,
     STEP_NS,

@@ -14,8 +14,8 @@ from robbie_mp.messages import LaserScan
 from robbie_mp.recording.decoding import LogDecoder
 from robbie_mp.recording.errors import LogUnreadable, NotALog
 from robbie_mp.recording.reader import Log, open_log
-from tests.messages.rosbags_bridge import assert_same
-from tests.recording.logs import START_NS, STEP_NS, LogFile, scan, traffic, write_log
+from tests.messages._support.rosbags_bridge import assert_same
+from tests.recording._support.logs import START_NS, STEP_NS, LogFile, scan, traffic, write_log
 
 FORMS = {
     "plain": {},

@@ -16,7 +16,7 @@ from mcap.writer import CompressionType, Writer
 from robbie_mp.recording.errors import LogError, LogNotWritten, NotALog, RepairFailed
 from robbie_mp.recording.reader import open_log
 from robbie_mp.recording.repair import Repair, repair, repaired_name
-from tests.recording.logs import START_NS, write_log, write_small_log
+from tests.recording._support.logs import START_NS, write_log, write_small_log
 from tests.recording.test_reader import FORMS
 
 Told = list[tuple[str, int, int, int, bytes]]

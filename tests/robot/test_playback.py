@@ -17,7 +17,7 @@ KILLED = f"""
 parents: [demo-playback]
 modules:
   mapping: {{settings: {{checkpoint_share: 1.0}}}}
-  assassin: {{class: "tests.robot.assassin:Assassin", settings: {{at: {STRIKE_AT}}}}}
+  assassin: {{class: "tests.robot._support.assassin:Assassin", settings: {{at: {STRIKE_AT}}}}}
 """
 
 

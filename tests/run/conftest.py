@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.run.robot import Robot
+from tests.run._support.robot import Robot
 
 
 @pytest.fixture

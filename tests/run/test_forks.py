@@ -2,7 +2,7 @@
 
 import json
 
-from tests.run.robot import Robot, wait_until
+from tests.run._support.robot import Robot, wait_until
 
 MODULES = '''
 import json
@@ -12,8 +12,9 @@ import sys
 import time
 import numpy as np
 
-from robbie_mp.messages import DriveCommand, Header, Image, Time
-from robbie_mp.module import Module, setting
+from robbie_mp import Header, Time
+from robbie_mp.messages import DriveCommand, Image
+from robbie_mp import Module, setting
 
 
 def command(number):

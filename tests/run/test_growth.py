@@ -16,8 +16,8 @@ from robbie_mp.supervisor import run
 from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.memory import RunMemory
 from robbie_mp.supervisor.states import ChildState, StateChange
-from tests.growth import mappings, open_descriptors
-from tests.run.robot import Robot
+from tests._support.growth import mappings, open_descriptors
+from tests.run._support.robot import Robot
 
 MODULES = 3
 WARM, MORE = 150, 400

@@ -14,17 +14,18 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from robbie_mp import SettingError
 from robbie_mp.messages import LaserScan, ModuleState, Odometry
+from robbie_mp.module.settings import check_settings
 from robbie_mp.recording.errors import NotALog
 from robbie_mp.recording.format import ChannelCount, ChannelKey, RunMetadata, counts_from_metadata
 from robbie_mp.recording.reader import Log, open_log
 from robbie_mp.services.message_logger import MessageLogger
-from robbie_mp.settings import SettingError, check_settings
-from tests.run.robot import COMMAND, Ended, Robot, is_running, kill, wait_until
+from tests.run._support.robot import COMMAND, Ended, Robot, is_running, kill, wait_until
 
 MODULES = '''
 from robbie_mp.messages import LaserScan, Odometry
-from robbie_mp.module import Module
+from robbie_mp import Module
 
 
 class Source(Module):

@@ -6,7 +6,7 @@ import signal
 import psutil
 import pytest
 
-from tests.run.robot import Robot, wait_until
+from tests.run._support.robot import Robot, wait_until
 
 MODULES = '''
 from collections import deque
@@ -14,7 +14,7 @@ from collections import deque
 import numpy as np
 
 from robbie_mp.messages import Image
-from robbie_mp.module import Module, setting
+from robbie_mp import Module, setting
 
 
 class Camera(Module):

@@ -1,6 +1,6 @@
 """A text that no other process could read is a module's own affair, and ends nobody."""
 
-from tests.run.robot import Robot
+from tests.run._support.robot import Robot
 
 PROFILE = """
 modules:

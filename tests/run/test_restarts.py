@@ -6,12 +6,12 @@ import signal
 import psutil
 import pytest
 
-from tests.run.robot import Ended, Robot, wait_until
+from tests.run._support.robot import Ended, Robot, wait_until
 
 MODULES = '''
 import time
 from robbie_mp.messages import LaserScan, ModuleState
-from robbie_mp.module import Module, setting
+from robbie_mp import Module, setting
 
 
 class Source(Module):

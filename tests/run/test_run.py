@@ -8,7 +8,7 @@ from pathlib import Path
 import psutil
 
 from robbie_mp.trace.reader import last_entries
-from tests.run.robot import Ended, Robot, is_running, kill, wait_until
+from tests.run._support.robot import Ended, Robot, is_running, kill, wait_until
 
 COUNTING = """
 modules:

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from robbie_mp.trace.reader import last_entries
-from tests.run.robot import Ended, Robot, wait_until
+from tests.run._support.robot import Ended, Robot, wait_until
 from tests.run.test_run import ENDLESS
 from tools.loop_disk import LoopDisk
 

@@ -2,7 +2,7 @@
 
 import time
 
-from tests.run.robot import Ended, Robot, wait_until
+from tests.run._support.robot import Ended, Robot, wait_until
 
 PROFILE = """
 modules:

@@ -16,8 +16,8 @@ from robbie_mp.messages import LaserScan
 from robbie_mp.observe import rates_between
 from robbie_mp.transport import layout
 from robbie_mp.transport.histogram import ABSOLUTE_ERROR_S, RELATIVE_ERROR
-from tests.run.robot import Robot
-from tests.run.top_evidence import (
+from tests.run._support.robot import Robot
+from tests.run._support.top_evidence import (
     BURST,
     CLOCK_TICK_S,
     COUNT,
@@ -46,7 +46,7 @@ def evidence(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Evidence]:
         patch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
         with closing(Robot(folder / "workspace")) as robot:
             (robot.folder / "zoo" / "load.py").write_text(
-                Path(__file__).with_name("load_modules.py").read_text()
+                (Path(__file__).parent / "_support" / "load_modules.py").read_text()
             )
             robot.write_profile("modules:\n  " + "\n  ".join(MODULES) + "\n")
             yield gathered(robot)

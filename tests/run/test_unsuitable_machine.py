@@ -13,7 +13,7 @@ from robbie_mp.transport.shared_folder import make_folder, remove_names
 from robbie_mp.transport.words import UnsuitableMachine
 
 RUN_ID = f"test{os.getpid()}"
-PROFILE = "modules: {one: {class: 'robbie_mp.module:Module'}}"
+PROFILE = "modules: {one: {class: 'robbie_mp:Module'}}"
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.scene_graph import SceneFileError, SceneGraph, read_scene
-
-from .strategies import PATIENT
-from .test_scene_file import ROBOT
-from .test_urdf import ARM
+from tests.scene_graph._support.strategies import PATIENT
+from tests.scene_graph.test_scene_file import ROBOT
+from tests.scene_graph.test_urdf import ARM
 
 PATCHES = st.lists(
     st.tuples(st.floats(0.0, 1.0), st.integers(0, 30), st.binary(max_size=8)), min_size=1, max_size=3

@@ -5,7 +5,7 @@ import math
 import pytest
 from numpy.testing import assert_allclose
 
-from robbie_mp.errors import RobbieError
+from robbie_mp import RobbieError
 from robbie_mp.scene_graph import (
     BadJoint,
     Disconnected,

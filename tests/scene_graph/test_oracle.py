@@ -13,8 +13,7 @@ from pytransform3d.transform_manager import TransformManager
 
 from robbie_mp.scene_graph import JointType, Node, RigidTransform, SceneGraph
 from robbie_mp.scene_graph.rigid_transform import interpolate
-
-from .strategies import ANGLES, LENGTHS, PATIENT, poses, trees
+from tests.scene_graph._support.strategies import ANGLES, LENGTHS, PATIENT, poses, trees
 
 FEW = settings(PATIENT, max_examples=30)
 EXACT = {"rtol": 0.0, "atol": 1e-9}

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.errors import RobbieError
+from robbie_mp import RobbieError
 from robbie_mp.scene_graph import (
     Joint,
     JointType,

@@ -7,11 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.harness import ModuleHarness
+from robbie_mp import Header, Message, Module, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
-    Header,
     JointState,
-    Message,
     Odometry,
     Point,
     Pose,
@@ -20,13 +18,11 @@ from robbie_mp.messages import (
     Quaternion,
     SceneGraphState,
     TFMessage,
-    Time,
     TimeJump,
     Transform,
     TransformStamped,
     Vector3,
 )
-from robbie_mp.module import Module
 from robbie_mp.scene_graph import (
     Disconnected,
     NeverPlaced,
@@ -37,7 +33,6 @@ from robbie_mp.scene_graph import (
     UnknownNode,
 )
 from robbie_mp.services.scene_graph import SceneGraphService
-from robbie_mp.settings import SettingError
 
 ROBOT = """\
 nodes:

@@ -8,8 +8,7 @@ from numpy.testing import assert_allclose
 from pytransform3d.urdf import UrdfTransformManager
 
 from robbie_mp.scene_graph import JointType, Mimic, SceneGraph, read_scene
-
-from .test_scene_file import problems, write
+from tests.scene_graph.test_scene_file import problems, write
 
 ARM = """\
 <?xml version="1.0"?>

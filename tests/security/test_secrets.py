@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
-from robbie_mp.secret import MAX_SECRET_BYTES, Secret
-from robbie_mp.settings import REQUIRED, SettingError, check_settings, setting
-from tests.run.robot import Ended, Robot
+from robbie_mp import REQUIRED, Secret, SettingError, setting
+from robbie_mp.module.secret import MAX_SECRET_BYTES
+from robbie_mp.module.settings import check_settings
+from tests.run._support.robot import Ended, Robot
 
 SECRET = "correct-horse-battery-staple"
 HERE = Path(__file__).parent

@@ -13,7 +13,7 @@ import pytest
 
 from robbie_mp.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.checkpoint.encoder import lay_out
-from robbie_mp.supervisor.run_directory import RunDirectory
+from robbie_mp.run.run_directory import RunDirectory
 from robbie_mp.supervisor.sweep import sweep
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.layout import SegmentKind
@@ -26,8 +26,8 @@ from robbie_mp.transport.shared_folder import (
     remove_names,
 )
 from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
-from tests.run.robot import Ended, Robot
-from tests.security.second_user import NOBODY, as_nobody, is_refused, needs_root
+from tests.run._support.robot import Ended, Robot
+from tests.security._support.second_user import NOBODY, as_nobody, is_refused, needs_root
 
 RUN = f"attack{os.getpid()}"
 FOLDER = SHARED_MEMORY / names.folder(RUN)
@@ -281,7 +281,7 @@ def is_restarted(modules: dict[str, dict[str, Any]], restarts: int) -> bool:
 
 @needs_root
 def test_module_restarts_though_another_user_takes_every_name_that_it_can_guess(robot: Robot) -> None:
-    source = Path(__file__).parent / "secret_modules.py"
+    source = Path(__file__).parent / "_support" / "secret_modules.py"
     (robot.folder / "zoo" / "secrets.py").write_text(source.read_text())
     robot.write_secret("keeper.secret", "correct-horse-battery-staple")
     robot.write_profile(PROFILE)

@@ -14,15 +14,16 @@ from pathlib import Path
 import pytest
 from mcap.writer import CompressionType, Writer
 
+from robbie_mp import Header
 from robbie_mp.cli.program import COMMANDS, main
-from robbie_mp.messages import Header, PoseStamped, schema_text
+from robbie_mp.messages import PoseStamped, schema_text
+from tests.run._support.robot import COMMAND, Robot, wait_until
 from tests.run.conftest import robot
-from tests.run.robot import COMMAND, Robot, wait_until
-from tests.security.hostile import HOSTILE, check_plain, check_terminal, obeyed
+from tests.security._support.hostile import HOSTILE, check_plain, check_terminal, obeyed
 
 __all__ = ["robot"]
 pytestmark = pytest.mark.timeout(200)
-MODULES = Path(__file__).with_name("hostile_modules.py")
+MODULES = Path(__file__).parent / "_support" / "hostile_modules.py"
 PROFILE = """
 description: "\\x1b]0;owned\\x07\\u202e[bold]"
 modules:

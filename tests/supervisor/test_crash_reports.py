@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.core.tables import CoreTables, TableSizes
 from robbie_mp.supervisor.last_words import LastWordsReader
 from robbie_mp.trace.crash import LastMessage
 from robbie_mp.trace.reader import report_files
@@ -16,9 +15,10 @@ from robbie_mp.transport import layout
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.layout import Activity
 from robbie_mp.transport.records import Inbound
+from robbie_mp.transport.tables import CoreTables, TableSizes
 from robbie_mp.transport.words import Words, write_text
-from tests.supervisor import zoo
-from tests.supervisor.running import NEVER, Run, Scenario, animal
+from tests.supervisor._support import zoo
+from tests.supervisor._support.running import NEVER, Run, Scenario, animal
 
 CAPACITY = 8
 STOPPED = (zoo.works, zoo.ignores_sigterm, zoo.fails_in_teardown)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from robbie_mp.profile.model import RestartPolicy
 from robbie_mp.supervisor.states import ChildState
-from tests.supervisor import zoo
-from tests.supervisor.running import NEVER, Run, Scenario, animal
+from tests.supervisor._support import zoo
+from tests.supervisor._support.running import NEVER, Run, Scenario, animal
 
 STARTING, RUNNING, BACKOFF = ChildState.STARTING, ChildState.RUNNING, ChildState.BACKOFF
 FAILED, STOPPED = ChildState.FAILED, ChildState.STOPPED

@@ -6,12 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-from robbie_mp.prctl import is_child_subreaper
+from robbie_mp.linux.prctl import is_child_subreaper
 from robbie_mp.supervisor.leftovers import OrphanReaper, kill_run_leftovers
 from robbie_mp.supervisor.states import ChildState
 from tests.few_descriptors import only_free_descriptors
-from tests.supervisor import zoo
-from tests.supervisor.running import Run, Scenario, animal, is_gone, wait_for
+from tests.supervisor._support import zoo
+from tests.supervisor._support.running import Run, Scenario, animal, is_gone, wait_for
 
 
 def test_forked_processes_and_daemons_end_with_their_child(tmp_path: Path) -> None:

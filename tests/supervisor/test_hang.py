@@ -12,8 +12,8 @@ from robbie_mp.supervisor import supervised_child
 from robbie_mp.supervisor.incarnations import Doing
 from robbie_mp.supervisor.states import ChildState
 from robbie_mp.transport.layout import Activity
-from tests.supervisor import zoo
-from tests.supervisor.running import NEVER, Run, Scenario, animal
+from tests.supervisor._support import zoo
+from tests.supervisor._support.running import NEVER, Run, Scenario, animal
 
 RUNNING, BACKOFF, FAILED = ChildState.RUNNING, ChildState.BACKOFF, ChildState.FAILED
 IN_HANDLER = Doing(Activity.HANDLER, 3, 1000)

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.profile.model import ModuleSpec, Profile
+from robbie_mp.run.plan import RunPlan
 from robbie_mp.supervisor.memory import RunMemory
-from robbie_mp.supervisor.plan import RunPlan
 from robbie_mp.transport import names
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.run_memory import IncarnationMemory, attach_wakeup

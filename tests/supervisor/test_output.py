@@ -20,8 +20,8 @@ from robbie_mp.supervisor.states import ChildState
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.rotating_file import RotatingFile
-from tests.supervisor import zoo
-from tests.supervisor.running import NEVER, Run, Scenario, animal
+from tests.supervisor._support import zoo
+from tests.supervisor._support.running import NEVER, Run, Scenario, animal
 
 
 class Recorder:

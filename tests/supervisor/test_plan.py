@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from robbie_mp.profile.model import CoreLimits, MemoryLimits, ModuleSpec, Profile, ToolLimits
-from robbie_mp.supervisor.plan import RunPlan
+from robbie_mp.run.plan import RunPlan
 from robbie_mp.transport.layout import OUTSTANDING_LIMIT
 
 

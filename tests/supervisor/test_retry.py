@@ -8,8 +8,8 @@ import pytest
 from robbie_mp.profile.model import RestartPolicy
 from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.states import ChildState
-from tests.supervisor import zoo
-from tests.supervisor.running import QUICK, Run, Scenario, animal
+from tests.supervisor._support import zoo
+from tests.supervisor._support.running import QUICK, Run, Scenario, animal
 
 STARTING, RUNNING, BACKOFF = ChildState.STARTING, ChildState.RUNNING, ChildState.BACKOFF
 FAILED, STOPPED = ChildState.FAILED, ChildState.STOPPED

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.proc import ProcessIdentity
-from robbie_mp.supervisor.run_directory import (
+from robbie_mp.linux.proc import ProcessIdentity
+from robbie_mp.run.run_directory import (
     RunDirectory,
     UnsafeRunFolder,
     base_folders,

@@ -15,8 +15,8 @@ from robbie_mp.supervisor.incarnations import Doing
 from robbie_mp.supervisor.run_queue import LOOK_EVERY_S, RunQueueTime
 from robbie_mp.supervisor.states import ChildState
 from robbie_mp.transport.layout import Activity
-from tests.supervisor import zoo
-from tests.supervisor.running import NEVER, Run, Scenario, animal
+from tests.supervisor._support import zoo
+from tests.supervisor._support.running import NEVER, Run, Scenario, animal
 
 IN_TICK = Doing(Activity.TICK, 0, 1000)
 PID = 77

@@ -11,11 +11,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from robbie_mp.linux.wake_latency import DEVICE
 from robbie_mp.profile.model import Scheduling
 from robbie_mp.supervisor.scheduling import NoSuchCpu, apply_scheduling, computing_with
 from robbie_mp.transport.wakeup import Wakeup
-from robbie_mp.wake_latency import DEVICE
-from tests.supervisor.running import wait_for
+from tests.supervisor._support.running import wait_for
 
 SCHEDULE = """
 import logging, os

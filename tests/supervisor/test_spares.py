@@ -11,8 +11,8 @@ from robbie_mp.supervisor import spares
 from robbie_mp.supervisor.spares import SpareCommand
 from robbie_mp.supervisor.states import ChildState
 from robbie_mp.trace.kinds import Kind
-from tests.supervisor import zoo
-from tests.supervisor.running import PROJECT, Run, Scenario, animal, is_gone, wait_for
+from tests.supervisor._support import zoo
+from tests.supervisor._support.running import PROJECT, Run, Scenario, animal, is_gone, wait_for
 
 RUNNING, FAILED = ChildState.RUNNING, ChildState.FAILED
 

@@ -17,8 +17,8 @@ from robbie_mp.supervisor.disk_writer import DiskWriter
 from robbie_mp.supervisor.states import ChildState
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.reader import entries
-from tests.supervisor import zoo
-from tests.supervisor.running import PROJECT, Run, Scenario, animal, wait_for
+from tests.supervisor._support import zoo
+from tests.supervisor._support.running import PROJECT, Run, Scenario, animal, wait_for
 from tools.loop_disk import LoopDisk
 
 RUNNING = ChildState.RUNNING

@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from robbie_mp.supervisor.run_directory import list_runs
+from robbie_mp.run.run_directory import list_runs
 from robbie_mp.supervisor.sweep import Swept, sweep
 from robbie_mp.trace.entry import Entry
-from tests.supervisor import supervise
-from tests.supervisor.running import PROJECT, is_gone, wait_for
+from tests.supervisor._support import supervise
+from tests.supervisor._support.running import PROJECT, is_gone, wait_for
 
 SHARED_MEMORY = Path("/dev/shm")
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.proc import ProcessIdentity
-from robbie_mp.supervisor.run_directory import RunDirectory, list_runs
+from robbie_mp.linux.proc import ProcessIdentity
+from robbie_mp.run.run_directory import RunDirectory, list_runs
 from robbie_mp.supervisor.sweep import Swept, sweep
 from robbie_mp.transport.layout import (
     HEADER_CREATOR_PID,

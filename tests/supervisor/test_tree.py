@@ -13,8 +13,8 @@ from robbie_mp.supervisor import supervised_child
 from robbie_mp.supervisor.child_spec import ChildSpec, InvalidChild
 from robbie_mp.supervisor.process import ChildProcess
 from robbie_mp.supervisor.states import ChildState
-from tests.supervisor import zoo
-from tests.supervisor.running import ALWAYS, NEVER, Run, Scenario, animal, core
+from tests.supervisor._support import zoo
+from tests.supervisor._support.running import ALWAYS, NEVER, Run, Scenario, animal, core
 
 STARTING, RUNNING, BACKOFF = ChildState.STARTING, ChildState.RUNNING, ChildState.BACKOFF
 FAILED, STOPPED = ChildState.FAILED, ChildState.STOPPED

@@ -7,7 +7,7 @@ import pytest
 
 from robbie_mp.messages import LaserScan, Odometry
 from robbie_mp.recording.reader import open_log
-from tests.recording.logs import LogFile
+from tests.recording._support.logs import LogFile
 from tools.intel_lockstep import Outcome, violations, without_lost, write_log
 
 CALM = Outcome(10.0, b"1 2 3 4\n", odometry=12, scans=3, dropped=0, restarts=0, restored=None)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.proc import read_stat
+from robbie_mp.linux.proc import read_stat
 from tools.loop_disk import LoopDisk
 
 LIMIT_S = 10.0

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from robbie_mp.harness import ModuleHarness
+from robbie_mp import ModuleHarness
 from robbie_mp.messages import EmergencyStop, Odometry, Twist, TwistWithCovariance, Vector3
 from tools.operator_trials.__main__ import summary
 from tools.operator_trials.journal import Journal

@@ -10,7 +10,7 @@ from robbie_mp.supervisor.crash_watch import memory_kills
 from robbie_mp.trace.crash import CrashReport
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.reader import crash_reports, entries
-from tests.run.robot import COMMAND, Ended, Robot
+from tests.run._support.robot import COMMAND, Ended, Robot
 from tests.trace.test_page import Comments
 
 WAYS = {
@@ -38,7 +38,7 @@ modules:
 
 
 def test_last_words_and_the_reason_are_in_the_trace_however_a_module_ends(robot: Robot) -> None:
-    modules = Path(__file__).parent / "misbehaving_modules.py"
+    modules = Path(__file__).parent / "_support" / "misbehaving_modules.py"
     (robot.folder / "zoo" / "misbehaving.py").write_text(modules.read_text())
     robot.write_profile(PROFILE + '  source: {class: "zoo.misbehaving:Source"}\n')
     process = robot.start()

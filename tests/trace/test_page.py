@@ -13,7 +13,7 @@ from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.page import TracePage
 from robbie_mp.visible_text import visible
-from tests.trace.browser import needs_chromium, work_in
+from tests.trace._support.browser import needs_chromium, work_in
 
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="there is no Node.js here; Chromium tests the same")

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.transport.pair import Pair
+from tests.transport._support.pair import Pair
 
 
 @pytest.fixture

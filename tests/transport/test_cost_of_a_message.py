@@ -15,20 +15,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robbie_mp.channel_names import ChannelNames
-from robbie_mp.clock import SystemClock
+from robbie_mp import Message, MessageHandling
 from robbie_mp.core.link import LinkMemory
 from robbie_mp.core.members import RouterLimits
 from robbie_mp.core.router import Router, SlotLimits
-from robbie_mp.core.tables import CoreTables, TableSizes
-from robbie_mp.messages import DriveCommand, Image, Message
+from robbie_mp.messages import DriveCommand, Image
+from robbie_mp.module.clock import SystemClock
+from robbie_mp.module.inbox import Inbox
+from robbie_mp.module.outbox import Outbox
+from robbie_mp.observe.channel_names import ChannelNames
 from robbie_mp.transport import layout
 from robbie_mp.transport.endpoint import Endpoint, EndpointMemory
-from robbie_mp.transport.inbox import Inbox
-from robbie_mp.transport.outbox import Outbox
-from robbie_mp.transport.records import MessageHandling, Outbound
+from robbie_mp.transport.records import Outbound
 from robbie_mp.transport.run_memory import make_block_store, make_views
 from robbie_mp.transport.shared_folder import make_folder, remove_names
+from robbie_mp.transport.tables import CoreTables, TableSizes
 from robbie_mp.transport.words import Words
 
 RUN_ID = f"test{os.getpid()}"

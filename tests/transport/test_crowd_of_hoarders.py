@@ -6,17 +6,18 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from robbie_mp.channel_names import ChannelNames
-from robbie_mp.clock import SystemClock
+from robbie_mp import MessageHandling
 from robbie_mp.messages import Image
+from robbie_mp.module.clock import SystemClock
+from robbie_mp.module.inbox import PINNED_SHARE, Inbox
+from robbie_mp.module.outbox import Outbox
+from robbie_mp.observe.channel_names import ChannelNames
 from robbie_mp.supervisor.memory import unlink_data_segments
 from robbie_mp.transport import layout
-from robbie_mp.transport.inbox import PINNED_SHARE, Inbox
-from robbie_mp.transport.outbox import Outbox
-from robbie_mp.transport.records import MessageHandling
 from robbie_mp.transport.run_memory import make_block_store, make_views
-from tests.core.simulated_run import SimulatedModule, SimulatedRun
-from tests.transport.pair import picture
+from robbie_mp.transport.shared_folder import make_folder, remove_names
+from tests.core._support.simulated_run import SimulatedModule, SimulatedRun
+from tests.transport._support.pair import picture
 
 RUN_ID = "7e57c20d"
 LIMIT_BYTES = 4 << 20
@@ -74,9 +75,11 @@ class Crowd:
 
 @pytest.fixture(params=[(1, 60), (4, 60), (8, 60), (20, 60), (8, None)], ids=str)
 def crowd(request: pytest.FixtureRequest) -> Iterator[Crowd]:
+    make_folder(RUN_ID)
     made = Crowd(*request.param)
     yield made
     made.close()
+    remove_names(RUN_ID)
 
 
 def test_hoarders_leave_memory_for_the_others(crowd: Crowd) -> None:

@@ -6,12 +6,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from robbie_mp.bus import EmptyPattern, EncodedMessage, PublishAfterStop, SubscribedTwice
+from robbie_mp import EncodedMessage
 from robbie_mp.messages import DeclarationError, DecodeError, Image, VersionError
+from robbie_mp.module.bus import EmptyPattern, PublishAfterStop, SubscribedTwice
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import MessageTooLarge
 from robbie_mp.transport.endpoint import NameTooLong
-from tests.transport.pair import Pair, picture
+from tests.transport._support.pair import Pair, picture
 
 
 def subscribe(

@@ -8,7 +8,7 @@ import pytest
 
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound, Outbound
-from tests.core.simulated_run import RING_RECORDS, SimulatedModule, SimulatedRun
+from tests.core._support.simulated_run import RING_RECORDS, SimulatedModule, SimulatedRun
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes
 from robbie_mp.transport.segment import SharedMemoryFull
 from robbie_mp.transport.shared_folder import make_folder, remove_names
 from tests.few_descriptors import only_free_descriptors
-from tests.transport.pair import Pair, picture
+from tests.transport._support.pair import Pair, picture
 
 RUN_ID = f"test{os.getpid()}"
 SIZES = RingSizes(16, 4)

@@ -9,16 +9,16 @@ from collections import deque
 import numpy as np
 import pytest
 
-from robbie_mp.bus import PublishAfterStop, SubscribedTwice
+from robbie_mp import MessageHandling
 from robbie_mp.messages import FieldError, Image
+from robbie_mp.module import outbox as outbox_module
+from robbie_mp.module.bus import PublishAfterStop, SubscribedTwice
+from robbie_mp.module.inbox import MAX_PINNED, PINNED_SHARE, Inbox
 from robbie_mp.supervisor.memory import unlink_data_segments
 from robbie_mp.transport import layout
-from robbie_mp.transport import outbox as outbox_module
 from robbie_mp.transport.blocks import MessageTooLarge
-from robbie_mp.transport.inbox import MAX_PINNED, PINNED_SHARE, Inbox
-from robbie_mp.transport.records import MessageHandling
 from robbie_mp.transport.segment import SegmentMissing
-from tests.transport.pair import RUN_ID, Pair, picture
+from tests.transport._support.pair import RUN_ID, Pair, picture
 
 
 def test_message_comes_as_it_went(pair: Pair) -> None:

@@ -5,13 +5,13 @@ from collections.abc import Iterator
 
 import pytest
 
-from robbie_mp.core.tables import CoreTables, TableSizes
 from robbie_mp.observe import RunObserver
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board, SlotState, Totals
 from robbie_mp.transport.layout import LINE_WORDS, SegmentKind
 from robbie_mp.transport.segment import Segment
 from robbie_mp.transport.shared_folder import make_folder, remove_names
+from robbie_mp.transport.tables import CoreTables, TableSizes
 from robbie_mp.transport.words import WORD_MAX, write_text
 
 RUN = f"testobsv{os.getpid()}"

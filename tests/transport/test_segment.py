@@ -10,7 +10,7 @@ from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing, SharedMemoryFull
 from robbie_mp.transport.shared_folder import make_folder, remove_names
 from robbie_mp.transport.words import read_text, words_for_text, write_text
-from tests.growth import blocks_kept
+from tests._support.growth import blocks_kept
 
 RUN = f"testsegm{os.getpid()}"
 NAME = f"robbie-{RUN}/one"

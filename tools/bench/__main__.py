@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from robbie_mp.wake_latency import DEVICE, HOW_TO_ALLOW
+from robbie_mp.linux.wake_latency import DEVICE, HOW_TO_ALLOW
 from tools.bench import load, messages
 from tools.bench.goals import goal_table
 from tools.bench.machine import describe_machine, processors_awake

@@ -6,8 +6,8 @@ IMPORT_BEGIN_NS = time.monotonic_ns()  # before the imports that a module's file
 
 import numpy as np  # noqa: E402
 
+from robbie_mp import Module  # noqa: E402
 from robbie_mp.messages import LaserScan  # noqa: E402
-from robbie_mp.module import Module  # noqa: E402
 from tools.bench.restart_times import StartTimes  # noqa: E402
 
 IMPORT_END_NS = time.monotonic_ns()

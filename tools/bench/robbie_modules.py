@@ -6,9 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robbie_mp.messages import DEFAULT, Array, Message, float64, int64, uint8
-from robbie_mp.module import Module, setting
-from robbie_mp.settings import REQUIRED
+from robbie_mp import DEFAULT, REQUIRED, Array, Message, Module, float64, int64, setting, uint8
 from tools.bench.record import BEGAN_NS, ENDED_NS, SENT, Receipts, map_publisher
 from tools.bench.work import END, Work
 

@@ -2,10 +2,11 @@
 
 import contextlib
 
+from robbie_mp import MessageHandling
 from robbie_mp.transport import layout
-from robbie_mp.transport.records import Inbound, MessageHandling, Outbound
-from tests.core.siege import HOSTILE_SLOT, Siege
-from tests.core.simulated_run import RING_RECORDS, TYPE
+from robbie_mp.transport.records import Inbound, Outbound
+from tests.core._support.siege import HOSTILE_SLOT, Siege
+from tests.core._support.simulated_run import RING_RECORDS, TYPE
 from tools.fuzz_core.judge import Standing, Verdict
 from tools.fuzz_core.steps import decode
 from tools.fuzz_core.words import dictionary

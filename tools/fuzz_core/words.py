@@ -2,8 +2,8 @@
 
 from robbie_mp.transport import layout
 from robbie_mp.transport.words import WORD_MAX
-from tests.core.siege import HOSTILE_SLOT, Siege
-from tests.core.simulated_run import CREDIT, RING_RECORDS
+from tests.core._support.siege import HOSTILE_SLOT, Siege
+from tests.core._support.simulated_run import CREDIT, RING_RECORDS
 
 SMALL = tuple(range(13))
 EDGES = (

@@ -5,7 +5,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.messages import Message
+from robbie_mp import Message
 from robbie_mp.messages.primitives import Array, uint8, uint32, uint64
 
 NOISE_BYTES = 2 << 20

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.module import MessageHandling, Module, setting
+from robbie_mp import MessageHandling, Module, setting
 from tools.kill_campaign.journal import Journal
 from tools.kill_campaign.message import Noise, Numbered, checksum, is_whole
 

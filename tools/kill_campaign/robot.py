@@ -15,7 +15,7 @@ import psutil
 
 from robbie_mp.cli.figures import state_name
 from robbie_mp.observe import ModuleFigures, RunObserver
-from robbie_mp.supervisor.run_directory import list_runs
+from robbie_mp.run.run_directory import list_runs
 from robbie_mp.supervisor.states import ChildState
 
 REPOSITORY = Path(__file__).parents[2]

@@ -22,8 +22,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from robbie_mp import MessageHandling
 from robbie_mp.observe import ChannelFigures, ModuleFigures, SubscriptionFigures
-from robbie_mp.transport.records import MessageHandling
 from tools.kill_campaign.message import Numbered
 from tools.kill_campaign.records import Handled, ModuleRecord, read_handled, read_published
 

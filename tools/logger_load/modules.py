@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.bus import EncodedMessage
-from robbie_mp.messages import DriveCommand, Image, Message, PoseStamped, TwistStamped
-from robbie_mp.module import Module, setting
+from robbie_mp import EncodedMessage, Message, Module, setting
+from robbie_mp.messages import DriveCommand, Image, PoseStamped, TwistStamped
 from robbie_mp.recording.chunk import Chunk
 from robbie_mp.recording.compression import Compression, compress
 from robbie_mp.recording.format import ChannelKey

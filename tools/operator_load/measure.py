@@ -78,7 +78,7 @@ def profile(has_station: bool, cells: int, points: int) -> dict[str, Any]:
         }
         modules[f"talker{number}"] = {"class": "tools.logger_load.modules:Talker", "settings": settings}
     if has_station:
-        station = "robbie_mp.services.operator_station:OperatorStation"
+        station = "robbie_mp.station:OperatorStation"
         tokens = {f"{role}_token": f"file:{role}.token" for role in ROLES}
         modules[OPERATOR] = {"class": station, "settings": {"port": 0, **tokens}}
     return {"modules": modules}

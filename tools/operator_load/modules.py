@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from robbie_mp import Header, Module, Time, setting
 from robbie_mp.messages import (
-    Header,
     Image,
     LaserScan,
     MapMetaData,
@@ -18,12 +18,10 @@ from robbie_mp.messages import (
     PoseStamped,
     Quaternion,
     TFMessage,
-    Time,
     Transform,
     TransformStamped,
     Vector3,
 )
-from robbie_mp.module import Module, setting
 
 CELL_M = 0.05
 RADIUS_M, SPEED_RAD_PER_S = 8.0, 0.1

@@ -11,9 +11,9 @@ import psutil
 import yaml
 from playwright.sync_api import Browser, Page
 
-from robbie_mp.attachment import Attachment
+from robbie_mp.attach.attachment import Attachment
 from robbie_mp.messages import EmergencyStop
-from robbie_mp.supervisor.run_directory import list_runs
+from robbie_mp.run.run_directory import list_runs
 from tools.kill_campaign.robot import Robot, RobotTrouble
 from tools.operator_trials.journal import Journal
 
@@ -46,12 +46,12 @@ def profile(arena: Path) -> dict[str, object]:
             "laser": {"class": "modules.devices.laser:SimulatedLaserRangeFinder", "settings": settings},
             "witness": {"class": "tools.operator_trials.witness:Witness"},
             "operator": {
-                "class": "robbie_mp.services.operator_station:OperatorStation",
+                "class": "robbie_mp.station:OperatorStation",
                 "settings": station,
                 "restart": OFTEN,
             },
         },
-        "spares": {"imports": ["modules.mapping", "robbie_mp.services.operator_station.website"]},
+        "spares": {"imports": ["modules.mapping", "robbie_mp.station.website"]},
     }
 
 

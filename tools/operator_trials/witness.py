@@ -1,7 +1,7 @@
 """A module that writes down what the base did, as the base itself says, and when."""
 
+from robbie_mp import Module
 from robbie_mp.messages import EmergencyStop, Odometry
-from robbie_mp.module import Module
 
 
 class Witness(Module):

@@ -123,9 +123,7 @@ class VictimDetector:
         if not solved:
             return None
         normal = self._cv2.Rodrigues(turn)[0][:, 2]
-        return TagSighting(
-            tag, position.ravel(), normal, edge_px, corners_px, _patch(pixels, corners_px)
-        )
+        return TagSighting(tag, position.ravel(), normal, edge_px, corners_px, _patch(pixels, corners_px))
 
 
 def _patch(pixels: NDArray[np.uint8], corners_px: NDArray[np.float32]) -> NDArray[np.uint8]:

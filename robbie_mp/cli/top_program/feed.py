@@ -6,7 +6,7 @@ from enum import Enum, auto
 
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver, RunRates, RunReading, rates_between
-from robbie_mp.supervisor.run_directory import KnownRun, is_live
+from robbie_mp.run.run_directory import KnownRun, is_live
 from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
 
 DESCRIBED_READINGS = 10

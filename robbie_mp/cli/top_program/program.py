@@ -11,13 +11,14 @@ from textual.filter import LineFilter
 from textual.screen import Screen
 from textual.widgets import ContentSwitcher, DataTable, Footer, Input, Static
 
-from robbie_mp.cli.quantities import sparkline
 from robbie_mp.cli.top_program.confirmation import Confirmation
 from robbie_mp.cli.top_program.details import Details
 from robbie_mp.cli.top_program.feed import RunFeed, Snapshot, Watching
 from robbie_mp.cli.top_program.figures_table import FiguresTable
 from robbie_mp.cli.top_program.plain_filter import PlainFilter
-from robbie_mp.cli.top_tables import (
+from robbie_mp.errors import RobbieError
+from robbie_mp.run.control_client import control
+from robbie_mp.views.process_table import (
     CHANNEL_COLUMNS,
     MODULE_COLUMNS,
     ChannelRow,
@@ -28,8 +29,7 @@ from robbie_mp.cli.top_tables import (
     module_rows,
     totals_line,
 )
-from robbie_mp.errors import RobbieError
-from robbie_mp.supervisor.control_client import control
+from robbie_mp.views.quantities import sparkline
 from robbie_mp.visible_text import one_line, visible
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import pytest
 
 from hw.hokuyo.laser import LaserSilent
 from modules.devices.hokuyo import HokuyoLaserRangeFinder
-from robbie_mp.harness import ModuleHarness
+from robbie_mp import ModuleHarness
 from robbie_mp.messages import LaserScan
 from tests.hw._support.fake_hokuyo import FakeHokuyo, sweep
 

@@ -19,15 +19,13 @@ from modules.devices.camera import SimulatedCameraModule, SimulatedThermalCamera
 from modules.devices.imu import SimulatedImuModule
 from modules.devices.laser import SimulatedLaserRangeFinder
 from modules.devices.pan_tilt import SimulatedPanTiltModule
-from robbie_mp.harness import ModuleHarness
+from robbie_mp import Duration, Header, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
     BatteryState,
     Bumper,
     CameraInfo,
     DriveCommand,
-    Duration,
     EmergencyStop,
-    Header,
     Image,
     Imu,
     JointState,
@@ -35,9 +33,7 @@ from robbie_mp.messages import (
     Odometry,
     PanTiltCommand,
     SimulatedWorld,
-    Time,
 )
-from robbie_mp.settings import SettingError
 
 # A corridor along x; the robot starts at (0.75, 0.75). A box comes in front of it after 2 s, before a victim.
 ARENA = """\

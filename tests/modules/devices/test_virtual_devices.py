@@ -11,9 +11,8 @@ from modules.devices.base import SimulatedBase
 from modules.devices.battery import SimulatedBatteryModule
 from modules.devices.bumper import SimulatedBumperModule
 from modules.devices.laser import SimulatedLaserRangeFinder
-from robbie_mp.harness import ModuleHarness
+from robbie_mp import ModuleHarness, SettingError
 from robbie_mp.messages import BatteryState, Bumper, LaserScan
-from robbie_mp.settings import SettingError
 from tests.modules.devices.test_simulated_devices import ARENA, drive, tell
 
 

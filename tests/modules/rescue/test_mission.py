@@ -12,7 +12,7 @@ from PIL import Image as Picture
 
 from modules.navigation import Navigation
 from modules.rescue.mission import RescueMission
-from robbie_mp.harness import ModuleHarness
+from robbie_mp import ModuleHarness
 from robbie_mp.messages import (
     BatteryState,
     CameraInfo,

@@ -14,11 +14,10 @@ from hw.simulation.box_segments import box_segments
 from hw.simulation.camera import SimulatedCamera
 from modules.devices.camera import projection
 from modules.rescue.victims import Victims
-from robbie_mp.harness import ModuleHarness
+from robbie_mp import Header, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
     CameraInfo,
     Detection2DArray,
-    Header,
     Image,
     MapMetaData,
     OccupancyGrid,
@@ -27,14 +26,12 @@ from robbie_mp.messages import (
     Quaternion,
     SearchedWalls,
     TFMessage,
-    Time,
     Transform,
     TransformStamped,
     Vector3,
     VictimConfirmation,
     VictimFound,
 )
-from robbie_mp.settings import SettingError
 from workers.rescue import victim_detection
 
 GEOMETRY = CameraGeometry(400, 200, 1.4)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hw.pose import Pose
-from tests.docs.pages import ROOT
+from tests.docs._support.pages import ROOT
 from tests.workers._support.exploration_world import drawn_cells
 from tests.workers._support.navigation_world import NavigationWorld, demo_arena
 from workers.laser.laser_sweep import LaserSweep

@@ -1,0 +1,1 @@
+"""How a tool takes part in a run that it is no module of."""

@@ -1,0 +1,295 @@
+"""A process's own place in a run that it is no part of; see `robbie_mp.supervisor.attached_tools`.
+
+What such a tool may do is less than what a module may: it copies messages out and holds none, it may be
+detached at any time, and when it is, whatever it was just copying is thrown away.
+"""
+
+import json
+import select
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from robbie_mp.core.directory import ROW_OPEN
+from robbie_mp.errors import RobbieError
+from robbie_mp.linux.forks import keep_from_forks
+from robbie_mp.messages import Message
+from robbie_mp.module.clock import SystemClock
+from robbie_mp.module.outbox import Outbox
+from robbie_mp.observe.channel_counters import ChannelCounters
+from robbie_mp.observe.channel_names import ChannelNames
+from robbie_mp.run.control_client import ControlRefused, RunNotControlled, converse
+from robbie_mp.run.plan import TOOL_MEMORY_BYTES, RunPlan
+from robbie_mp.run.run_directory import KnownRun
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.board import Board
+from robbie_mp.transport.endpoint import ChannelName, Delivery, Endpoint
+from robbie_mp.transport.layout import LINE_WORDS, Activity, SegmentKind
+from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling, Outbound
+from robbie_mp.transport.run_memory import (
+    IncarnationMemory,
+    attach_wakeup,
+    make_block_store,
+    make_endpoint,
+    make_views,
+)
+from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
+from robbie_mp.transport.tables import CoreTables
+from robbie_mp.transport.words import new_fence, write_text
+
+SEGMENT_BYTES = 1 << 20
+LONGEST_WAIT_S = 0.2
+"""A tool looks so often whether it is still attached."""
+PATIENCE_S = 2.0
+"""So long a detached tool waits for another place: the core may be late to give back the one that it had."""
+
+
+class Detached(RobbieError, ConnectionError):
+    """A tool is no longer attached: it stood still for too long, or broke the protocol."""
+
+
+class RunEnded(RobbieError, ConnectionError):
+    """The run that a tool is attached to is over."""
+
+
+@dataclass(frozen=True)
+class Received:
+    """A copy of a message, and what came with it."""
+
+    data: bytes
+    type_name: str
+    version: int
+    topic: str
+    sequence: int
+    sender: str
+    published_ns: int
+    """When, on the machine's monotonic clock."""
+    subscription: int
+    """For which of this process's subscriptions, by the number that `Attachment.subscribe` returned."""
+
+
+class Attachment:
+    """One lease on a run.
+
+    Args:
+        run: the run.
+        purpose: what this process is, for people who look at the run.
+
+    Attributes:
+        outbox: where this process's own messages leave.
+
+    Raises:
+        ControlRefused: as many tools are attached as the profile allows, or there is no memory.
+        RunNotControlled: the run is just starting, or over.
+    """
+
+    def __init__(self, run: KnownRun, purpose: str):
+        self._purpose = purpose
+        self._subscriptions = 0
+        self._connection, answer = converse(run.folder, {"command": "attach", "purpose": purpose})
+        try:
+            if not answer:
+                raise RunEnded(f"run {run.run_id} has ended")
+            if "error" in answer:
+                raise ControlRefused(str(answer["error"]))
+            self._pid, incarnation = int(answer["pid"]), int(answer["incarnation"])
+            plan = RunPlan.load(run.folder)
+            self._slot, self._incarnation = plan.names.index(str(answer["done"])), incarnation
+            self._map(plan, run.run_id)
+        except (SegmentMissing, FileNotFoundError) as error:
+            self._connection.close()
+            raise RunEnded(f"run {run.run_id} has ended") from error
+        except BaseException:
+            self._connection.close()
+            raise
+        keep_from_forks(self)
+
+    def disown(self) -> None:
+        """Close a forked process's copy of the connection: else the supervisor would not see us end."""
+        self._connection.close()
+
+    def _map(self, plan: RunPlan, run_id: str) -> None:
+        slot, incarnation = self._slot, self._incarnation
+        self._memory = IncarnationMemory.attach_as_module(run_id, slot, incarnation)
+        self._words = self._memory.out.words
+        self._core_segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
+        self._core_wakeup = attach_wakeup(run_id, self._core_segment)
+        self._endpoint: Endpoint = make_endpoint(
+            self._memory, slot, incarnation, plan.tool_sizes, self._core_wakeup.post
+        )
+        blocks = make_block_store(run_id, slot, incarnation, SEGMENT_BYTES, TOOL_MEMORY_BYTES)
+        self.outbox = Outbox(self._endpoint, blocks, self._words, SystemClock())
+        self._views = make_views(run_id)
+        self._board_segment = Segment.attach(names.board(run_id), SegmentKind.BOARD)
+        self._board = Board(self._board_segment.words)
+        self._core = self._core_segment.words
+        self._tables = CoreTables.attach(self._core)
+        self._counters = ChannelCounters(self._core)
+        self._channel_name = ChannelNames(self._core)
+        self._fence = new_fence()
+        self.show_status(self._purpose)
+
+    def close(self) -> None:
+        """Leave. What was published is still routed."""
+        self.outbox.close()
+        self._views.close()
+        self._memory.close()
+        self._core_wakeup.close()
+        self._board_segment.close()
+        self._core_segment.close()
+        self._connection.close()  # last: from here on the supervisor takes everything back
+
+    def subscribe(
+        self,
+        type_name: str,
+        version: int,
+        topic: str = "",
+        handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
+    ) -> int:
+        """Want messages of a type, of one topic or of all (''); they come after `ready`.
+
+        Returns:
+            The number of this subscription.
+        """
+        self._subscriptions += 1
+        return self._endpoint.subscribe(type_name, version, topic, handling)
+
+    def subscribe_encoded(self, type_pattern: str, topic_pattern: str = "*") -> None:
+        """Want messages whose type and topic match shell patterns, as `Module.subscribe_encoded`."""
+        self.subscribe(type_pattern, ANY_VERSION, topic_pattern)
+
+    def ready(self) -> None:
+        """Let messages come."""
+        self._words[layout.OUT_READY] = 1
+        self._endpoint.send(Outbound.READY)
+
+    def publish(self, message: Message, topic: str) -> bool:
+        """Send a message; False if it was refused because memory or ring are full."""
+        return self.outbox.publish(message, topic)
+
+    def take(self) -> Received | None:
+        """Return the next message, or None if there is none.
+
+        Raises:
+            Detached: this process has been detached; the message that it was copying is not valid.
+        """
+        self._words[layout.OUT_ACTIVITY_SINCE_NS] = time.monotonic_ns()
+        self._words[layout.OUT_ACTIVITY] = Activity.HANDLER
+        try:
+            while (record := self._endpoint.take()) is not None:
+                if isinstance(record, Delivery):
+                    return self._copy(record)
+                if record.kind is Inbound.SEGMENTS_GONE:
+                    self._views.drop(record.slot, record.incarnation)
+        finally:
+            self._words[layout.OUT_ACTIVITY] = Activity.IDLE
+        return None
+
+    def _copy(self, delivery: Delivery) -> Received:
+        try:
+            data = bytes(self._views.view(delivery.source, delivery.offset, delivery.size))
+        except (SegmentMissing, SegmentMismatch):
+            data = b""  # taken back with everything else, or destroyed by its publisher
+        name = self._channel_name(delivery.channel)
+        sender = self._board.name(layout.unpack_source(delivery.source)[0])
+        self._fence()
+        self._check_lease()
+        self._endpoint.release(delivery)
+        return Received(data, *name, delivery.sequence, sender, delivery.stamp_ns, delivery.declaration)
+
+    def _check_lease(self) -> None:
+        """See that what was read before this call was still ours.
+
+        The supervisor writes the board before it tells the core to take our messages back.
+        """
+        if not self.is_leased:
+            raise Detached("detached while it copied a message")
+
+    @property
+    def is_leased(self) -> bool:
+        """Whether this process is still attached; what it publishes when it is not goes nowhere."""
+        return self._board.is_leased_to(self._slot, self._incarnation, self._pid)
+
+    def show_status(self, line: str) -> None:
+        """Show who looks at the run how this process is doing."""
+        write_text(self._words, layout.OUT_STATUS, LINE_WORDS, line)
+
+    def wait(self, timeout_s: float = LONGEST_WAIT_S) -> None:
+        """Wait for messages, at most so long, and not longer than it takes to notice an end.
+
+        Raises:
+            Detached: the supervisor has detached this process.
+            RunEnded: the run is over.
+        """
+        self._memory.wakeup.wait(min(timeout_s, LONGEST_WAIT_S))
+        if select.select([self._connection], [], [], 0)[0]:
+            self._hear_the_end()
+
+    def _hear_the_end(self) -> None:
+        try:
+            line = self._connection.recv(4096, socket.MSG_DONTWAIT)
+        except OSError:
+            line = b""
+        if line:
+            raise Detached(str(json.loads(line)["error"]))
+        raise RunEnded("the run has ended")
+
+    def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait until something is so, and say whether it is; raises as `wait` does."""
+        until_s = time.monotonic() + timeout_s
+        while not condition():
+            left_s = until_s - time.monotonic()
+            if left_s <= 0:
+                return False
+            self.wait(min(left_s, 0.005))
+        return True
+
+    # -- what the core's books say -----------------------------------------------------------------------
+
+    def is_subscribed(self) -> bool:
+        """Whether the core has opened all subscriptions of ours."""
+        return len(self._rows()) >= self._subscriptions
+
+    def books(self) -> tuple[int, int]:
+        """Messages that were routed to us, and those that still wait or are being copied."""
+        counts = [
+            [self._core[at + layout.SUBSCRIPTION_ROUTED + column] for column in range(5)]
+            for at in self._rows()
+        ]
+        routed = sum(count[0] for count in counts)
+        return routed, routed - sum(sum(count[1:]) for count in counts)
+
+    def _rows(self) -> list[int]:
+        found = []
+        for index in range(self._tables.sizes.subscriptions):
+            at = self._tables.subscription(index)
+            state = self._core[at + layout.SUBSCRIPTION_STATE]
+            if not state:
+                break
+            if state == ROW_OPEN and self._core[at + layout.SUBSCRIPTION_SLOT] == self._slot:
+                found.append(at)
+        return found
+
+    def passed(self) -> dict[ChannelName, int]:
+        """Return how many messages the core has ever routed through each channel."""
+        return self._counters.messages()
+
+
+def attach_again(run: KnownRun, purpose: str) -> Attachment:
+    """Find another place in a run for a tool that was detached.
+
+    Raises:
+        ControlRefused: there is none any more.
+        RunEnded: the run is over.
+    """
+    until_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return Attachment(run, purpose)
+        except RunNotControlled as error:
+            raise RunEnded(f"run {run.run_id} has ended") from error
+        except ControlRefused:
+            if time.monotonic() >= until_s:
+                raise
+        time.sleep(0.05)

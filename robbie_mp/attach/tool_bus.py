@@ -1,0 +1,224 @@
+"""The bus of a module that is a guest in a run: it has the place of a tool, and not one of the profile's.
+
+A tool must not hold messages, so each one is copied before it is handled. A guest that stood still and was
+detached attaches itself again, with the same subscriptions; what passed meanwhile is missed.
+"""
+
+import logging
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from robbie_mp.attach.attachment import LONGEST_WAIT_S, Attachment, Detached, Received, attach_again
+from robbie_mp.linux.forks import REFUSED, keep_from_forks
+from robbie_mp.messages import Message
+from robbie_mp.messages.errors import MessageError
+from robbie_mp.module.bus import EmptyPattern, EncodedMessage, Envelope, MessageType, SubscribedTwice
+from robbie_mp.run.run_directory import KnownRun
+from robbie_mp.transport.endpoint import ChannelName
+from robbie_mp.transport.records import ANY_VERSION, MessageHandling
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """A subscription, whatever its number is in the present lease."""
+
+    name: ChannelName
+    handling: MessageHandling
+    decode: Callable[[Received], Any]
+    handler: Callable[[Any], None]
+
+
+class GuestBus:
+    """Joins a module with a run that it is no part of, over as many leases as it takes.
+
+    Publishing may happen in any thread; everything else belongs to the main thread.
+
+    Args:
+        run: the run.
+        purpose: what this process is, for people who look at the run.
+
+    Raises:
+        ControlRefused: as many tools are attached as the profile allows, or there is no memory.
+        RunNotControlled: the run is just starting, or over.
+    """
+
+    def __init__(self, run: KnownRun, purpose: str):
+        self._run = run
+        self._purpose = purpose
+        self._log = logging.getLogger("robbie.guest")
+        self._wishes: dict[ChannelName, _Wish] = {}
+        self._by_number: dict[int, _Wish] = {}
+        self._current: Received | None = None
+        self._lock = threading.RLock()
+        """Held while this lease is used by other threads, or replaced by another one; during loans, too."""
+        self._attachment = Attachment(run, purpose)
+        self._is_open = True
+        keep_from_forks(self)
+
+    def disown(self) -> None:
+        """Let a forked process do nothing in the run."""
+        self._lock = REFUSED
+
+    # -- what a module does ------------------------------------------------------------------------------
+
+    @property
+    def outstanding(self) -> int:
+        """Messages published by this module that somebody still waits for or holds."""
+        with self._lock:
+            return self._attachment.outbox.outstanding
+
+    def subscribe(
+        self,
+        message_type: type[MessageType],
+        handler: Callable[[MessageType], None],
+        handling: MessageHandling,
+        topic: str,
+    ) -> None:
+        """Have messages of a type handled.
+
+        Raises:
+            SubscribedTwice: the module has subscribed to them already.
+        """
+        name = ChannelName(message_type.type_name, message_type.version, topic)
+        self._want(_Wish(name, handling, lambda received: message_type.decode(received.data), handler))
+
+    def subscribe_encoded(
+        self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
+    ) -> None:
+        """Have messages whose type and topic match shell patterns handled as their bytes.
+
+        Raises:
+            SubscribedTwice: the module has subscribed by the same patterns already.
+            EmptyPattern: no type has such a name.
+        """
+        if not type_pattern:
+            raise EmptyPattern
+        name = ChannelName(type_pattern, ANY_VERSION, topic_pattern)
+        self._want(_Wish(name, MessageHandling.ALWAYS_DELIVER, _as_bytes, handler))
+
+    def publish(self, message: Message, topic: str) -> bool:
+        """Send a message; False if it was refused, or this process is not attached just now."""
+        with self._lock:
+            return self._is_attached and self._attachment.outbox.publish(message, topic)
+
+    def publish_encoded(
+        self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
+    ) -> bool:
+        """Send a message given as its bytes; False as for `publish`."""
+        with self._lock:
+            outbox = self._attachment.outbox
+            return self._is_attached and outbox.publish_encoded(type_name, version, data, topic)
+
+    @contextmanager
+    def loan(
+        self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
+    ) -> Iterator[MessageType]:
+        """Have a message written in place."""
+        with self._lock, self._attachment.outbox.loan(message_type, topic, fields) as message:
+            yield message
+
+    def wake_after_freed(self, messages: int) -> None:
+        """End the next `wait` when so many of its messages have been let go by everybody."""
+        with self._lock:
+            self._attachment.outbox.wake_after_freed(messages)
+
+    def envelope(self) -> Envelope:
+        """What came with the message being handled.
+
+        Raises:
+            LookupError: no message is being handled.
+        """
+        if self._current is None:
+            raise LookupError("there is an envelope only while a message is being handled")
+        received = self._current
+        return Envelope(received.topic, received.sequence, received.sender, received.published_ns)
+
+    # -- what its process does ---------------------------------------------------------------------------
+
+    def ready(self) -> None:
+        """Let messages come."""
+        self._attachment.ready()
+
+    def show_status(self, line: str) -> None:
+        """Show who looks at the run how the module is doing."""
+        self._purpose = line
+        self._attachment.show_status(line)
+
+    def handle_next(self) -> bool:
+        """Handle the next message; False if there is none.
+
+        Raises:
+            ControlRefused: this process was detached because it stood still, and its place was taken.
+            RunEnded: likewise, and the run is over.
+        """
+        try:
+            received = self._attachment.take()
+        except Detached as error:
+            self._attach_again(error)
+            return False
+        if received is not None:
+            self._handle(received)
+        return received is not None
+
+    def wait(self, timeout_s: float = LONGEST_WAIT_S) -> bool:
+        """Wait for messages; say whether there is room again that was waited for.
+
+        Raises:
+            RunEnded: the run is over.
+            ControlRefused: as for `handle_next`.
+        """
+        try:
+            self._attachment.wait(timeout_s)
+        except Detached as error:
+            self._attach_again(error)
+        outbox = self._attachment.outbox
+        return outbox.awaits_room and outbox.room_was_made()
+
+    def close(self) -> None:
+        """Leave. What was published is still routed."""
+        with self._lock:
+            if self._is_open:
+                self._is_open = False
+                self._attachment.close()
+
+    @property
+    def _is_attached(self) -> bool:
+        return self._is_open and self._attachment.is_leased
+
+    def _want(self, wish: _Wish) -> None:
+        if wish.name in self._wishes:
+            raise SubscribedTwice(wish.name.type_name, wish.name.topic)
+        self._wishes[wish.name] = wish
+        self._subscribe(wish)
+
+    def _subscribe(self, wish: _Wish) -> None:
+        self._by_number[self._attachment.subscribe(*wish.name, wish.handling)] = wish
+
+    def _handle(self, received: Received) -> None:
+        wish = self._by_number[received.subscription]
+        try:
+            message = wish.decode(received)
+        except MessageError as error:
+            self._log.error("a message was lost: %s", error)
+            return
+        self._current = received
+        wish.handler(message)
+        self._current = None
+
+    def _attach_again(self, error: Detached) -> None:
+        self._log.warning("%s; attaches again", error)
+        with self._lock:
+            # The old one is still needed if there is no other any more.
+            old, self._attachment = self._attachment, attach_again(self._run, self._purpose)
+            old.close()
+        self._by_number.clear()
+        for wish in self._wishes.values():
+            self._subscribe(wish)
+        self._attachment.ready()
+
+
+def _as_bytes(received: Received) -> EncodedMessage:
+    return EncodedMessage(received.type_name, received.version, memoryview(received.data))

@@ -1,0 +1,97 @@
+"""A module in a run whose profile does not have it: in a process of its own that nobody supervises."""
+
+import os
+import time
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import Any, TypeVar
+
+from robbie_mp.attach.tool_bus import GuestBus
+from robbie_mp.module.clock import SystemClock
+from robbie_mp.module.config import Config
+from robbie_mp.module.module import Module, ModuleContext
+from robbie_mp.module.settings import check_settings
+from robbie_mp.module.ticks import LONGEST_WAIT_S
+from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.run_directory import KnownRun
+
+ModuleClass = TypeVar("ModuleClass", bound=Module)
+
+
+class _NoCheckpoints:
+    """What a guest keeps for its next incarnation: nothing, for it has none."""
+
+    restored: Any = None
+
+    def save(self, _state: object) -> bool:
+        return False
+
+
+def run_guest(
+    run: KnownRun,
+    module_class: type[ModuleClass],
+    settings: Mapping[str, object],
+    name: str,
+    *,
+    on_ready: Callable[[ModuleClass], object],
+    is_stopped: Callable[[], object],
+) -> None:
+    """Run a module in a run that goes on already, until it stops itself or is stopped.
+
+    It goes by the machine's clock, and keeps no checkpoints: nobody starts it again.
+
+    Args:
+        run: the run.
+        module_class: what to run.
+        settings: of the module; the others have their defaults.
+        name: of the module, in what it logs.
+        on_ready: called with the module when it is set up.
+        is_stopped: asked between two messages or ticks.
+
+    Raises:
+        SettingError: the settings do not fit.
+        RunEnded: the run is over.
+        RunNotControlled: likewise, or it is just starting.
+        ControlRefused: there is no place for another guest, or this process was detached because it stood
+            still, and its place was taken.
+    """
+    checked = check_settings(module_class, settings)
+    module_class.check(checked)
+    plan = RunPlan.load(run.folder)
+    own_pid = os.getpid()
+    with closing(GuestBus(run, name)) as bus:
+        module = module_class(
+            ModuleContext(
+                name=name,
+                settings=checked,
+                bus=bus,
+                clock=SystemClock(),
+                config=Config(plan.config),
+                checkpoints=_NoCheckpoints(),
+                output_directory=Path(plan.output_directory),
+                show_status=bus.show_status,
+                run_id=run.run_id,
+            )
+        )
+        module.setup()
+        bus.ready()
+        on_ready(module)
+        try:
+            _work(module, bus, is_stopped)
+        finally:
+            if os.getpid() == own_pid:  # a forked process has nothing to tear down
+                module.teardown()
+
+
+def _work(module: Module, bus: GuestBus, is_stopped: Callable[[], object]) -> None:
+    """Handle messages and ticks."""
+    due_s = time.monotonic()
+    while not (module.stop_requested or is_stopped()):
+        if not bus.handle_next():
+            left_s = LONGEST_WAIT_S if module.period_s is None else due_s - time.monotonic()
+            if bus.wait(max(0.0, left_s)):
+                due_s = time.monotonic()
+        if module.period_s is not None and time.monotonic() >= due_s:
+            module.tick()
+            due_s = max(due_s + module.period_s, time.monotonic())

@@ -1,0 +1,1 @@
+"""Records a run, from inside it or from outside."""

@@ -1,0 +1,86 @@
+"""What a recorder has to know of the run that it records."""
+
+import platform
+import re
+import socket
+import time
+from datetime import datetime
+from pathlib import Path
+
+from robbie_mp.messages import UnknownType
+from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
+from robbie_mp.recording.format import RunMetadata
+from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.run_clock import RunClock
+from robbie_mp.run.run_directory import PROFILE_FILE
+from robbie_mp.version import installed_version
+
+UNSAFE = re.compile(r"[^A-Za-z0-9_.-]+")
+
+
+class RecordedRun:
+    """One run, seen by who records it.
+
+    Args:
+        folder: the run's own.
+    """
+
+    def __init__(self, folder: Path):
+        self.plan = RunPlan.load(folder)
+        self._folder = folder
+        self._types = KnownTypes(TypeDescription(*one) for one in self.plan.types)
+        self._clock = RunClock.attach(self.plan.run_id) if self.plan.clock.source is not None else None
+        self._epoch_ns = time.time_ns() - time.monotonic_ns()
+
+    def time_ns(self, machine_ns: int) -> int:
+        """Return what the run's clock said at a moment of the machine's monotonic time, ns since the epoch.
+
+        Without a clock of its own the run has the machine's, as it is set when recording begins: the times
+        of messages go on evenly even if somebody sets it meanwhile.
+        """
+        return self._epoch_ns + machine_ns if self._clock is None else self._clock.at(machine_ns)
+
+    def schema(self, type_name: str, version: int) -> str:
+        """Return the ros2msg text of a type; '' if it is not known in that version."""
+        try:
+            described = self._types.describe(type_name)
+        except UnknownType:
+            return ""
+        return described.schema if described.version == version else ""
+
+    def metadata(self) -> RunMetadata:
+        """Return what parts of its recordings say of it."""
+        try:
+            profile = (self._folder / PROFILE_FILE).read_text()
+        except OSError:
+            profile = ""
+        return RunMetadata(
+            run_id=self.plan.run_id,
+            profile=self.plan.profile_name,
+            host=socket.gethostname(),
+            version=installed_version(),
+            python=platform.python_version(),
+            part=0,
+            first_sequence=0,
+            started_ns=0,
+            clock="system" if self._clock is None else str(self.plan.clock.source),
+            profile_yaml=profile,
+        )
+
+    def recording_folder(self, folder: Path, recorder: str) -> Path:
+        """Return where a recording of this run goes, below a folder of recordings.
+
+        Args:
+            folder: of recordings.
+            recorder: who records; if it has begun to already, in an earlier process, it goes on there.
+        """
+        ending = f"{recorder}-{self.plan.run_id}"
+        for begun in sorted(folder.glob(f"*-{ending}")):
+            return begun
+        profile = UNSAFE.sub("_", self.plan.profile_name)
+        return folder / f"{datetime.now():%Y%m%d-%H%M%S}-{profile}-{ending}"
+
+    def close(self) -> None:
+        """Unmap its clock."""
+        if self._clock is not None:
+            self._clock.close()

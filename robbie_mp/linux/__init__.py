@@ -1,0 +1,1 @@
+"""What Linux offers and Python does not: processes, scheduling, ownership of files."""

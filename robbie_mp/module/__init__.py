@@ -1,0 +1,1 @@
+"""What an author writes a module with, and what runs it."""

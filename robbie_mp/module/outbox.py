@@ -1,0 +1,294 @@
+"""Typed messages out: encoded into blocks, or written in place, and handed to the core."""
+
+import logging
+import weakref
+from collections import deque
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from robbie_mp.linux.forks import REFUSED, keep_from_forks
+from robbie_mp.messages import Message, lay_out
+from robbie_mp.messages.encoded import check_encapsulation, check_type
+from robbie_mp.module.bus import MessageType, PublishAfterStop
+from robbie_mp.module.clock import Clock
+from robbie_mp.transport import layout
+from robbie_mp.transport.blocks import Block, BlockStore, block_bytes
+from robbie_mp.transport.endpoint import ChannelName, Endpoint
+from robbie_mp.transport.words import Words
+
+_AMPLE_MESSAGES = layout.OUTSTANDING_LIMIT * 7 // 8
+_ENOUGH_MESSAGES = layout.OUTSTANDING_LIMIT * 3 // 4
+"""With more than the former on their way, the core is to drop old ones that only wait, down to the latter."""
+_ASK_AGAIN_NS = 10_000_000
+"""It is asked for that no more often: what it could not drop, others have in their hands or keep."""
+_YOUNG_NS = 50_000_000
+"""A message is not dropped so soon: whoever it is for may be just about to take it, as in a burst."""
+_SMALL_BYTES = 4096
+"""For messages up to here a block is kept ready; allocating a larger one is little beside writing it."""
+
+
+class Outbox:
+    """Publishes messages. May be used by any thread of the module.
+
+    Args:
+        endpoint: the module's connection to the core.
+        blocks: the memory for its messages.
+        words: the module's out segment, for the counters.
+        clock: stamps the messages (monotonic).
+    """
+
+    def __init__(self, endpoint: Endpoint, blocks: BlockStore, words: Words, clock: Clock):
+        self._endpoint = endpoint
+        self._blocks = blocks
+        self._words = words
+        self._monotonic_ns = clock.monotonic_ns
+        self._log = logging.getLogger("robbie.publish")
+        self._lock = endpoint.lock
+        self._declarations: dict[tuple[type[Message], str], int] = {}
+        self._channels: dict[ChannelName, int] = {}
+        """The same by name, and what has no class here."""
+        self._let_go: deque[int] = deque()
+        """Blocks of loans whose arrays were still held at the end; filled by finalizers."""
+        self._held: dict[int, weakref.ref[Any]] = {}
+        self._published = 0
+        self._published_when_asked = -1
+        """Messages published when `outstanding` was asked for last."""
+        self._refused = 0
+        self._asked_ns = 0
+        """When the core was asked to make room."""
+        self.awaits_room = False
+        """Whether the module is to be woken when messages have been let go."""
+        self._awaited: int | None = None
+        """So many blocks ever freed are waited for."""
+        self._closed = False
+        keep_from_forks(self)
+
+    def disown(self) -> None:
+        """Let a forked process publish nothing: it would write into blocks that are not its own."""
+        self._lock = REFUSED
+
+    @property
+    def outstanding(self) -> int:
+        """Messages that somebody still waits for or holds."""
+        with self._lock:
+            self.collect_freed()
+            if self._blocks.taken and self._published == self._published_when_asked:
+                self._endpoint.wake_core()  # or it would not look at releases before the next message
+            self._published_when_asked = self._published
+            return len(self._blocks.taken)
+
+    def wake_after_freed(self, messages: int) -> None:
+        """Have this module woken when so many of its messages have been let go."""
+        with self._lock:
+            self._awaited = self._endpoint.wake_after_freed(messages)
+            self.awaits_room = True
+
+    def room_was_made(self) -> bool:
+        """Whether as many messages as were waited for have been let go; says so once."""
+        with self._lock:
+            self.collect_freed()
+            if self._awaited is None or self._endpoint.freed_count < self._awaited:
+                return False
+            self._awaited = None
+            self.awaits_room = False
+            return True
+
+    def collect_freed(self) -> None:
+        """Put freed blocks back into the free lists."""
+        with self._lock:
+            freed = self._endpoint.freed()
+            if freed:
+                self._blocks.free(freed)
+            while self._let_go:
+                number = self._let_go.popleft()
+                del self._held[number]
+                self._blocks.free([number])
+
+    def publish(self, message: Message, topic: str) -> bool:
+        """Encode a message into a block of its own and hand it over."""
+        with self._lock:
+            declaration = self._declarations.get((type(message), topic))
+            if declaration is None:
+                declaration = self._declare(type(message), topic)
+            size = message.encoded_size()
+            block = self._blocks.reuse(size)
+            if block is None or len(self._blocks.taken) > layout.OUTSTANDING_LIMIT:
+                block = self._allocate(size, block)
+                if block is None:
+                    return self._refuse_for_memory(size, message.type_name, topic)
+            try:
+                message.encode_into(block.buffer, block.offset)
+            except BaseException:
+                self._blocks.free([block.number])
+                raise
+            return self._hand_over(declaration, block, size, message.type_name, topic)
+
+    def publish_encoded(
+        self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
+    ) -> bool:
+        """Copy a message into a block of its own and hand it over."""
+        source = memoryview(data).cast("B")
+        check_encapsulation(type_name, source)
+        size = len(source)
+        with self._lock:
+            name = ChannelName(type_name, version, topic)
+            if name not in self._channels:
+                check_type(type_name, version)
+            declaration = self._advertise(name)
+            block = self._allocate(size, self._blocks.reuse(size))
+            if block is None:
+                return self._refuse_for_memory(size, type_name, topic)
+            block.buffer[block.offset : block.offset + size] = source
+            return self._hand_over(declaration, block, size, type_name, topic)
+
+    @contextmanager
+    def loan(
+        self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
+    ) -> Iterator[MessageType]:
+        """Lay a message out in a block and hand it over after the caller has filled it.
+
+        If memory is full, the caller fills a buffer of the process's own and the message is counted as
+        refused: a full bus is no reason for a driver to fail.
+        """
+        with self._lock:
+            declaration = self._declarations.get((message_type, topic))
+            if declaration is None:
+                declaration = self._declare(message_type, topic)
+            plan = lay_out(message_type, fields)
+            block = self._allocate(plan.size, self._blocks.reuse(plan.size))
+        start = block.buffer[block.offset : block.offset + plan.size] if block else bytearray(plan.size)
+        whole = np.frombuffer(start, np.uint8)
+        message = plan.write(whole.data)
+        try:
+            yield message
+        except BaseException:
+            message.forget_arrays()
+            if block:
+                self._give_up(block, weakref.ref(whole))
+            raise
+        message.forget_arrays()
+        holds = weakref.ref(whole)
+        del whole, start
+        with self._lock:
+            if block is None:
+                self._refuse_for_memory(plan.size, message_type.type_name, topic)
+            elif holds() is None:
+                self._hand_over(declaration, block, plan.size, message_type.type_name, topic)
+            else:
+                self._hand_over_copy(declaration, block, plan.size, message_type.type_name, topic)
+                self._give_up(block, holds)
+
+    def close(self) -> None:
+        """Publish nothing more."""
+        with self._lock:
+            self._closed = True
+            self._declarations.clear()
+            self._channels.clear()
+            self._blocks.close()
+
+    # -- inside ----------------------------------------------------------------------------------------
+
+    def _declare(self, message_type: type[Message], topic: str) -> int:
+        declaration = self._advertise(ChannelName(message_type.type_name, message_type.version, topic))
+        self._declarations[message_type, topic] = declaration
+        return declaration
+
+    def _advertise(self, name: ChannelName) -> int:
+        if self._closed:
+            raise PublishAfterStop(
+                f"a {name.type_name} was published after this module was stopped; "
+                "publish what is last in teardown(), and end threads there"
+            )
+        declaration = self._channels.get(name)
+        if declaration is None:
+            declaration = self._channels[name] = self._endpoint.advertise(*name)
+        return declaration
+
+    def _allocate(self, size: int, block: Block | None) -> Block | None:
+        """Find memory if none was at hand; whatever block it is, there may not be too many in use."""
+        if block is None:
+            self.collect_freed()
+            block = self._blocks.allocate(size)
+            self._words[layout.OUT_SEGMENTS] = self._blocks.segment_count
+            self._words[layout.OUT_SEGMENT_BYTES] = self._blocks.total_bytes
+        if block is not None and len(self._blocks.taken) > layout.OUTSTANDING_LIMIT:
+            self.collect_freed()
+            if len(self._blocks.taken) > layout.OUTSTANDING_LIMIT:
+                self._blocks.free([block.number])
+                return None
+        return block
+
+    def _hand_over(self, declaration: int, block: Block, size: int, type_name: str, topic: str) -> bool:
+        if self._endpoint.publish(declaration, block, size, self._monotonic_ns()):
+            self._note_published(size)
+            return True
+        self._blocks.free([block.number])
+        return self._refuse(type_name, topic)
+
+    def _note_published(self, size: int) -> None:
+        """Count a message, and prepare for the next while the core is at work on this one."""
+        self._published += 1
+        self._words[layout.OUT_PUBLISHED] = self._published
+        self._words[layout.OUT_BLOCKS] = len(self._blocks.taken)
+        blocks = self._blocks
+        if size > _SMALL_BYTES:
+            self.collect_freed()
+        elif not blocks.has_kept(size):
+            self.collect_freed()
+            blocks.keep_one(size)
+        if blocks.taken_bytes + size > blocks.ample_bytes or len(blocks.taken) > _AMPLE_MESSAGES:
+            self.collect_freed()
+            self._make_room(min(blocks.room_bytes - block_bytes(size), blocks.enough_bytes))
+
+    def _make_room(self, enough_bytes: int) -> None:
+        """Have the core drop old messages that only wait, unless few enough are left already."""
+        blocks = self._blocks
+        if blocks.taken_bytes <= enough_bytes and len(blocks.taken) <= _ENOUGH_MESSAGES:
+            return
+        now_ns = self._monotonic_ns()
+        if now_ns - self._asked_ns >= _ASK_AGAIN_NS:
+            self._asked_ns = now_ns
+            self._endpoint.make_room(_ENOUGH_MESSAGES, max(0, enough_bytes), now_ns - _YOUNG_NS)
+
+    def _refuse_for_memory(self, size: int, type_name: str, topic: str) -> bool:
+        """Refuse a message, and see to it that there is room for the next."""
+        blocks = self._blocks
+        self._make_room(min(blocks.taken_bytes - block_bytes(size), blocks.enough_bytes))
+        return self._refuse(type_name, topic)
+
+    def _hand_over_copy(self, declaration: int, block: Block, size: int, type_name: str, topic: str) -> None:
+        self._log.warning(
+            "a loaned array of %s is still referred to at the end of the loan; the message was copied. "
+            "Let go of the array before the with block ends",
+            type_name,
+        )
+        copy = self._allocate(size, self._blocks.reuse(size))
+        if copy is None:
+            self._refuse_for_memory(size, type_name, topic)
+            return
+        copy.buffer[copy.offset : copy.offset + size] = block.buffer[block.offset : block.offset + size]
+        self._hand_over(declaration, copy, size, type_name, topic)
+
+    def _give_up(self, block: Block, holds: "weakref.ref[Any]") -> None:
+        """Use a block again once nothing refers to the loaned memory any more."""
+        held = holds()
+        if held is None:
+            self._blocks.free([block.number])
+            return
+        let_go, number = self._let_go, block.number
+        self._held[number] = weakref.ref(held, lambda _: let_go.append(number))
+
+    def _refuse(self, type_name: str, topic: str) -> bool:
+        self._refused += 1
+        self._words[layout.OUT_REFUSED] = self._refused
+        self._endpoint.wake_core()  # releases that did not wake it may make room for the next message
+        if self._refused & (self._refused - 1) == 0:  # the 1st, 2nd, 4th, 8th, …: loud, but bounded
+            self._log.warning(
+                "refused to publish a %s on topic '%s' (%d refused so far): memory or ring are full, "
+                "because somebody holds messages or the limits in the profile are too small",
+                type_name, topic, self._refused,
+            )  # fmt: skip
+        return False

@@ -1,0 +1,174 @@
+"""The loop of a module in a process of its own: wait, take, dispatch, release."""
+
+import time
+from collections.abc import Callable
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.module.inbox import Inbox
+from robbie_mp.module.lockstep import Lockstep
+from robbie_mp.module.module import Module
+from robbie_mp.module.outbox import Outbox
+from robbie_mp.module.setting_changes import SettingChanges
+from robbie_mp.module.ticks import LONGEST_WAIT_S, Ticks
+from robbie_mp.transport import layout
+from robbie_mp.transport.endpoint import Delivery, Endpoint
+from robbie_mp.transport.histogram import WorkFigures
+from robbie_mp.transport.layout import Activity
+from robbie_mp.transport.records import Outbound
+from robbie_mp.transport.wakeup import Wakeup
+from robbie_mp.transport.words import WORD_BYTES, Words, row_writer
+
+# Looked up once, not for every message.
+_HANDLER, _IDLE = int(Activity.HANDLER), int(Activity.IDLE)
+_ACTIVITY = layout.OUT_ACTIVITY
+_ACTIVITY_AT = layout.OUT_ACTIVITY_SINCE_NS * WORD_BYTES
+
+
+LONGEST_IDLE = 10
+"""So many times a module that is to stop waits for messages that the core does not bring."""
+
+
+class InvalidPeriod(RobbieError, ValueError):
+    """A module wants to tick every 0 s, or less."""
+
+
+class ModuleRunner:
+    """Runs one module from setup to teardown.
+
+    Args:
+        module: what to run.
+        endpoint, inbox, outbox: its connection to the core.
+        wakeup: its semaphore.
+        words: its out segment.
+        may_go: whether every module of the run is ready.
+        changes: of its settings while it runs.
+        ticks: when its ticks are due.
+        something_waits: whether messages wait for it in the core.
+        lockstep: what it knows of the others, if it turns the clock of a run in lockstep.
+        after_setup: called once, when `setup()` is over and its threads have been started.
+    """
+
+    def __init__(
+        self,
+        module: Module,
+        endpoint: Endpoint,
+        inbox: Inbox,
+        outbox: Outbox,
+        wakeup: Wakeup,
+        words: Words,
+        may_go: Callable[[], bool],
+        changes: SettingChanges,
+        ticks: Ticks,
+        something_waits: Callable[[], bool],
+        lockstep: Lockstep | None = None,
+        after_setup: Callable[[], None] = lambda: None,
+    ):
+        self._module = module
+        self._endpoint = endpoint
+        self._inbox = inbox
+        self._outbox = outbox
+        self._wakeup = wakeup
+        self._words = words
+        self._write_activity = row_writer(words, 2)
+        self._may_go = may_go
+        self._changes = changes
+        self._stopping = False
+        self._messages = WorkFigures(words, layout.OUT_MESSAGE_FIGURES)
+        self._ticks = ticks
+        self._something_waits = something_waits
+        self._lockstep = lockstep
+        self._after_setup = after_setup
+
+    def request_stop(self) -> None:
+        """End the loop after what is being done now; safe in a signal handler."""
+        self._stopping = True
+
+    def run(self) -> None:
+        """Run the module until it is stopped or stops itself."""
+        self._begin(Activity.SETUP)
+        self._changes.listen()
+        self._module.setup()
+        self._after_setup()
+        self._check_period()
+        self._ticks.begin()
+        self._idle()
+        self._words[layout.OUT_READY] = 1
+        self._endpoint.send(Outbound.READY)
+        while not self._ends and not self._may_go():
+            self._wakeup.wait(LONGEST_WAIT_S)
+        self._ticks.begin()
+        while not self._ends:
+            self._turn()
+        if self._module.patience_s:
+            self._handle_the_rest()
+        self._begin(Activity.TEARDOWN)
+        self._module.teardown()
+        self._idle()
+        self._inbox.release_let_go()
+        self._outbox.close()
+
+    def _check_period(self) -> None:
+        period_s = self._module.period_s
+        if period_s is not None and not period_s > 0:
+            raise InvalidPeriod(
+                f"{type(self._module).__name__}.period_s is {period_s}; it must be greater than 0, "
+                "or None for a module that only reacts to messages"
+            )
+
+    @property
+    def _ends(self) -> bool:
+        return self._stopping or self._module.stop_requested
+
+    def _turn(self) -> None:
+        """Handle at most one message and at most one tick, or wait for either."""
+        inbox = self._inbox
+        delivery = inbox.take()
+        if delivery is not None:
+            self._handle(delivery)
+            if self._ends:
+                return
+        if self._ticks.are_due():
+            self._begin(Activity.TICK)
+            self._ticks.run()
+            self._idle()
+        elif delivery is None:
+            self._wait()
+
+    def _handle(self, delivery: Delivery) -> None:
+        begun_ns = self._begin(_HANDLER | delivery.declaration << 8)
+        self._inbox.handle(delivery)
+        self._idle()
+        self._messages.record(begun_ns - delivery.stamp_ns, time.monotonic_ns() - begun_ns)
+
+    def _handle_the_rest(self) -> None:
+        """Handle what was published before the stop: it was not taken yet because this module is patient.
+
+        The core may be late with it, and rings do not come in the order in which they were written. So this
+        goes on a little beyond the stop, and for as long as the core says that something waits.
+        """
+        until_ns = time.monotonic_ns() + round(LONGEST_WAIT_S * 1e9)
+        stamp_ns = idle = 0
+        while stamp_ns <= until_ns and idle < LONGEST_IDLE:
+            delivery = self._inbox.take()
+            if delivery is not None:
+                stamp_ns, idle = delivery.stamp_ns, 0
+                self._handle(delivery)
+            elif not self._wakeup.wait(LONGEST_WAIT_S):
+                if not self._something_waits():
+                    return
+                idle += 1
+
+    def _wait(self) -> None:
+        woken = self._wakeup.wait(self._ticks.wait_s())
+        if woken and self._outbox.awaits_room and self._outbox.room_was_made():
+            self._ticks.expedite()
+        if self._lockstep is not None and self._lockstep.settled():
+            self._ticks.expedite()
+
+    def _begin(self, activity: int) -> int:
+        now_ns = time.monotonic_ns()
+        self._write_activity(_ACTIVITY_AT, now_ns, activity)
+        return now_ns
+
+    def _idle(self) -> None:
+        self._words[_ACTIVITY] = _IDLE

@@ -1,0 +1,263 @@
+"""Settings: what a profile may set of a module, declared in its class with type, default and meaning.
+
+    class Mapping(Module):
+        resolution_m: float = setting(0.05, "edge of a grid cell", minimum=0.001)
+        map_file: Path = setting(REQUIRED, "where the map is kept")
+
+A relative path starts from the workspace; given on the command line it starts from the current directory.
+A setting of type `Secret` is never given in clear text; see `robbie_mp.module.secret`.
+"""
+
+import inspect
+from collections.abc import Iterable, Mapping
+from enum import Enum
+from pathlib import Path
+from typing import Any, Final, TypeVar, get_type_hints, overload
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.module.value_check import (
+    Limits,
+    ValueMismatch,
+    check_value,
+    describe,
+    describe_limits,
+    holds_secret,
+    outline,
+)
+from robbie_mp.suggest import did_you_mean
+
+T = TypeVar("T")
+
+
+class Required(Enum):
+    """The type of `REQUIRED`."""
+
+    REQUIRED = "required"
+
+
+REQUIRED: Final = Required.REQUIRED
+"""In place of a default: the profile must set it."""
+
+
+class SettingError(RobbieError, ValueError):
+    """A setting is missing, unknown or not what its class declared.
+
+    Attributes:
+        setting: Name of the setting, or "" if the error is about several or all.
+    """
+
+    def __init__(self, text: str, setting: str = "") -> None:
+        super().__init__(text)
+        self.setting = setting
+
+
+class Setting:
+    """One declared setting; reading it from an instance that has no value yet is an AttributeError."""
+
+    def __init__(
+        self, default: object, description: str, limits: Limits, *, changeable: bool = False
+    ) -> None:
+        self.changeable = changeable
+        self.default = default
+        self.description = description
+        self.limits = limits
+        self.name = ""
+        self.owner: type = object
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.owner, self.name = owner, name
+
+    def __get__(self, instance: object, owner: type | None = None) -> "Setting":
+        if instance is None:
+            return self
+        raise AttributeError(f"{self} is read before the settings were applied; read it in setup()")
+
+    def __str__(self) -> str:
+        return f"{self.owner.__name__}.{self.name}"
+
+    @property
+    def required(self) -> bool:
+        """Whether there is no default."""
+        return self.default is REQUIRED
+
+    @property
+    def declared_type(self) -> Any:
+        """The annotated type.
+
+        Raises:
+            SettingError: there is no annotation, or it is no type that a profile can express.
+        """
+        for owner in self.owner.__mro__:
+            annotation = inspect.get_annotations(owner).get(self.name)
+            if annotation is not None:
+                return self._resolve(annotation, owner)
+        raise SettingError(f"{self} needs a type, as in `{self.name}: float = setting(…)`", self.name)
+
+    def _resolve(self, annotation: object, owner: type) -> Any:
+        # Only this annotation: others of the class may name things that exist for type checkers alone.
+        only = {"__annotations__": {self.name: annotation}, "__module__": owner.__module__}
+        try:
+            declared = get_type_hints(type(owner.__name__, (), only), localns=dict(vars(owner)))[self.name]
+            describe(declared)
+        except (NameError, TypeError, SyntaxError) as error:
+            raise SettingError(f"{self}: {error}", self.name) from None
+        if self.changeable and holds_secret(declared):
+            # A change is a message, which everybody who attaches to the run can read and record.
+            raise SettingError(f"{self}: a secret cannot be changeable", self.name)
+        return declared
+
+    def describe(self) -> str:
+        """Return type and limits in words, as "float, at least 0.01"."""
+        return describe(self.declared_type) + describe_limits(self.limits)
+
+    def outline(self) -> dict[str, Any]:
+        """Return type and limits as plain data; see `value_check.outline`."""
+        return outline(self.declared_type, self.limits)
+
+    def check(self, value: object, folder: Path | None = None) -> Any:
+        """Return `value` as the declared type.
+
+        Raises:
+            SettingError: it is something else, or outside the declared limits.
+        """
+        try:
+            return check_value(self.declared_type, value, self.limits, folder)
+        except ValueMismatch as mismatch:
+            raise SettingError(f"{self}: {mismatch}", self.name) from None
+
+
+@overload
+def setting(
+    default: Required,
+    description: str,
+    *,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: Iterable[object] = (),
+    must_exist: bool = False,
+    finite: bool = True,
+    changeable: bool = False,
+) -> Any: ...
+@overload
+def setting(
+    default: T,
+    description: str,
+    *,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: Iterable[object] = (),
+    must_exist: bool = False,
+    finite: bool = True,
+    changeable: bool = False,
+) -> T: ...
+def setting(
+    default: object,
+    description: str,
+    *,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: Iterable[object] = (),
+    must_exist: bool = False,
+    finite: bool = True,
+    changeable: bool = False,
+) -> Any:
+    """Declare a setting of a class; the annotation gives its type.
+
+    Args:
+        default: Value where the profile gives none; `REQUIRED` if there is no sensible one.
+        description: What it means, in one line, without the type.
+        minimum: Least number allowed (of each element, in a list or map).
+        maximum: Greatest number allowed.
+        choices: All values allowed.
+        must_exist: A path must name an existing file or folder.
+        finite: Refuse infinity and not-a-number.
+        changeable: It may be changed while the module runs; see `Module.setting_changed`.
+    """
+    limits = Limits(minimum, maximum, tuple(choices), must_exist, finite)
+    return Setting(default, description, limits, changeable=changeable)
+
+
+def settings_of(cls: type) -> dict[str, Setting]:
+    """Return the settings of a class and its bases, those of the bases first.
+
+    A plain value in a derived class fixes the setting of that name: a profile cannot set it any more.
+    """
+    found: dict[str, Setting] = {}
+    for base in reversed(cls.__mro__):
+        for name, attribute in vars(base).items():
+            if isinstance(attribute, Setting):
+                found[name] = attribute
+            else:
+                found.pop(name, None)
+    return found
+
+
+def examine_settings(
+    cls: type,
+    values: Mapping[str, object],
+    *,
+    folder: Path | None = None,
+    folder_of: Mapping[str, Path] | None = None,
+) -> tuple[dict[str, object], list[SettingError]]:
+    """Return what `check_settings` returns, as far as it is right, and everything that is wrong."""
+    settings = settings_of(cls)
+    checked: dict[str, object] = {}
+    errors = [
+        SettingError(f"{cls.__name__} has no setting {name!r}{_known(name, settings)}", name)
+        for name in values
+        if name not in settings
+    ]
+    for name, declared in settings.items():
+        value = values.get(name, declared.default)
+        if value is REQUIRED:
+            errors.append(SettingError(f"{declared}: required, but not set ({declared.description})", name))
+            continue
+        try:
+            checked[name] = declared.check(value, (folder_of or {}).get(name, folder))
+        except SettingError as error:
+            errors.append(error)
+    return checked, errors
+
+
+def _known(name: str, settings: Mapping[str, Setting]) -> str:
+    return did_you_mean(name, settings) or f"; it has {', '.join(settings) or 'none'}"
+
+
+def check_settings(
+    cls: type,
+    values: Mapping[str, object],
+    *,
+    folder: Path | None = None,
+    folder_of: Mapping[str, Path] | None = None,
+) -> dict[str, object]:
+    """Return the value of every setting of a class: the given ones, and defaults for the others.
+
+    Args:
+        cls: Any class that declares settings.
+        values: What is given, as YAML or JSON would hold it.
+        folder: What relative paths start from; the current directory by default.
+        folder_of: The same for single settings, by name.
+
+    Raises:
+        SettingError: naming class, setting, what was expected and what was found, one line for each error.
+    """
+    checked, errors = examine_settings(cls, values, folder=folder, folder_of=folder_of)
+    if errors:
+        raise SettingError("\n".join(map(str, errors)), errors[0].setting if len(errors) == 1 else "")
+    return checked
+
+
+def apply_settings(
+    instance: object,
+    values: Mapping[str, object],
+    *,
+    folder: Path | None = None,
+    folder_of: Mapping[str, Path] | None = None,
+) -> None:
+    """Check `values` against the class of `instance` and set every setting as an attribute of it.
+
+    Raises:
+        SettingError: as `check_settings`; the instance is then unchanged.
+    """
+    for name, value in check_settings(type(instance), values, folder=folder, folder_of=folder_of).items():
+        setattr(instance, name, value)

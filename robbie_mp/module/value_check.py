@@ -1,0 +1,221 @@
+"""Check a plain value, as YAML or JSON gives it, against a declared type and its limits."""
+
+import math
+import reprlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.module.secret import Secret, SecretError, read_secret
+
+
+class ValueMismatch(RobbieError, ValueError):
+    """A value is not what was declared; the text says what was expected and what was found."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a value must satisfy besides its type; in lists and maps, what every element must."""
+
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[object, ...] = ()
+    must_exist: bool = False
+    """A path must name an existing file or folder."""
+    finite: bool = True
+    """Infinity and not-a-number are refused."""
+
+
+NO_LIMITS = Limits()
+
+
+def check_value(declared: Any, value: object, limits: Limits = NO_LIMITS, folder: Path | None = None) -> Any:
+    """Return `value` as the declared type: an int becomes a float, a text a path; containers are copied.
+
+    Args:
+        declared: bool, int, float, str, Path, Secret, a StrEnum, X | None, list[X] or dict[str, X].
+        value: what was written.
+        limits: what the value, or each element of it, must satisfy.
+        folder: what a relative path starts from; the current directory by default.
+
+    Raises:
+        ValueMismatch: the value is something else, or outside the limits.
+        TypeError: `declared` is none of the types above.
+    """
+    origin, arguments = get_origin(declared), get_args(declared)
+    if origin in (Union, UnionType):
+        if value is None:
+            return None
+        return check_value(_without_none(declared), value, limits, folder)
+    if origin is list:
+        if not isinstance(value, list):
+            raise _mismatch(describe(declared), value, secret=holds_secret(declared))
+        return [
+            _element(f"element {index}", arguments[0], element, limits, folder)
+            for index, element in enumerate(value)
+        ]
+    if origin is dict:
+        if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
+            raise _mismatch(describe(declared), value, secret=holds_secret(declared))
+        return {
+            key: _element(f"key {key!r}", arguments[1], element, limits, folder)
+            for key, element in value.items()
+        }
+    return _check_scalar(declared, value, limits, folder)
+
+
+def describe(declared: Any) -> str:
+    """Return the declared type as words for an error text.
+
+    Raises:
+        TypeError: `declared` is no type that a value from YAML can have.
+    """
+    origin, arguments = get_origin(declared), get_args(declared)
+    if origin in (Union, UnionType):
+        return f"{describe(_without_none(declared))} or null"
+    if origin is list:
+        return f"list of {describe(arguments[0])}"
+    if origin is dict and arguments[0] is str:
+        return f"map of str to {describe(arguments[1])}"
+    if isinstance(declared, type) and issubclass(declared, StrEnum):
+        return _one_of(tuple(declared))
+    if declared is Secret:
+        return "secret, as file:PATH or environment:NAME"
+    if declared in _SCALARS:
+        return "path" if declared is Path else str(declared.__name__)
+    raise TypeError(
+        f"{declared!r} is no type of a setting; use bool, int, float, str, pathlib.Path, Secret, a StrEnum, "
+        f"X | None, list[X] or dict[str, X]"
+    )
+
+
+def holds_secret(declared: Any) -> bool:
+    """Tell whether values of a declared type are, or contain, secrets."""
+    return declared is Secret or any(map(holds_secret, get_args(declared)))
+
+
+def outline(declared: Any, limits: Limits) -> dict[str, Any]:
+    """Return what a form needs to know of a type and its limits, as plain data.
+
+    Returns:
+        `kind`: bool, int, float, str, path or secret; of a list that of its elements, and "map" of a map.
+        `is_list`: whether it is a list. `choices`: all that it, or each element, may be; [] if not said.
+        `minimum`, `maximum`: None if there are none.
+    """
+    origin, arguments = get_origin(declared), get_args(declared)
+    if origin in (Union, UnionType):
+        return outline(_without_none(declared), limits)
+    if origin is list:
+        return outline(arguments[0], limits) | {"is_list": True}
+    is_enum = isinstance(declared, type) and issubclass(declared, StrEnum)
+    if origin is dict:
+        kind = "map"
+    elif is_enum:
+        kind = "str"
+    else:
+        kind = "secret" if declared is Secret else describe(declared)
+    choices = [str(one) for one in declared] if is_enum else list(limits.choices)
+    return {
+        "kind": kind,
+        "is_list": False,
+        "choices": choices,
+        "minimum": limits.minimum,
+        "maximum": limits.maximum,
+    }
+
+
+def _without_none(declared: Any) -> Any:
+    others = [argument for argument in get_args(declared) if argument is not NoneType]
+    if len(others) != 1 or len(get_args(declared)) != 2:
+        raise TypeError(f"{declared!r} is no type of a setting; of unions only X | None can be checked")
+    return others[0]
+
+
+def _element(where: str, declared: Any, value: object, limits: Limits, folder: Path | None) -> Any:
+    try:
+        return check_value(declared, value, limits, folder)
+    except ValueMismatch as mismatch:
+        raise ValueMismatch(f"{where}: {mismatch}") from None
+
+
+def _check_scalar(declared: Any, value: object, limits: Limits, folder: Path | None) -> Any:
+    if declared is Secret:
+        try:
+            return read_secret(value, folder)
+        except SecretError as error:
+            raise ValueMismatch(str(error)) from None
+    expected = describe(declared) + describe_limits(limits)
+    if isinstance(declared, type) and issubclass(declared, StrEnum):
+        if not isinstance(value, str) or value not in list(declared):
+            raise _mismatch(expected, value)
+        return declared(value)
+    if not _SCALARS[declared](value):
+        raise _mismatch(expected, value)
+    if declared is Path:
+        return _check_path(Path(str(value)), limits, folder)
+    if declared is float:
+        value = _to_float(value, expected)
+        if limits.finite and not math.isfinite(value):
+            raise _mismatch(f"{expected}, finite", value)
+    if isinstance(value, int | float) and not _within(value, limits):
+        raise _mismatch(expected, value)
+    if limits.choices and value not in limits.choices:
+        raise _mismatch(expected, value)
+    return value
+
+
+def _to_float(value: Any, expected: str) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        raise ValueMismatch(f"expected {expected}; got an int that no float can hold") from None
+
+
+def _check_path(path: Path, limits: Limits, folder: Path | None) -> Path:
+    try:
+        absolute = (folder or Path.cwd()) / path.expanduser()
+    except RuntimeError:  # "~name" of nobody
+        raise _mismatch("path", str(path)) from None
+    if limits.must_exist and not absolute.exists():
+        raise ValueMismatch(f"expected path of an existing file or folder; there is no {absolute}")
+    return absolute
+
+
+def _within(value: float, limits: Limits) -> bool:
+    """Tell whether a number is inside the bounds; not-a-number is inside none."""
+    return (limits.minimum is None or value >= limits.minimum) and (
+        limits.maximum is None or value <= limits.maximum
+    )
+
+
+def describe_limits(limits: Limits) -> str:
+    """Return limits in words that follow those of a type: "" if there are none."""
+    if limits.choices:
+        return ", " + _one_of(limits.choices)
+    bounds = [f"at least {limits.minimum:.10g}"] if limits.minimum is not None else []
+    bounds += [f"at most {limits.maximum:.10g}"] if limits.maximum is not None else []
+    return ", " + " and ".join(bounds) if bounds else ""
+
+
+def _one_of(choices: tuple[object, ...]) -> str:
+    words = [str(choice) if isinstance(choice, StrEnum) else repr(choice) for choice in choices]
+    return "one of " + ", ".join(words)
+
+
+def _mismatch(expected: str, value: object, *, secret: bool = False) -> ValueMismatch:
+    shown = "" if secret else f"{reprlib.repr(value)} "
+    got = "null" if value is None else f"{shown}({type(value).__name__})"
+    return ValueMismatch(f"expected {expected}; got {got}")
+
+
+_SCALARS: dict[Any, Callable[[object], bool]] = {
+    bool: lambda value: isinstance(value, bool),
+    int: lambda value: isinstance(value, int) and not isinstance(value, bool),
+    float: lambda value: isinstance(value, int | float) and not isinstance(value, bool),
+    str: lambda value: isinstance(value, str),
+    Path: lambda value: isinstance(value, Path) or (isinstance(value, str) and value != ""),
+}

@@ -1,0 +1,170 @@
+"""What the supervisor tells its children: one JSON file in the run directory, written before any starts."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from robbie_mp.linux.private_files import write_private
+from robbie_mp.profile.model import (
+    CheckpointPolicy,
+    ClockSettings,
+    CoreLimits,
+    MemoryLimits,
+    ModuleSpec,
+    Profile,
+    QueueLimits,
+    RestartPolicy,
+    Scheduling,
+    ToolLimits,
+)
+from robbie_mp.transport.board import TOOL_PREFIX
+from robbie_mp.transport.layout import OUTSTANDING_LIMIT
+from robbie_mp.transport.run_memory import RingSizes
+
+PLAN_FILE = "plan.json"
+SUPERVISOR_MEMORY_BYTES = 1 << 20
+"""What the supervisor's own messages may hold."""
+TOOL_MEMORY_BYTES = 64 << 20
+"""What a tool that publishes may hold."""
+CORE = "core"
+"""Name of the core among the processes of a run."""
+
+
+@dataclass(frozen=True)
+class PlannedModule:
+    """What a module's process and the core need to know of a module."""
+
+    name: str
+    class_path: str
+    settings: dict[str, Any]
+    folder_of: dict[str, str]
+    """What a relative path in a setting starts from, for settings where that is not the workspace."""
+    memory: MemoryLimits
+    queue: QueueLimits
+    checkpoint: CheckpointPolicy
+    scheduling: Scheduling
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """A run as its processes see it. Module number i has slot i + 1; slot 0 is the supervisor's."""
+
+    run_id: str
+    profile_name: str
+    workspace: str
+    output_directory: str
+    supervisor_pid: int
+    core: CoreLimits
+    config: dict[str, Any]
+    modules: tuple[PlannedModule, ...]
+    spare_imports: list[str]
+    """What a spare interpreter imports ahead."""
+    tools: ToolLimits
+    clock: ClockSettings
+    types: list[tuple[str, int, str, str]]
+    """The robot's own message types, as far as its modules' files declare them when they are imported: what a
+    `TypeDescription` holds, but plain, for the core and spares read this and need no messages."""
+
+    @classmethod
+    def of_profile(
+        cls,
+        profile: Profile,
+        run_id: str,
+        workspace: Path,
+        output_directory: Path,
+        supervisor_pid: int,
+        types: Iterable[tuple[str, int, str, str]] = (),
+    ) -> Self:
+        """Plan a run of a profile."""
+        return cls(
+            run_id=run_id,
+            profile_name=profile.name,
+            workspace=str(workspace),
+            output_directory=str(output_directory),
+            supervisor_pid=supervisor_pid,
+            core=profile.core,
+            config=dict(profile.config),
+            modules=tuple(_planned(module) for module in profile.modules),
+            spare_imports=profile.spares.imports,
+            tools=profile.tools,
+            clock=profile.clock,
+            types=list(types),
+        )
+
+    @property
+    def sizes(self) -> RingSizes:
+        """Capacities of the rings."""
+        return RingSizes(self.core.ring_records, self.core.credits)
+
+    @property
+    def tool_sizes(self) -> RingSizes:
+        """Capacities of the rings of an attached tool."""
+        return RingSizes(self.core.ring_records, self.tools.credits)
+
+    @property
+    def tool_queue(self) -> QueueLimits:
+        """Bounds of what waits for an attached tool.
+
+        However many there are, they hold at most a quarter of the rows of the core's tables, of the messages
+        that a module may have on their way, and (but for one message each) of any module's memory.
+        """
+        shares = 4 * max(self.tools.count, 1)
+        rows = min(self.core.handles, self.core.references, OUTSTANDING_LIMIT) // shares
+        memory = min((module.memory.limit_bytes for module in self.modules), default=self.tools.bytes)
+        return QueueLimits(
+            max(1, min(self.tools.messages, rows - self.tools.credits)),
+            max(1, min(self.tools.bytes, memory // shares)),
+        )
+
+    @property
+    def tool_names(self) -> list[str]:
+        """Names of the tools' rows on the board, which no module can have."""
+        return [f"{TOOL_PREFIX}{number}" for number in range(1, self.tools.count + 1)]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the board's rows."""
+        return ["supervisor", *(module.name for module in self.modules), *self.tool_names, CORE]
+
+    def save(self, run_directory: Path) -> None:
+        """Write the plan for the children."""
+        write_private(run_directory / PLAN_FILE, json.dumps(asdict(self), default=str, indent=1))
+
+    @classmethod
+    def load(cls, run_directory: Path) -> Self:
+        """Read what the supervisor wrote."""
+        data = json.loads((run_directory / PLAN_FILE).read_text())
+        core = data["core"]
+        core |= {"restart": RestartPolicy(**core["restart"]), "scheduling": Scheduling(**core["scheduling"])}
+        data["core"] = CoreLimits(**core)
+        data["modules"] = tuple(
+            PlannedModule(
+                **module
+                | {
+                    "memory": MemoryLimits(**module["memory"]),
+                    "queue": QueueLimits(**module["queue"]),
+                    "checkpoint": CheckpointPolicy(**module["checkpoint"]),
+                    "scheduling": Scheduling(**module["scheduling"]),
+                }
+            )
+            for module in data["modules"]
+        )
+        data["tools"] = ToolLimits(**data["tools"])
+        data["clock"] = ClockSettings(**data["clock"])
+        data["types"] = [tuple(entry) for entry in data["types"]]
+        return cls(**data)
+
+
+def _planned(module: ModuleSpec) -> PlannedModule:
+    return PlannedModule(
+        name=module.name,
+        class_path=module.class_path,
+        settings=dict(module.settings),
+        folder_of={name: str(folder) for name, folder in module.folder_of.items()},
+        memory=module.memory,
+        queue=module.queue,
+        checkpoint=module.checkpoint,
+        scheduling=module.scheduling,
+    )

@@ -1,0 +1,230 @@
+"""The run's time, where a module turns it: what plays a log, or steps a simulation.
+
+A profile names that module (`clock.source`). The others follow: their stamps, periods and `self.clock` are
+the run's time, which may go faster or slower than the machine's, stand still, or be set to another time. It
+does not go back but by such a *jump*, which is counted.
+"""
+
+import math
+import time
+from bisect import bisect_right
+from typing import NamedTuple
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.words import WORD_BYTES, WORD_MAX, Words, new_fence, row_reader, row_writer
+
+RATE_ONE = 1 << 32
+MAX_RATE = 1e6
+
+
+class InvalidRate(RobbieError, ValueError):
+    """Time cannot go at that rate."""
+
+
+class _Row(NamedTuple):
+    """What the clock says: it was `run_ns` at `machine_ns`, and goes on at `rate`."""
+
+    machine_ns: int
+    run_ns: int
+    rate: int
+    limit_ns: int
+    jumps: int
+    smooth_since_ns: int
+
+    def at(self, machine_ns: int) -> int:
+        """The run's time at a moment of the machine's monotonic time.
+
+        For moments before it went at this rate, as of messages from before the time has begun, that is the
+        time from which on it has: going back at the rate of now would lead anywhere, even below 0.
+        """
+        run_ns = self.run_ns + ((machine_ns - self.machine_ns) * self.rate >> 32)
+        return max(self.smooth_since_ns, min(run_ns, self.limit_ns))
+
+    def goes_on_smoothly(self, machine_ns: int, rate: int) -> bool:
+        """Whether time that goes on at a rate has gone at the same one until then, without a stop."""
+        return 0 < rate == self.rate and self.at(machine_ns) < self.limit_ns
+
+
+class _Rows:
+    """The rows of the clock's segment, written in turn; the newest counts, the others tell of the past."""
+
+    def __init__(self, words: Words):
+        self._words = words
+        self._read = row_reader(words, len(_Row._fields))
+        self._write = row_writer(words, len(_Row._fields))
+        self._fence = new_fence()
+
+    def read(self) -> _Row | None:
+        """Return the row that counts; None before the run's time has begun."""
+        while number := self._words[layout.CLOCK_NUMBER]:
+            self._fence()
+            row = _Row(*self._read(_offset(number)))
+            self._fence()
+            if self._words[layout.CLOCK_NUMBER] == number:
+                return row
+        return None
+
+    def read_at(self, machine_ns: int) -> _Row | None:
+        """Return the row that counted at a moment, or the oldest there is; None as for `read`."""
+        row = self.read()
+        while row is not None and machine_ns < row.machine_ns and row.at(machine_ns) <= row.smooth_since_ns:
+            # Whoever turns the clock may be writing the row after the newest, where the oldest was.
+            newest = self._words[layout.CLOCK_NUMBER]
+            oldest = max(1, newest - layout.CLOCK_ROW_COUNT + 2)
+            after = bisect_right(range(oldest, newest + 1), machine_ns, key=self._machine_ns)
+            number = max(oldest, oldest + after - 1)
+            found = _Row(*self._read(_offset(number)))
+            self._fence()
+            if self._words[layout.CLOCK_NUMBER] - number <= layout.CLOCK_ROW_COUNT - 2:
+                return found
+        return row
+
+    def _machine_ns(self, number: int) -> int:
+        return self._words[_offset(number) // WORD_BYTES]
+
+    def write(self, row: _Row) -> None:
+        """Make another row the one that counts; one that is half written never does."""
+        number = self._words[layout.CLOCK_NUMBER] + 1
+        self._write(_offset(number), *row)
+        self._fence()
+        self._words[layout.CLOCK_NUMBER] = number
+
+
+def _offset(number: int) -> int:
+    place = number % layout.CLOCK_ROW_COUNT
+    return (layout.CLOCK_ROWS + place * layout.CLOCK_ROW_WORDS) * WORD_BYTES
+
+
+class RunClock:
+    """Tells the run's time; see `robbie_mp.module.clock.Clock`.
+
+    Both readings are the same where a module turns the clock: nanoseconds since the epoch.
+
+    Args:
+        segment: the run's clock.
+    """
+
+    def __init__(self, segment: Segment):
+        self._segment = segment
+        self._rows = _Rows(segment.words)
+        self._latest = 0, 0
+        """Jumps and time as they were told last."""
+
+    @classmethod
+    def attach(cls, run_id: str) -> "RunClock":
+        """Map the clock of a run."""
+        return cls(Segment.attach(names.clock(run_id), SegmentKind.CLOCK))
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the time has been set for the first time."""
+        return self._rows.read() is not None
+
+    @property
+    def jumps(self) -> int:
+        """How often the time has been set to another one."""
+        row = self._rows.read()
+        return row.jumps if row else 0
+
+    def now_ns(self) -> int:
+        """Nanoseconds since the epoch; before the run's time has begun, 0.
+
+        Who turns the clock may stop it at a time that has just passed, for it looks at the machine's clock a
+        little before its row counts. Nobody is told an earlier time for that.
+        """
+        row = self._rows.read()
+        if row is None:
+            return 0
+        latest = self._latest = max(self._latest, (row.jumps, row.at(time.monotonic_ns())))
+        return latest[1]
+
+    monotonic_ns = now_ns
+    """Likewise; goes back by a jump, and never else."""
+
+    def at(self, machine_ns: int) -> int:
+        """The run's time at a moment of the machine's monotonic time.
+
+        If it has been turned a thousand times since, it is the time after the first of these.
+        """
+        row = self._rows.read_at(machine_ns)
+        return row.at(machine_ns) if row else 0
+
+    def machine_s_until(self, run_ns: int) -> float:
+        """How long until it is so late, as things are; infinite while time stands still."""
+        row = self._rows.read()
+        if row is None:
+            return math.inf
+        left_ns = run_ns - row.at(time.monotonic_ns())
+        if left_ns <= 0:
+            return 0.0
+        return left_ns * RATE_ONE / row.rate / 1e9 if row.rate else math.inf
+
+    def close(self) -> None:
+        """Unmap it."""
+        self._segment.close()
+
+
+class ClockWriter:
+    """Turns the run's clock. Belongs to the one module that the profile names.
+
+    A new incarnation of that module finds the clock as the last one left it.
+
+    Args:
+        segment: the run's clock, mapped for writing.
+    """
+
+    def __init__(self, segment: Segment):
+        self._segment = segment
+        self._rows = _Rows(segment.words)
+
+    @classmethod
+    def attach(cls, run_id: str) -> "ClockWriter":
+        """Map the clock of a run for writing."""
+        return cls(Segment.attach(names.clock(run_id), SegmentKind.CLOCK, write=True))
+
+    @property
+    def now_ns(self) -> int | None:
+        """The run's time; None if it has not begun."""
+        row = self._rows.read()
+        return row.at(time.monotonic_ns()) if row else None
+
+    def play(self, at_ns: int, rate: float = 1.0, limit_ns: int = WORD_MAX) -> None:
+        """Let time go on from `at_ns`.
+
+        Args:
+            at_ns: no earlier than it is; see `jump`.
+            rate: s of the run in each s of the machine.
+            limit_ns: time stops there, unless this is called again before: so it stops soon after a crash of
+                who turns the clock.
+
+        Raises:
+            InvalidRate: the rate is negative, not a number, or absurd.
+        """
+        if not 0 <= rate <= MAX_RATE:
+            raise InvalidRate(f"time cannot go at {rate} times real time; give a rate from 0 to {MAX_RATE:g}")
+        self._write(at_ns, round(rate * RATE_ONE), limit_ns, is_jump=False)
+
+    def pause(self, at_ns: int) -> None:
+        """Let time stand still; called again and again, it goes in steps."""
+        self._write(at_ns, 0, WORD_MAX, is_jump=False)
+
+    def jump(self, at_ns: int) -> None:
+        """Set another time, earlier or later, and let it stand still there."""
+        self._write(at_ns, 0, WORD_MAX, is_jump=True)
+
+    def _write(self, at_ns: int, rate: int, limit_ns: int, *, is_jump: bool) -> None:
+        before, machine_ns = self._rows.read(), time.monotonic_ns()
+        jumps = before.jumps if before else 0
+        since_ns = at_ns
+        if before and not is_jump:
+            since_ns = at_ns = max(at_ns, before.at(machine_ns))
+            if before.goes_on_smoothly(machine_ns, rate):
+                since_ns = before.smooth_since_ns
+        self._rows.write(_Row(machine_ns, at_ns, rate, max(limit_ns, at_ns), jumps + is_jump, since_ns))
+
+    def close(self) -> None:
+        """Unmap it."""
+        self._segment.close()

@@ -1,0 +1,95 @@
+"""A form for any message type: a line of text for each field, checked one by one."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.messages import FieldError, Message, from_dict
+from robbie_mp.messages.field_types import FieldType, Nested, Text
+from robbie_mp.messages.message import fields_of
+from robbie_mp.profile.problem import ProfileError
+from robbie_mp.profile.reader import read_text
+from robbie_mp.views.message_text import FieldPath, to_yaml
+
+
+class FormError(RobbieError, ValueError):
+    """Fields of a form cannot be what they are.
+
+    Attributes:
+        problems: by the path of the field, what is wrong with it.
+    """
+
+    def __init__(self, problems: Mapping[str, str]):
+        super().__init__("; ".join(f"{path}: {problem}" for path, problem in problems.items()))
+        self.problems = dict(problems)
+
+
+@dataclass(frozen=True)
+class FormField:
+    """One field that takes a text."""
+
+    path: str
+    """As pose.position.x."""
+    kind: FieldType
+    default: str
+    """What it is when its text is empty."""
+
+
+def form_of(message_type: type[Message]) -> list[FormField]:
+    """Return the fields of a form for a type, those of nested messages each for itself."""
+    message = message_type()
+    found = []
+    for path, kind in _leaves(message_type, ""):
+        default = FieldPath(message_type, path).value(message, full=False)
+        found.append(FormField(path, kind, default if isinstance(kind, Text) else to_yaml(default)))
+    return found
+
+
+def _leaves(message_type: type[Message], prefix: str) -> Iterator[tuple[str, FieldType]]:
+    for field in fields_of(message_type):
+        if isinstance(field.type, Nested):
+            yield from _leaves(field.type.message, f"{prefix}{field.name}.")
+        else:
+            yield prefix + field.name, field.type
+
+
+def compose(message_type: type[Message], texts: Mapping[str, str]) -> Message:
+    """Return the message that a form describes.
+
+    Args:
+        message_type: its type.
+        texts: by the paths of fields: strings as they are, all else in YAML; empty for the default.
+
+    Raises:
+        FormError: fields do not fit; it tells which and why.
+    """
+    plain: dict[str, Any] = {}
+    problems: dict[str, str] = {}
+    for path, text in texts.items():
+        if not text.strip():
+            continue
+        try:
+            value = _value_of(text, FieldPath(message_type, path).kind)
+            from_dict(
+                message_type, _nest({}, path, value)
+            )  # by itself, so that it is known whose error it is
+            _nest(plain, path, value)
+        except (ProfileError, FieldError) as error:
+            problems[path] = str(error)
+    if problems:
+        raise FormError(problems)
+    return from_dict(message_type, plain)
+
+
+def _value_of(text: str, kind: FieldType) -> Any:
+    return text if isinstance(kind, Text) else read_text(text, "YAML").plain()
+
+
+def _nest(plain: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
+    *parents, name = path.split(".")
+    inner = plain
+    for parent in parents:
+        inner = inner.setdefault(parent, {})
+    inner[name] = value
+    return plain

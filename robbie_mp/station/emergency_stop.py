@@ -1,0 +1,87 @@
+"""The emergency stop: above everything, in one place, latched by the base, released on purpose only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+from nicegui.element import Element
+
+from robbie_mp.messages import EmergencyStop
+from robbie_mp.station.access import Role
+from robbie_mp.station.sending import header_of_now
+from robbie_mp.station.stop_connection import StopService
+from robbie_mp.station.stop_requests import StopRequests
+
+if TYPE_CHECKING:
+    from robbie_mp.station.panel import Page
+    from robbie_mp.station.station import OperatorStation
+
+REQUEST_TOPIC = "emergency_stop"
+STATE_TOPIC = "emergency_stop_state"
+STOPPED_BY = "stopped by hand on the operator's page"
+RELEASED_BY = "released by hand on the operator's page"
+STYLE = Path(__file__).parent / "emergency_stop.css"
+
+
+class StopButton(Element, component="emergency_stop.js"):
+    """The button and what is the case. Its script keeps a press until the base has confirmed it."""
+
+
+class EmergencyStopControl:
+    """Everybody may stop the robot; operators release it.
+
+    Attributes:
+        service: answers the buttons of all pages.
+    """
+
+    def __init__(self, station: OperatorStation):
+        self._station = station
+        self._state = station.newest(EmergencyStop, STATE_TOPIC)
+        self._requests = StopRequests(self._send)
+        self._state.listen(self._see)
+        self.service = StopService(self._requests, self._state)
+
+    def tick(self) -> None:
+        """Repeat what the base has not confirmed; in the module's thread."""
+        self._requests.repeat()
+
+    def _send(self, engaged: bool) -> bool:
+        """Ask the base to stop and stay, or to be ready to drive again."""
+        reason = STOPPED_BY if engaged else RELEASED_BY
+        message = EmergencyStop(header=header_of_now(self._station), engaged=engaged, reason=reason)
+        return self._station.publish(message, topic=REQUEST_TOPIC)
+
+    def _see(self, state: EmergencyStop) -> None:
+        self._requests.see(engaged=state.engaged, published_s=self._station.envelope.published_ns / 1e9)
+
+    @property
+    def _can_be_released(self) -> bool:
+        is_engaged = self._state.message is not None and self._state.message.engaged
+        return is_engaged or self._requests.waits_s is not None
+
+    def build(self, page: Page) -> None:
+        """Make the button for a page, and elsewhere the one that releases."""
+        ui.add_css(STYLE)
+        StopButton()
+
+        def release() -> None:
+            dialog.close()
+            if page.may("the release of the emergency stop") and not self._requests.release():
+                ui.notify("the release was not sent: the robot's memory is full", type="negative")
+
+        with ui.dialog() as dialog, ui.card():
+            ui.label("Release the emergency stop? The robot may move at once.")
+            with ui.row():
+                ui.button("Release", on_click=release, color="orange-10").props("id=confirm-release")
+                ui.button("Keep it stopped", on_click=dialog.close)
+        # Its place is kept while it is not to be seen, so that nothing else moves.
+        again = ui.button("Release …", on_click=dialog.open).props("id=release-emergency-stop")
+
+        def update() -> None:
+            is_shown = self._can_be_released and page.role is Role.OPERATOR
+            again.classes(remove="invisible" if is_shown else "", add="" if is_shown else "invisible")
+
+        update()
+        page.always(0.1, update)

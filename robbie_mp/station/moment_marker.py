@@ -1,0 +1,39 @@
+"""Marks a moment, to find it again in the log and on the playback's bar."""
+
+from __future__ import annotations
+
+from itertools import count
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from robbie_mp.messages import Mark
+from robbie_mp.station.access import Role
+from robbie_mp.station.sending import header_of_now
+
+if TYPE_CHECKING:
+    from robbie_mp.station.panel import Page
+    from robbie_mp.station.station import OperatorStation
+
+
+class MomentMarker:
+    """A button at the top of the page. It marks at once: a text would come too late, and has its own ways."""
+
+    def __init__(self, station: OperatorStation):
+        self._station = station
+        self._numbers = count(1)
+
+    def build(self, page: Page) -> None:
+        """Make the button; observers have none."""
+        if page.role is not Role.OPERATOR:
+            return
+
+        def mark() -> None:
+            text = f"mark {next(self._numbers)}"
+            message = Mark(header=header_of_now(self._station), text=text)
+            if page.publish(message, text):
+                self._station.log.info("%s, by hand", text)
+                ui.notify(text)
+
+        button = ui.button(icon="bookmark_add", on_click=mark).props("flat dense color=white id=mark")
+        button.props('aria-label="Mark this moment" title="Mark this moment"')

@@ -1,0 +1,70 @@
+"""The page as a whole: the bar at the top, and a tab for each panel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from nicegui import core, ui
+
+from robbie_mp.station.access import Role
+from robbie_mp.station.gate import SESSION
+from robbie_mp.station.link import BrowserLink
+from robbie_mp.station.panel import Page, Panel
+
+if TYPE_CHECKING:
+    from robbie_mp.station.station import OperatorStation
+
+TAB = "tab"
+LOG_OUT = "() => fetch('/logout', {method: 'POST'}).then(() => window.location.assign('/login'))"
+RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
+"""Look for a server that has gone every few tenths of a second (Socket.IO's own choice is up to 5 s)."""
+
+
+def build_page(
+    station: OperatorStation,
+    tools: Sequence[Callable[[Page], None]],
+    bars: Sequence[Callable[[Page], None]],
+    panels: Sequence[tuple[Panel, str]],
+) -> None:
+    """Make the elements of a page that has just been opened.
+
+    Args:
+        station: whose page it is.
+        tools: make what is always in sight, at the top.
+        bars: make what is seen above the tabs when there is reason to.
+        panels: each with its title.
+    """
+    client = ui.context.client
+    page = Page(client.id, client.request.scope[SESSION], station, BrowserLink(core.sio, client.id))
+    role = page.role or Role.OBSERVER
+    station.opened(page)
+    client.on_delete(lambda: station.closed(page))
+    ui.run_javascript(RECONNECT)
+    with ui.header().classes("items-center q-py-xs beside-emergency-stop"):
+        ui.label(f"Robbie · {station.run_id}").classes("text-lg")
+        ui.badge(role.name.lower()).props("outline id=role color=white")
+        leave = ui.button(icon="logout").on("click", js_handler=LOG_OUT)
+        leave.props('flat dense color=white id=log-out aria-label="Log out" title="Log out"')
+        ui.space()
+        for build in tools:
+            build(page)
+    for build in bars:
+        build(page)
+    with ui.tabs().classes("w-full") as tabs:
+        made = {
+            panel.name: ui.tab(panel.name, title, panel.icon).props(f"id=tab-{panel.name}")
+            for panel, title in panels
+        }
+    asked = client.request.query_params.get(TAB) if client.request else None
+    first = page.tab = asked if asked in made else next(iter(made))
+    with ui.tab_panels(tabs, value=first, animated=False, keep_alive=True).classes("w-full"):
+        for panel, _ in panels:
+            with ui.tab_panel(panel.name).props(f"id=panel-{panel.name}"):
+                panel.build(page)
+
+    def turn_to(name: str) -> None:
+        page.tab = name
+        ui.navigate.history.replace(f"?{TAB}={name}")  # for when the page is loaded again
+
+    tabs.on_value_change(lambda event: turn_to(str(event.value)))

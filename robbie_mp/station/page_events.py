@@ -1,0 +1,178 @@
+"""Events of pages: taken only on the connection of the very page that they name, and only of the right form.
+
+NiceGUI finds the page of an event by the id that the event carries, whichever connection it came on. Here a
+connection belongs to one session and to one page of that session, and speaks for no other.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs
+
+from nicegui import core
+from nicegui.client import Client
+from socketio.exceptions import ConnectionRefusedError
+from starlette.types import Message, Receive, Scope, Send
+
+from robbie_mp.station.gate import SESSION, App
+
+if TYPE_CHECKING:
+    from robbie_mp.station.station import OperatorStation
+
+NAMESPACE = "/"
+LOAD_ANEW = "Implicit handshake failed"
+"""At this a page is loaded anew, as when the station was restarted and does not know it."""
+MAX_CHARACTERS = {
+    "event": 1 << 16,
+    "javascript_response": 1 << 14,
+    "handshake": 2048,
+    "ack": 256,
+    "log": 1 << 14,
+}
+"""Of what an event carries. The longest are texts that a visitor has written."""
+MAX_LOG_CHARACTERS = 500
+"""Of what a page has to say of itself; the rest is left out."""
+PACKETS = ("1", "3", "40", "40{}", "41")
+"""To close, to answer a ping, to connect and to disconnect."""
+EVENT_PACKET = re.compile(r"42\d{0,9}(?=\[)")
+"""How one begins that carries an event, with a number if it wants an answer."""
+LEVELS = ("debug", "info", "warning", "error")
+FORMS: dict[str, dict[str, type | tuple[type, ...]]] = {
+    "event": {"client_id": str, "id": int, "listener_id": str, "args": list},
+    "javascript_response": {"client_id": str, "request_id": str},
+    "handshake": {"client_id": str, "tab_id": str, "document_id": str},
+    "ack": {"client_id": str, "next_message_id": int},
+    "log": {"client_id": str, "level": str, "message": str},
+}
+"""What each event has to carry; other things are looked at by nobody."""
+
+
+class PageEvents:
+    """Stands before NiceGUI's handlers of all that pages send.
+
+    Args:
+        station: knows whose page is whose.
+    """
+
+    def __init__(self, station: OperatorStation):
+        self._station = station
+        handlers = dict(core.sio.handlers[NAMESPACE])
+        unknown = handlers.keys() - FORMS.keys() - {"connect", "disconnect"}
+        if unknown:
+            raise NotImplementedError(f"this version of NiceGUI has events that nobody guards: {unknown}")
+        self._handlers = handlers
+        core.sio.on("connect", self._on_connect)
+        for name in FORMS:
+            core.sio.on(name, self._guarded(name))
+
+    async def _on_connect(self, connection: str, _environ: object, _auth: object = None) -> bool:
+        # What is passed as the environment may come from an event that calls itself "connect".
+        environ = core.sio.get_environ(connection) or {}
+        if not self._may_join(connection, named_in(environ)):
+            raise ConnectionRefusedError(LOAD_ANEW)
+        await self._handlers["connect"](connection, environ, None)
+        return True
+
+    def _guarded(self, name: str) -> Callable[..., object]:
+        async def handle(connection: str, *sent: Any) -> object:
+            content: Any = sent[0] if len(sent) == 1 else None
+            problem = self._problem(connection, name, content)
+            if problem:
+                self._station.refusals.warning("refused %s from a page: %s", name, problem)
+                return False
+            if name == "log":
+                content["message"] = repr(content["message"][:MAX_LOG_CHARACTERS])
+            try:
+                answer = self._handlers[name](connection, content)
+                return await answer if inspect.isawaitable(answer) else answer
+            except Exception as error:  # whatever is sent, it writes no report of several lines
+                self._station.refusals.warning("cannot handle %s from a page: %r", name, error)
+                return False
+
+        return handle
+
+    def _problem(self, connection: str, name: str, content: Any) -> str:
+        """Say what is wrong with an event; '' if nothing is."""
+        if not has_form(content, FORMS[name]):
+            return "it has not the form of such an event"
+        if len(json.dumps(content)) > MAX_CHARACTERS[name]:
+            return f"it is longer than {MAX_CHARACTERS[name]} characters"
+        key = content["client_id"]
+        if name == "handshake":
+            environ = core.sio.get_environ(connection) or {}
+            is_own = key == named_in(environ) and self._may_join(connection, key)
+        else:
+            is_own = key in core.sio.rooms(connection)
+        if not is_own:
+            return "it is in another page's name"
+        if name == "event" and not has_listener(key, content):
+            return "there is no such element, or nobody listens to it"
+        if name == "log" and content["level"] not in LEVELS:
+            return "there is no such level"
+        return ""
+
+    def _may_join(self, connection: str, key: str) -> bool:
+        """Whether a connection and the page that it names are of the same session."""
+        page = self._station.pages.get(key)
+        scope = (core.sio.get_environ(connection) or {}).get("asgi.scope", {})
+        return page is not None and page.session == scope.get(SESSION)
+
+
+def with_known_packets(app: App) -> App:
+    """Return an application that gets only packets that pages send; any other one ends its connection.
+
+    Socket.IO knows many more. Of one that promises attachments, for instance, it keeps all that come until
+    they are complete, which is never.
+    """
+
+    async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+        async def take() -> Message:
+            message = await receive()
+            if message["type"] == "websocket.receive" and not is_known(message.get("text")):
+                return {"type": "websocket.disconnect", "code": 1003}
+            return message
+
+        is_socket = scope["type"] == "websocket"
+        await app(scope, take if is_socket else receive, send)
+
+    return answer
+
+
+def is_known(packet: str | None) -> bool:
+    """Whether a packet is one that pages send, of Socket.IO 5 in Engine.IO 4."""
+    if packet is None:
+        return False
+    if packet in PACKETS:
+        return True
+    event = EVENT_PACKET.match(packet)
+    if event is None:
+        return False
+    try:
+        content = json.loads(packet[event.end() :])
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(content, list) and len(content) == 2 and content[0] in FORMS
+
+
+def has_form(content: Any, form: dict[str, type | tuple[type, ...]]) -> bool:
+    """Whether something has all members that an event of its kind has."""
+    return isinstance(content, dict) and all(
+        isinstance(content.get(name), kind) and not (kind is int and isinstance(content[name], bool))
+        for name, kind in form.items()
+    )
+
+
+def has_listener(key: str, event: dict[str, Any]) -> bool:
+    """Whether an event is one that an element of the page has asked for."""
+    client = Client.instances.get(key)
+    element = client.elements.get(event["id"]) if client else None
+    return element is not None and event["listener_id"] in element._event_listeners
+
+
+def named_in(environ: dict[str, Any]) -> str:
+    """Return the page that a connection named when it was made; '' if it named none."""
+    return parse_qs(str(environ.get("QUERY_STRING", ""))).get("client_id", [""])[0]

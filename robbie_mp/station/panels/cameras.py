@@ -1,0 +1,135 @@
+"""The newest image of each camera, as many as the link bears."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+from starlette.responses import Response
+
+from robbie_mp.messages import CompressedImage, Detection2DArray, Image
+from robbie_mp.module.module import MessageHandling
+from robbie_mp.station.ages import silence
+from robbie_mp.station.detection_boxes import Box, DetectionBoxes, boxes_of
+from robbie_mp.station.latest import Latest
+from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.panels.newest_image import NewestImage
+from robbie_mp.station.pictures import (
+    NewestPicture,
+    encode_image,
+    no_picture,
+    serve_pictures,
+)
+
+if TYPE_CHECKING:
+    from robbie_mp.station.station import OperatorStation
+
+REFRESH_S = 0.1
+"""No page is told of new images more often."""
+MOST_CAMERAS = 12
+FRESH_NS = 500_000_000
+"""What was found in an image so much older than the one that is shown is shown in it, too."""
+SILENT_AFTER_S = 2.0
+"""A camera that works has sent an image within this time."""
+ADDRESS = "/pictures/camera/{name:path}"
+
+
+class Camera:
+    """What comes on one topic."""
+
+    def __init__(self) -> None:
+        self.latest: Latest[Image | CompressedImage] = Latest()
+        self.picture = NewestPicture(self.latest, encode_image)
+
+    def boxes(self, found: Detection2DArray | None) -> list[Box]:
+        """Return what was found in the newest image, or in one just before it; [] if that is too long ago."""
+        image = self.latest.message
+        if found is None or not isinstance(image, Image):
+            return []
+        age_ns = image.header.stamp.nanoseconds - found.header.stamp.nanoseconds
+        return boxes_of(found, image.width, image.height) if abs(age_ns) <= FRESH_NS else []
+
+    @property
+    def description(self) -> str:
+        """Size and encoding of the newest image."""
+        image = self.latest.message
+        if isinstance(image, Image):
+            return f"{image.width} x {image.height} {image.encoding}, image {self.latest.count}"
+        return f"{image.format if image else ''}, image {self.latest.count}"
+
+
+class CamerasPanel(Panel):
+    """A picture for each topic on which images come."""
+
+    name = "cameras"
+    title = "Cameras"
+    icon = "photo_camera"
+
+    def __init__(self, station: OperatorStation):
+        super().__init__(station)
+        self.cameras: dict[str, Camera] = {}
+        self.detections: dict[str, Detection2DArray] = {}
+        """By the topic of the images."""
+        newest = MessageHandling.KEEP_ONLY_NEWEST
+        station.subscribe(Image, self._on_image, newest)
+        station.subscribe(CompressedImage, self._on_image, newest)
+        station.subscribe(Detection2DArray, self._on_detections, newest)
+        serve_pictures(ADDRESS, self._answer)
+
+    def _on_image(self, image: Image | CompressedImage) -> None:
+        topic = self.station.envelope.topic or "image"
+        name = topic if isinstance(image, Image) else f"{topic}/compressed"
+        camera = self.cameras.get(name)
+        if camera is None:
+            if len(self.cameras) >= MOST_CAMERAS:
+                return
+            camera = Camera()
+            self.cameras = {**self.cameras, name: camera}  # another one, for pages look at it meanwhile
+        camera.latest.put(image)
+
+    def _on_detections(self, found: Detection2DArray) -> None:
+        topic = self.station.envelope.topic or "image"
+        if topic in self.detections or len(self.detections) < MOST_CAMERAS:
+            self.detections = {**self.detections, topic: found}
+
+    def _answer(self, name: str) -> Response:
+        camera = self.cameras.get(name)
+        return camera.picture.answer() if camera else no_picture("there is no such camera")
+
+    def build(self, page: Page) -> None:
+        """Make a card for each camera; more as they come."""
+        hint = ui.label("no camera has sent an image yet").classes("text-grey")
+        row = ui.row().classes("w-full gap-4")
+        cards: dict[str, CameraCard] = {}
+
+        def update() -> None:
+            for name, camera in sorted(self.cameras.items()):
+                if name not in cards:
+                    hint.set_visibility(False)
+                    with row, ui.card():
+                        cards[name] = CameraCard(name)
+                cards[name].show(camera, self.detections.get(name))
+
+        page.every(REFRESH_S, self.name, update)
+
+
+class CameraCard:
+    """The picture of a camera, what was found in it, and the line below."""
+
+    def __init__(self, name: str):
+        ui.label(name).classes("font-bold")
+        with ui.element("div").classes("relative w-full").style("min-width: 20rem; max-width: 40rem"):
+            self._image = NewestImage(ADDRESS.replace("{name:path}", name), f"camera {name}")
+            self._image.classes("w-full block").style("image-rendering: pixelated")
+            self._boxes = DetectionBoxes().classes("absolute inset-0 w-full h-full pointer-events-none")
+        self._text = ui.label("").classes("text-sm")
+        self._silent = ui.label("").classes("text-orange font-bold camera-silent")
+
+    def show(self, camera: Camera, found: Detection2DArray | None) -> None:
+        """Show the newest image and what was found in it."""
+        self._image.show(camera.latest.count)
+        self._boxes.show(camera.boxes(found))
+        self._text.set_text(camera.description)
+        silent = silence(camera.latest.age_s, SILENT_AFTER_S)
+        self._silent.set_text(f"silent: this image is {silent} old" if silent else "")
+        self._image.classes(add="grayscale" if silent else "", remove="" if silent else "grayscale")

@@ -1,0 +1,144 @@
+"""Virtual devices, set by hand: a battery's charge, a bumper that is pressed, a laser that fails.
+
+They obey settings whose names begin with `virtual_`. Only simulated devices have such ones.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from nicegui import ui
+
+from robbie_mp.profile.show import inline
+from robbie_mp.station.access import Role
+from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.settings_watch import Change, Entry
+
+PREFIX = "virtual_"
+STEPS = 100
+"""From one end of a slider to the other."""
+
+
+class DevicesPanel(Panel):
+    """What can be set of the virtual devices."""
+
+    name = "devices"
+    title = "Virtual devices"
+    icon = "construction"
+
+    def tick(self) -> None:
+        """Read what the devices obey."""
+        if self.is_looked_at:
+            self.station.settings_watch.tick()
+
+    def found(self) -> dict[str, dict[str, Entry]]:
+        """Return the modules of virtual devices, and what can be set of each."""
+        return {
+            module: virtual
+            for module, entries in self.station.settings_watch.changeable.items()
+            if (
+                virtual := {
+                    name: entry
+                    for name, entry in entries.items()
+                    if name.startswith(PREFIX) and has_control(entry["outline"])
+                }
+            )
+        }
+
+    def build(self, page: Page) -> None:
+        """Make a card for each device, as soon as it is known which there are."""
+        hint = ui.label("this robot has no virtual devices").classes("text-grey")
+        area = ui.row().classes("w-full gap-4")
+        made: dict[str, Device] = {}
+
+        def update() -> None:
+            found = self.found()
+            hint.set_visibility(not found)
+            if {name: [*entries] for name, entries in found.items()} != {
+                name: [*device.controls] for name, device in made.items()
+            }:
+                made.clear()
+                area.clear()
+                with area:
+                    made.update({name: Device(self, page, name, found[name]) for name in sorted(found)})
+            reading = self.station.run_watch.reading
+            statuses = {one.name: one.status for one in reading.modules} if reading else {}
+            for name, device in made.items():
+                device.update(found[name], statuses.get(name, ""))
+
+        page.every(0.2, self.name, update)
+
+
+class Device:
+    """One virtual device on one page.
+
+    Args:
+        panel: knows what can be set.
+        page: observers only look.
+        module: its name.
+        entries: what can be set of it.
+    """
+
+    def __init__(self, panel: DevicesPanel, page: Page, module: str, entries: dict[str, Entry]):
+        with ui.card().classes("w-96"):
+            ui.label(module).classes("font-bold")
+            self._status = ui.label("").classes("text-sm").props(f"id=device-{module}")
+            self.controls = {
+                name: Control(Change(panel.station, page, module, name), page, f"{module}-{name}", entry)
+                for name, entry in entries.items()
+            }
+
+    def update(self, entries: dict[str, Entry], status: str) -> None:
+        """Show what the device says of itself, and what has been set."""
+        self._status.set_text(status)
+        for name, control in self.controls.items():
+            control.update(entries[name])
+
+
+class Control:
+    """What sets one thing of a device: a slider, a switch, or a choice, as its type wants it."""
+
+    def __init__(self, change: Change, page: Page, key: str, entry: Entry):
+        self._change = change
+        self._shown: Any = None
+        ui.label(entry["description"]).classes("text-sm text-grey")
+        self._element = _element_for(entry["outline"], self._ask)
+        self._element.props(f"id=control-{key}")
+        self._element.set_enabled(page.role is Role.OPERATOR)
+        self._value = ui.label("").props(f"id=value-{key}")
+        self._error = ui.label("").classes("text-negative").props(f"id=error-{key} role=alert")
+
+    def _ask(self, value: Any) -> None:
+        if value != self._shown:  # by hand
+            self._shown = value
+            self._change.ask(json.dumps(value))
+
+    def update(self, entry: Entry) -> None:
+        """Show what is set, if that is something else than before; and what was wrong."""
+        self._change.look()
+        self._error.set_text(self._change.error)
+        is_set = entry["value"] not in (None, [])
+        self._value.set_text(f"set to {inline(entry['value'])}" if is_set else "not set")
+        if not self._change.is_open and entry["value"] not in (None, self._shown):
+            self._shown = entry["value"]
+            self._element.set_value(entry["value"])
+
+
+def has_control(outline: dict[str, Any]) -> bool:
+    """Whether there is an element for a type; all others are set as parameters."""
+    is_range = outline["minimum"] is not None and outline["maximum"] is not None
+    return bool(outline["choices"]) or (not outline["is_list"] and (is_range or outline["kind"] == "bool"))
+
+
+def _element_for(outline: dict[str, Any], ask: Callable[[Any], None]) -> ui.select | ui.switch | ui.slider:
+    if outline["choices"]:
+        choice = ui.select(outline["choices"], multiple=outline["is_list"]).classes("w-full")
+        return choice.on_value_change(lambda event: ask(event.value))
+    if outline["kind"] == "bool":
+        return ui.switch("on").on_value_change(lambda event: ask(event.value))
+    low, high = outline["minimum"], outline["maximum"]
+    slider = ui.slider(min=low, max=high, step=(high - low) / STEPS, value=low).props("label")
+    # "change" is when a hand lets go, and no new value.
+    return slider.on("change", lambda event: ask(event.args))

@@ -1,0 +1,214 @@
+"""The map from above: robots, path, goal, frontiers, victims, places; somewhere to send the robot to."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Any
+
+from nicegui import ui
+from nicegui.element import Element
+from nicegui.events import GenericEventArguments
+
+from robbie_mp.messages import (
+    Frontiers,
+    OccupancyGrid,
+    Path,
+    Point,
+    PointOfInterest,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    VictimFound,
+)
+from robbie_mp.scene_graph import RigidTransform
+from robbie_mp.station.access import Role
+from robbie_mp.station.live import SCRIPTS
+from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.scene_view.other_robots import other_robots
+from robbie_mp.station.sending import header_of_now
+from robbie_mp.station.victim_watch import KnownVictim
+
+if TYPE_CHECKING:
+    from robbie_mp.station.station import OperatorStation
+
+TEXT_PERIOD_S = 0.2
+GROUP = "marks"
+"""Of live parts: what is drawn on the map."""
+LONGEST_PATH = 500
+"""Of longer paths every second, third … point is shown."""
+MODES = {"": "Move map", "goal": "Set goal", "initial_pose": "Set pose"}
+"""What a press on the map does, by the topic that it is published on."""
+COLOURS = {
+    VictimFound.SUSPECTED: "#ef6c00",
+    VictimFound.ASKED: "#fdd835",
+    VictimFound.CONFIRMED: "#00897b",
+    VictimFound.REJECTED: "#757575",
+}
+PLACE_COLOUR = "#3949ab"
+
+
+class MapView(Element, component="map_view.js", esm=SCRIPTS):
+    """Follows the map and the marks on it, and draws them."""
+
+
+class MapPanel(Panel):
+    """The map of the robot, on which operators set goals."""
+
+    name = "map"
+    title = "Map"
+    icon = "map"
+
+    def __init__(self, station: OperatorStation):
+        super().__init__(station)
+        self._grid = station.newest(OccupancyGrid)
+        self._pose = station.newest(PoseStamped, "map_pose")
+        self._goal = station.newest(PoseStamped, "goal")
+        self._path = station.newest(Path, "path")
+        self._frontiers = station.newest(Frontiers)
+        self._others: list[dict[str, Any]] = []
+        self._way: tuple[int, bytes] = (0, b"[]")
+
+    def build(self, page: Page) -> None:
+        """Make the map and its tools."""
+        with ui.row().classes("items-center"):
+            mode = ui.toggle(MODES, value="").props("id=map-mode")
+            mode.set_visibility(page.role is Role.OPERATOR)
+            tools = {
+                name: ui.button(icon=icon).props(f'id=map-{name} aria-label="{label}" title="{label}"')
+                for name, icon, label in (
+                    ("in", "zoom_in", "Zoom in"),
+                    ("out", "zoom_out", "Zoom out"),
+                    ("fit", "fit_screen", "Show the whole map"),
+                    ("save", "save", "Save as picture"),
+                )
+            }
+        view = MapView().props("id=map-view")
+        view.style("width: 100%; height: 60vh; touch-action: none; display: block")
+        text = ui.label("").props("id=map-text")
+        tools["in"].on_click(lambda: view.run_method("zoom", 1.5))
+        tools["out"].on_click(lambda: view.run_method("zoom", 1 / 1.5))
+        tools["fit"].on_click(lambda: view.run_method("fit"))
+        tools["save"].on_click(lambda: view.run_method("save", f"map-{self.station.run_id}.png"))
+
+        def set_mode(topic: str) -> None:
+            view._props["placing"] = topic
+            view.update()
+
+        def placed(event: GenericEventArguments) -> None:
+            if (place := checked(event.args)) is not None:
+                self._publish(page, *place)
+            mode.set_value("")
+
+        if page.role is Role.OPERATOR:
+            mode.on_value_change(lambda event: set_mode(str(event.value or "")))
+            view.on("placed", placed)
+
+        def update() -> None:
+            text.set_text(self.describe())
+
+        page.every(TEXT_PERIOD_S, self.name, update)
+
+    def tick(self) -> None:
+        """Say where everything is, if anybody wants to see it."""
+        if self.station.live.is_wanted(GROUP):
+            found = other_robots(self.station.scene, "map")
+            self._others = [robot_mark(name, pose) for name, pose in found.items()]
+            parts = {name: json.dumps(mark).encode() for name, mark in self.marks().items()}
+            self.station.live.put(GROUP, parts | {"path": self._encoded_path()})
+
+    def _encoded_path(self) -> bytes:
+        if self._way[0] != self._path.count:
+            self._way = (self._path.count, json.dumps(way_points(self._path.message)).encode())
+        return self._way[1]
+
+    def marks(self) -> dict[str, Any]:
+        """Return what is drawn on the map, but for the path; m and rad, map frame."""
+        return {
+            "robot": planar(self._pose.message),
+            "goal": planar(self._goal.message),
+            "frontiers": frontier_marks(self._frontiers.message),
+            "victims": list(map(victim_mark, self.station.victim_watch.victims.values())),
+            "places": [place_mark(place) for place in self.station.places_watch.places],
+            "others": self._others,
+        }
+
+    def describe(self) -> str:
+        """Say in a line what is on the map."""
+        grid, path = self._grid.message, self._path.message
+        info = grid.info if grid else None
+        parts = [f"{info.width} x {info.height} cells of {info.resolution:.3g} m" if info else "no map yet"]
+        for name, pose in (("robot", self._pose.message), ("goal", self._goal.message)):
+            if (place := planar(pose)) is not None:
+                x_m, y_m, yaw_rad = place
+                parts.append(f"{name} at {x_m:.2f} m, {y_m:.2f} m, {math.degrees(yaw_rad):.0f}°")
+        if path:
+            parts.append(f"path of {len(path.poses)} points")
+        if self._frontiers.message:
+            parts.append(f"{len(self._frontiers.message.middles)} frontiers")
+        parts += [f"{one['name']} at {one['x']:.2f} m, {one['y']:.2f} m" for one in self._others]
+        parts += [f"{len(self.station.victim_watch.victims)} victims"]
+        return "; ".join([*parts, *(place.name for place in self.station.places_watch.places)])
+
+    def _publish(self, page: Page, topic: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
+        if yaw_rad is None:  # not said: as the robot would look on its straight way there
+            robot = planar(self._pose.message) or [x_m, y_m, 0.0]
+            yaw_rad = math.atan2(y_m - robot[1], x_m - robot[0])
+        pose = Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(yaw_rad))
+        message = PoseStamped(header=header_of_now(self.station, "map"), pose=pose)
+        page.publish(message, f"the {topic}", topic)
+
+
+def way_points(path: Path | None) -> list[list[float]]:
+    """Return x and y (m) of the points of a path, of a long one of some of them."""
+    poses = path.poses if path else []
+    every = math.ceil(len(poses) / LONGEST_PATH) or 1
+    positions = [one.pose.position for one in (*poses[:-1:every], *poses[-1:])]
+    return [[round(one.x, 3), round(one.y, 3)] for one in positions]
+
+
+def frontier_marks(frontiers: Frontiers | None) -> list[list[float]]:
+    """Return x, y and length (m) of the longest frontiers."""
+    if frontiers is None:
+        return []
+    marks = zip(frontiers.middles, frontiers.lengths_m.tolist(), strict=False)
+    return [[middle.x, middle.y, length_m] for middle, length_m in marks][: Frontiers.MOST]
+
+
+def victim_mark(victim: KnownVictim) -> dict[str, Any]:
+    """Return what is drawn of a victim."""
+    position = victim.found.pose.position
+    colour = COLOURS.get(victim.found.state, COLOURS[VictimFound.SUSPECTED])
+    return {"x": position.x, "y": position.y, "name": victim.found.name, "colour": colour}
+
+
+def place_mark(place: PointOfInterest) -> dict[str, Any]:
+    """Return what is drawn of a point of interest."""
+    position = place.pose.position
+    return {"x": position.x, "y": position.y, "name": place.name, "colour": PLACE_COLOUR}
+
+
+def robot_mark(name: str, pose: RigidTransform) -> dict[str, Any]:
+    """Return what is drawn of another robot."""
+    x_m, y_m, _ = map(float, pose.translation)
+    return {"name": name, "x": round(x_m, 3), "y": round(y_m, 3), "yaw": round(pose.yaw, 3)}
+
+
+def planar(message: PoseStamped | None) -> list[float] | None:
+    """Return x (m), y (m) and heading (rad) of a pose."""
+    if message is None:
+        return None
+    pose = message.pose
+    return [round(number, 4) for number in (pose.position.x, pose.position.y, pose.orientation.yaw)]
+
+
+def checked(sent: Any) -> tuple[str, float, float, float | None] | None:
+    """Return what was placed where on the map: topic, x, y (m), heading (rad); None if that is nothing."""
+    try:
+        topic, yaw_rad = str(sent["what"]), sent["yaw_rad"]
+        numbers = [float(sent["x_m"]), float(sent["y_m"]), 0.0 if yaw_rad is None else float(yaw_rad)]
+    except (KeyError, TypeError, ValueError):
+        return None
+    if not topic or topic not in MODES or not all(map(math.isfinite, numbers)):
+        return None
+    return topic, numbers[0], numbers[1], None if yaw_rad is None else numbers[2]

@@ -1,0 +1,157 @@
+"""The form that sends a message, once or at a rate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.messages.field_types import Text
+from robbie_mp.station.composer import FormError, compose, form_of
+
+if TYPE_CHECKING:
+    from robbie_mp.messages import Message
+    from robbie_mp.messages.descriptions import KnownTypes
+    from robbie_mp.station.panel import Page
+    from robbie_mp.station.station import OperatorStation
+
+MOST_FIELDS = 200
+MOST_HZ = 20.0
+COUNT_PERIOD_S = 0.5
+
+
+class MessageForm:
+    """A choice of types, and a line for each field of the one that is chosen.
+
+    What is sent at a rate is the message that the form described when that began. It ends with the page: when
+    that is closed, or the connection to it is lost, and does not begin again by itself.
+
+    Args:
+        station: who publishes.
+        types: to choose from.
+        page: where it is.
+    """
+
+    def __init__(self, station: OperatorStation, types: KnownTypes, page: Page):
+        self._station = station
+        self._types = types
+        self._page = page
+        self._type: type[Message] | None = None
+        self._inputs: dict[str, ui.input] = {}
+        self._words = [*station.persons, *station.objects, *station.speech_commands]
+        """Offered where a text is wanted."""
+        with ui.row().classes("items-center"):
+            kind = ui.select(types.names(), label="type", with_input=True, clearable=True)
+            kind.props("for=compose-type").classes("w-96").on_value_change(
+                lambda event: self._build(event.value)
+            )
+            self._topic = ui.input("topic").props("for=compose-topic")
+        self._fields = ui.column().classes("w-full gap-0").props("id=compose-fields")
+        with ui.row().classes("items-center") as self._buttons:
+            ui.button("Send once", icon="send", on_click=self._send).props("id=compose-send")
+            self._rate = ui.input("times a second", value="1").classes("w-32").props("for=compose-rate")
+            self._begin_button = ui.button("Send at this rate", icon="repeat", on_click=self._begin)
+            self._begin_button.props("id=compose-begin")
+            self._end_button = ui.button("Stop sending", icon="stop", color="orange-10")
+            self._end_button.on_click(lambda: self._end("by hand")).props("id=compose-end")
+            self._result = ui.label("").props("id=compose-result role=status")
+        self._repeated: Message | None = None
+        self._count = 0
+        self._timer: ui.timer | None = None
+        ui.context.client.on_disconnect(lambda: self._end("the page was closed, or its connection lost"))
+        self._show_repeating()
+        page.every(COUNT_PERIOD_S, "messages", self._show_count)
+
+    def _build(self, name: str | None) -> None:
+        self._fields.clear()
+        self._inputs.clear()
+        self._type = None
+        self._result.set_text("")
+        if not name:
+            return
+        try:
+            self._type = self._types.get(name)
+        except RobbieError as error:
+            self._result.set_text(str(error))
+            return
+        with self._fields:
+            for field in form_of(self._type)[:MOST_FIELDS]:
+                known = self._words if isinstance(field.kind, Text) else None
+                label = f"{field.path} ({field.kind})"
+                line = ui.input(label, placeholder=field.default, autocomplete=known)
+                line.classes("w-full").props(f'dense data-field="{field.path}"')
+                self._inputs[field.path] = line
+
+    def _message(self) -> Message | None:
+        """Return the message that the form describes; None, with errors beside the fields, if it is none."""
+        if self._type is None:
+            self._result.set_text("choose a type first")
+            return None
+        texts = {path: str(line.value or "") for path, line in self._inputs.items()}
+        problems: dict[str, str] = {}
+        message = None
+        try:
+            message = compose(self._type, texts)
+        except FormError as error:
+            problems = error.problems
+            self._result.set_text("not sent: see the fields in red")
+        for path, line in self._inputs.items():
+            line.error = problems.get(path)
+        return message
+
+    def _send(self) -> None:
+        if (message := self._message()) is not None and self._publish(message):
+            self._result.set_text(f"sent a {message.type_name}")
+
+    def _publish(self, message: Message) -> bool:
+        try:
+            is_sent = self._page.publish(message, "the message", str(self._topic.value or ""))
+        except RobbieError as error:  # such as a topic whose name is too long
+            self._topic.error = str(error)
+            self._result.set_text("not sent: see the fields in red")
+            return False
+        self._topic.error = None
+        if not is_sent:
+            self._result.set_text("not sent")
+        return is_sent
+
+    def _begin(self) -> None:
+        """Send the message again and again, if form and rate are well."""
+        self._rate.error = None
+        try:
+            rate_hz = float(self._rate.value or "")
+        except ValueError:
+            rate_hz = 0.0
+        if not 0 < rate_hz <= MOST_HZ:
+            self._rate.error = f"expected a number above 0, at most {MOST_HZ:g}"
+            return
+        if (message := self._message()) is None:
+            return
+        self._repeated, self._count = message, 0
+        with self._buttons:
+            self._timer = ui.timer(1 / rate_hz, self._again)
+        self._show_repeating()
+
+    def _again(self) -> None:
+        if self._repeated is None or not self._publish(self._repeated):
+            self._end("it could not be sent")
+            return
+        self._count += 1
+
+    def _show_count(self) -> None:
+        if self._repeated is not None:
+            self._result.set_text(f"sent {self._count} times")
+
+    def _end(self, why: str) -> None:
+        if self._repeated is None:
+            return
+        self._station.log.info("no more %s are sent: %s", self._repeated.type_name, why)
+        self._repeated = None
+        if self._timer is not None:
+            self._timer.cancel()
+        self._show_repeating()
+
+    def _show_repeating(self) -> None:
+        self._begin_button.set_visibility(self._repeated is None)
+        self._end_button.set_visibility(self._repeated is not None)

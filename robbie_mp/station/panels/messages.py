@@ -1,0 +1,156 @@
+"""The topics with their rates, the newest message of one of them, and a form to send one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from nicegui import run, ui
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.station.access import Role
+from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.panels.message_form import MessageForm
+from robbie_mp.station.run_watch import REFRESH_S
+from robbie_mp.station.table_columns import columns
+from robbie_mp.station.topic_watch import TopicWatch
+from robbie_mp.transport.endpoint import ChannelName
+from robbie_mp.views.known_types import types_of_run
+
+if TYPE_CHECKING:
+    from robbie_mp.station.station import OperatorStation
+
+TREE_REFRESH_S = 0.5
+MOST_WATCHES = 4
+"""Topics that are looked into at the same time, on all pages together: a run has room for few tools."""
+
+
+class MessagesPanel(Panel):
+    """Table, tree and form."""
+
+    name = "messages"
+    title = "Messages"
+    icon = "forum"
+
+    def __init__(self, station: OperatorStation):
+        super().__init__(station)
+        self.types = types_of_run(station.known_run)
+        self.watches: dict[str, TopicWatch] = {}
+        """By key of the page that looks."""
+
+    def tick(self) -> None:
+        """Leave topics at which nobody looks any more."""
+        for key in list(self.watches):
+            page = self.station.pages.get(key)
+            if page is None or page.tab != self.name:
+                self.watches.pop(key).close()
+
+    def close(self) -> None:
+        """Leave all topics."""
+        for watch in self.watches.values():
+            watch.close()
+
+    def build(self, page: Page) -> None:
+        """Make the three parts."""
+        table = ui.table(
+            columns=columns("type", "topic", "version", "messages", "Hz", "kB/s"), rows=[], row_key="key"
+        )
+        table.props("dense flat id=messages-topics").classes("w-full").style("max-height: 45vh")
+        title = ui.label("Press on a line to look into its newest message").props("id=messages-chosen")
+        tree = ui.tree([], label_key="label").props("dense id=messages-tree")
+        if page.role is Role.OPERATOR:
+            with (
+                ui.expansion("Compose a message", icon="send").classes("w-full").props("id=messages-compose")
+            ):
+                MessageForm(self.station, self.types, page)
+        view = MessageView(self, page, title, tree)
+        table.on("row-click", view.choose, js_handler="(event, row) => emit(row.key)")
+
+        def update() -> None:
+            table.rows = self.rows()
+
+        page.every(REFRESH_S / 2, self.name, update)
+        page.every(TREE_REFRESH_S, self.name, view.update)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a line for each channel."""
+        reading, rates = self.station.run_watch.reading, self.station.run_watch.rates
+        found = []
+        for channel in reading.channels if reading else ():
+            key = (channel.type_name, channel.version, channel.topic)
+            rate = rates.channels.get(key) if rates else None
+            found.append(
+                {
+                    "key": "\n".join(map(str, key)),
+                    "type": channel.type_name,
+                    "topic": channel.topic,
+                    "version": channel.version,
+                    "messages": channel.messages,
+                    "Hz": f"{rate.hz:.1f}" if rate else "",
+                    "kB/s": f"{rate.bytes_per_s / 1000:.1f}" if rate else "",
+                }
+            )
+        return found
+
+    def watch(self, key: str, channel: ChannelName) -> str:
+        """Let a page look into a channel; return why it cannot, or ''."""
+        if key in self.watches:
+            self.watches.pop(key).close()
+        if len(self.watches) >= MOST_WATCHES:
+            return f"{MOST_WATCHES} other pages look into messages; more may not"
+        self.watches[key] = TopicWatch(self.station.known_run, self.types, channel)
+        return ""
+
+
+class MessageView:
+    """The newest message of the channel that one page has chosen."""
+
+    def __init__(self, panel: MessagesPanel, page: Page, title: ui.label, tree: ui.tree):
+        self._panel = panel
+        self._page = page
+        self._title = title
+        self._tree = tree
+        self._chosen: ChannelName | None = None
+        self._shown = 0
+
+    def choose(self, event: Any) -> None:
+        """Look into another channel."""
+        parts = str(event.args).split("\n")
+        if len(parts) != 3 or not parts[1].isdigit():
+            return
+        self._chosen = ChannelName(parts[0], int(parts[1]), parts[2])
+        self._shown = 0
+        self._show([])
+        self._look()
+
+    def _look(self) -> None:
+        if self._chosen is not None:
+            problem = self._panel.watch(self._page.key, self._chosen)
+            self._title.set_text(problem or f"waits for a {self._chosen.type_name} …")
+
+    async def update(self) -> None:
+        """Show the newest message if it is another one; what is to be read is read in another thread."""
+        watch = self._panel.watches.get(self._page.key)
+        if watch is None:
+            self._look()  # come back to this tab
+            return
+        received = watch.newest
+        if watch.error:
+            self._title.set_text(watch.error)
+        if received is None or received.sequence == self._shown:
+            return
+        self._shown = received.sequence
+        try:
+            nodes = await run.io_bound(watch.tree, received)
+        except RobbieError as error:
+            self._title.set_text(f"cannot be read: {error}")
+            return
+        about = f", topic {received.topic}" if received.topic else ""
+        self._title.set_text(
+            f"{received.type_name}{about}, from {received.sender}, number {received.sequence}, "
+            f"{len(received.data)} bytes"
+        )
+        self._show(nodes or [])
+
+    def _show(self, nodes: list[dict[str, Any]]) -> None:
+        self._tree.props["nodes"] = nodes
+        self._tree.update()

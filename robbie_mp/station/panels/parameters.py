@@ -1,0 +1,111 @@
+"""Settings of all modules; those that may be changed while the robot runs are changed here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from robbie_mp.profile.show import inline
+from robbie_mp.run.plan import RunPlan
+from robbie_mp.station.access import Role
+from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.settings_watch import Change, Entry
+
+if TYPE_CHECKING:
+    from robbie_mp.station.station import OperatorStation
+
+
+class ParametersPanel(Panel):
+    """Settings with their types, limits and values."""
+
+    name = "parameters"
+    title = "Parameters"
+    icon = "tune"
+
+    def __init__(self, station: OperatorStation):
+        super().__init__(station)
+        modules = RunPlan.load(station.known_run.folder).modules
+        self.given = {
+            module.name: {name: inline(value) for name, value in module.settings.items()}
+            for module in modules
+        }
+
+    def tick(self) -> None:
+        """Read what the modules have written down."""
+        if self.is_looked_at:
+            self.station.settings_watch.tick()
+
+    def build(self, page: Page) -> None:
+        """Make a list of the modules, as soon as it is known what they have."""
+        fields: dict[tuple[str, str], Field] = {}
+        made: dict[str, list[str]] = {}
+        area = ui.column().classes("w-full")
+
+        def update() -> None:
+            changeable = self.station.settings_watch.changeable
+            names = {module: [*entries] for module, entries in changeable.items()}
+            if names != made:
+                made.clear()
+                made.update(names)
+                area.clear()
+                fields.clear()
+                with area:
+                    for module in names:
+                        self._build_module(module, changeable[module], page, fields)
+            for (module, name), field in fields.items():
+                field.update(changeable[module][name])
+
+        page.every(0.2, self.name, update)
+
+    def _build_module(
+        self, module: str, changeable: dict[str, Entry], page: Page, fields: dict[tuple[str, str], Field]
+    ) -> None:
+        with ui.expansion(module, value=bool(changeable)).classes("w-full").props("dense"):
+            for name, entry in changeable.items():
+                change = Change(self.station, page, module, name)
+                fields[module, name] = Field(change, page, module, name, entry)
+            fixed = {name: value for name, value in self.given[module].items() if name not in changeable}
+            for name, value in fixed.items():
+                ui.label(f"{name}: {value}").classes("text-grey")
+            if not fixed and not changeable:
+                ui.label("all settings have their default values").classes("text-grey")
+
+
+class Field:
+    """One setting that can be changed, on one page.
+
+    Args:
+        change: asks for it.
+        page: observers only look.
+        module, name: which it is.
+        entry: what is known of it.
+    """
+
+    def __init__(self, change: Change, page: Page, module: str, name: str, entry: Entry):
+        self._change = change
+        self._name = name
+        key = f"{module}-{name}"
+        with ui.row().classes("items-start w-full gap-4"):
+            self._value = ui.label().classes("w-48 font-bold q-pt-md").props(f"id=value-{key}")
+            self._input: ui.input | None = None
+            if page.role is Role.OPERATOR:
+                self._input = ui.input(name, value=inline(entry["value"])).classes("w-64")
+                self._input.props(f"for=input-{key} id=field-{key}")
+                self._input.on("keydown.enter", self._ask)
+                ui.button("Set", on_click=self._ask).props(f"id=set-{key}").classes("q-mt-sm")
+            with ui.column().classes("gap-0 q-pt-sm"):
+                ui.label(entry["description"])
+                ui.label(entry["type"]).classes("text-grey")
+
+    def update(self, entry: Entry) -> None:
+        """Show the value, and what has become of a change."""
+        changed = " (changed)" if entry["changed"] else ""
+        self._value.set_text(f"{self._name}: {inline(entry['value'])}{changed}")
+        if self._input is not None:
+            self._change.look()
+            self._input.error = self._change.error or None
+
+    def _ask(self) -> None:
+        assert self._input is not None
+        self._change.ask(str(self._input.value))

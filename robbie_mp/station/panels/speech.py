@@ -1,0 +1,87 @@
+"""What can be said to the robot: the speech commands of the profile, and the persons and objects it knows."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from robbie_mp.messages import String
+from robbie_mp.station.access import Role
+from robbie_mp.station.panel import Page, Panel
+
+if TYPE_CHECKING:
+    from robbie_mp.station.station import OperatorStation
+
+TOPIC = "speech_command"
+HEARD = 20
+"""Commands that are remembered."""
+LONGEST_COMMAND = 1000
+
+
+class SpeechPanel(Panel):
+    """Gives commands as if they had been spoken, and shows what was."""
+
+    name = "speech"
+    title = "Speech"
+    icon = "record_voice_over"
+
+    def __init__(self, station: OperatorStation):
+        super().__init__(station)
+        self.heard: deque[str] = deque(maxlen=HEARD)
+        station.hear(String, self._on_command, TOPIC)
+
+    @classmethod
+    def is_wanted(cls, station: OperatorStation) -> bool:
+        """Whether the profile names anything."""
+        return bool(station.speech_commands or station.persons or station.objects)
+
+    def _on_command(self, command: String) -> None:
+        text = f"{self.station.envelope.sender}: {command.data[:LONGEST_COMMAND]}"
+        self.heard = deque((*self.heard, text), HEARD)  # another one, for pages look at it meanwhile
+
+    def say(self, page: Page, command: str) -> None:
+        """Give a command."""
+        page.publish(String(data=command[:LONGEST_COMMAND]), "the command", TOPIC)
+
+    def build(self, page: Page) -> None:
+        """Make the commands, the words that they may be about, and what was heard."""
+        if page.role is Role.OPERATOR:
+            with ui.row().props("id=speech-commands"):
+                for command in self.station.speech_commands:
+                    button = ui.button(command, on_click=lambda command=command: self.say(page, command))
+                    button.props("no-caps")
+            words = [*self.station.speech_commands, *self.station.persons, *self.station.objects]
+            text = ui.input("something else", autocomplete=words).classes("w-96")
+            text.props(f"for=speech-text maxlength={LONGEST_COMMAND}")
+
+            def say() -> None:
+                if said := str(text.value or "").strip():
+                    self.say(page, said)
+                    text.set_value("")
+
+            text.on("keydown.enter", say)
+        for title, names in (("persons", self.station.persons), ("objects", self.station.objects)):
+            _listed(title, names)
+        heard = ui.column().classes("gap-0").props("id=speech-heard")
+        shown: list[str] = []
+
+        def update() -> None:
+            now = [*self.heard]
+            if now != shown:
+                shown[:] = now
+                heard.clear()
+                with heard:
+                    for line in reversed(now):
+                        ui.label(line)
+
+        page.every(0.2, self.name, update)
+
+
+def _listed(title: str, names: Sequence[str]) -> None:
+    with ui.row().classes("items-center").props(f"id=speech-{title}"):
+        ui.label(f"{title}: {'' if names else 'none in the profile'}")
+        for name in names:
+            ui.badge(name).props("outline")

@@ -1,0 +1,210 @@
+"""What the processes say, as they say it, and what became of those that crashed."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from robbie_mp.run.plan import CORE
+from robbie_mp.station.access import Role
+from robbie_mp.station.orders import Order
+from robbie_mp.station.panel import Page, Panel
+from robbie_mp.supervisor.output import SUPERVISOR
+from robbie_mp.trace.crash import CrashReport, report_files
+from robbie_mp.trace.entry import Entry
+from robbie_mp.trace.follower import TraceFollower
+from robbie_mp.trace.kinds import Kind
+from robbie_mp.trace.levels import read_recorded
+from robbie_mp.trace.reader import crash_reports, module_names, trace_folder
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from robbie_mp.station.station import OperatorStation
+
+REFRESH_S = 0.5
+KEPT = 5000
+"""Entries that are searched; `robbie log` knows all."""
+SHOWN = 200
+"""Lines on a page."""
+MOST_REPORTS = 20
+COLOURS = {
+    Kind.ERROR: "text-red-4 font-bold",
+    Kind.WARNING: "text-orange-4",
+    Kind.INFO: "",
+    Kind.SYSTEM: "text-grey-6",
+}
+SHOWN_AT_FIRST = [Kind.ERROR, Kind.WARNING, Kind.INFO]
+
+
+class TracePanel(Panel):
+    """The trace, with a filter, and the reports of crashes."""
+
+    name = "trace"
+    title = "Trace"
+    icon = "article"
+
+    def __init__(self, station: OperatorStation):
+        super().__init__(station)
+        self._follower = TraceFollower(station.output_directory)
+        self.entries: deque[Entry] = deque(maxlen=KEPT)
+        self.modules: list[str] = []
+        self.reports: list[CrashReport] = []
+        self._report_files: list[Path] = []
+        self._next_s = 0.0
+
+    def tick(self) -> None:
+        """Read what is new, for all pages, if any is open."""
+        if not self.station.pages or time.monotonic() < self._next_s:
+            return
+        self._next_s = time.monotonic() + REFRESH_S
+        if new := self._follower.read_new():
+            self.entries = deque((*self.entries, *new), KEPT)  # another one, for pages look at it meanwhile
+            self.modules = module_names(self.station.output_directory)
+        files = report_files(trace_folder(self.station.output_directory), None)
+        if files != self._report_files:
+            self._report_files = files
+            self.reports = crash_reports(self.station.output_directory, newest=MOST_REPORTS)
+
+    def build(self, page: Page) -> None:
+        """Make filter, lines and reports."""
+        with ui.row().classes("items-center"):
+            kinds = ui.select([str(kind) for kind in Kind], multiple=True, label="kinds")
+            kinds.set_value([str(kind) for kind in SHOWN_AT_FIRST])
+            kinds.props("id=trace-kinds").classes("w-64")
+            module = ui.select([""], label="module", value="").props("id=trace-module").classes("w-40")
+            words = ui.input("text").props("for=trace-text clearable")
+            ui.space()
+            recorded = RecordedKinds(self.station.known_run.folder, page)
+        log = ui.log(max_lines=SHOWN).classes("w-full").style("height: 50vh").props("id=trace-log")
+        reports = ui.column().classes("w-full").props("id=trace-crashes")
+        shown = Shown()
+
+        def update() -> None:
+            if module.options != ["", *self.modules]:
+                module.set_options(["", *self.modules])
+            recorded.update(module.value or "")
+            wanted = Filter(kinds.value or [], module.value or "", words.value or "")
+            if wanted != shown.filter:
+                shown.filter, shown.number = wanted, 0
+                log.clear()
+            for entry in newest(self.entries, wanted, shown.number):
+                log.push(line_of(entry), classes=COLOURS[entry.kind])
+            shown.number = self.entries[-1].number if self.entries else 0
+            if shown.reports is not self.reports:
+                shown.reports = self.reports
+                reports.clear()
+                with reports:
+                    build_reports(self.reports)
+
+        page.every(REFRESH_S, self.name, update)
+
+
+class RecordedKinds:
+    """Which kinds are recorded of the module whose entries are shown; operators choose others.
+
+    Args:
+        run_folder: of the run.
+        page: observers only look.
+    """
+
+    def __init__(self, run_folder: Path, page: Page):
+        self._run_folder = run_folder
+        self._page = page
+        self._module = ""
+        self._order: Order | None = None
+        self._shown: list[str] = []
+        self._kinds = ui.select([str(kind) for kind in Kind], multiple=True, label="recorded of all")
+        self._kinds.classes("w-80").props("id=trace-recorded")
+        self._kinds.on_value_change(lambda event: self._record(event.value or []))
+        self._kinds.set_enabled(page.role is Role.OPERATOR)
+
+    def _record(self, kinds: list[str]) -> None:
+        if kinds != self._shown and self._page.may("a choice of what is recorded"):  # by hand
+            self._shown = kinds
+            self._order = Order(self._run_folder, "record", self._module or None, kinds=kinds)
+
+    def update(self, module: str) -> None:
+        """Show what is recorded of a module, '': of any, unless that is just being changed."""
+        if self._order is not None and self._order.answer is None:
+            return
+        if self._order is not None:
+            ui.notify(self._order.answer, type="negative" if self._order.is_refused else "positive")
+            self._order = None
+        if module != self._module:
+            self._module = module
+            self._kinds.props["label"] = f"recorded of {module or 'all'}"
+        recorded = read_recorded(self._run_folder)
+        names = [module] if module else [name for name in recorded if name not in (SUPERVISOR, CORE)]
+        found = {kind for name in names for kind in recorded.get(name, ())}
+        self._shown = [str(kind) for kind in Kind if kind in found]
+        self._kinds.set_value(self._shown)
+
+
+class Filter:
+    """What entries a page wants.
+
+    Args:
+        kinds: of these kinds.
+        module: of this module; '' of all.
+        text: with this in it, in capitals or not.
+    """
+
+    def __init__(self, kinds: Iterable[str], module: str, text: str):
+        self._wanted = (frozenset(kinds), module, text.casefold())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Filter) and other._wanted == self._wanted
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def passes(self, entry: Entry) -> bool:
+        """Whether an entry is wanted."""
+        kinds, module, text = self._wanted
+        return (
+            entry.kind in kinds
+            and module in ("", entry.module)
+            and (not text or text in line_of(entry).casefold())
+        )
+
+
+class Shown:
+    """What a page shows already."""
+
+    def __init__(self) -> None:
+        self.filter: Filter | None = None
+        self.number = 0
+        """Of the newest entry that was looked at."""
+        self.reports: list[CrashReport] | None = None
+
+
+def newest(entries: deque[Entry], wanted: Filter, after: int) -> list[Entry]:
+    """Return the newest entries that are wanted and come after a number, the oldest first."""
+    found: list[Entry] = []
+    for entry in reversed(entries):
+        if entry.number <= after or len(found) == SHOWN:
+            break
+        if wanted.passes(entry):
+            found.append(entry)
+    return found[::-1]
+
+
+def line_of(entry: Entry) -> str:
+    """Return an entry as text, with its time by the robot's clock."""
+    stamp = time.strftime("%H:%M:%S", time.localtime(entry.time_s))
+    milliseconds = int(entry.time_s * 1000) % 1000
+    head = f"{stamp}.{milliseconds:03d} {entry.module}#{entry.incarnation} {entry.kind} {entry.text}"
+    return f"{head}\n{entry.traceback}" if entry.traceback else head
+
+
+def build_reports(reports: list[CrashReport]) -> None:
+    """Make what opens to the report of each crash, the newest first."""
+    for report in reversed(reports):
+        title = f"crash of {report.module}, start {report.incarnation}: {report.reason}"
+        with ui.expansion(title, icon="heart_broken").classes("w-full"):
+            text = ui.label("\n".join(report.lines()))
+            text.style("white-space: pre-wrap; font-family: monospace")

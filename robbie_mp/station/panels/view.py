@@ -1,0 +1,82 @@
+"""The robot, its map and what its sensors see, in three dimensions."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from nicegui import app, ui
+
+from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.scene_view.drawing import Drawing, Moving
+from robbie_mp.station.scene_view.surroundings import Surroundings, Surveyor
+
+if TYPE_CHECKING:
+    from robbie_mp.station.station import OperatorStation
+
+GROUP = "view"
+"""Of live parts: what moves."""
+PERIOD_S = 0.2
+"""Between looks at what there is, and at the line of text."""
+FRAMES_PER_S = 20
+BEHIND_AND_ABOVE_M = (-3.0, 0.0, 3.0)
+"""Where the camera is at first, from the robot."""
+
+
+class ViewPanel(Panel):
+    """The 3-D view."""
+
+    name = "view"
+    title = "3-D view"
+    icon = "view_in_ar"
+
+    def __init__(self, station: OperatorStation):
+        super().__init__(station)
+        self._surveyor = Surveyor(station)
+        self.surroundings: Surroundings | None = None
+        self._model_url = ""
+        if station.robot_model is not None:
+            url = f"/robot-model{station.robot_model.suffix.lower()}"
+            self._model_url = app.add_static_file(local_file=station.robot_model, url_path=url)
+
+    def tick(self) -> None:
+        """Look around, if anybody wants to see it."""
+        if self.station.live.is_wanted(GROUP):
+            self.surroundings = self._surveyor.look()
+            self.station.live.put(GROUP, self.surroundings.parts())
+
+    def build(self, page: Page) -> None:
+        """Make the scene."""
+        with ui.row().classes("items-center gap-6"):
+            follows = ui.switch("follow the robot", value=True).props("id=view-follow")
+            names = ui.switch("frame names").props("id=view-names")
+            shown = ui.label("nothing is known yet").props("id=view-figures")
+        with Moving().classes("w-full").props("id=view-moving") as moving:
+            scene = ui.scene(grid=False, background_color="#1d232a", fps=FRAMES_PER_S, click_events=[])
+            scene.style("width: 100%; height: 65vh").props("id=view-scene")
+        scene.move_camera(*BEHIND_AND_ABOVE_M, 0.0, 0.0, 0.0, duration=0)
+        moving.move_in(scene)
+        follows.on_value_change(lambda event: moving.follow(bool(event.value)))
+        drawing = Drawing(scene, self.station.robot_size_m, self._model_url)
+
+        def update() -> None:
+            if self.surroundings is not None:
+                shown.set_text(in_words(self.surroundings))
+                drawing.show(self.surroundings, names=bool(names.value))
+
+        page.every(PERIOD_S, self.name, update)
+
+
+def in_words(now: Surroundings) -> str:
+    """Say where the robot is, and how much else there is to be seen."""
+    if now.robot is None:
+        where = "nobody has said where the robot is"
+    else:
+        x, y, _ = now.robot.translation
+        where = f"robot at {x:.2f} m, {y:.2f} m, {math.degrees(now.robot.yaw):.0f}°"
+    others = "".join(
+        f"; {name} at {pose.translation[0]:.2f} m, {pose.translation[1]:.2f} m"
+        for name, pose in now.others.items()
+    )
+    seen = f"{now.count} points, {len(now.victims)} victims, {len(now.places)} points of interest"
+    return f"{where}{others}; {seen}"

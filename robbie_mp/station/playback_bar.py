@@ -1,0 +1,142 @@
+"""What plays, if a log does: a bar that says so on every tab, and steers it."""
+
+from __future__ import annotations
+
+import math
+import secrets
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+from nicegui.events import GenericEventArguments
+
+from robbie_mp.cli.playback import describe
+from robbie_mp.messages import PlaybackControl, PlaybackState
+from robbie_mp.station.access import Role
+from robbie_mp.station.log_events import LogEvent, LogEvents
+
+if TYPE_CHECKING:
+    from robbie_mp.station.panel import Page
+    from robbie_mp.station.station import OperatorStation
+
+RATES = {0.25: "¼", 0.5: "½", 1.0: "1", 2.0: "2", 4.0: "4", 10.0: "10", math.inf: "max"}
+"""Times real time."""
+LOOKS = {
+    "crash": ("heart_broken", "red-3"),
+    "mark": ("bookmark", "amber-3"),
+    "victim": ("hail", "light-green-3"),
+}
+"""Icon and colour by the kind of an event."""
+
+
+class PlaybackBar:
+    """Not to be seen unless there is a playback in the run."""
+
+    def __init__(self, station: OperatorStation):
+        self._state = station.newest(PlaybackState)
+        self.events = LogEvents()
+
+    def order(self, page: Page, command: str, value: float = 0.0) -> None:
+        """Steer the playback."""
+        control = PlaybackControl(request=secrets.randbits(63), command=command, value=value)
+        page.publish(control, f"{command} of the playback")
+
+    def _on_seek(self, page: Page, event: GenericEventArguments) -> None:
+        if isinstance(event.args, int | float) and math.isfinite(event.args):
+            self.order(page, "seek", float(event.args))
+
+    def build(self, page: Page) -> None:
+        """Make the bar for a page; observers see where it stands."""
+        with ui.card().classes("w-full bg-purple-10 no-shadow").props("id=playback") as bar:
+            text = ui.label("").props("id=playback-text role=status")
+            with ui.row().classes("w-full items-center no-wrap"):
+                if page.role is Role.OPERATOR:
+                    pause = ui.button(icon="pause", on_click=lambda: self.order(page, "pause"))
+                    pause.props('id=playback-pause aria-label="Pause"')
+                    play = ui.button(icon="play_arrow", on_click=lambda: self.order(page, "resume"))
+                    play.props('id=playback-resume aria-label="Resume"')
+                    step = ui.button(icon="skip_next", on_click=lambda: self.order(page, "step"))
+                    step.props('id=playback-step aria-label="Step" title="One message"')
+                    rate = ui.select(RATES, label="rate").classes("w-20").props("id=playback-rate")
+                    rate.on_value_change(lambda event: choose_rate(event.value))
+                with ui.column().classes("w-full gap-0"):
+                    marks = EventMarks(self, page)
+                    place = ui.slider(min=0.0, max=1.0, step=0.001).props('aria-label="Position in s"')
+                place.set_enabled(page.role is Role.OPERATOR)
+                if page.role is Role.OPERATOR:
+                    # A hand causes a "change"; a new position does not.
+                    place.on("change", lambda event: self._on_seek(page, event))
+                held: list[bool] = []
+                place.on("pan", lambda event: held.append(True) if event.args == "start" else held.clear())
+        bar.set_visibility(False)
+        shown = [0]
+        shown_rate: list[float | None] = [None]
+
+        def choose_rate(chosen: float | None) -> None:
+            if chosen is not None and chosen != shown_rate[0]:  # by hand
+                self.order(page, "rate", chosen)
+
+        def update() -> None:
+            state = self._state.message
+            if state is None or shown[0] == self._state.count:
+                return
+            shown[0] = self._state.count
+            bar.set_visibility(True)
+            error = f"; refused: {state.error}" if state.error else ""
+            text.set_text(f"PLAYBACK of {state.file}: {describe(state)}{error}")
+            place.props(f"max={max(0.001, seconds(state, state.end.nanoseconds)):.3f}")
+            marks.update(state)
+            if not held:
+                place.set_value(seconds(state, state.position.nanoseconds))
+            if page.role is Role.OPERATOR:
+                pause.set_visibility(not state.paused)
+                play.set_visibility(state.paused)
+                shown_rate[0] = state.rate if state.rate in RATES else None
+                rate.set_value(shown_rate[0])
+
+        page.always(0.1, update)
+
+
+class EventMarks:
+    """What happened in the log, each at its place above the bar; a press on it plays from there.
+
+    Args:
+        bar: knows the events, and steers.
+        page: observers only look.
+    """
+
+    def __init__(self, bar: PlaybackBar, page: Page):
+        self._bar = bar
+        self._page = page
+        self._shown: object = None
+        self._area = ui.element("div").classes("relative w-full h-8").props("id=playback-events")
+
+    def update(self, state: PlaybackState) -> None:
+        """Show the events of the log that plays, if these are others than before."""
+        events = self._bar.events
+        events.read(state.file)
+        now = (events.found, events.error, state.begin, state.end)
+        if now == self._shown:
+            return
+        self._shown = now
+        self._area.clear()
+        length_s = max(0.001, seconds(state, state.end.nanoseconds))
+        with self._area:
+            for event in events.found:
+                if 0 <= (at_s := seconds(state, event.time_ns)) <= length_s:
+                    self._add(event, at_s, at_s / length_s)
+            if events.error:
+                ui.label(f"its events cannot be shown: {events.error}").classes("text-xs")
+
+    def _add(self, event: LogEvent, at_s: float, share: float) -> None:
+        icon, colour = LOOKS[event.kind]
+        button = ui.button(icon=icon, color=colour)
+        button.on_click(lambda: self._bar.order(self._page, "seek", at_s))
+        button.props(f"flat dense round size=sm data-at={at_s:.3f}")
+        button.set_enabled(self._page.role is Role.OPERATOR)
+        button.props["aria-label"] = button.props["title"] = f"{event.text}, at {at_s:.1f} s"
+        button.style(f"position: absolute; left: calc({100 * share:.2f}% - 1rem)")
+
+
+def seconds(state: PlaybackState, time_ns: int) -> float:
+    """Return how long after the log's begin a time of the log is."""
+    return round((time_ns - state.begin.nanoseconds) / 1e9, 3)

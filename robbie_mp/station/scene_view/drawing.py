@@ -1,0 +1,140 @@
+"""The objects of one page's 3-D view: which there are, for the page's own script moves them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import nullcontext
+
+from nicegui import ui
+from nicegui.element import Element
+from nicegui.elements.scene.scene_object3d import Object3D
+
+from robbie_mp.messages import VictimFound
+from robbie_mp.station.live import SCRIPTS
+from robbie_mp.station.scene_view.other_robots import BASE
+from robbie_mp.station.scene_view.surroundings import SeenPlace, SeenVictim, Surroundings
+
+COLORS = {VictimFound.CONFIRMED: "#43a047", VictimFound.REJECTED: "#757575"}
+ASKABLE_COLOR = "#fb8c00"
+POLE_M = 0.6
+LABEL = "color: white; font-size: 0.75rem; text-shadow: 0 0 3px black"
+
+
+class Moving(Element, component="moving.js", esm=SCRIPTS):
+    """Holds a scene, moves its nodes as the robot does, and draws points, path and map there."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.follow(True)
+
+    def move_in(self, scene: ui.scene) -> None:
+        """Say which scene it is."""
+        self._props["scene"] = scene.id
+        self.update()
+
+    def follow(self, wanted: bool) -> None:
+        """Have the camera move with the robot, or stay where a hand moves it."""
+        self._props["follows"] = wanted
+        self.update()
+
+
+class Drawing:
+    """Draws surroundings in a scene, and changes only what has changed.
+
+    Args:
+        scene: where.
+        robot_size_m: length, width and height of the robot's body.
+        model_url: where there is a better shape of the robot; '': nowhere.
+    """
+
+    def __init__(self, scene: ui.scene, robot_size_m: Sequence[float], model_url: str = ""):
+        self._scene = scene
+        self._size_m = robot_size_m
+        self._model_url = model_url
+        self._world = ""
+        self._nodes: dict[str, Object3D] = {}
+        self._parents: dict[str, str] = {}
+        self._labels: dict[str, Sequence[Object3D]] = {}
+        self._victims: dict[int, tuple[SeenVictim, Object3D]] = {}
+        self._places: dict[SeenPlace, Object3D] = {}
+
+    def show(self, now: Surroundings, *, names: bool) -> None:
+        """Draw; with the names of frames and their axes if they are wanted."""
+        is_other_tree = any(now.nodes.get(name, ("",))[0] != was for name, was in self._parents.items())
+        if is_other_tree or now.world != self._world:
+            self._begin_anew(now.world)
+        for name, (parent, _) in now.nodes.items():
+            if name not in self._nodes:
+                self._add(name, parent)
+            for label in self._labels[name]:
+                label.visible(names)
+        for key in [*self._victims]:
+            if now.victims.get(key) != self._victims[key][0]:
+                self._victims.pop(key)[1].delete()
+        for key, victim in now.victims.items():
+            if key not in self._victims:
+                self._victims[key] = (victim, self._marker(victim))
+
+        for place in self._places.keys() - set(now.places):
+            self._places.pop(place).delete()
+        for place in now.places:
+            if place not in self._places:
+                self._places[place] = self._flag(place)
+
+    def _begin_anew(self, world: str) -> None:
+        for name, parent in self._parents.items():
+            if parent == self._world:
+                self._nodes[name].delete()  # with all that hangs on it
+        self._nodes, self._parents, self._labels = {}, {}, {}
+        self._world = world
+
+    def _add(self, name: str, parent: str) -> None:
+        with self._scene, self._nodes.get(parent) or nullcontext():
+            node = ui.scene.group().with_name(name)
+            with node:
+                self._body(name)
+                self._labels[name] = (ui.scene.axes_helper(0.25), ui.scene.text(name, LABEL))
+        self._nodes[name], self._parents[name] = node, parent
+
+    def _body(self, name: str) -> None:
+        """Draw what sits at a node, as far as its name tells."""
+        robot, _, kind = name.rpartition("/")
+        if kind == BASE:
+            self._robot()
+            if robot:
+                ui.scene.text(robot, LABEL).move(z=self._size_m[2] + 0.2)
+        elif "laser" in kind:
+            ui.scene.cylinder(0.05, 0.05, 0.07).rotate(1.5708, 0, 0).material("#263238")
+        elif kind.endswith("optical"):
+            ui.scene.box(0.1, 0.06, 0.05).material("#1565c0")
+
+    def _robot(self) -> None:
+        if self._model_url:
+            if self._model_url.endswith(".stl"):
+                ui.scene.stl(self._model_url).material("#ffb300")
+            else:
+                ui.scene.gltf(self._model_url)
+            return
+        length, width, height = self._size_m
+        ui.scene.box(length, width, height).move(z=height / 2).material("#ffb300")
+        nose = ui.scene.box(length / 4, width / 4, height / 4).material("#e65100")
+        nose.move(x=length / 2, z=height)
+
+    def _flag(self, place: SeenPlace) -> Object3D:
+        with self._scene:
+            flag = ui.scene.group().move(place.x, place.y, place.z)
+            with flag:
+                pole = ui.scene.cylinder(0.015, 0.015, POLE_M).material("#eceff1")
+                pole.rotate(1.5708, 0, 0).move(z=POLE_M / 2)
+                ui.scene.box(0.2, 0.01, 0.12).material("#ab47bc").move(x=0.1, z=POLE_M - 0.06)
+                ui.scene.text(place.name, LABEL).move(z=POLE_M + 0.1)
+        return flag
+
+    def _marker(self, victim: SeenVictim) -> Object3D:
+        name, state, x, y, z = victim
+        with self._scene:
+            marker = ui.scene.group().move(x, y, z)
+            with marker:
+                ui.scene.sphere(0.1).material(COLORS.get(state, ASKABLE_COLOR))
+                ui.scene.text(name, LABEL).move(z=0.2)
+        return marker

@@ -1,0 +1,152 @@
+"""The robot and what is around it at one moment, in the frame of the map."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from robbie_mp.messages import Path
+from robbie_mp.scene_graph import RigidTransform, SceneGraphError, TooNew, TooOld
+from robbie_mp.station.scene_view.other_robots import BASE, other_robots
+from robbie_mp.station.scene_view.point_sources import PointSources
+from robbie_mp.station.scene_view.points import packed
+
+if TYPE_CHECKING:
+    from robbie_mp.station.station import OperatorStation
+
+MAP = "map"
+MAX_CORNERS = 1000
+PATH_HEIGHT_M = 0.02
+
+
+class SeenPlace(NamedTuple):
+    """What is drawn of a point of interest; m, map frame."""
+
+    name: str
+    x: float
+    y: float
+    z: float
+
+
+class SeenVictim(NamedTuple):
+    """What is drawn of a victim; m, map frame."""
+
+    name: str
+    state: int
+    x: float
+    y: float
+    z: float
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What there is to be drawn."""
+
+    world: str
+    """The frame of points and path, and the root of the nodes."""
+    nodes: dict[str, tuple[str, RigidTransform]]
+    """Parent, and X_PN, of all whose place is known, parents first."""
+    robot: RigidTransform | None
+    """X_WB."""
+    points: dict[str, bytes]
+    """Of each source, packed, as all points here."""
+    count: int
+    """Of the points."""
+    path: bytes
+    victims: dict[int, SeenVictim]
+    others: dict[str, RigidTransform]
+    """Poses of other robots by their names, X_WB."""
+    places: tuple[SeenPlace, ...]
+
+    def parts(self) -> dict[str, bytes]:
+        """Return what moves, as the page's script draws it."""
+        robot = None if self.robot is None else _rounded(self.robot)
+        poses = {"robot": robot, "nodes": {name: _rounded(pose) for name, (_, pose) in self.nodes.items()}}
+        return {"poses": json.dumps(poses).encode(), "path": self.path, **self.points}
+
+
+def _rounded(pose: RigidTransform) -> list[float]:
+    return [round(number, 4) for number in pose]
+
+
+class Surveyor:
+    """Puts together what the modules say; lives in the station's thread.
+
+    Args:
+        station: hears them.
+    """
+
+    def __init__(self, station: OperatorStation):
+        self._station = station
+        self._path = station.newest(Path, "path")
+        self._packed_path: tuple[int, bytes] = (0, b"")
+        self._sources = PointSources(station)
+
+    def look(self) -> Surroundings:
+        """Tell how everything is now."""
+        graph = self._station.scene.graph
+        world = MAP
+        if MAP not in graph and BASE in graph:
+            world = BASE
+            while (parent := graph.node(world).parent) is not None:
+                world = parent
+        points = self._sources.look(lambda frame, time_ns: self._pose(world, frame, time_ns), world)
+        return Surroundings(
+            world=world,
+            nodes=self._nodes(world),
+            robot=self._pose(world, BASE),
+            points=points,
+            count=self._sources.count,
+            path=self._corners(),
+            victims=self._victims(),
+            others=other_robots(self._station.scene, world),
+            places=tuple(
+                SeenPlace(one.name, one.pose.position.x, one.pose.position.y, one.pose.position.z)
+                for one in self._station.places_watch.places
+            ),
+        )
+
+    def _pose(self, world: str, frame: str, time_ns: int | None = None) -> RigidTransform | None:
+        scene = self._station.scene
+        try:
+            try:
+                return scene.pose(world, frame, time_ns)
+            except (TooNew, TooOld):
+                return scene.pose(world, frame)  # better than nothing, for eyes
+        except SceneGraphError:
+            return None
+
+    def _nodes(self, world: str) -> dict[str, tuple[str, RigidTransform]]:
+        graph = self._station.scene.graph
+        waiting = [node for node in graph if node.parent is not None]
+        found: dict[str, tuple[str, RigidTransform]] = {}
+        known = {world}
+        while ready := [node for node in waiting if node.parent in known]:
+            waiting = [node for node in waiting if node.parent not in known]
+            for node in ready:
+                pose = self._pose(str(node.parent), node.name)
+                if pose is not None:
+                    found[node.name] = (str(node.parent), pose)
+                    known.add(node.name)
+        return found
+
+    def _corners(self) -> bytes:
+        path = self._path
+        if path.message is not None and self._packed_path[0] != path.count:
+            poses = path.message.poses
+            chosen = [pose.pose.position for pose in poses[:: -(-len(poses) // MAX_CORNERS) or 1]]
+            corners = np.array([(corner.x, corner.y, corner.z + PATH_HEIGHT_M) for corner in chosen])
+            self._packed_path = (path.count, packed(corners.reshape(-1, 3)))
+        return self._packed_path[1]
+
+    def _victims(self) -> dict[int, SeenVictim]:
+        found = (known.found for known in self._station.victim_watch.victims.values())
+        return {
+            one.id: SeenVictim(
+                one.name, one.state, one.pose.position.x, one.pose.position.y, one.pose.position.z
+            )
+            for one in found
+        }

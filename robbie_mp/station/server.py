@@ -1,0 +1,93 @@
+"""The page server in a thread of the module's process."""
+
+import asyncio
+import socket
+import threading
+import time
+from functools import partial
+from typing import cast
+
+import uvicorn
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.station.connections import (
+    BoundedHttp,
+    BoundedWebSocket,
+    Connections,
+)
+from robbie_mp.station.gate import App
+from robbie_mp.station.listening import BACKLOG
+
+START_LIMIT_S = 10.0
+STOP_LIMIT_S = 2.0
+MAX_MESSAGE_BYTES = 1 << 17
+"""From a page; who sends more is disconnected."""
+MAX_HEADERS_BYTES = 1 << 14
+"""Of a request, cookies included."""
+
+
+class ServerFailed(RobbieError, RuntimeError):
+    """The page server did not start, or has ended."""
+
+
+class PageServer:
+    """Serves an application until it is closed.
+
+    Args:
+        app: what answers.
+        listener: the socket on which it is asked; it is closed with this.
+        connections: count what comes there.
+    """
+
+    def __init__(self, app: App, listener: socket.socket, connections: Connections):
+        self._socket = listener
+        # h11 and wsproto bound what they keep of a request; uvicorn's other ones do not, or are obsolete.
+        config = uvicorn.Config(
+            app,
+            log_config=None,
+            log_level="warning",
+            access_log=False,
+            http=cast(type[asyncio.Protocol], partial(BoundedHttp, connections)),
+            ws=cast(type[asyncio.Protocol], partial(BoundedWebSocket, connections)),
+            ws_max_size=MAX_MESSAGE_BYTES,
+            h11_max_incomplete_event_size=MAX_HEADERS_BYTES,
+            backlog=BACKLOG,
+            # Who asks is who is connected, and not who somebody says it is.
+            proxy_headers=False,
+            # What is large is compressed already, and this would be done for each page on the event loop.
+            ws_per_message_deflate=False,
+            timeout_graceful_shutdown=1,
+        )
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(
+            target=self._server.run, args=([self._socket],), name="page server", daemon=True
+        )
+
+    def start(self) -> None:
+        """Begin to serve.
+
+        Raises:
+            ServerFailed: it does not come up.
+        """
+        self._thread.start()
+        deadline_s = time.monotonic() + START_LIMIT_S
+        while not self._server.started:
+            if not self._thread.is_alive() or time.monotonic() > deadline_s:
+                raise ServerFailed("the page server did not start; the trace of this module says why")
+            time.sleep(0.005)
+
+    def check(self) -> None:
+        """See that it still serves.
+
+        Raises:
+            ServerFailed: it does not.
+        """
+        if not self._thread.is_alive():
+            raise ServerFailed("the page server has ended; the trace of this module says why")
+
+    def close(self) -> None:
+        """End it; whoever still looks is cut off."""
+        self._server.should_exit = True
+        if self._thread.is_alive():
+            self._thread.join(STOP_LIMIT_S)
+        self._socket.close()

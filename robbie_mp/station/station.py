@@ -1,0 +1,242 @@
+"""The module behind the page. It runs without the extra `gui`, too, and then says what is missing."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.messages import TimeJump
+from robbie_mp.module.bus import MessageType
+from robbie_mp.module.module import MessageHandling, Module, setting
+from robbie_mp.module.secret import Secret, reveal
+from robbie_mp.module.settings import SettingError
+from robbie_mp.run.operator_link import remove_link, token_of_run, write_link
+from robbie_mp.run.run_directory import list_runs
+from robbie_mp.scene_graph import SceneGraphListener
+from robbie_mp.station.access import SHORTEST_TOKEN, Access, DriversSeat, is_loopback
+from robbie_mp.station.claim import StationClaim
+from robbie_mp.station.latest import Latest
+from robbie_mp.station.listening import AddressUnusable, listen
+from robbie_mp.station.live import LiveParts
+from robbie_mp.station.log_limit import limited
+from robbie_mp.station.places_watch import PlacesWatch
+from robbie_mp.station.run_watch import RunWatch
+from robbie_mp.station.settings_watch import SettingsWatch
+
+if TYPE_CHECKING:
+    from robbie_mp.station.panel import Page
+    from robbie_mp.station.victim_watch import VictimWatch
+    from robbie_mp.station.website import Website
+
+PANEL_NAMES = (
+    "drive",
+    "view",
+    "map",
+    "cameras",
+    "mission",
+    "speech",
+    "system",
+    "parameters",
+    "devices",
+    "plots",
+    "trace",
+    "messages",
+)
+MODEL_SUFFIXES = (".stl", ".glb", ".gltf")
+"""Of files with a robot's shape."""
+
+
+class ExtraMissing(RobbieError, ImportError):
+    """What the operator station needs is not installed."""
+
+
+def load_website() -> type[Website]:
+    """Import what serves the page.
+
+    Raises:
+        ExtraMissing: the extra `gui` is not installed.
+    """
+    try:
+        from robbie_mp.station.website import Website  # noqa: PLC0415 - see above
+    except ModuleNotFoundError as error:
+        raise ExtraMissing(
+            f"no operator station: the library {error.name} is missing; pip install 'robbie-mp[gui]'"
+        ) from error
+    return Website
+
+
+class OperatorStation(Module):
+    """Serves the page of this robot.
+
+    In a profile: `operator: {class: "robbie_mp.station:OperatorStation"}`. It listens to
+    this machine alone, unless `host` is another address; then there must be a token.
+    """
+
+    follows_run_clock = False
+    host: str = setting("127.0.0.1", "address to listen on; 0.0.0.0: all of this machine's")
+    port: int = setting(8080, "port to listen on; 0: any that is free", minimum=0, maximum=65535)
+    operator_token: Secret | None = setting(
+        None, "what an operator logs in with; null: a new one for each run, in the link that is printed"
+    )
+    observer_token: Secret | None = setting(None, "what an observer logs in with; null: there are none")
+    tabs: dict[str, str] = setting(
+        {}, "which panels to show, in this order, and their titles ('': its own); {}: all of use"
+    )
+    max_linear_m_per_s: float = setting(0.7, "fastest that may be driven by hand", minimum=0.05)
+    max_angular_rad_per_s: float = setting(1.5, "fastest that may be turned by hand", minimum=0.1)
+    robot_size_m: list[float] = setting(
+        [0.45, 0.35, 0.25], "length, width and height of the robot in the 3-D view", minimum=0.01
+    )
+    robot_model: Path | None = setting(
+        None, "shape of the robot in base_link, m, as STL or glTF (.stl, .glb); null: a box", must_exist=True
+    )
+    speech_commands: list[str] = setting([], "what can be said to the robot")
+    persons: list[str] = setting([], "names of persons that it knows")
+    objects: list[str] = setting([], "names of objects that it knows")
+    period_s: float = setting(0.05, "time between pictures of what moves", minimum=0.01)
+
+    @classmethod
+    def check(cls, settings: dict[str, Any]) -> None:
+        """See that nobody can steer the robot who should not, and that every tab is a panel."""
+        for name in ("operator_token", "observer_token"):
+            if settings[name] is not None and len(settings[name].reveal()) < SHORTEST_TOKEN:
+                raise SettingError(f"expected at least {SHORTEST_TOKEN} characters; got fewer", name)
+        if not is_loopback(settings["host"]) and not settings["operator_token"]:
+            raise SettingError(
+                f"{settings['host']} is reached from other machines: set operator_token, to where a "
+                f"secret of at least {SHORTEST_TOKEN} characters is kept, or host to 127.0.0.1",
+                "host",
+            )
+        if len(settings["robot_size_m"]) != 3:
+            raise SettingError("expected three numbers: length, width and height", "robot_size_m")
+        model = settings["robot_model"]
+        if model is not None and model.suffix.lower() not in MODEL_SUFFIXES:
+            expected = " or ".join(MODEL_SUFFIXES)
+            raise SettingError(f"expected a file {expected}; got {model.name}", "robot_model")
+        for name in settings["tabs"]:
+            if name not in PANEL_NAMES:
+                known = ", ".join(PANEL_NAMES)
+                raise SettingError(f"there is no panel {name!r}; expected one of {known}", "tabs")
+
+    def setup(self) -> None:
+        """Subscribe to what the panels show, and begin to serve."""
+        self._website: Website | None = None
+        try:
+            website = load_website()
+        except ExtraMissing as missing:
+            self.status = str(missing)
+            self.log.error("%s", missing)
+            self.stop()
+            return
+        self.known_run = next(run for run in list_runs() if run.run_id == self.run_id)
+        self._claim = StationClaim(self.known_run.folder)
+        before = self.restored or {"port": 0, "sessions": {}}
+        folder = self.known_run.folder
+        token = reveal(self.operator_token) or token_of_run(folder)
+        self.access = Access(token, reveal(self.observer_token), before["sessions"])
+        self.refusals = limited(f"{self.log.name}.refusals")
+        self.drivers_seat = DriversSeat()
+        self.pages: dict[str, Page] = {}
+        self.run_watch = RunWatch(self.run_id)
+        self._newest: dict[tuple[str, str], Latest[Any]] = {}
+        self._handlers: dict[tuple[str, str], list[Callable[[Any], None]]] = {}
+        self.scene = SceneGraphListener(self, hears_time_jumps=False)
+        self.hear(TimeJump, lambda _jump: self.scene.forget())
+        self.live = LiveParts()
+        self.places_watch = PlacesWatch(self)
+        self.settings_watch = SettingsWatch(self)
+        listener = self._listen(before["port"])
+        self._website = website(self, listener)
+        self._website.start()
+        self._port = listener.getsockname()[1]
+        self.address = f"http://{self.host}:{self._port}/"
+        self._remember()
+        self._claim.announce(self.address)
+        self.link = self.address if self.operator_token else f"{self.address}login?token={quote(token)}"
+        write_link(folder, self.link)
+        self.log.info("operator station: %s", self.address)
+
+    def _listen(self, port_before: int) -> socket.socket:
+        """Listen where browsers look for the page again after a restart."""
+        if not self.port:
+            with contextlib.suppress(AddressUnusable):
+                return listen(self.host, port_before)
+        return listen(self.host, self.port)
+
+    def _remember(self) -> None:
+        """Keep what a restarted station needs for browsers to go on without asking anybody."""
+        self._remembered = self.access.sessions
+        self.checkpoint({"port": self._port, "sessions": self._remembered})
+
+    @property
+    def victim_watch(self) -> VictimWatch:
+        """What is known of victims; panels may ask when they are looked at."""
+        assert self._website is not None
+        return self._website.victim_watch
+
+    def newest(self, message_type: type[MessageType], topic: str = "") -> Latest[MessageType]:
+        """Return what holds the newest message of a type and topic, which all panels share.
+
+        In the module's thread only: in `setup`, constructors of panels, and their ticks.
+        """
+        key = (message_type.type_name, topic)
+        if key not in self._newest:
+            self._newest[key] = latest = Latest[MessageType]()
+            if key in self._handlers:
+                self.hear(message_type, latest.put, topic)
+                return latest
+            self.subscribe(message_type, latest.put, MessageHandling.KEEP_ONLY_NEWEST, topic=topic)
+        return self._newest[key]
+
+    def hear(
+        self, message_type: type[MessageType], handler: Callable[[MessageType], None], topic: str = ""
+    ) -> None:
+        """Have every message of a type and topic handled, before anybody wants it by `newest`.
+
+        Called and handled in the module's thread.
+        """
+        key = (message_type.type_name, topic)
+        if key not in self._handlers:
+            handlers: list[Callable[[MessageType], None]] = []
+            self._handlers[key] = handlers
+
+            def handle(message: MessageType) -> None:
+                for one in handlers:
+                    one(message)
+
+            self.subscribe(message_type, handle, topic=topic)
+        self._handlers[key].append(handler)
+
+    def opened(self, page: Page) -> None:
+        """Note a page; in the page server's thread."""
+        self.pages[page.key] = page
+
+    def closed(self, page: Page) -> None:
+        """Forget a page, which drives no more; in the page server's thread."""
+        self.pages.pop(page.key, None)
+        self.drivers_seat.leave(page.key)
+
+    def tick(self) -> None:
+        """See that the page is served, and do what is done once for all pages."""
+        if self._website is None:
+            return
+        self._website.tick()
+        if self.access.sessions != self._remembered:
+            self._remember()
+        if self.pages:
+            self.run_watch.tick()
+        self.status = f"{self.address}, {len(self.pages)} pages open"
+
+    def teardown(self) -> None:
+        """End the page server."""
+        if self._website is None:
+            return
+        self._website.close()
+        self.run_watch.close()
+        remove_link(self.known_run.folder)
+        self._claim.close()

@@ -1,0 +1,114 @@
+"""What is served: a page with its panels, for everybody who opens it. Needs the extra `gui`."""
+
+from __future__ import annotations
+
+import socket
+from typing import TYPE_CHECKING
+
+from fastapi import FastAPI, Request
+from nicegui import app, core, ui
+from starlette.exceptions import HTTPException
+from starlette.responses import PlainTextResponse, Response
+
+from robbie_mp.station.connections import bounded_connections
+from robbie_mp.station.emergency_stop import EmergencyStopControl
+from robbie_mp.station.gate import Gate
+from robbie_mp.station.live.map import LiveMap
+from robbie_mp.station.live.server import with_live
+from robbie_mp.station.log_limit import limited
+from robbie_mp.station.moment_marker import MomentMarker
+from robbie_mp.station.page import build_page
+from robbie_mp.station.page_events import PageEvents, with_known_packets
+from robbie_mp.station.page_limit import with_page_limit
+from robbie_mp.station.panels import PANELS
+from robbie_mp.station.playback_bar import PlaybackBar
+from robbie_mp.station.server import PageServer
+from robbie_mp.station.victim_question import VictimQuestion
+from robbie_mp.station.victim_watch import VictimWatch
+
+if TYPE_CHECKING:
+    from robbie_mp.station.station import OperatorStation
+
+LIBRARIES = ("nicegui", "asyncio", "uvicorn.error", "engineio.server", "socketio.server")
+"""Loggers of those who complain of what visitors send: they have a limit."""
+MESSAGE_HISTORY = 100
+"""Messages kept for a page that has lost its connection; one that misses more is loaded anew."""
+
+
+def answer_plainly(_request: Request, error: Exception) -> Response:
+    """Answer that something is not there, or went wrong; NiceGUI would make a page for each such request."""
+    status = error.status_code if isinstance(error, HTTPException) else 500
+    return PlainTextResponse("there is no such thing here\n" if status == 404 else "failed\n", status)
+
+
+class Website:
+    """The page of a station, and what serves it.
+
+    Args:
+        station: the module; it is just being set up.
+        listener: the socket on which it is asked for the page.
+
+    Attributes:
+        victim_watch: what is known of victims.
+    """
+
+    def __init__(self, station: OperatorStation, listener: socket.socket):
+        self.victim_watch = VictimWatch(station)
+        self._map = LiveMap(station)
+        wanted = [name for name, panel in PANELS.items() if panel.is_wanted(station)]
+        titles = station.tabs or dict.fromkeys(wanted, "")
+        self._panels = [PANELS[name](station) for name in titles]
+        titled = [(panel, titles[panel.name] or panel.title) for panel in self._panels]
+        self._emergency_stop = EmergencyStopControl(station)
+        tools = [self._emergency_stop.build, MomentMarker(station).build]
+        bars = [PlaybackBar(station).build, VictimQuestion(station).build]
+        page = ui.page("/", title="Robbie", response_timeout=10)
+        page(lambda: build_page(station, tools, bars, titled))
+        application = FastAPI(openapi_url=None)
+        ui.run_with(
+            application,
+            dark=True,
+            reconnect_timeout=10.0,
+            binding_refresh_interval=None,
+            message_history_length=MESSAGE_HISTORY,
+            show_welcome_message=False,
+        )
+        PageEvents(station)
+        # Without long polling each connection is a socket, which is counted, and closed with its session.
+        core.sio.eio.transports = ["websocket"]
+        core.app.config.socket_io_js_transports = ["websocket"]
+        for code in (404, 500):
+            app.add_exception_handler(code, answer_plainly)
+        for name in LIBRARIES:
+            limited(name)
+        live = self._emergency_stop.service.beside(with_live(with_known_packets(application), station.live))
+        behind = with_page_limit(live, station)
+        connections = bounded_connections()
+        gate = Gate(behind, station.access, connections, station.refusals)
+        self._server = PageServer(gate, listener, connections)
+
+    def start(self) -> None:
+        """Begin to serve.
+
+        Raises:
+            ServerFailed: it does not come up.
+        """
+        self._server.start()
+
+    def tick(self) -> None:
+        """See that the page is served, and do what is done once for all pages.
+
+        Raises:
+            ServerFailed: it is not.
+        """
+        self._server.check()
+        self._emergency_stop.tick()
+        self._map.tick()
+        for panel in self._panels:
+            panel.tick()
+
+    def close(self) -> None:
+        """End the page server, and let go of what the panels have opened."""
+        self._server.close()
+        for panel in self._panels:
+            panel.close()

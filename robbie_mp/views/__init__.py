@@ -1,0 +1,1 @@
+"""What commands and the operator station both show: messages as text, known types, the process table."""

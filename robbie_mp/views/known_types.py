@@ -1,0 +1,53 @@
+"""Which message types a command knows: those of the run that is meant, or of the workspace around us."""
+
+from contextlib import closing
+from pathlib import Path
+
+from robbie_mp.cli.runs import live_runs
+from robbie_mp.errors import RobbieError
+from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
+from robbie_mp.profile.checking_process import check_events
+from robbie_mp.profile.load import load_profile
+from robbie_mp.profile.model import ModuleSpec, Profile
+from robbie_mp.profile.preflight import BASE_CLASS
+from robbie_mp.profile.workspace import find_workspace
+from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.run_directory import KnownRun
+
+IMPORT_TIMEOUT_S = 10.0
+
+
+def types_of_run(run: KnownRun) -> KnownTypes:
+    """Return the stock types and those that the run's modules declare; nothing is imported."""
+    return KnownTypes(TypeDescription(*one) for one in RunPlan.load(run.folder).types)
+
+
+def types_of_run_or_workspace(run_id: str | None) -> KnownTypes:
+    """Return the types of the run that fits, if one alone does, else those of the workspace around us."""
+    runs = [run for run in live_runs() if run_id is None or run.run_id.startswith(run_id)]
+    return types_of_run(runs[0]) if len(runs) == 1 else KnownTypes(types_of_workspace(Path.cwd()))
+
+
+def types_of_workspace(folder: Path) -> list[TypeDescription]:
+    """Return the types that the modules of all profiles of a folder's workspace declare; none outside of any.
+
+    The modules are imported in another process; those that cannot be are passed over.
+    """
+    try:
+        workspace = find_workspace(folder)
+    except RobbieError:
+        return []
+    modules: dict[str, ModuleSpec] = {}
+    for name in workspace.names():
+        try:
+            profile = load_profile(name, workspace.root)
+        except RobbieError:
+            continue
+        modules |= {module.class_path: module for module in profile.modules}
+    found: dict[str, TypeDescription] = {}
+    robot = Profile("", (), workspace=workspace.root)
+    with closing(check_events(robot, list(modules.values()), IMPORT_TIMEOUT_S, BASE_CLASS)) as events:
+        for event in events:
+            for name, *rest in event.get("result", {}).get("types", ()):
+                found[name] = TypeDescription(name, *rest)
+    return list(found.values())

@@ -1,0 +1,408 @@
+"""What `robbie top` shows, as text: the same on a terminal, in a table that is printed, and in tests."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from rich.text import Text
+
+from robbie_mp.cli.figures import STYLES, state_name
+from robbie_mp.cli.output import PlainTable
+from robbie_mp.observe import ChannelRates, ModuleFigures, ModuleRates, RunRates, RunReading
+from robbie_mp.observe.talk import Talk, talk_of
+from robbie_mp.views.quantities import long_time, rate, seconds, size
+from robbie_mp.visible_text import one_line
+
+ALARM = "bold red"
+HUNG_S = 1.0
+"""What takes longer than this in one handler or tick is shown as an alarm; the watchdog waits longer."""
+SILENT_CORE_S = 1.0
+
+
+@dataclass(frozen=True)
+class ModuleRow:
+    """One process: what is known of it, and what happened lately."""
+
+    figures: ModuleFigures
+    rates: ModuleRates | None
+    now_ns: int
+
+    @property
+    def busy_s(self) -> float:
+        """How long it has been doing what it does."""
+        since_ns = self.figures.busy_since_ns
+        return max(0, self.now_ns - since_ns) / 1e9 if since_ns else 0.0
+
+    @property
+    def is_hung(self) -> bool:
+        """Whether it has been in one handler or tick for so long that somebody should look."""
+        return self.busy_s >= HUNG_S and self.figures.activity in ("handler", "tick", "teardown")
+
+    @property
+    def state(self) -> Text:
+        """Its state, or that it hangs."""
+        name = state_name(self.figures)
+        return Text("HUNG", ALARM) if self.is_hung else Text(name, STYLES.get(name, ""))
+
+
+@dataclass(frozen=True)
+class ModuleColumn:
+    """One column of the view of modules."""
+
+    heading: str
+    cell: Callable[[ModuleRow], Text]
+    order: Callable[[ModuleRow], float | str]
+    """What the rows are sorted by; numbers the largest first."""
+    is_text: bool = False
+    is_line: bool = False
+    """Whether its text may be long."""
+
+
+def module_rows(reading: RunReading, rates: RunRates | None) -> list[ModuleRow]:
+    """Return a row for each process, in start order."""
+    return [
+        ModuleRow(module, rates.modules.get(module.name) if rates else None, reading.at_ns)
+        for module in reading.modules
+    ]
+
+
+def doing(row: ModuleRow) -> Text:
+    """What a process says of itself; first what it hangs in, if it seems to."""
+    module = row.figures
+    state = state_name(module)
+    if state in ("BACKOFF", "FAILED"):
+        return Text(one_line(module.reason), STYLES[state])
+    if state == "STOPPED":
+        return Text(one_line(module.reason), "dim")
+    parts = []
+    if row.is_hung:
+        parts.append((f"in {module.handler or module.activity} for {row.busy_s:.1f} s", ALARM))
+    if module.states:
+        parts.append((f"[{module.states}]", "bold"))
+    if module.status:
+        parts.append((module.status, ""))
+    return Text("  ").join(Text(one_line(text), style) for text, style in parts)
+
+
+def _number(value: float, text: str, *, alarm: bool = False, quiet: bool = True) -> Text:
+    return Text(text, ALARM if alarm and value else "dim" if quiet and not value else "", justify="right")
+
+
+def _of(heading: str, value: Callable[[ModuleFigures], float], *, alarm: bool = False) -> ModuleColumn:
+    return ModuleColumn(
+        heading,
+        lambda row: _number(value(row.figures), f"{value(row.figures):.0f}", alarm=alarm),
+        lambda row: value(row.figures),
+    )
+
+
+def _bytes(heading: str, value: Callable[[ModuleFigures], float]) -> ModuleColumn:
+    return ModuleColumn(
+        heading,
+        lambda row: _number(value(row.figures), size(value(row.figures))),
+        lambda row: value(row.figures),
+    )
+
+
+def _rate(heading: str, name: str) -> ModuleColumn:
+    def value(row: ModuleRow) -> float:
+        return float(getattr(row.rates, name)) if row.rates else 0.0
+
+    return ModuleColumn(
+        heading, lambda row: _number(value(row), rate(value(row)) if row.rates else "-"), value
+    )
+
+
+def _time(heading: str, kind: str, part: str) -> ModuleColumn:
+    """Of lately, or of the whole incarnation if that is not known."""
+
+    def value(row: ModuleRow) -> float | None:
+        if row.rates:
+            times = getattr(row.rates, kind)
+        elif row.figures.work:
+            times = getattr(row.figures.work, kind).distribution()
+        else:
+            return None
+        found: float | None = getattr(times, part)
+        return found
+
+    return ModuleColumn(
+        heading,
+        lambda row: _number(value(row) or 0, seconds(value(row))),
+        lambda row: value(row) or 0.0,
+    )
+
+
+def _queue(row: ModuleRow) -> Text:
+    module = row.figures
+    if not module.queue_messages:
+        return Text("-", "dim", justify="right")
+    full = module.waiting >= module.queue_messages or module.waiting_bytes >= module.queue_bytes
+    text = f"{module.waiting}/{module.queue_messages}"
+    style = ALARM if full else "yellow" if 2 * module.waiting >= module.queue_messages else ""
+    return Text(text, style or ("" if module.waiting else "dim"), justify="right")
+
+
+def _outbound(row: ModuleRow) -> Text:
+    module = row.figures
+    if not module.outbound_records:
+        return Text("-", "dim", justify="right")
+    text = f"{module.outbound_waiting}/{module.outbound_records}"
+    return _number(module.outbound_waiting, text)
+
+
+def _memory_used(row: ModuleRow) -> Text:
+    module = row.figures
+    if not module.memory_bytes:
+        return Text("-", "dim", justify="right")
+    full = module.outstanding_bytes > 0.9 * module.memory_bytes
+    text = f"{size(module.outstanding_bytes)}/{size(module.memory_bytes)}"
+    return Text(text, ALARM if full else "" if module.outstanding_bytes else "dim", justify="right")
+
+
+def _uptime_s(row: ModuleRow) -> float:
+    return (row.now_ns - row.figures.started_ns) / 1e9 if row.figures.pid else 0.0
+
+
+MODULE_COLUMNS: tuple[ModuleColumn, ...] = (
+    ModuleColumn(
+        "module",
+        lambda row: Text(one_line(row.figures.name), "bold"),
+        lambda row: row.figures.name,
+        is_text=True,
+    ),
+    ModuleColumn(
+        "state",
+        lambda row: row.state,
+        lambda row: row.state.plain,
+        is_text=True,
+    ),
+    _rate("cpu%", "cpu_percent"),
+    _bytes("mem", lambda module: module.rss_bytes),
+    _rate("in/s", "in_hz"),
+    _rate("out/s", "out_hz"),
+    ModuleColumn("queue", _queue, lambda row: row.figures.waiting),
+    _of("drop", lambda module: module.total("overflowed"), alarm=True),
+    _time("lat p99", "latency", "p99_s"),
+    _time("hnd p99", "handler", "p99_s"),
+    _of("rst", lambda module: module.restarts, alarm=True),
+    ModuleColumn("status", doing, lambda row: doing(row).plain, is_text=True, is_line=True),
+    _time("lat p50", "latency", "p50_s"),
+    _time("hnd mean", "handler", "mean_s"),
+    _time("hnd max", "handler", "max_s"),
+    _time("tick p99", "tick", "p99_s"),
+    _time("late p99", "lateness", "p99_s"),
+    _of("missed", lambda module: module.ticks_missed, alarm=True),
+    _of("peak", lambda module: module.waiting_peak),
+    ModuleColumn("outq", _outbound, lambda row: row.figures.outbound_waiting),
+    _of("repl", lambda module: module.total("replaced")),
+    _of("lost", lambda module: module.total("lost"), alarm=True),
+    _of("left", lambda module: module.total("left")),
+    _of("refused", lambda module: module.refused, alarm=True),
+    _of("pinned", lambda module: module.pinned),
+    _bytes("pin mem", lambda module: module.pinned_bytes),
+    _of("copied", lambda module: module.copied),
+    ModuleColumn("msg mem", _memory_used, lambda row: row.figures.outstanding_bytes),
+    _of("thr", lambda module: module.threads),
+    _of("pid", lambda module: module.pid),
+    ModuleColumn(
+        "up",
+        lambda row: Text(long_time(_uptime_s(row)) if row.figures.pid else "-", justify="right"),
+        _uptime_s,
+    ),
+    ModuleColumn(
+        "last end",
+        lambda row: Text(one_line(row.figures.last_end)),
+        lambda row: row.figures.last_end,
+        is_text=True,
+        is_line=True,
+    ),
+)
+PRINTED = (
+    "module", "state", "cpu%", "mem", "in/s", "out/s", "queue", "drop", "repl", "lost", "refused",
+    "lat p99 ms", "hnd p99 ms", "rst", "up", "status",
+)  # fmt: skip
+
+
+def _whole_time_ms(heading: str, kind: str) -> ModuleColumn:
+    """The p99 of the whole incarnation, always in ms: for people and programs that compare tables."""
+
+    def value(row: ModuleRow) -> float | None:
+        work = row.figures.work
+        found: float | None = getattr(work, kind).distribution().p99_s if work else None
+        return found
+
+    return ModuleColumn(
+        heading,
+        lambda row: Text("-" if (time_s := value(row)) is None else f"{time_s * 1e3:.2f}", justify="right"),
+        lambda row: value(row) or 0.0,
+    )
+
+
+PRINTED_TIMES = (_whole_time_ms("lat p99 ms", "latency"), _whole_time_ms("hnd p99 ms", "handler"))
+
+
+def modules_table(reading: RunReading, rates: RunRates | None) -> PlainTable:
+    """The most important figures, to be printed."""
+    columns = [column for column in (*MODULE_COLUMNS, *PRINTED_TIMES) if column.heading in PRINTED]
+    columns.sort(key=lambda column: PRINTED.index(column.heading))
+    made = PlainTable()
+    for column in columns:
+        is_last = column.heading == "status"
+        made.add_column(column.heading, justify="left" if column.is_text else "right", no_wrap=not is_last)
+    for row in module_rows(reading, rates):
+        cells = [column.cell(row) for column in columns]
+        cells[-1].no_wrap, cells[-1].overflow = True, "ellipsis"
+        made.add_row(*cells)
+    return made
+
+
+def totals_line(reading: RunReading, rates: RunRates | None) -> Text:
+    """One line on the whole run and its machine."""
+    core, machine = reading.core, reading.machine
+    parts = [Text(f"up {long_time((reading.at_ns - reading.modules[0].started_ns) / 1e9)}")]
+    silent_s = (reading.at_ns - core.heartbeat_ns) / 1e9
+    if silent_s > SILENT_CORE_S:
+        parts.append(Text(f"CORE SILENT {silent_s:.1f} s" if core.heartbeat_ns else "CORE NOT UP", ALARM))
+    if rates:
+        parts.append(Text(f"routed {rate(rates.routed_hz)}/s"))
+        parts.append(Text("cpu " + " ".join(f"{percent:.0f}%" for percent in rates.cpu_percent)))
+    parts.append(Text("load " + " ".join(f"{load:.1f}" for load in machine.load)))
+    used, total = machine.shared_memory_used_bytes, machine.shared_memory_total_bytes
+    parts.append(Text(f"shm {size(used)}/{size(total)}", ALARM if used > 0.9 * total else ""))
+    fill = core.handles / max(1, core.handles_limit)
+    parts.append(Text(f"msgs {core.handles}", ALARM if fill > 0.9 else ""))
+    return Text("  ").join(parts)
+
+
+@dataclass(frozen=True)
+class ChannelRow:
+    """One channel with both of its ends."""
+
+    talk: Talk
+    rates: ChannelRates | None
+    now_ns: int
+
+    @property
+    def age_s(self) -> float | None:
+        """Since its last message; None if there was none."""
+        last_ns = self.talk.channel.last_ns
+        return max(0, self.now_ns - last_ns) / 1e9 if last_ns else None
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Type, version and topic."""
+        channel = self.talk.channel
+        return channel.type_name, str(channel.version), channel.topic
+
+    @property
+    def name(self) -> str:
+        """Type and topic, as they are shown."""
+        channel = self.talk.channel
+        type_name = channel.type_name.replace("/msg/", "/")
+        return one_line(f"{type_name} {channel.topic}" if channel.topic else type_name)
+
+
+@dataclass(frozen=True)
+class ChannelColumn:
+    """One column of the view of messages."""
+
+    heading: str
+    cell: Callable[[ChannelRow], Text]
+    order: Callable[[ChannelRow], float | str]
+    is_text: bool = False
+    is_line: bool = False
+    """Whether its text may be long."""
+
+
+def _names(names: Sequence[str]) -> Text:
+    return Text(one_line(", ".join(names)) or "-", "" if names else "dim")
+
+
+def _rate_of(row: ChannelRow, name: str) -> float:
+    return float(getattr(row.rates, name) or 0.0) if row.rates else 0.0
+
+
+CHANNEL_COLUMNS: tuple[ChannelColumn, ...] = (
+    ChannelColumn("message, topic", lambda row: Text(row.name, "bold"), lambda row: row.name, is_text=True),
+    ChannelColumn(
+        "rate",
+        lambda row: _number(_rate_of(row, "hz"), rate(_rate_of(row, "hz"))),
+        lambda row: _rate_of(row, "hz"),
+    ),
+    ChannelColumn(
+        "B/s",
+        lambda row: _number(_rate_of(row, "bytes_per_s"), size(_rate_of(row, "bytes_per_s"))),
+        lambda row: _rate_of(row, "bytes_per_s"),
+    ),
+    ChannelColumn(
+        "jitter",
+        lambda row: _number(1, seconds(row.rates.jitter_s if row.rates else None)),
+        lambda row: _rate_of(row, "jitter_s"),
+    ),
+    ChannelColumn("age", lambda row: _number(1, seconds(row.age_s)), lambda row: row.age_s or 0.0),
+    ChannelColumn(
+        "from",
+        lambda row: _names(row.talk.publishers),
+        lambda row: ", ".join(row.talk.publishers),
+        is_text=True,
+    ),
+    ChannelColumn(
+        "to",
+        lambda row: _names([name for name, _ in row.talk.subscribers]),
+        lambda row: ", ".join(name for name, _ in row.talk.subscribers),
+        is_text=True,
+    ),
+    ChannelColumn(
+        "total",
+        lambda row: _number(row.talk.channel.messages, str(row.talk.channel.messages)),
+        lambda row: row.talk.channel.messages,
+    ),
+)
+
+
+def channel_rows(reading: RunReading, rates: RunRates | None) -> list[ChannelRow]:
+    """Return a row for each channel, by type and topic."""
+    return [
+        ChannelRow(
+            talk,
+            rates.channels.get((talk.channel.type_name, talk.channel.version, talk.channel.topic))
+            if rates
+            else None,
+            reading.at_ns,
+        )
+        for talk in talk_of(reading)
+    ]
+
+
+def graph(reading: RunReading, rates: RunRates | None) -> Text:
+    """Who talks to whom: each module with what it sends, and to whom."""
+    lines: list[Text] = []
+    rows = channel_rows(reading, rates)
+    for module in reading.modules:
+        sent = [row for row in rows if module.name in row.talk.publishers]
+        heard = [row for row in rows if module.name in [name for name, _ in row.talk.subscribers]]
+        if not sent and not heard:
+            continue
+        style = STYLES.get(state_name(module), "")
+        lines.append(
+            Text.assemble((one_line(module.name), f"bold {style}"), "" if sent else ("  only listens", "dim"))
+        )
+        for place, row in enumerate(sent):
+            corner = "└─" if place == len(sent) - 1 else "├─"
+            hz = f" {rate(_rate_of(row, 'hz'))}/s" if row.rates else ""
+            line = Text.assemble(f"{corner} {row.name}", (hz, "cyan"), " ─▶ ")
+            if not row.talk.subscribers:
+                line.append("nobody", "dim")
+            for number, (name, entry) in enumerate(row.talk.subscribers):
+                line.append(", " if number else "")
+                line.append(one_line(name), "bold")
+                if entry.handling == "KEEP_ONLY_NEWEST":
+                    line.append(" (newest)", "dim")
+                if entry.overflowed:
+                    line.append(f" {entry.overflowed} dropped", ALARM)
+            lines.append(line)
+    unheard = [row for row in rows if not row.talk.publishers and row.talk.subscribers]
+    for row in unheard:
+        names = one_line(", ".join(name for name, _ in row.talk.subscribers))
+        lines.append(Text.assemble(("nobody", "dim"), f" ─ {row.name} ─▶ {names}"))
+    return Text("\n").join(lines) if lines else Text("nobody talks", "dim")

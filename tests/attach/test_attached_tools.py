@@ -1,0 +1,232 @@
+"""Tools that attach to a run are killed, stopped and come at bad times; no module loses a message."""
+
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from pathlib import Path
+
+import pytest
+
+from robbie_mp import Header, Time
+from robbie_mp.attach.attachment import Attachment, Detached, Received
+from robbie_mp.cli.runs import live_runs
+from robbie_mp.messages import DriveCommand
+from robbie_mp.run.control_client import ControlRefused, control
+from robbie_mp.run.run_directory import KnownRun
+from robbie_mp.transport.records import Outbound
+from tests.run._support.robot import COMMAND, Ended, Robot, kill, wait_until
+
+PROFILE = """
+modules:
+  listener:
+    class: zoo.modules:Listener
+    queue: {messages: 100000}
+  by_pattern:
+    class: zoo.modules:PatternListener
+    queue: {messages: 100000}
+  pulse: {class: "zoo.modules:Pulse"}
+core: {deadline_s: 60.0, ring_records: 16384}
+tools: {count: 1, messages: 40}
+"""
+TOOL = "~tool1"
+EACH = 60
+"""Messages that show that all is well again."""
+
+
+class Echo:
+    """`robbie echo` in a process of its own, printing into a file."""
+
+    def __init__(self, folder: Path, run_id: str, name: str):
+        self.output = folder / f"{name}.jsonl"
+        self.notes = folder / f"{name}.err"
+        command = [*COMMAND, "echo", "DriveCommand", "--run", run_id, "--topic", "wheels", "--json"]
+        with self.output.open("wb") as output, self.notes.open("wb") as notes:
+            self.process = subprocess.Popen(command, stdout=output, stderr=notes)
+
+    def numbers(self) -> list[int]:
+        """What it has printed; a line that is just being written is left out."""
+        whole, _, _ = self.output.read_text().rpartition("\n")
+        return [json.loads(line)["message"]["header"]["stamp"]["sec"] for line in whole.splitlines()]
+
+    def wait_for_more(self) -> None:
+        """Wait until it has printed some more messages."""
+        before = len(self.numbers())
+        wait_until(lambda: len(self.numbers()) >= before + EACH)
+
+    def printed_and_missed(self) -> tuple[int, int]:
+        """What it says at its end."""
+        printed, missed = self.notes.read_text().splitlines()[-1].strip("()").split(", ")
+        return int(printed.removeprefix("printed ")), int(missed.removeprefix("missed "))
+
+
+@pytest.fixture
+def echoes() -> Iterator[list[Echo]]:
+    started: list[Echo] = []
+    yield started
+    for echo in started:
+        if echo.process.poll() is None:
+            echo.process.kill()
+        echo.process.wait(10)
+
+
+def let_all_be_handled(robot: Robot) -> None:
+    """End the flood first: a module that is stopped handles no more, however far it is behind."""
+    control(robot.known_run().folder, "stop", "pulse")
+    published = robot.top()["pulse"]["published"]
+    robot.until(
+        lambda modules: modules["listener"]["handled"] == modules["by_pattern"]["handled"] == published
+    )
+
+
+def test_tools_come_go_die_and_stand_still_and_no_module_loses_a_message(
+    robot: Robot, echoes: list[Echo]
+) -> None:
+    robot.write_profile(PROFILE)
+    process = robot.start()
+    robot.until(lambda modules: modules["listener"]["handled"] > 0)
+    (run,) = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
+
+    def start(name: str) -> Echo:
+        echoes.append(Echo(robot.folder, run.run_id, name))
+        return echoes[-1]
+
+    # Killed: its place is free again.
+    killed = start("killed")
+    killed.wait_for_more()
+    refused = robot.command("echo", "DriveCommand", "--run", run.run_id)
+    assert refused.returncode == 1
+    assert refused.stderr.startswith("no place for robbie echo robbie_msgs/msg/DriveCommand: tools.count")
+    kill(killed.process.pid)
+    robot.until(lambda modules: TOOL not in modules)
+
+    # It attaches while the core stands still; then the core is killed.
+    figures = robot.until(lambda modules: modules["core"]["pid"] != 0)
+    os.kill(figures["core"]["pid"], signal.SIGSTOP)
+    watching = start("watching")
+    robot.until(lambda modules: TOOL in modules)
+    assert watching.numbers() == []
+    os.kill(figures["core"]["pid"], signal.SIGCONT)
+    watching.wait_for_more()
+    kill(figures["core"]["pid"])
+    robot.until(lambda modules: modules["core"]["restarts"] == 1 and modules["core"]["state"] == "RUNNING")
+    watching.wait_for_more()
+
+    # Stopped in a flood: it is detached, and attaches again by itself.
+    os.kill(watching.process.pid, signal.SIGSTOP)
+    robot.until(lambda modules: TOOL not in modules)
+    handled = robot.top()["listener"]["handled"]
+    robot.until(lambda modules: modules["listener"]["handled"] > handled + EACH)
+    os.kill(watching.process.pid, signal.SIGCONT)
+    watching.wait_for_more()
+    assert "missed" in watching.notes.read_text()
+
+    let_all_be_handled(robot)
+    process.send_signal(signal.SIGINT)
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    assert watching.process.wait(30) == 0
+    assert "(the run has ended)" in watching.notes.read_text()
+
+    # No module has lost anything.
+    (published,) = robot.journal("pulse")
+    assert robot.journal("listener") == robot.journal("by_pattern") == list(range(published))
+    pulse, listener = ended.modules["pulse"], ended.modules["listener"]
+    assert (pulse["published"], pulse["refused"], pulse["restarts"]) == (published, 0, 0)
+    assert listener["dropped"] == listener["lost"] == 0
+    assert TOOL not in ended.modules
+
+    # What echo has printed is in order and true to the gaps that it tells of.
+    for echo in (killed, watching):
+        assert echo.numbers() == sorted(set(echo.numbers()))
+    numbers = watching.numbers()
+    gaps = numbers[-1] - numbers[0] + 1 - len(numbers)
+    printed, missed = watching.printed_and_missed()
+    assert printed == len(numbers)
+    assert gaps > EACH
+    assert abs(missed - gaps - (published - 1 - numbers[-1])) <= 2
+
+
+def attach(run: KnownRun, purpose: str) -> Attachment:
+    """Attach as soon as there is a place: that of a tool which has left is taken back a little later."""
+    found: list[Attachment] = []
+
+    def is_attached() -> bool:
+        with suppress(ControlRefused):
+            found.append(Attachment(run, purpose))
+        return bool(found)
+
+    wait_until(is_attached)
+    return found[0]
+
+
+def take_one_by_pattern(run: KnownRun) -> Received:
+    """Attach and take a message; again if this process stood still for so long that it was detached."""
+    while True:
+        with closing(attach(run, "a tool that takes what it finds")) as curious:
+            curious.subscribe_encoded("*/Drive*", "wh*")
+            curious.subscribe_encoded("robbie_msgs/*", "*s")
+            curious.ready()
+            with suppress(Detached):
+                assert curious.wait_for(lambda: curious.is_subscribed() and curious.books()[1] > 0, 60.0)
+                received = curious.take()
+                assert received is not None
+                return received
+
+
+def names_of(run: KnownRun) -> set[str]:
+    """What a run has in /dev/shm."""
+    return {str(path) for path in Path("/dev/shm").rglob("*") if run.run_id in str(path)}
+
+
+def test_tool_that_stands_still_or_breaks_the_protocol_is_detached_and_leaves_nothing(robot: Robot) -> None:
+    robot.write_profile(PROFILE.replace("count: 1", "count: 2"))
+    process = robot.start()
+    robot.until(lambda modules: modules["listener"]["handled"] > 0)
+    (run,) = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
+    before = names_of(run)
+
+    publisher = attach(run, "a tool that publishes and leaves")
+    publisher.ready()
+    assert publisher.publish(DriveCommand(header=Header(stamp=Time(sec=1_000_000))), "wheels")
+    topics = json.loads(robot.command("list", "topics", "--run", run.run_id, "--json").stdout)
+    assert [row["subscribers"] for row in topics if row["topic"] == "wheels"] == [["listener", "by_pattern"]]
+    publisher.close()
+    wait_until(lambda: 1_000_000 in robot.journal("listener"))
+    robot.until(lambda modules: TOOL not in modules)
+
+    idle = attach(run, "a tool that has nothing to do")
+    idle.ready()
+    received = take_one_by_pattern(run)
+    assert (received.type_name, received.version) == (DriveCommand.type_name, DriveCommand.version)
+    assert (received.topic, received.sender) == ("wheels", "pulse")
+    robot.until(lambda modules: "~tool2" not in modules)
+    still = attach(run, "a tool that stands still")
+    still.subscribe(DriveCommand.type_name, DriveCommand.version, "wheels")
+    still.ready()
+    robot.until(lambda modules: "~tool2" not in modules)
+    with pytest.raises(Detached):
+        still.take()  # though its ring is full of messages: their memory is used again
+    with pytest.raises(Detached, match="it has not taken its messages for 1 s"):
+        still.wait(0.1)
+    still.close()
+    idle.wait(0.01)
+    assert TOOL in robot.top()
+    idle.close()
+    robot.until(lambda modules: TOOL not in modules)
+
+    hostile = attach(run, "a hostile tool")
+    hostile._endpoint.send(Outbound.MODULE_GONE, 1)  # which is the supervisor's to say
+    with pytest.raises(Detached, match="a hostile tool: the core refused its records"):
+        hostile.wait_for(lambda: False, 20.0)
+    hostile.close()
+    handled = robot.until(lambda modules: TOOL not in modules)["listener"]["handled"]
+    robot.until(lambda modules: modules["listener"]["handled"] > handled + EACH)
+    wait_until(lambda: names_of(run) <= before)
+
+    process.send_signal(signal.SIGINT)
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    assert all(ended.modules[name]["restarts"] == 0 for name in ("listener", "pulse", "core"))

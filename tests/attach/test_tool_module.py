@@ -1,0 +1,182 @@
+"""A module that joins a run from outside hears, speaks, ticks, and comes back when it was detached."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from robbie_mp import Envelope, MessageHandling, Module
+from robbie_mp.attach import attachment, message_stream
+from robbie_mp.attach import tool_bus as guest_bus
+from robbie_mp.attach.attachment import Attachment, Detached, RunEnded
+from robbie_mp.attach.message_stream import MessageStream
+from robbie_mp.attach.tool_bus import GuestBus
+from robbie_mp.attach.tool_module import run_guest
+from robbie_mp.messages import DriveCommand, EmergencyStop, Image
+from robbie_mp.run.control_client import ControlRefused
+from robbie_mp.run.run_directory import KnownRun
+from tests.run._support.robot import Ended, Robot, is_running, wait_until
+
+PROFILE = """
+modules:
+  base: {class: "zoo.modules:StandingBase"}
+  pulse: {class: "zoo.modules:Pulse"}
+tools: {count: 1}
+"""
+TOOL = "~tool1"
+
+
+class Visitor(Module):
+    """Stops the base as soon as it hears the pulse, and stands still once."""
+
+    period_s = 0.01
+    is_detached = None
+
+    def setup(self) -> None:
+        self.envelopes: list[Envelope] = []
+        self.heard: list[int] = []
+        self.patterns: set[str] = set()
+        self.ticks = self.heard_when_detached = 0
+        self.subscribe(DriveCommand, self.on_command, topic="wheels")
+        self.subscribe(
+            EmergencyStop, self.on_state, MessageHandling.KEEP_ONLY_NEWEST, topic="emergency_stop_state"
+        )
+        self.subscribe_encoded("robbie_msgs/msg/*", lambda message: self.patterns.add(message.type_name))
+
+    def on_command(self, command: DriveCommand) -> None:
+        self.heard.append(command.header.stamp.sec)
+        self.envelopes.append(self.envelope)
+        if len(self.heard) == 1:
+            with self.loan(Image, data=3) as image:
+                assert self.publish(EmergencyStop(engaged=True, reason="a visitor"), topic="emergency_stop")
+                image.data[:] = 7
+
+    def on_state(self, state: EmergencyStop) -> None:
+        if state.engaged and not self.heard_when_detached:
+            self.heard_when_detached = len(self.heard)
+            self.status = "stands still"
+            wait_until(self.is_detached)
+            assert not self.publish(EmergencyStop(), topic="emergency_stop"), "it went nowhere"
+
+    def tick(self) -> None:
+        self.ticks += 1
+
+
+def test_guest_hears_speaks_ticks_and_attaches_again_when_it_was_detached(
+    robot: Robot, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot.write_profile(PROFILE)
+    process = robot.start()
+    robot.until(lambda modules: modules["base"]["status"] == "StandingBase is ready")
+    run = robot.known_run()
+    visitors: list[Visitor] = []
+    purposes: list[str] = []
+
+    def attach(run: KnownRun, purpose: str) -> Attachment:
+        purposes.append(purpose)
+        if len(purposes) == 1:
+            raise ControlRefused("as when the core has not given its last place back yet")
+        return Attachment(run, purpose)
+
+    monkeypatch.setattr(attachment, "Attachment", attach)
+
+    def is_done() -> bool:
+        visitor = visitors[0]
+        return visitor.heard_when_detached > 0 and len(visitor.heard) > visitor.heard_when_detached + 50
+
+    Visitor.is_detached = staticmethod(lambda: TOOL not in robot.top())
+    run_guest(run, Visitor, {}, "visitor", on_ready=visitors.append, is_stopped=is_done)
+    (visitor,) = visitors
+    assert len(purposes) > 1, "it was refused once, and asked again"
+    assert "; attaches again" in caplog.text
+    assert visitor.ticks > 0
+    assert visitor.heard == sorted(set(visitor.heard))
+    assert {envelope.sender for envelope in visitor.envelopes} == {"pulse"}
+    assert "robbie_msgs/msg/EmergencyStop" in visitor.patterns
+    assert robot.top()["base"]["status"] == "STOPPED: a visitor"
+    robot.until(lambda modules: TOOL not in modules)
+    process.terminate()
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0
+    assert ended.modules["base"]["lost"] == ended.modules["pulse"]["refused"] == 0
+
+
+class Lost:
+    """A lease that is over, in a run that is over."""
+
+    outstanding = 0
+    is_leased = False
+
+    def __init__(self, *_arguments: object) -> None:
+        self.is_closed = False
+        self.outbox = self
+
+    def take(self) -> None:
+        raise Detached("it stood still")
+
+    def show_status(self, _line: str) -> None:
+        assert not self.is_closed, "its memory is not mapped any more"
+
+    def books(self) -> tuple[int, int]:
+        assert not self.is_closed, "its memory is not mapped any more"
+        return 0, 0
+
+    def close(self) -> None:
+        assert not self.is_closed, "it is closed"
+        self.is_closed = True
+
+
+def test_guest_or_tool_whose_run_is_over_when_it_attaches_again_can_still_end_in_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = KnownRun("1f0c", tmp_path, is_live=False, record=None)
+    monkeypatch.setattr(guest_bus, "Attachment", Lost)
+    bus = GuestBus(run, "visitor")
+    with pytest.raises(RunEnded):
+        bus.handle_next()
+    bus.show_status("ends")
+    assert not bus.publish(EmergencyStop(), "emergency_stop")
+    bus.close()
+
+    monkeypatch.setattr(message_stream, "Attachment", Lost)
+    monkeypatch.setattr(MessageStream, "_begin", lambda _stream: None)
+    stream = MessageStream(run, [], "a tool")
+    with pytest.raises(RunEnded):
+        stream.receive()
+    assert stream.missed == 0
+    stream.close()
+
+
+FORKING_TOOL = """
+import os, time
+from robbie_mp.attach.attachment import Attachment
+from robbie_mp.cli.runs import live_runs
+[run] = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
+attachment = Attachment(run, "a tool that forks")
+fork = os.fork()
+if fork:
+    print(fork, flush=True)
+time.sleep(1000)
+"""
+
+
+def test_fork_of_a_tool_does_not_keep_its_place(robot: Robot) -> None:
+    """The place is free when the connection is closed, and a fork has a copy of the tool's end."""
+    robot.write_profile(PROFILE)
+    process = robot.start()
+    robot.until(lambda modules: modules["pulse"]["state"] == "RUNNING")
+    with subprocess.Popen([sys.executable, "-c", FORKING_TOOL], stdout=subprocess.PIPE, text=True) as tool:
+        assert tool.stdout is not None
+        fork = int(tool.stdout.readline())
+        assert robot.top()[TOOL]["pid"] == tool.pid
+        tool.kill()
+    try:
+        wait_until(lambda: TOOL not in robot.top(), 10.0)
+        assert is_running(fork)
+    finally:
+        os.kill(fork, signal.SIGKILL)
+    process.send_signal(signal.SIGINT)
+    assert Ended.wait_for(process).exit_code == 0

@@ -1,0 +1,384 @@
+"""A core and modules on plain arrays in one process: every step happens when the test says so."""
+
+import random
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from robbie_mp import MessageHandling
+from robbie_mp.core.link import LinkMemory
+from robbie_mp.core.members import RouterLimits
+from robbie_mp.core.router import Router, SlotLimits
+from robbie_mp.transport import layout
+from robbie_mp.transport.blocks import Block
+from robbie_mp.transport.endpoint import Delivery, Endpoint, EndpointMemory
+from robbie_mp.transport.records import ANY_VERSION, Inbound, Outbound
+from robbie_mp.transport.segment import SegmentMismatch
+from robbie_mp.transport.tables import CoreTables, TableSizes
+from robbie_mp.transport.words import Words
+
+RING_RECORDS = 16
+CREDIT = 4
+TYPE = "test_msgs/msg/Number"
+
+
+def zeros(count: int) -> Words:
+    return array("Q", bytes(8 * count))
+
+
+class Died(Exception):
+    """A process was killed between two stores."""
+
+
+class Fuse:
+    """Kills a process before the store with a given number, counted from its start."""
+
+    def __init__(self) -> None:
+        self.stores = 0
+        self.deaths: list[int] = []
+        """For each incarnation in turn: how many stores it lives to see; an empty list lets it live."""
+        self.on_store: Callable[[int], None] | None = None
+        """Is told the number of each store before it."""
+
+    def burn(self) -> None:
+        if self.on_store is not None:
+            self.on_store(self.stores)
+        if self.deaths and self.stores >= self.deaths[0]:
+            raise Died
+        self.stores += 1
+
+
+class StateLog:
+    """Names the state of the whole run before every store of its core, so that equal states are tried once.
+
+    Two deaths of the core that leave every word of shared memory the same, and the modules with the same
+    past, have the same future. The modules of a simulated run act only while its core is idle, and what they
+    do follows from what they read then. So a state is named by all words as they were whenever the core began
+    to work, and as they are now. (Zobrist hashing: a random number for each word and value, combined by
+    exclusive or.)
+    """
+
+    _random = random.Random(13)
+    _numbers: ClassVar[dict[tuple[object, int, int], int]] = {}
+
+    def __init__(self) -> None:
+        self._words = 0
+        self._past = 0
+        self.before_store: list[int] = []
+        """A name for the state before each store of the core since its last death."""
+
+    def stored(self, segment: object, index: int, old: int, new: int) -> None:
+        """Note a store by anybody."""
+        if old != new:
+            self._words ^= self._number(segment, index, old) ^ self._number(segment, index, new)
+
+    def core_begins(self, reports: int) -> None:
+        """Note that the core is about to look at the rings: the modules have acted."""
+        self._past = hash((self._past, self._words, reports))
+
+    def core_stores(self, number: int, reports: int) -> None:
+        """Note that the core is about to store a word, its `number`-th, unless it dies before."""
+        del self.before_store[number:]
+        self.before_store.append(hash((self._past, self._words, reports)))
+
+    def _number(self, segment: object, index: int, value: int) -> int:
+        if value == 0:
+            return 0
+        key = (segment, index, value)
+        number = self._numbers.get(key)
+        if number is None:
+            number = self._numbers[key] = self._random.getrandbits(64)
+        return number
+
+
+class Mapped:
+    """What a process maps: its stores are counted, and looking at it after it was closed is an error."""
+
+    def __init__(self, words: Words, fuse: Fuse, segment: object = None, log: StateLog | None = None):
+        self._words: Words | None = words
+        self._fuse = fuse
+        self._segment = segment
+        self._log = log
+
+    def __getitem__(self, index: int) -> int:
+        assert self._words is not None, "the map was closed"
+        return self._words[index]
+
+    def __setitem__(self, index: int, value: int) -> None:
+        assert self._words is not None, "the map was closed"
+        self._fuse.burn()
+        if self._log is not None:
+            self._log.stored(self._segment, index, self._words[index], value)
+        self._words[index] = value
+
+    def __len__(self) -> int:
+        assert self._words is not None, "the map was closed"
+        return len(self._words)
+
+    def close(self) -> None:
+        self._words = None
+
+
+@dataclass
+class SimulatedModule:
+    """One incarnation of a module; what it published and received is its own journal."""
+
+    slot: int
+    incarnation: int
+    out: Words = field(default_factory=lambda: zeros(layout.out_words(RING_RECORDS)))
+    into: Words = field(default_factory=lambda: zeros(layout.in_words(CREDIT)))
+    blocks_out: set[int] = field(default_factory=set)
+    next_block: int = 0
+    fuse: "Fuse | None" = None
+    """Kills the module before one of its own stores."""
+    log: "StateLog | None" = None
+    wakeups: int = 0
+    """How often the core woke it."""
+    core_wakeups: int = 0
+    """How often it woke the core."""
+
+    def wake(self) -> None:
+        self.wakeups += 1
+
+    def wake_core(self) -> None:
+        self.core_wakeups += 1
+
+    def __post_init__(self) -> None:
+        own = self.out
+        if self.fuse is not None or self.log is not None:
+            own = Mapped(own, self.fuse or Fuse(), ("out", self.slot, self.incarnation), self.log)
+        memory = EndpointMemory(self.slot, self.incarnation, own, self.into, self.wake_core)
+        self.endpoint = Endpoint(memory, RING_RECORDS, CREDIT)
+
+    def ready(self) -> None:
+        self.endpoint.send(Outbound.READY)
+
+    def subscribe(
+        self,
+        handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
+        topic: str = "",
+        type_name: str = TYPE,
+    ) -> int:
+        return self.endpoint.subscribe(type_name, 1, topic, handling)
+
+    def subscribe_by_patterns(self, type_pattern: str, topic_pattern: str = "*") -> int:
+        return self.endpoint.subscribe(
+            type_pattern, ANY_VERSION, topic_pattern, MessageHandling.ALWAYS_DELIVER
+        )
+
+    def advertise(self, topic: str = "", type_name: str = TYPE) -> int:
+        return self.endpoint.advertise(type_name, 1, topic)
+
+    def publish(self, channel: int, value: int, size: int = 8) -> bool:
+        """Publish a number; it travels as the stamp, so no payload is needed."""
+        self.next_block += 1
+        block = Block(self.next_block, 0, 64 * self.next_block, memoryview(b""))
+        accepted = self.endpoint.publish(channel, block, size, value)
+        if accepted:
+            self.blocks_out.add(block.number)
+        return accepted
+
+    def collect_freed(self) -> None:
+        for number in self.endpoint.freed():
+            self.blocks_out.discard(number)
+
+    def last_record(self) -> tuple[int, ...]:
+        """The seven words of the record it pushed last, as the core sees it; zeros before the first."""
+        head = self.out[layout.OUT_HEAD]
+        at = layout.OUT_RING + ((head - 1) % RING_RECORDS) * layout.RECORD_WORDS
+        return tuple(self.out[at + column] for column in range(7)) if head else (0,) * 7
+
+    def take(self) -> Delivery | None:
+        while (record := self.endpoint.take()) is not None:
+            if isinstance(record, Delivery):
+                return record
+        return None
+
+    def handle_all(self) -> list[int]:
+        """Handle what has been delivered; return the values."""
+        values = []
+        while (delivery := self.take()) is not None:
+            values.append(delivery.stamp_ns)
+            self.endpoint.release(delivery)
+        return values
+
+
+class SimulatedRun:
+    """A core with a supervisor and a number of slots."""
+
+    def __init__(
+        self,
+        slots: int = 4,
+        queue_messages: int = 100,
+        queue_bytes: int = 1 << 30,
+        handles: int = 64,
+        subscriptions: int = 16,
+        references: int | None = None,
+        *,
+        in_flight_bytes: int = 1 << 30,
+        memory_bytes: int = 1 << 40,
+        lockstep: bool = False,
+        log: StateLog | None = None,
+    ):
+        self.lockstep = lockstep
+        self.log = log
+        sizes = TableSizes(slots, 8, subscriptions, handles, references or 4 * handles)
+        self.words = zeros(sizes.words)
+        self.tables = CoreTables.create(self.words, sizes)
+        self.fuse = Fuse()
+        limits = SlotLimits(
+            queue_messages, queue_bytes, in_flight_bytes=in_flight_bytes, memory_bytes=memory_bytes
+        )
+        self.limits = [limits] * slots
+        self.reports: list[str] = []
+        self.modules: dict[tuple[int, int], SimulatedModule] = {}
+        self.crashes = 0
+        if log is not None:
+            self.fuse.on_store = lambda number: log.core_stores(number, len(self.reports))
+        self.while_dead: Callable[[], None] = lambda: None
+        """What the modules do between a death of the core and its successor."""
+        self.supervisor = self.make(0, 1)
+        self.router = self._make_core()
+        self.router.module_up(0, 1)
+        self.supervisor.ready()
+        self.run_core()
+
+    def _make_core(self) -> Router:
+        return Router(
+            CoreTables.attach(Mapped(self.words, self.fuse, "core", self.log)),
+            RouterLimits(RING_RECORDS, CREDIT, message_bytes=1 << 20),
+            self.limits,
+            self._connect,
+            self.reports.append,
+            lockstep=self.lockstep,
+        )
+
+    def make(self, slot: int, incarnation: int, fuse: Fuse | None = None) -> SimulatedModule:
+        module = self.modules[slot, incarnation] = SimulatedModule(slot, incarnation, fuse=fuse, log=self.log)
+        return module
+
+    def _connect(self, slot: int, incarnation: int) -> LinkMemory:
+        module = self.modules[slot, incarnation]
+        if module.out[layout.HEADER_MAGIC]:
+            raise SegmentMismatch("its header was written over")
+        mapped = (
+            Mapped(module.out, self.fuse),
+            Mapped(module.into, self.fuse, ("in", slot, incarnation), self.log),
+        )
+
+        def close() -> None:
+            for words in mapped:
+                words.close()
+
+        def wake() -> None:
+            assert len(mapped[0]), "its semaphore is closed with its maps"
+            module.wake()
+
+        return LinkMemory(incarnation, *mapped, wake, close)
+
+    def run_core(self) -> None:
+        """Let the core work until it would sleep; if it dies, a new one takes over."""
+        if self.log is not None:
+            self.log.core_begins(len(self.reports))
+        while True:
+            try:
+                while self.router.drain() or self.router.before_sleep():
+                    pass
+                return
+            except Died:
+                self._replace_core()
+
+    def _replace_core(self) -> None:
+        while True:
+            self.crashes += 1
+            self.fuse.deaths.pop(0)
+            self.fuse.stores = 0
+            self.while_dead()
+            try:
+                self.router = self._make_core()
+                self.router.recover()
+                self.router.module_up(0, 1)
+                return
+            except Died:
+                pass
+
+    def restart_core(self) -> None:
+        """Let a new core take over from one that died while it had nothing to do."""
+        self.router = self._make_core()
+        self.router.recover()
+        self.router.module_up(0, 1)
+        self.run_core()
+
+    def start(self, slot: int, incarnation: int = 1, fuse: Fuse | None = None) -> SimulatedModule:
+        module = self.make(slot, incarnation, fuse)
+        self.supervisor.endpoint.send(Outbound.MODULE_UP, slot, incarnation)
+        self.run_core()
+        return module
+
+    def kill(self, module: SimulatedModule) -> None:
+        self.supervisor.endpoint.send(Outbound.MODULE_DOWN, module.slot, module.incarnation)
+        self.run_core()
+
+    def gone(self, module: SimulatedModule, *, clean: bool) -> None:
+        self.supervisor.endpoint.send(Outbound.MODULE_GONE, module.slot, int(clean))
+        self.run_core()
+
+    def supervisor_notices(self) -> list[tuple[Inbound, int, int]]:
+        notices = []
+        while (record := self.supervisor.endpoint.take()) is not None:
+            notices.append((record.kind, record.slot, record.incarnation))
+        return notices
+
+    def counts(self, subscription: int) -> dict[str, int]:
+        at = self.tables.subscription(subscription)
+        kinds = ("routed", "delivered", "replaced", "dropped", "lost")
+        return {kind: self.words[at + layout.SUBSCRIPTION_ROUTED + i] for i, kind in enumerate(kinds)}
+
+    def waiting(self, slot: int) -> int:
+        at = self.tables.publisher(slot)
+        return self.words[at + layout.PUBLISHER_WAITING] + self.words[at + layout.PUBLISHER_IN_FLIGHT]
+
+    def in_hands(self, slot: int) -> int:
+        """Messages that the core has sent to a module and has not heard of since."""
+        return self.words[self.tables.publisher(slot) + layout.PUBLISHER_IN_FLIGHT]
+
+    def check_windows(self) -> None:
+        """What is in flight is known, and no more than may be."""
+        ledger = self.router._ledger
+        for slot in self.router._slots:
+            if slot.link is None or slot.link.has_ended:
+                continue
+            handles = [ledger.handle(ledger.reference(reference)[1]) for reference in slot.link.pushed]
+            for publisher, in_flight in enumerate(slot.link.in_flight):
+                sizes = [handle.size for handle in handles if handle.source & 0xFFFF == publisher]
+                assert in_flight == sum(sizes)
+                assert in_flight <= slot.windows[publisher] or len(sizes) == 1
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the core says, in lockstep, that nothing is left to handle."""
+        return self.words[layout.CORE_SETTLED] == self.words[layout.CORE_LAST_SEQUENCE]
+
+    def live_handles(self) -> int:
+        return sum(self.words[self.tables.handle(i)] != 0 for i in range(self.tables.sizes.handles))
+
+    def live_references(self) -> int:
+        return sum(self.words[self.tables.reference(i)] != 0 for i in range(self.tables.sizes.references))
+
+
+def connected(
+    run: SimulatedRun, *handlings: MessageHandling
+) -> tuple[SimulatedModule, int, list[SimulatedModule]]:
+    """A publisher in slot 1 and a subscriber for each handling from slot 2 on."""
+    publisher = run.start(1)
+    channel = publisher.advertise()
+    publisher.ready()
+    subscribers = []
+    for slot, handling in enumerate(handlings, start=2):
+        subscriber = run.start(slot)
+        subscriber.subscribe(handling)
+        subscriber.ready()
+        subscribers.append(subscriber)
+    run.run_core()
+    return publisher, channel, subscribers

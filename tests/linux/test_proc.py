@@ -1,0 +1,65 @@
+"""What /proc tells of this process's own children."""
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from robbie_mp.linux import proc
+from robbie_mp.linux.proc import own_children
+from tests.supervisor._support.running import is_gone, wait_for
+
+COMMAND = [sys.executable, "-S", "-E", "-c", "import sys; sys.stdin.read()"]
+
+
+def test_children_of_every_thread_are_told_even_dead_ones() -> None:
+    before = own_children()
+    started: list[subprocess.Popen[bytes]] = []
+    may_end = threading.Event()
+
+    def start() -> None:
+        started.append(subprocess.Popen(COMMAND, stdin=subprocess.PIPE))
+        may_end.wait()
+
+    thread = threading.Thread(target=start)
+    thread.start()
+    wait_for(lambda: bool(started))
+    try:
+        assert own_children() - before == {started[0].pid}
+        started[0].kill()
+        wait_for(lambda: is_gone(started[0].pid))
+        assert own_children() - before == {started[0].pid}, "a dead one, before it was reaped"
+    finally:
+        may_end.set()
+        thread.join()
+        started[0].communicate()
+    assert own_children() == before
+
+
+def test_kernel_without_lists_of_children_is_asked_process_by_process(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """CONFIG_PROC_CHILDREN is a choice of who builds the kernel."""
+
+    def refuse(path: str, *arguments: object) -> object:
+        if path.endswith("/children"):
+            raise FileNotFoundError(path)
+        return open(path, *arguments)  # type: ignore[call-overload]
+
+    with subprocess.Popen(COMMAND, stdin=subprocess.PIPE) as process:
+        expected = own_children()
+        monkeypatch.setattr(proc, "open", refuse, raising=False)
+        assert own_children() == expected
+        assert process.pid in expected
+        assert os.getpid() not in expected
+        process.communicate()
+
+
+def test_no_file_is_left_open() -> None:
+    own_children()
+    before = set(Path("/proc/self/fd").iterdir())
+    own_children()
+    assert set(Path("/proc/self/fd").iterdir()) == before

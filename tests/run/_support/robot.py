@@ -1,0 +1,170 @@
+"""Runs small robots as a user does: a workspace, a profile, and the command line in a process of its own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from robbie_mp.cli.figures_data import as_data
+from robbie_mp.cli.runs import live_runs
+from robbie_mp.observe import RunObserver
+from robbie_mp.run.run_directory import KnownRun
+from robbie_mp.trace.reader import entries
+from robbie_mp.transport.segment import SegmentMissing
+
+ZOO = Path(__file__).parent / "zoo_modules.py"
+COMMAND = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
+LIMIT_S = 100.0
+
+
+class Robot:
+    """A workspace in a temporary folder and the runs started in it."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.output = folder / "out"
+        (folder / "profiles").mkdir()
+        (folder / "zoo").mkdir()
+        (folder / "zoo" / "__init__.py").write_text("")
+        (folder / "zoo" / "modules.py").write_text(ZOO.read_text())
+        self._started: list[subprocess.Popen[str]] = []
+
+    def write_profile(self, text: str, name: str = "robot") -> None:
+        (self.folder / "profiles" / f"{name}.yaml").write_text(text)
+
+    def write_secret(self, name: str, text: str) -> None:
+        """Write a file that is the user's alone."""
+        path = self.folder / name
+        path.touch(mode=0o600)
+        path.write_text(f"{text}\n")
+
+    def command(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        """Run a command to its end."""
+        return subprocess.run(
+            [*COMMAND, *arguments],
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+            timeout=LIMIT_S,
+            check=False,
+        )
+
+    def start(
+        self,
+        *arguments: str,
+        profile: str = "robot",
+        output: Path | None = None,
+        command: Sequence[str] = ("run",),
+    ) -> subprocess.Popen[str]:
+        """Start a run and return at once."""
+        options = ["--json", "--output", str(output or self.output)]
+        process = subprocess.Popen(
+            [*COMMAND, *command, profile, *options, *arguments],
+            cwd=self.folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self._started.append(process)
+        return process
+
+    def run(self, *arguments: str, profile: str = "robot") -> "Ended":
+        """Run to the end."""
+        return Ended.wait_for(self.start(*arguments, profile=profile))
+
+    def known_run(self) -> KnownRun:
+        """The one run there is."""
+        (run,) = self._runs()
+        return run
+
+    def _runs(self) -> list[KnownRun]:
+        return [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
+
+    def top(self) -> dict[str, dict[str, Any]]:
+        """Figures of the modules of the one run there is, by name; empty while there is none."""
+        runs = self._runs()
+        if len(runs) != 1:
+            return {}
+        try:
+            with closing(RunObserver(runs[0].run_id)) as observer:
+                return {module.name: as_data(module) for module in observer.modules()}
+        except SegmentMissing:
+            return {}
+
+    def until(self, condition: Callable[[dict[str, dict[str, Any]]], bool]) -> dict[str, dict[str, Any]]:
+        """Wait until the run's figures fulfil a condition; return them."""
+        deadline = time.monotonic() + LIMIT_S
+        while time.monotonic() < deadline:
+            figures = self.top()
+            if figures and condition(figures):
+                return figures
+            time.sleep(0.005)
+        raise TimeoutError(f"the condition was not met; last figures: {figures}")
+
+    def journal(self, name: str) -> list[int]:
+        """What a module of the zoo has written down."""
+        file = self.output / f"{name}.journal"
+        return [int(line) for line in file.read_text().split()] if file.exists() else []
+
+    def log(self, name: str) -> str:
+        """All that a process has said."""
+        return "\n".join(line for entry in entries(self.output, [name]) for line in entry.lines())
+
+    def close(self) -> None:
+        """End whatever still runs."""
+        for process in self._started:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+                try:
+                    process.wait(15)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait(5)
+            for stream in (process.stdout, process.stderr):
+                if stream is not None:
+                    stream.close()
+
+
+class Ended:
+    """How a run ended."""
+
+    def __init__(self, exit_code: int, stdout: str, stderr: str):
+        self.exit_code = exit_code
+        self.stderr = stderr
+        self.summary = json.loads(stdout) if stdout.startswith("{") else {}
+        self.modules = {module["name"]: module for module in self.summary.get("modules", ())}
+
+    @classmethod
+    def wait_for(cls, process: "subprocess.Popen[str]") -> "Ended":
+        stdout, stderr = process.communicate(timeout=LIMIT_S)
+        return cls(process.returncode, stdout, stderr)
+
+
+def is_running(pid: int) -> bool:
+    """Whether a process runs; a zombie does not."""
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+def wait_until(condition: Callable[[], bool], limit_s: float = LIMIT_S) -> float:
+    """Wait for a condition; return how long it took."""
+    started = time.monotonic()
+    while not condition():
+        if time.monotonic() - started > limit_s:
+            raise TimeoutError(f"not within {limit_s} s")
+        time.sleep(0.005)
+    return time.monotonic() - started
+
+
+def kill(pid: int) -> None:
+    os.kill(pid, signal.SIGKILL)

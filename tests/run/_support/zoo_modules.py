@@ -1,0 +1,379 @@
+"""Well and ill behaved modules for tests; copied into each test's workspace."""
+
+import json
+import logging
+import os
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+
+from robbie_mp import Duration, EncodedMessage, Header, MessageHandling, Module, SettingError, Time, setting
+from robbie_mp.messages import DriveCommand, EmergencyStop, Image, ModuleState
+
+
+class Journal(Module):
+    """Writes numbers into a file, one line each, that survive whatever happens to the process."""
+
+    def note(self, number: int) -> None:
+        with open(self.output_directory / f"{self.name}.journal", "a") as journal:
+            journal.write(f"{number}\n")
+
+
+class Counter(Journal):
+    """Publishes so many numbered messages as fast as they are handled, then ends."""
+
+    count: int = setting(100, "messages")
+    limit: int = setting(50, "messages on their way at once")
+    period_s: float = setting(0.01, "between looks")
+
+    def setup(self) -> None:
+        self.number = 0
+
+    def tick(self) -> None:
+        while self.number < self.count:
+            if self.outstanding >= self.limit:
+                self.wake_after_freed(self.limit // 2)
+                return
+            if not self.publish(
+                DriveCommand(header=Header(stamp=Time(sec=self.number)), valid_for=Duration(sec=1))
+            ):
+                return
+            self.number += 1
+        if self.outstanding == 0:
+            self.stop()
+
+
+class Listener(Journal):
+    """Journals the number of every message it handles."""
+
+    newest: bool = setting(False, "keep only the newest")
+    die_at: int = setting(-1, "the number at which the first incarnation kills itself in its handler")
+
+    def setup(self) -> None:
+        handling = MessageHandling.KEEP_ONLY_NEWEST if self.newest else MessageHandling.ALWAYS_DELIVER
+        self.subscribe(DriveCommand, self.on_command, handling)
+
+    def on_command(self, command: DriveCommand) -> None:
+        number = command.header.stamp.sec
+        if number == self.die_at and not Path(self.output_directory, "died").exists():
+            Path(self.output_directory, "died").touch()
+            os.kill(os.getpid(), 9)
+        self.note(number)
+
+
+class PatternListener(Journal):
+    """Journals the number of every message on the topic of wheels, which it takes as its bytes."""
+
+    patience_s = 0.1
+
+    def setup(self) -> None:
+        self.subscribe_encoded("robbie_msgs/*", self.on_message, topic="wh*")
+        self.subscribe_encoded("*", self.on_message, topic="*s")
+
+    def on_message(self, message: EncodedMessage) -> None:
+        assert (message.type_name, message.version) == (DriveCommand.type_name, DriveCommand.version)
+        self.note(DriveCommand.decode(message.data).header.stamp.sec)
+
+
+class Idle(Module):
+    """Does nothing."""
+
+
+class Camera(Module):
+    """Publishes one loaned image whose pages it tells by where they are mapped."""
+
+    period_s = 0.05
+
+    def tick(self) -> None:
+        if getattr(self, "sent", False):
+            if self.outstanding == 0:
+                self.stop()
+            return
+        with self.loan(Image, height=1000, width=1000, encoding="mono8", step=1000, data=1_000_000) as image:
+            image.data[:] = np.arange(1_000_000) % 251
+            (self.output_directory / "camera.json").write_text(json.dumps(where(image.data)))
+        self.sent = True
+
+
+class Viewer(Module):
+    """Says where an image's pages are, and whether they can be written."""
+
+    def setup(self) -> None:
+        self.subscribe(Image, self.on_image)
+
+    def on_image(self, image: Image) -> None:
+        found = where(image.data)
+        found["sum"] = int(image.data.sum())
+        try:
+            image.data[0] = 99
+        except ValueError as error:
+            found["refused"] = str(error)
+        try:
+            image.data.flags.writeable = True
+        except ValueError as error:
+            found["refused_flag"] = str(error)
+        (self.output_directory / f"{self.name}.json").write_text(json.dumps(found))
+
+
+def where(array: np.ndarray) -> dict[str, object]:
+    """File, offset in it and rights of the memory that an array lies in."""
+    address = array.__array_interface__["data"][0]
+    for line in Path("/proc/self/maps").read_text().splitlines():
+        span, rights, offset, _device, inode, *name = line.split()
+        start, end = (int(part, 16) for part in span.split("-"))
+        if start <= address < end:
+            return {
+                "inode": int(inode),
+                "offset": int(offset, 16) + address - start,
+                "rights": rights,
+                "name": name[0],
+                "pid": os.getpid(),
+            }
+    raise LookupError(hex(address))
+
+
+class CrashInSetup(Module):
+    """Never gets ready."""
+
+    def setup(self) -> None:
+        raise RuntimeError("the device is not there")
+
+
+class CrashInHandler(Module):
+    """Fails at the third message."""
+
+    def setup(self) -> None:
+        self.seen = 0
+        self.subscribe(DriveCommand, self.on_command)
+
+    def on_command(self, _command: DriveCommand) -> None:
+        self.seen += 1
+        if self.seen == 3:
+            raise ZeroDivisionError("third message")
+
+
+class TooLarge(Module):
+    """Publishes a message that its memory cannot hold."""
+
+    period_s = 0.05
+
+    def tick(self) -> None:
+        self.publish(Image(data=np.zeros(1_000_000, np.uint8)))
+
+
+class WrongField(Module):
+    """Publishes a message whose field has the wrong type."""
+
+    period_s = 0.05
+
+    def tick(self) -> None:
+        self.publish(DriveCommand(linear_m_per_s="fast"))
+
+
+class CrashWithThread(Module):
+    """Crashes while a thread of it runs on."""
+
+    period_s = 0.05
+
+    def tick(self) -> None:
+        threading.Thread(target=threading.Event().wait).start()
+        raise RuntimeError("crashed beside a thread")
+
+
+class NeverTicks(Module):
+    """Has a period that cannot be."""
+
+    period_s = 0.0
+
+
+class NotText(Module):
+    """Says a text that cannot be written as UTF-8 wherever a module may say something."""
+
+    period_s = 0.01
+    topic: bool = setting(False, "also publishes on a topic of that name")
+
+    def tick(self) -> None:
+        name = os.fsdecode(b"m\xfcll.txt")
+        self.status = f"reads {name}"
+        self.show_state(f"READ {name}", name)
+        self.log.warning("logs %s", name)
+        logging.getLogger(name).warning("by another name")
+        print(f"prints {name}")
+        if self.topic:
+            self.publish(DriveCommand(), topic=name)
+        self.stop()
+
+
+class Computing(Journal):
+    """Journals with how many threads its numerical libraries compute: as it is told, and as it is."""
+
+    def setup(self) -> None:
+        self.note(int(os.environ["OMP_NUM_THREADS"]))
+        self.note(len(os.listdir("/proc/self/task")))
+
+
+class StateWatcher(Journal):
+    """Journals every change of state that it is told: the restarts of the module it watches."""
+
+    def setup(self) -> None:
+        self.subscribe(ModuleState, self.on_state)
+
+    def on_state(self, state: ModuleState) -> None:
+        with open(self.output_directory / "states", "a") as file:
+            file.write(f"{state.module} {state.state}\n")
+
+
+class Holder(Journal):
+    """Keeps every image it gets, and lets go of all when it has three."""
+
+    def setup(self) -> None:
+        self.kept: list[np.ndarray] = []
+        self.subscribe(Image, self.on_image)
+
+    def on_image(self, image: Image) -> None:
+        self.kept.append(image.data)
+        self.note(len(self.kept))
+
+
+class Flood(Module):
+    """Publishes as much as it can."""
+
+    period_s = 0.001
+
+    def tick(self) -> None:
+        for _ in range(200):
+            self.publish(Image(data=np.zeros(100_000, np.uint8)))
+
+
+class Pulse(Journal):
+    """Publishes numbered messages at a steady rate, whoever listens; journals how many when it is stopped."""
+
+    period_s: float = setting(0.02, "between bursts")
+    burst: int = setting(10, "messages in each")
+
+    def setup(self) -> None:
+        self.number = 0
+
+    def tick(self) -> None:
+        for _ in range(self.burst):
+            sent = self.publish(DriveCommand(header=Header(stamp=Time(sec=self.number))), topic="wheels")
+            assert sent, "it was refused"
+            self.number += 1
+
+    def teardown(self) -> None:
+        self.note(self.number)
+
+
+class Tunable(Journal):
+    """Has a setting that may be changed while it runs; journals each value it takes into use."""
+
+    gain: int = setting(1, "how much", minimum=0, maximum=100, changeable=True)
+
+    def setup(self) -> None:
+        self.note(self.gain)
+
+    def setting_changed(self, name: str) -> None:
+        if self.gain == 13:
+            raise SettingError("13 brings bad luck", name)
+        self.note(self.gain)
+
+
+class Ticker(Journal):
+    """Publishes its time at each tick; many of them do so at the same time."""
+
+    period_s: float = setting(0.05, "between ticks")
+
+    def setup(self) -> None:
+        self.number = 0
+
+    def tick(self) -> None:
+        self.number += 1
+        now = Time.from_nanoseconds(self.clock.now_ns())
+        self.publish(DriveCommand(header=Header(stamp=now, frame_id=self.name), linear_m_per_s=self.number))
+
+
+class Sleeper(Ticker):
+    """Ticks only after it has heard something."""
+
+    period_s = None
+
+    def setup(self) -> None:
+        super().setup()
+        self.subscribe(DriveCommand, self.on_command, topic="relayed")
+
+    def on_command(self, _command: DriveCommand) -> None:
+        self.period_s = 0.5
+
+
+class Relay(Module):
+    """Sends on what it hears, with its own name, at its own time."""
+
+    def setup(self) -> None:
+        self.subscribe(DriveCommand, self.on_command, topic="")
+
+    def on_command(self, command: DriveCommand) -> None:
+        if "/" not in command.header.frame_id:
+            now = Time.from_nanoseconds(self.clock.now_ns())
+            frame = f"{self.name}/{command.header.frame_id}"
+            self.publish(
+                DriveCommand(header=Header(stamp=now, frame_id=frame), linear_m_per_s=command.linear_m_per_s),
+                topic="relayed",
+            )
+
+
+class Chronicle(Module):
+    """Writes down all it hears, in order, and when; may kill its first incarnation at a line."""
+
+    die_at: int = setting(-1, "the line at which the first incarnation kills itself")
+    period_s: float = setting(0.3, "between lines of its own")
+
+    def setup(self) -> None:
+        self.file = self.output_directory / "chronicle.txt"
+        self.subscribe(DriveCommand, self.on_command)
+
+    def on_command(self, command: DriveCommand) -> None:
+        lines = self.file.read_text().count("\n") if self.file.exists() else 0
+        if lines == self.die_at and not Path(self.output_directory, "died").exists():
+            Path(self.output_directory, "died").write_text(self.line(command))
+            os.kill(os.getpid(), 9)
+        self.write(self.line(command))
+
+    def line(self, command: DriveCommand) -> str:
+        header, published_ns = command.header, self.envelope.published_ns
+        return f"{header.stamp.nanoseconds} {header.frame_id} {command.linear_m_per_s:g} {published_ns}"
+
+    def tick(self) -> None:
+        order = "-".join({"a", "set", "of", "some", "texts"})
+        self.write(f"{self.clock.now_ns()} {self.clock.monotonic_ns()} {order} tick")
+
+    def write(self, line: str) -> None:
+        with open(self.file, "a") as file:
+            file.write(line + "\n")
+
+
+class StandingBase(Module):
+    """Answers emergency stops as a base does."""
+
+    period_s = 0.05
+
+    def setup(self) -> None:
+        self.engaged = False
+        self.status = "StandingBase is ready"
+        self.subscribe(EmergencyStop, self.on_request, topic="emergency_stop")
+
+    def on_request(self, request: EmergencyStop) -> None:
+        self.engaged = request.engaged
+        self.status = f"STOPPED: {request.reason}" if self.engaged else "StandingBase is ready"
+
+    def tick(self) -> None:
+        self.publish(EmergencyStop(engaged=self.engaged), topic="emergency_stop_state")
+
+
+class LateSource(Module):
+    """Would turn the run's clock, but never gets so far."""
+
+    def setup(self) -> None:
+        while True:
+            time.sleep(0.01)

@@ -1,0 +1,61 @@
+"""Modules that say hostile things wherever a module can say anything; copied into a workspace."""
+
+import os
+import sys
+
+from robbie_mp import Header, Message, Module, setting
+from robbie_mp.messages import PoseStamped
+
+HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202egnp\x08\x7f\r[bold]x\nFORGED laser RUNNING"
+
+
+class Odd(Message, name="zoo_msgs/msg/Odd", version=1):
+    """A type that its module gives another name."""
+
+    text: str = ""
+
+
+class Hostile(Module):
+    """Says it in topics, types, messages, its status, its settings, its log, and on its outputs."""
+
+    period_s = 0.05
+    greeting: str = setting(HOSTILE, "what it says: " + HOSTILE, changeable=True)
+
+    def setup(self) -> None:
+        """Say it where it is said once."""
+        self.status = HOSTILE
+        self.log.error("%s", HOSTILE)
+        print(HOSTILE, flush=True)
+        print(HOSTILE, file=sys.stderr, flush=True)
+        os.write(1, HOSTILE.encode() + b"\xff\n")
+        Odd.type_name = f"zoo_msgs/msg/{HOSTILE}"
+        self.number = 0
+
+    def tick(self) -> None:
+        """Say it in messages."""
+        self.number += 1
+        self.status = HOSTILE + str(self.number)
+        self.publish(PoseStamped(header=Header(frame_id=HOSTILE)), topic=HOSTILE)
+        self.publish(Odd(text=HOSTILE), topic=HOSTILE)
+
+
+class Listener(Module):
+    """Hears it."""
+
+    def setup(self) -> None:
+        """Subscribe."""
+        self.subscribe(PoseStamped, self.on_pose)
+
+    def on_pose(self, pose: PoseStamped) -> None:
+        """Repeat it."""
+        self.status = pose.header.frame_id
+
+
+class Crasher(Module):
+    """Dies with it as its last words."""
+
+    period_s = 0.05
+
+    def tick(self) -> None:
+        """Die."""
+        raise RuntimeError(HOSTILE)

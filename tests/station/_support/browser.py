@@ -1,0 +1,49 @@
+"""A real Chromium without a window, in which tests look at the page and use it."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from tests.run._support.robot import LIMIT_S
+from tools.operator_trials.chromium import CHROMIUM, chromium
+
+__all__ = ["CHROMIUM", "LAPTOP", "RECONNECTING", "TABLET", "browser", "needs_chromium", "page_of"]
+browser = chromium
+needs_chromium = pytest.mark.skipif(
+    CHROMIUM is None,
+    reason="THE OPERATOR'S PAGE IS NOT TESTED: no Chromium here; on Debian: apt-get install chromium",
+)
+DRIVER = "GL Driver Message (OpenGL, Performance"
+"""What a machine without a graphics card says of its own drawing."""
+GIVEN_UP = "/emergency-stop' failed: WebSocket is closed before the connection is established"
+"""What it says when the page gives up a connection that takes too long, as on a busy machine, for another."""
+TABLET = {"viewport": {"width": 768, "height": 1024}, "has_touch": True}
+LAPTOP = {"viewport": {"width": 1280, "height": 800}}
+COMPLAINTS = ("error", "warning")
+RECONNECTING = ("WebSocket connection to", "Failed to load resource: net::ERR_")
+"""Begins what a browser says of a server that is gone for a moment."""
+
+
+@contextmanager
+def page_of(
+    started: Browser, address: str, device: dict[str, Any] = LAPTOP, *, may_say: Sequence[str] = ()
+) -> Iterator[Page]:
+    """Open a page; whatever else than `may_say` its console complains of is an error at the end."""
+    said: list[str] = []
+    context = started.new_context(**device)
+    page = context.new_page()
+    page.set_default_timeout(1000 * LIMIT_S)
+    page.on("console", lambda message: message.type in COMPLAINTS and said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.goto(address)
+    yield page
+    context.close()
+    unexpected = [
+        text
+        for text in said
+        if DRIVER not in text and GIVEN_UP not in text and not text.startswith(tuple(may_say))
+    ]
+    assert not unexpected, unexpected

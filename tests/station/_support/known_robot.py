@@ -1,0 +1,191 @@
+"""Copied into the workspace of tests: a robot that stands still, whose every value the test knows."""
+
+import numpy as np
+
+from robbie_mp import Header, Message, Module, Time, float64
+from robbie_mp.messages import (
+    BoundingBox2D,
+    CompressedImage,
+    Detection2D,
+    Detection2DArray,
+    Frontiers,
+    Image,
+    MapMetaData,
+    Mark,
+    MissionOrder,
+    MissionStatus,
+    ObjectHypothesis,
+    ObjectHypothesisWithPose,
+    OccupancyGrid,
+    Path,
+    PlaybackControl,
+    PlaybackState,
+    Point,
+    Point2D,
+    PointOfInterest,
+    PointsOfInterest,
+    Pose,
+    Pose2D,
+    PoseStamped,
+    Quaternion,
+    String,
+    VictimConfirmation,
+    VictimFound,
+)
+
+FRONTIERS = [Point(x=3.5, y=3.0), Point(x=0.5, y=4.5)]
+
+
+class Wish(Message, name="zoo/msg/Wish", version=1):
+    """What the test composes: a type that only this robot knows."""
+
+    text: str = ""
+    place: Point = Point()
+    weight_kg: float64 = 0.0
+
+
+def pose(x_m: float, y_m: float, yaw_rad: float = 0.0) -> Pose:
+    return Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(yaw_rad))
+
+
+def grid() -> OccupancyGrid:
+    """6 m x 4 m with its corner at (-1 m, 2 m): free, but for a wall at the left, and unknown at the top."""
+    cells = np.zeros((8, 12), np.int8)
+    cells[:, 0] = 100
+    cells[-1] = -1
+    info = MapMetaData(resolution=0.5, width=12, height=8, origin=pose(-1.0, 2.0))
+    return OccupancyGrid(info=info, data=cells.ravel())
+
+
+def patch() -> Image:
+    """2 x 1 pixels, red and blue, in rows of 8 bytes."""
+    data = np.array([0, 0, 255, 255, 0, 0, 9, 9], np.uint8)
+    return Image(height=1, width=2, encoding="bgr8", step=8, data=data)
+
+
+def found() -> Detection2DArray:
+    """The right pixel of the patch is a fox; all else that it may be is less likely."""
+    likely = [
+        ObjectHypothesisWithPose(hypothesis=ObjectHypothesis(class_id=name, score=score))
+        for name, score in (("dog", 0.2), ("fox", 0.7))
+    ]
+    box = BoundingBox2D(center=Pose2D(position=Point2D(x=1.5, y=0.5)), size_x=1.0, size_y=0.5)
+    return Detection2DArray(detections=[Detection2D(results=likely, bbox=box)])
+
+
+class Fragile(Module):
+    """Breaks at the wish for it."""
+
+    def setup(self) -> None:
+        self.subscribe(Wish, self.on_wish, topic="wishes")
+
+    def on_wish(self, wish: Wish) -> None:
+        if wish.text == "break":
+            raise RuntimeError("it is broken")
+
+
+class KnownRobot(Module):
+    """Shows all this again and again, and writes down what it is told."""
+
+    period_s = 0.1
+
+    def setup(self) -> None:
+        self.file = (self.output_directory / "told.txt").open("a")
+        self.asked = True
+        self.mission = MissionStatus(state="EXPLORE", text="drives about", orders=[MissionOrder.PAUSE])
+        self.position_s, self.paused, self.rate, self.request = 3.0, False, 1.0, 0
+        self.subscribe(PoseStamped, self.on_goal, topic="goal")
+        self.subscribe(VictimConfirmation, self.on_answer)
+        self.subscribe(MissionOrder, self.on_order)
+        self.subscribe(PlaybackControl, self.on_control)
+        self.subscribe(Wish, self.on_wish, topic="wishes")
+        self.subscribe(PoseStamped, self.on_pose, topic="initial_pose")
+        self.subscribe(String, lambda said: self.write("said", said.data), topic="speech_command")
+        self.subscribe(Mark, lambda mark: self.write("mark", mark.text))
+        self.show_state("LOOK_AROUND")
+        self.status = "all is set"
+        self.log.warning("the curtain rises")
+        self.log.debug("which nobody is told of")
+
+    def tick(self) -> None:
+        header = Header(frame_id="map")
+        self.publish(grid())
+        self.publish(PoseStamped(header=header, pose=pose(1.5, 3.25, np.pi / 2)), topic="map_pose")
+        way = [PoseStamped(header=header, pose=pose(x / 10, 3.0)) for x in range(1201)]
+        self.publish(Path(header=header, poses=way), topic="path")
+        self.publish(patch(), topic="eye")
+        self.publish(found(), topic="eye")
+        home = PointOfInterest(name="home", pose=pose(0.5, 2.5))
+        self.publish(PointsOfInterest(header=header, points=[home]))
+        self.publish(CompressedImage(format="mystery", data=np.zeros(9, np.uint8)), topic="eye")
+        state = VictimFound.ASKED if self.asked else VictimFound.CONFIRMED
+        self.publish(
+            VictimFound(
+                header=header,
+                id=7,
+                name="tag 7",
+                pose=pose(4.0, 4.0),
+                confidence=0.75,
+                views=3,
+                state=state,
+                answer_within_s=900.0 if self.asked else 0.0,
+                image=patch(),
+            )
+        )
+        self.publish(self.mission)
+        self.publish(Frontiers(header=header, middles=FRONTIERS, lengths_m=[1.0, 0.5]))
+        self.tell_playback()
+
+    def tell_playback(self) -> None:
+        second = 1_000_000_000
+        self.publish(
+            PlaybackState(
+                file="old.mcap",
+                begin=Time.from_nanoseconds(100 * second),
+                end=Time.from_nanoseconds(110 * second),
+                position=Time.from_nanoseconds(round((100 + self.position_s) * second)),
+                rate=self.rate,
+                paused=self.paused,
+                request=self.request,
+            )
+        )
+
+    def on_goal(self, goal: PoseStamped) -> None:
+        self.write_pose("goal", goal)
+
+    def on_pose(self, placed: PoseStamped) -> None:
+        self.write_pose("pose", placed)
+
+    def write_pose(self, what: str, placed: PoseStamped) -> None:
+        place = placed.pose.position
+        self.write(what, placed.header.frame_id, place.x, place.y, placed.pose.orientation.yaw)
+
+    def on_answer(self, answer: VictimConfirmation) -> None:
+        self.asked = False
+        self.write("answer", answer.id, answer.answer)
+
+    def on_order(self, order: MissionOrder) -> None:
+        """Pauses; refuses what is ordered then, and says so."""
+        refusal = "" if order.order == MissionOrder.PAUSE else f"no {order.order} today"
+        fitting = [MissionOrder.START, MissionOrder.RETURN, MissionOrder.ABORT]
+        self.mission = MissionStatus(state="PAUSE", text="stands", orders=fitting, refusal=refusal)
+        self.write("order", order.order)
+
+    def on_control(self, control: PlaybackControl) -> None:
+        self.request = control.request
+        if control.command in ("pause", "resume"):
+            self.paused = control.command == "pause"
+        elif control.command == "seek":
+            self.position_s = control.value
+        elif control.command == "rate":
+            self.rate = control.value
+        self.write("control", control.command, control.value)
+
+    def on_wish(self, wish: Wish) -> None:
+        self.write("wish", wish.text, wish.place.x, wish.weight_kg)
+
+    def write(self, *words: object) -> None:
+        print(*words, file=self.file, flush=True)
+
+    def teardown(self) -> None:
+        self.file.close()

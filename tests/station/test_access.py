@@ -1,0 +1,212 @@
+"""Nobody steers the robot who should not: tokens, sessions, origins, and one driver at a time."""
+
+import asyncio
+import logging
+import sys
+from contextlib import closing
+from typing import Any
+
+import pytest
+from starlette.types import Message, Scope
+
+from robbie_mp import ModuleHarness, Secret, SettingError
+from robbie_mp.station import OperatorStation
+from robbie_mp.station.access import MAX_SESSIONS, Access, DriversSeat, Role
+from robbie_mp.station.connections import Connections
+from robbie_mp.station.gate import (
+    MESSAGES_BURST,
+    MESSAGES_PER_S,
+    SESSION_COOKIE,
+    Gate,
+    paced,
+)
+from robbie_mp.station.listening import AddressUnusable, listen
+from robbie_mp.station.panels import PANELS
+from robbie_mp.station.station import PANEL_NAMES
+
+OPERATOR, OBSERVER = "correct-horse-battery", "only-looking-please"
+
+
+PEER = ("192.0.2.7", 1234)
+
+
+class Transport:
+    """The end of a connection that nobody is at."""
+
+    def get_extra_info(self, _name: str) -> object:
+        return PEER
+
+
+class Visitor:
+    """Sends requests through a gate, behind which an application answers 200."""
+
+    def __init__(self, operator_token: str = OPERATOR, observer_token: str = ""):
+        self.access = Access(operator_token, observer_token)
+        self.connections = Connections()
+        self.connections.enter(Transport())  # type: ignore[arg-type]
+        self.gate = Gate(self._behind, self.access, self.connections, logging.getLogger("gate"))
+        self.reached = 0
+
+    async def _behind(self, scope: Scope, receive: Any, send: Any) -> None:
+        self.reached += 1
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        await send({"type": "http.response.body", "body": b""})
+
+    def ask(
+        self, path: str = "/", method: str = "GET", kind: str = "http", body: bytes = b"", **headers: str
+    ) -> list[Message]:
+        headers = {"host": "127.0.0.1:8080", **headers}
+        scope: Scope = {
+            "type": kind,
+            "path": path,
+            "method": method,
+            "query_string": b"",
+            "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
+            "client": PEER,
+        }
+        sent: list[Message] = []
+
+        async def receive() -> Message:
+            return {"type": "http.request", "body": body, "more_body": False}
+
+        async def send(message: Message) -> None:
+            sent.append(message)
+
+        asyncio.run(self.gate(scope, receive, send))
+        return sent
+
+    def status(self, *arguments: Any, **headers: Any) -> int:
+        return int(self.ask(*arguments, **headers)[0]["status"])
+
+    def log_in(self, token: str) -> str | None:
+        answer = self.ask("/login", "POST", body=f"token={token}".encode())[0]
+        cookies = [value.decode() for name, value in answer["headers"] if name == b"set-cookie"]
+        assert all("HttpOnly" in cookie and "SameSite=strict" in cookie for cookie in cookies)
+        return cookies[0].split(";")[0] if cookies else None
+
+
+def test_without_token_nothing_is_served_and_no_connection_is_opened() -> None:
+    visitor = Visitor(OPERATOR)
+    assert visitor.status() == 303
+    assert visitor.status("/_nicegui/secret") == 401
+    assert visitor.ask("/socket.io/", kind="websocket") == [{"type": "websocket.close", "code": 1008}]
+    assert visitor.status(cookie=f"{SESSION_COOKIE}=guessed") == 303
+    assert visitor.status(cookie="\x00;;;=") == 303
+    assert visitor.reached == 0
+
+
+def test_wrong_token_is_refused_and_traced(caplog: pytest.LogCaptureFixture) -> None:
+    visitor = Visitor(OPERATOR, OBSERVER)
+    assert visitor.log_in("wrong") is None
+    assert visitor.log_in("") is None
+    assert "wrong token from 192.0.2.7" in caplog.text
+
+
+@pytest.mark.parametrize(("token", "role"), [(OPERATOR, Role.OPERATOR), (OBSERVER, Role.OBSERVER)])
+def test_token_gives_its_role(token: str, role: Role) -> None:
+    visitor = Visitor(OPERATOR, OBSERVER)
+    cookie = visitor.log_in(token)
+    assert cookie is not None
+    assert visitor.status(cookie=cookie) == 200
+    assert visitor.access.role_of(cookie.partition("=")[2]) is role
+
+
+def test_requests_that_another_site_sends_are_refused(caplog: pytest.LogCaptureFixture) -> None:
+    visitor = Visitor()
+    cookie = visitor.log_in(OPERATOR)
+    assert cookie is not None
+    assert visitor.status(origin="http://evil.example") == 403
+    assert visitor.status(origin="http://127.0.0.1:9999") == 403
+    assert visitor.ask("/socket.io/", kind="websocket", origin="null")[0]["type"] == "websocket.close"
+    assert visitor.status(origin="http://127.0.0.1:8080", cookie=cookie) == 200
+    assert "evil.example" in caplog.text
+
+
+def test_sessions_are_bounded_and_the_one_used_least_lately_goes() -> None:
+    access = Access(OPERATOR, OBSERVER)
+    sessions = [access.log_in(OPERATOR) for _ in range(MAX_SESSIONS)]
+    assert access.role_of(sessions[0]) is Role.OPERATOR
+    for _ in range(MAX_SESSIONS):
+        access.log_in(OBSERVER)
+    assert access.role_of(sessions[0]) is Role.OPERATOR, "an observer has ended an operator's session"
+    access.log_in(OPERATOR)
+    assert access.role_of(sessions[0]) is Role.OPERATOR
+    assert access.role_of(sessions[1]) is None
+
+
+def test_one_page_drives_until_another_takes_over_on_purpose() -> None:
+    seat = DriversSeat()
+    assert seat.take("first")
+    assert not seat.take("second")
+    assert seat.take("second", over=True)
+    seat.leave("first")
+    assert seat.holder == "second"
+    seat.leave("second")
+    assert seat.take("first")
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        ({"host": "0.0.0.0"}, "set operator_token"),
+        ({"operator_token": Secret("short")}, "at least 16 characters"),
+        ({"tabs": {"sistem": ""}}, "there is no panel 'sistem'"),
+    ],
+)
+def test_unsafe_or_wrong_settings_are_errors_before_anything_starts(
+    settings: dict[str, Any], expected: str
+) -> None:
+    with pytest.raises(SettingError, match=expected):
+        ModuleHarness(OperatorStation, settings)
+
+
+def test_port_that_is_taken_is_a_clear_error() -> None:
+    with closing(listen("127.0.0.1", 0)) as first:
+        port = first.getsockname()[1]
+        with pytest.raises(AddressUnusable, match=f"port {port}: .*set another host or port"):
+            listen("127.0.0.1", port)
+
+
+def test_restarted_station_knows_the_sessions_from_before() -> None:
+    access = Access(OPERATOR, OBSERVER)
+    session = access.log_in(OBSERVER)
+    assert session not in access.sessions, "what is kept on a disk lets nobody in"
+    assert Access(OPERATOR, OBSERVER, access.sessions).role_of(session) is Role.OBSERVER
+    assert Access(OPERATOR, OBSERVER).role_of(session) is None
+
+
+def test_station_without_its_libraries_says_so_in_one_line_and_ends_well(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setitem(sys.modules, "robbie_mp.station.website", None)
+    with ModuleHarness(OperatorStation) as harness:
+        assert harness.module.stop_requested
+        assert "no operator station: the library " in harness.module.status
+        assert harness.module.status.endswith("is missing; pip install 'robbie-mp[gui]'")
+        (record,) = caplog.records
+        assert record.getMessage() == harness.module.status
+
+
+def test_messages_of_a_page_beyond_their_rate_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    waited_s: list[float] = []
+
+    async def receive() -> Message:
+        return {"type": "websocket.receive"}
+
+    async def sleep(time_s: float) -> None:
+        waited_s.append(time_s)
+
+    async def flood() -> None:
+        take = paced(receive)
+        for _ in range(1000):
+            await take()
+
+    monkeypatch.setattr("robbie_mp.station.gate.time.monotonic", lambda: 0.0)
+    monkeypatch.setattr(asyncio, "sleep", sleep)
+    asyncio.run(flood())
+    assert len(waited_s) == 1000 - MESSAGES_BURST
+    assert waited_s[-1] == pytest.approx((1000 - MESSAGES_BURST) / MESSAGES_PER_S)
+
+
+def test_every_panel_can_be_named_in_a_profile() -> None:
+    assert tuple(PANELS) == PANEL_NAMES

@@ -1,0 +1,57 @@
+"""Commands that a slow link or a stopped server delivers late do not move the robot."""
+
+import math
+from typing import Any
+
+import pytest
+
+from robbie_mp.station.dead_man import DeadManSwitch
+from robbie_mp.station.panels.drive import checked
+
+
+def test_commands_that_come_as_quickly_as_others_are_fresh() -> None:
+    switch = DeadManSwitch()
+    switch.begin()
+    for beat in range(20):
+        sent_s = 1000 + 0.1 * beat
+        assert switch.accept(sent_s, 5 + 0.1 * beat + 0.02 * (beat % 3))
+    assert switch.stale == 0
+
+
+def test_commands_that_were_held_up_are_thrown_away_and_counted() -> None:
+    switch = DeadManSwitch()
+    switch.begin()
+    assert switch.accept(1000.0, 5.0)
+    # The server stood still for 2 s; then it gets all of them at once.
+    late = [switch.accept(1000.0 + 0.1 * beat, 7.06) for beat in range(1, 21)]
+    assert late == [False] * 18 + [True, True]
+    assert switch.stale == 18
+
+
+def test_next_drive_is_compared_with_itself() -> None:
+    switch = DeadManSwitch()
+    switch.begin()
+    assert switch.accept(1000.0, 5.0)
+    switch.begin()  # perhaps after the page's clock stood still in a laptop that was asleep
+    assert switch.accept(1001.0, 900.0)
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        None,
+        "drive",
+        [],
+        {},
+        {"linear": "fast", "angular": 0, "sent_s": 0},
+        {"linear": math.nan, "angular": 0, "sent_s": 0},
+        {"linear": 0, "angular": math.inf, "sent_s": 0},
+        {"linear": None, "angular": 0, "sent_s": 0},
+    ],
+)
+def test_what_no_pad_sends_is_no_command(sent: Any) -> None:
+    assert checked(sent) is None
+
+
+def test_speeds_beyond_the_pad_are_its_ends() -> None:
+    assert checked({"linear": 7, "angular": -7, "sent_s": 1, "held": True}) == (True, False, 1.0, -1.0, 1.0)

@@ -1,0 +1,230 @@
+"""The robot moves while a control is held on the page, and stands whatever becomes of page or server."""
+
+import os
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from robbie_mp.attach.attachment import Attachment
+from robbie_mp.messages import EmergencyStop
+from tests.run._support.robot import COMMAND, Ended, Robot, kill, wait_until
+from tests.station._support.browser import CHROMIUM, RECONNECTING, browser, needs_chromium, page_of
+from tests.station.test_page import address_of
+from tools.operator_trials.cut_link import HERE as HERE_ADDRESS
+from tools.operator_trials.cut_link import cut_link, why_no_link
+
+pytestmark = [needs_chromium, pytest.mark.timeout(300)]
+HERE = Path(__file__).parent
+NO_LINK = why_no_link()
+# A hall in which one can drive ahead for long.
+ARENA = "cell_m: 1.0\ndrawing: |\n  {wall}\n  #R{floor}#\n  {wall}\n".format(wall="#" * 60, floor="." * 57)
+PROFILE = """
+modules:
+  operator:
+    class: robbie_mp.station:OperatorStation
+    settings: {port: 0, max_linear_m_per_s: 0.4}
+  base: {class: "modules.devices.base:SimulatedBase", settings: {arena: arena.yaml}}
+  witness: {class: "zoo.witness:Witness"}
+"""
+EXPIRY_S = 0.22
+DEAD_MAN_BUTTON = 5
+BRAKING_M_PER_S2 = 6.0
+
+
+class Journal:
+    """What the witness has written."""
+
+    def __init__(self, robot: Robot):
+        self._file = robot.output / "witness.txt"
+
+    def rows(self, what: str) -> list[tuple[float, ...]]:
+        if not self._file.exists():
+            return []
+        whole = self._file.read_text().rpartition("\n")[0]
+        lines = [line.split() for line in whole.splitlines()]
+        return [tuple(map(float, line[1:])) for line in lines if line[0] == what]
+
+    def speed(self) -> float:
+        rows = self.rows("odometry")
+        return rows[-1][2] if rows else 0.0
+
+    def way_since_last_command_m(self) -> float:
+        """How far the robot went after the last command that moved it."""
+        last_s = [row[0] for row in self.rows("command") if row[1] > 0][-1]
+        before = [row for row in self.rows("odometry") if row[0] <= last_s][-1]
+        speed = before[2]
+        return self.rows("odometry")[-1][1] - before[1] - speed * (last_s - before[0])
+
+
+def stops(
+    journal: Journal, page: Page, happens: Callable[[], None], begin: Callable[[], None] | None = None
+) -> None:
+    """Drive ahead until something happens; then the robot stands soon, by what the base says."""
+    page.bring_to_front()
+    if begin is None:
+        page.keyboard.down("KeyW")
+    else:
+        begin()
+    wait_until(lambda: journal.speed() > 0.19)
+    happens()
+    wait_until(lambda: journal.speed() == 0)
+    # Needs no clock: from the last command on it went on until that expired, and then it braked.
+    braking_m = 0.2**2 / BRAKING_M_PER_S2 / 2
+    assert journal.way_since_last_command_m() <= 0.2 * EXPIRY_S + braking_m + 0.02
+
+
+def hold(page: Page, buttons: list[int]) -> None:
+    """Hold these buttons of a gamepad, whose left stick is pushed ahead all the time."""
+    page.evaluate(
+        """held => navigator.getGamepads = () => [null, {
+          axes: [0, -1, 0, 0],
+          buttons: [...Array(17).keys()].map((at) => ({ pressed: held.includes(at) })),
+        }]""",
+        buttons,
+    )
+
+
+def test_robot_stands_whatever_becomes_of_key_page_and_server_and_the_page_finds_a_new_server(
+    robot: Robot,
+) -> None:
+    process = start_in_hall(robot, PROFILE)
+    address = address_of(robot)
+    journal = Journal(robot)
+    with browser() as started:
+        with page_of(started, address) as page:
+            page.wait_for_selector("#drive-pad")
+            for key in ("ArrowDown", "ArrowUp"):  # which move the slider, and not the robot
+                page.press("#linear-limit [tabindex]", key)
+            stops(journal, page, lambda: let_go_elsewhere(page))
+            assert all(row[1] >= 0 for row in journal.rows("command"))
+            page.wait_for_selector("#drivers-seat:has-text('this page drives')")
+            stops(journal, page, lambda: hold(page, []), lambda: hold(page, [DEAD_MAN_BUTTON]))
+            with page_of(started, address) as other:
+                other.wait_for_selector("#take-over:visible")
+                commands = len(journal.rows("command"))
+                other.keyboard.press("KeyW")
+                other.click("#take-over")
+                assert len(journal.rows("command")) == commands
+                stops(journal, other, other.close)
+        with page_of(started, address, may_say=RECONNECTING) as page:
+            page.wait_for_selector("#drive-pad")
+            stopped_server_delivers_nothing_late(robot, journal, page)
+            killed_server_is_found_again(robot, journal, page)
+        guest_drives_and_stops(robot, journal, started)
+    process.terminate()
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    for module in (ended.modules[name] for name in ("base", "witness")):
+        overflowed = module["dropped"] - module["left"]  # what waited when it was stopped is no fault
+        assert [module["lost"], overflowed, module["refused"]] == [0, 0, 0]
+
+
+def start_in_hall(robot: Robot, profile: str) -> "subprocess.Popen[str]":
+    """Start a robot that can drive ahead for long, with a witness."""
+    (robot.folder / "zoo" / "witness.py").write_text((HERE / "witness.py").read_text())
+    (robot.folder / "arena.yaml").write_text(ARENA)
+    robot.write_profile(profile)
+    return robot.start()
+
+
+def let_go_elsewhere(page: Page) -> None:
+    """Let the key go while the focus is where keys are typed."""
+    page.evaluate("document.body.append(document.createElement('input'))")
+    page.focus("body > input")
+    page.keyboard.up("KeyW")
+    page.evaluate("document.querySelector('body > input').remove()")
+
+
+def server(robot: Robot) -> int:
+    return int(robot.top()["operator"]["pid"])
+
+
+def stopped_server_delivers_nothing_late(robot: Robot, journal: Journal, page: Page) -> None:
+    stops(journal, page, lambda: os.kill(server(robot), signal.SIGSTOP))
+    page.keyboard.up("KeyW")
+    # So that all that was sent is stale.
+    page.evaluate("window.let_go_ms = performance.now()")
+    page.wait_for_function("performance.now() > window.let_go_ms + 500")
+    commands = len(journal.rows("command"))
+    os.kill(server(robot), signal.SIGCONT)
+    robot.until(lambda modules: modules["operator"]["state"] == "RUNNING")
+    page.wait_for_selector("#velocity:has-text('0.00 m/s')")
+    moving = [row for row in journal.rows("command")[commands:] if row[1] > 0]
+    assert not moving, "commands from before the stop were followed after it"
+
+
+def killed_server_is_found_again(robot: Robot, journal: Journal, page: Page) -> None:
+    """Nobody loads the page anew but the page itself, and it shows what has happened meanwhile."""
+    page.click("#tab-system")
+    page.click("#tab-drive")
+    page.evaluate("window.is_the_old_page = true")
+    killed = server(robot)
+    stops(journal, page, lambda: kill(killed))
+    page.keyboard.up("KeyW")
+    with closing(Attachment(robot.known_run(), "what happens meanwhile")) as attachment:
+        attachment.ready()
+        attachment.publish(EmergencyStop(engaged=True, reason="meanwhile"), "emergency_stop")
+    page.wait_for_selector("#emergency-stop-state:has-text('STOPPED')")
+    page.wait_for_function("window.is_the_old_page === undefined")
+    figures = robot.until(lambda modules: modules["operator"]["state"] == "RUNNING")
+    assert (figures["operator"]["restarts"], figures["operator"]["pid"] != killed) == (1, True)
+    page.click("#release-emergency-stop")
+    page.click("#confirm-release")
+    page.wait_for_selector("#emergency-stop-state:has-text('ready')")
+    stops(journal, page, lambda: page.keyboard.up("KeyW"))
+
+
+def guest_drives_and_stops(robot: Robot, journal: Journal, started: Browser) -> None:
+    """Do the same by the page of a process that the robot does not know."""
+    refused = robot.command("gui", "--attach", robot.known_run().run_id)
+    assert (refused.returncode, refused.stderr.count("\n")) == (1, 1)
+    assert "this run has an operator station already: http://127.0.0.1:" in refused.stderr
+    refused = robot.command("gui", "--attach", robot.known_run().run_id, "--host", "0.0.0.0")
+    assert refused.returncode == 2
+    assert refused.stderr.startswith("0.0.0.0 is reached from other machines: set operator_token")
+    robot.command("module", "stop", "operator", "--run", robot.known_run().run_id)
+    with guest_of(robot) as (guest, address), page_of(started, address, may_say=RECONNECTING) as page:
+        page.wait_for_selector("#drive-pad")
+        stops(journal, page, guest.kill)
+    with guest_of(robot) as (guest, _):
+        guest.send_signal(signal.SIGINT)
+        assert guest.wait(30) == 0
+
+
+@contextmanager
+def guest_of(robot: Robot) -> Iterator[tuple["subprocess.Popen[str]", str]]:
+    """Start a page for a run that has none; it is given with its address."""
+    options = ["--attach", robot.known_run().run_id, "--port", "0", "--set", "max_linear_m_per_s=0.4"]
+    command = [*COMMAND, "gui", *options]
+    with subprocess.Popen(command, cwd=robot.folder, stdout=subprocess.PIPE, text=True) as guest:
+        try:
+            assert guest.stdout
+            yield guest, guest.stdout.readline().split()[2]
+        finally:
+            guest.kill()
+
+
+@pytest.mark.skipif(bool(NO_LINK), reason=f"WHAT A CUT LINK DOES IS NOT TESTED: {NO_LINK}")
+def test_robot_stands_when_the_link_is_cut_and_drives_when_it_is_mended(robot: Robot) -> None:
+    robot.write_secret("operator.token", "drives-from-far-away")
+    start_in_hall(
+        robot, PROFILE.replace("{port: 0", "{port: 0, host: 0.0.0.0, operator_token: file:operator.token")
+    )
+    address = address_of(robot).replace("0.0.0.0", HERE_ADDRESS)
+    journal = Journal(robot)
+    with cut_link() as link:
+        program = link.write_starter(str(CHROMIUM), robot.folder / "chromium")
+        with browser(program) as started, page_of(started, address, may_say=RECONNECTING) as page:
+            page.fill("#token", "drives-from-far-away")
+            page.keyboard.press("Enter")
+            page.wait_for_selector("#drive-pad")
+            stops(journal, page, link.cut)
+            page.keyboard.up("KeyW")
+            link.mend()
+            page.wait_for_function("document.getElementById('popup').ariaHidden !== 'false'")
+            stops(journal, page, lambda: page.keyboard.up("KeyW"))

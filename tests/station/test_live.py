@@ -1,0 +1,175 @@
+"""What waits for a page is bounded, however slow its browser: it gets the newest, or is disconnected."""
+
+import asyncio
+import errno
+import json
+import socket
+import struct
+from contextlib import closing
+from typing import Any
+
+import pytest
+import socketio
+from engineio.async_socket import AsyncSocket
+
+from robbie_mp.station.link import LONGEST_QUEUE, NAMESPACE, BrowserLink
+from robbie_mp.station.listening import listen
+from robbie_mp.station.live import LiveParts
+from robbie_mp.station.live.parts import PACKET_BYTES, PACKETS_AHEAD, SMALL_BYTES, Follower
+from robbie_mp.station.live.server import serve
+
+LARGE = bytes(SMALL_BYTES + 1)
+LIMIT_S = 60.0
+
+
+def unpacked(packet: bytes | None) -> dict[str, bytes]:
+    """As the page's script does it."""
+    assert packet is not None
+    at = 4 + struct.unpack_from("<I", packet)[0]
+    parts = {}
+    for name, size in json.loads(packet[4:at]):
+        parts[name] = packet[at : at + size]
+        at += size
+    assert at == len(packet)
+    return parts
+
+
+def following(live: LiveParts, *groups: str) -> Follower:
+    follower = Follower(live, frozenset(groups))
+    live.join(follower)
+    return follower
+
+
+def test_packet_has_what_has_changed_in_the_groups_that_are_followed() -> None:
+    async def run() -> None:
+        live = LiveParts()
+        follower = following(live, "view", "map")
+        live.put("view", {"poses": b"1", "path": b"2"})
+        live.put("viewer", {"poses": b"3"})
+        live.put("map", {"place": b""})
+        first = unpacked(await follower.next())
+        assert first == {"view/poses": b"1", "view/path": b"2", "map/place": b""}
+        live.put("view", {"poses": b"1", "path": b"4"})
+        assert unpacked(await follower.next()) == {"view/path": b"4"}
+
+    asyncio.run(run())
+
+
+def test_page_that_draws_nothing_has_two_packets_on_their_way_and_then_gets_only_the_newest() -> None:
+    async def run() -> None:
+        live = LiveParts()
+        follower = following(live, "view")
+        sent = []
+        for number in range(1000):
+            live.put("view", {"poses": str(number).encode()})
+            waiting = asyncio.ensure_future(follower.next())
+            await asyncio.sleep(0)
+            if not waiting.done():
+                break
+            sent.append(unpacked(await waiting)["view/poses"])
+        assert sent == [b"0", b"1"]
+        assert len(sent) == PACKETS_AHEAD
+        for number in range(1000):
+            live.put("view", {"poses": f"later {number}".encode()})
+        follower.has_drawn()
+        assert unpacked(await waiting) == {"view/poses": b"later 999"}
+        assert len(live.parts) == 1
+
+    asyncio.run(run())
+
+
+def test_packets_are_bounded_and_what_is_small_is_in_each_and_what_is_large_has_its_turn() -> None:
+    async def run() -> None:
+        live = LiveParts()
+        follower = following(live, "view")
+        tiles = {f"tile/{number}": LARGE for number in range(50)}
+        seen: set[str] = set()
+        for number in range(10):
+            live.put("view", tiles | {"poses": str(number).encode()})
+            packet = follower.packet()
+            assert packet is not None
+            assert len(packet) < PACKET_BYTES + SMALL_BYTES
+            parts = unpacked(packet)
+            assert parts["view/poses"] == str(number).encode()
+            seen |= parts.keys()
+        assert len(seen) == 51
+        assert follower.packet() is None
+
+    asyncio.run(run())
+
+
+def test_new_page_has_what_changed_last_before_all_the_rest() -> None:
+    async def run() -> None:
+        live = LiveParts()
+        live.put("map", {f"tile/{number}": LARGE for number in range(50)})
+        live.put("view", {"points": LARGE})
+        first = unpacked(following(live, "map", "view").packet())
+        assert next(iter(first)) == "view/points"
+
+    asyncio.run(run())
+
+
+def test_part_that_is_no_more_is_forgotten_and_sent_again_when_it_is_back() -> None:
+    async def run() -> None:
+        live = LiveParts()
+        follower = following(live, "map")
+        for data in (b"1", b"1"):
+            live.put("map", {"tile": data})
+            assert unpacked(follower.packet()) == {"map/tile": b"1"}
+            live.put("map", {})
+            assert follower.packet() is None
+        assert not live.parts
+
+    asyncio.run(run())
+
+
+def test_nothing_is_wanted_when_the_page_has_gone() -> None:
+    async def run() -> None:
+        live = LiveParts()
+        told: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        sent: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        told.put_nowait({"type": "websocket.connect"})
+        serving = asyncio.ensure_future(serve(live, frozenset({"map"}), told.get, sent.put))  # type: ignore[arg-type]
+        assert (await sent.get())["type"] == "websocket.accept"
+        live.put("map", {"place": b"here"})
+        assert unpacked((await sent.get())["bytes"]) == {"map/place": b"here"}
+        assert live.is_wanted("map")
+        assert not live.is_wanted("view")
+        told.put_nowait({"type": "websocket.receive", "text": "drawn"})
+        told.put_nowait({"type": "websocket.disconnect", "code": 1001})
+        await serving
+        assert not live.is_wanted("map")
+
+    asyncio.run(run())
+
+
+def test_what_waits_for_a_browser_that_does_not_read_is_bounded() -> None:
+    async def run() -> None:
+        server = socketio.AsyncServer(async_mode="asgi")
+        engine = server.eio
+        engine.sockets["connection"] = connection = AsyncSocket(engine, "connection")
+        link = BrowserLink(server, "page")
+        assert not link.is_free, "there is no connection yet"
+        visitor = await server.manager.connect("connection", NAMESPACE)
+        await server.enter_room(visitor, "page")
+        for number in range(1000):
+            if link.is_free:
+                await server.emit("update", {"number": number}, room="page")
+        assert connection.queue.qsize() == LONGEST_QUEUE
+        await connection.queue.get()
+        assert link.is_free
+
+    asyncio.run(run())
+
+
+def test_client_that_does_not_read_is_disconnected_by_the_kernel() -> None:
+    with (
+        closing(listen("127.0.0.1", 0, unread_limit_s=0.1)) as listener,
+        closing(socket.create_connection(listener.getsockname())),
+        closing(listener.accept()[0]) as connection,
+    ):
+        connection.settimeout(LIMIT_S)
+        with pytest.raises(TimeoutError) as ended:
+            while True:
+                connection.sendall(bytes(1 << 16))
+        assert ended.value.errno == errno.ETIMEDOUT

@@ -1,0 +1,62 @@
+"""The page in a real browser: what it shows is so, and what is pressed happens."""
+
+import pytest
+
+from robbie_mp.run.operator_link import read_link
+from tests.run._support.robot import Ended, Robot
+from tests.station._support.browser import browser, needs_chromium, page_of
+
+pytestmark = [needs_chromium, pytest.mark.timeout(180)]
+PROFILE = """
+modules:
+  operator:
+    class: robbie_mp.station:OperatorStation
+    settings: {port: 0, tabs: {system: Processes, drive: ""}}
+  base: {class: "zoo.modules:StandingBase"}
+"""
+
+
+def address_of(robot: Robot) -> str:
+    """The link with which the user of the robot opens the page."""
+    robot.until(lambda modules: "http://" in modules["operator"]["status"])
+    return read_link(robot.known_run().folder)
+
+
+def test_page_shows_the_processes_and_the_emergency_stop_reaches_the_base_and_latches(robot: Robot) -> None:
+    robot.write_profile(PROFILE)
+    process = robot.start()
+    address = address_of(robot)
+    with browser() as started, page_of(started, address) as page:
+        page.wait_for_selector("#panel-system td:has-text('StandingBase is ready')")  # the first tab
+        assert page.locator(".q-tab__label").all_inner_texts() == ["PROCESSES", "DRIVE"]
+        for name in ("supervisor", "operator", "base", "core"):
+            assert page.locator(f"#panel-system td:text-is('{name}')").count() == 1
+        assert page.inner_text("#role") == "operator"
+        page.wait_for_selector("#emergency-stop-state:has-text('ready')")
+
+        page.keyboard.press("Escape")
+        page.wait_for_selector("#emergency-stop-state:has-text('STOPPED')")
+        assert robot.top()["base"]["status"].startswith("STOPPED: stopped by hand")
+        page.click("#release-emergency-stop")
+        page.click("text=Keep it stopped")
+        assert page.inner_text("#emergency-stop-state") == "STOPPED"
+        page.focus("#release-emergency-stop")
+        page.keyboard.press("Enter")
+        page.focus("#confirm-release")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#emergency-stop-state:has-text('ready')")
+        page.focus("#emergency-stop")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#emergency-stop-state:has-text('STOPPED')")
+        page.click("#release-emergency-stop")
+        page.click("#confirm-release")
+        page.wait_for_selector("#emergency-stop-state:has-text('ready')")
+        # When it is pressed, not when it is let go.
+        page.hover("#emergency-stop")
+        page.mouse.down()
+        page.wait_for_selector("#emergency-stop-state:has-text('STOPPED')")
+    process.terminate()
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    assert ended.modules["operator"]["state"] == "STOPPED"
+    assert "SIGKILL" not in ended.stderr

@@ -1,0 +1,78 @@
+"""What panels make of what they get: the trace, messages as trees, goals and paths."""
+
+from collections import deque
+
+import pytest
+
+from robbie_mp.messages import LaserScan, Path, Point, Pose, PoseStamped
+from robbie_mp.station.panels.map import LONGEST_PATH, checked, way_points
+from robbie_mp.station.panels.trace import SHOWN, Filter, line_of, newest
+from robbie_mp.station.topic_watch import nodes_of
+from robbie_mp.trace.entry import Entry
+from robbie_mp.trace.kinds import Kind
+from robbie_mp.views.message_text import FieldPath
+
+
+def entry(number: int, kind: Kind = Kind.INFO, module: str = "laser", text: str = "spins") -> Entry:
+    return Entry(number, 0.25, kind, module, 1, "log", text)
+
+
+def test_filter_is_by_kind_module_and_text() -> None:
+    entries = deque([entry(1), entry(2, Kind.ERROR), entry(3, module="base"), entry(4, text="STOPS")])
+
+    def numbers(kinds: list[str], module: str = "", text: str = "") -> list[int]:
+        return [one.number for one in newest(entries, Filter(kinds, module, text), 0)]
+
+    assert numbers(["info", "error"]) == [1, 2, 3, 4]
+    assert numbers(["error"]) == [2]
+    assert numbers(["info"], module="laser") == [1, 4]
+    assert numbers(["info"], text="stops") == [4]
+    assert numbers([]) == []
+
+
+def test_page_gets_what_is_new_and_at_most_as_much_as_it_shows() -> None:
+    entries = deque(entry(number) for number in range(1, 10 * SHOWN))
+    everything = Filter(["info"], "", "")
+    last = entries[-1].number
+    assert [one.number for one in newest(entries, everything, last - 2)] == [last - 1, last]
+    assert len(newest(entries, everything, 0)) == SHOWN
+    assert line_of(entries[0]).endswith(".250 laser#1 info spins")
+
+
+def test_message_is_a_tree_whose_long_arrays_are_abbreviated() -> None:
+    scan = LaserScan(ranges=list(range(100)), angle_min=-0.5)
+    nodes = {node["id"]: node for node in nodes_of(FieldPath(LaserScan, "").value(scan, full=False), "")}
+    assert nodes["angle_min"]["label"] == "angle_min: -0.5"
+    assert [node["id"] for node in nodes["header"]["children"]] == ["header.stamp", "header.frame_id"]
+    ranges = nodes["ranges"]
+    assert ranges["label"] == "ranges: 100 elements"
+    assert [node["label"] for node in ranges["children"][-2:]] == ["…: 92 more", "[99]: 99.0"]
+    assert len({node["id"] for node in ranges["children"]}) == 9
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        None,
+        {},
+        {"what": "cmd_vel", "x_m": 0, "y_m": 0, "yaw_rad": 0},
+        {"what": "", "x_m": 0, "y_m": 0, "yaw_rad": 0},
+        {"what": ["goal"], "x_m": 0, "y_m": 0, "yaw_rad": 0},
+        {"what": "goal", "x_m": "here", "y_m": 0, "yaw_rad": 0},
+        {"what": "goal", "x_m": float("nan"), "y_m": 0, "yaw_rad": None},
+    ],
+)
+def test_what_no_map_sends_is_no_goal(sent: object) -> None:
+    assert checked(sent) is None
+
+
+def test_long_path_is_thinned_but_ends_where_it_ends() -> None:
+    path = Path(poses=[PoseStamped(pose=Pose(position=Point(x=x))) for x in range(10 * LONGEST_PATH)])
+    points = way_points(path)
+    assert len(points) <= LONGEST_PATH + 1
+    assert (points[0], points[-1]) == ([0.0, 0.0], [10.0 * LONGEST_PATH - 1, 0.0])
+    assert way_points(Path()) == []
+
+
+def test_goal_without_a_heading_has_none() -> None:
+    assert checked({"what": "goal", "x_m": 1, "y_m": 2.5, "yaw_rad": None}) == ("goal", 1.0, 2.5, None)

@@ -1,0 +1,403 @@
+"""Each panel shows what the robot has, and what is said there reaches the robot; in a real browser."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Page
+
+from robbie_mp.cli.runs import live_runs
+from robbie_mp.messages import Mark
+from robbie_mp.station.station import PANEL_NAMES
+from robbie_mp.trace.kinds import Kind
+from robbie_mp.trace.levels import read_recorded
+from tests.recording._support.logs import LogFile
+from tests.run._support.robot import Robot, wait_until
+from tests.station._support.browser import TABLET, browser, needs_chromium, page_of
+from tests.station._support.known_robot import FRONTIERS
+from tests.station.test_page import address_of
+
+pytestmark = [needs_chromium, pytest.mark.timeout(600)]
+MISSION = ("#mission-start", "#mission-pause", "#mission-return", "#mission-abort")
+HERE = Path(__file__).parent
+PROFILE = """
+modules:
+  operator:
+    class: robbie_mp.station:OperatorStation
+    settings:
+      port: 0
+      operator_token: file:operator.token
+      observer_token: file:observer.token
+      speech_commands: [come here]
+      persons: [Anna]
+      objects: [cup]
+  known: {class: "zoo.known_robot:KnownRobot"}
+  fragile: {class: "zoo.known_robot:Fragile"}
+"""
+
+FITS = """panel => [document.documentElement, document.getElementById(panel)].every(
+  one => one.scrollWidth <= one.clientWidth)"""
+"""Once its letters have been loaded: before, icons are words."""
+FOX_IS_IN_ITS_PLACE = """() => {
+  const picture = document.querySelector("#panel-cameras img").getBoundingClientRect();
+  const fox = document.querySelector(".detection-boxes > div").getBoundingClientRect();
+  const shares = [(fox.x - picture.x) / picture.width, (fox.y - picture.y) / picture.height,
+    fox.width / picture.width, fox.height / picture.height];
+  return [0.5, 0.25, 0.5, 0.5].every((share, at) => Math.abs(share - shares[at]) < 0.02);
+}"""
+
+
+@pytest.fixture
+def told(robot: Robot) -> "Told":
+    return Told(robot)
+
+
+class Told:
+    """What the robot has been told."""
+
+    def __init__(self, robot: Robot):
+        self._file = robot.output / "told.txt"
+
+    def waits_for(self, *words: str) -> list[str]:
+        """Wait until the last thing told begins with these words; return the others."""
+        found: list[str] = []
+
+        def is_there() -> bool:
+            lines = self._file.read_text().splitlines()
+            found[:] = lines[-1].split() if lines else []
+            return found[: len(words)] == list(words)
+
+        wait_until(is_there)
+        return found[len(words) :]
+
+    def count(self, begin: str) -> int:
+        """How often something was told that begins so."""
+        return sum(line.startswith(begin) for line in self._file.read_text().splitlines())
+
+
+def test_panels_show_what_the_robot_has_and_the_robot_hears_what_is_said_there(
+    robot: Robot, told: Told
+) -> None:
+    (robot.folder / "zoo" / "known_robot.py").write_text((HERE / "known_robot.py").read_text())
+    with LogFile(robot.folder / "old.mcap") as log:
+        log.add(Mark(text="here it was"), time_ns=104 * 10**9)
+    robot.write_secret("operator.token", "opens-everything")
+    robot.write_secret("observer.token", "opens-all-our-eyes")
+    robot.write_profile(PROFILE)
+    robot.start()
+    address = address_of(robot)
+    with browser() as started, page_of(started, address) as page:
+        log_in(page, "opens-everything")
+        everything_is_reached_by_keys(page)
+        with page_of(started, address) as other:
+            nothing_is_shown_without_a_token(other, address)
+            log_in(other, "opens-all-our-eyes")
+            observer_sees_and_does_not_steer(other)
+        victim_is_confirmed(page, told)
+        playback_is_steered(page, told)
+        map_is_shown_and_goal_is_set(page, told)
+        cameras_are_shown(page, address)
+        mission_is_steered(page, told)
+        states_and_victims_are_listed(page)
+        commands_of_the_profile_are_given(page, told)
+        trace_is_filtered_and_what_is_recorded_is_chosen(page, robot)
+        messages_are_shown_and_composed(page, told)
+        crash_is_reported(page)
+        wishes = messages_are_sent_at_a_rate_until_the_page_goes(page, told, robot)
+        everything_fits(page)
+        with page_of(started, address, TABLET) as tablet:
+            log_in(tablet, "opens-everything")
+            everything_fits(tablet)
+        assert told.count("wish") == wishes, "it went on without its page"
+        image_of_a_silent_camera_shows_its_age(page, robot)
+        page.click("#tab-drive")  # and nothing is attached to the robot any more
+        robot.until(lambda modules: not any("operator station:" in one["status"] for one in modules.values()))
+
+
+def log_in(page: Page, token: str) -> None:
+    page.fill("#token", token)
+    page.keyboard.press("Enter")
+
+
+def everything_is_reached_by_keys(page: Page) -> None:
+    """What stops, drives, answers and leads to the other panels."""
+    page.wait_for_selector("#victim-question")
+    wanted = {"emergency-stop", "tab-drive", "drive-pad", "linear-limit", "angular-limit", "victim-yes"}
+    for _ in range(50):
+        page.keyboard.press("Tab")
+        wanted.discard(page.evaluate("document.activeElement.closest('[id]')?.id"))
+    assert not wanted
+    page.focus("#tab-drive")
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#panel-view", state="visible")
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#drive-pad", state="visible")
+
+
+def everything_fits(page: Page) -> None:
+    """No panel is wider than the page, and nothing hides the emergency stop."""
+    for name in PANEL_NAMES:
+        page.click(f"#tab-{name}")
+        page.wait_for_selector(f"#panel-{name}", state="visible")
+        page.wait_for_function(FITS, arg=f"panel-{name}")
+        page.click("#emergency-stop", trial=True)
+
+
+def nothing_is_shown_without_a_token(page: Page, address: str) -> None:
+    for path in ("live/map", "pictures/camera/eye", "pictures/victim/7"):
+        assert page.request.get(address + path).status == 401
+
+
+def observer_sees_and_does_not_steer(page: Page) -> None:
+    page.wait_for_selector("#role:text-is('observer')")
+    page.wait_for_selector("#victim-question:has-text('tag 7, at 4.00 m, 4.00 m')")
+    page.wait_for_selector("#playback-text:has-text('PLAYBACK of old.mcap')")
+    page.click("#tab-map")
+    page.wait_for_selector("#map-text:has-text('robot at 1.50 m')")
+    page.click("#tab-mission")
+    page.wait_for_selector("#mission-text:has-text('drives about')")
+    assert not any(page.locator(button).count() for button in MISSION)
+    page.click("#tab-messages")
+    page.wait_for_selector("#messages-topics tr:has-text('map_pose')")
+    for steers in ("#map-mode", "#victim-yes", "#playback-pause", "#messages-compose", "#drive-pad", "#mark"):
+        assert not page.locator(steers).is_visible(), steers
+
+
+def victim_is_confirmed(page: Page, told: Told) -> None:
+    page.wait_for_selector("#victim-question:has-text('tag 7, at 4.00 m, 4.00 m')")
+    page.wait_for_selector("#victim-time-left:has-text('s left to answer; 75% sure')")
+    left_s = int(page.inner_text("#victim-time-left").split()[0])
+    assert 600 < left_s <= 900
+    page.wait_for_function("document.querySelector('#victim-question img').naturalWidth == 2")
+    page.click("#victim-yes")
+    assert told.waits_for("answer") == ["7", "1"]
+    page.wait_for_selector("#victim-question", state="hidden")
+
+
+def playback_is_steered(page: Page, told: Told) -> None:
+    page.wait_for_selector("#playback-text:has-text('PLAYBACK of old.mcap: plays at 3.000 of 10.000 s')")
+    page.click("#playback-pause")
+    told.waits_for("control", "pause")
+    page.wait_for_selector("#playback-text:has-text('paused at 3.000')")
+    page.click("#playback-step")
+    told.waits_for("control", "step")
+    page.click("#playback-resume")
+    told.waits_for("control", "resume")
+    slider = page.locator("#playback .q-slider")
+    box = slider.bounding_box()
+    assert box
+    slider.click(position={"x": box["width"] * 0.8, "y": box["height"] / 2})
+    (sought_s,) = told.waits_for("control", "seek")
+    assert float(sought_s) == pytest.approx(8.0, abs=0.2)
+    page.wait_for_selector(f"#playback-text:has-text('plays at {float(sought_s):.3f}')")
+    page.click("#playback-rate")
+    page.click(".q-menu .q-item:has-text('max')")
+    assert told.waits_for("control", "rate") == ["inf"]
+    page.wait_for_selector("#playback-text:has-text('as fast as possible')")
+    page.click("#playback-events [data-at='4.000'][title='here it was, at 4.0 s']")
+    assert told.waits_for("control", "seek") == ["4.0"]
+    page.click("#mark")
+    assert told.waits_for("mark") == ["mark", "1"]
+
+
+def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
+    page.click("#tab-map")
+    page.wait_for_selector("#map-text:has-text('12 x 8 cells of 0.5 m; robot at 1.50 m, 3.25 m, 90°')")
+    assert "path of 1201 points; 2 frontiers; 1 victims; home" in page.inner_text("#map-text")
+    page.click("#map-mode >> text=Set goal")
+    page.wait_for_selector("#map-view[data-placing=goal][data-map=whole]")
+    page.click("#map-view")  # its middle, which is the map's
+    frame, *place = told.waits_for("goal")
+    # Where the robot at (1.5, 3.25) would look on its way to (2, 4).
+    assert frame == "map"
+    assert [float(word) for word in place] == pytest.approx([2.0, 4.0, np.arctan2(0.75, 0.5)], abs=0.05)
+    page.wait_for_selector("#map-text:has-text('goal at 2.0')")
+    picture = saved_map(page, (0, 0), (46, 125, 50))  # the goal
+    middle_x, middle_y = picture.width // 2, picture.height // 2
+    pixels_per_m = 0.9 * picture.height / 4
+    wall = (middle_x - round(2.75 * pixels_per_m), middle_y + round(pixels_per_m))
+    assert picture.getpixel(wall) == (0, 0, 0)
+    for frontier in FRONTIERS:
+        x = middle_x + round((frontier.x - 2.0) * pixels_per_m)
+        y = middle_y - round((frontier.y - 4.0) * pixels_per_m)
+        assert picture.getpixel((x, y)) == (142, 36, 170), f"the frontier at {frontier} is not drawn there"
+    free = (middle_x - round(2.25 * pixels_per_m), wall[1])
+    assert picture.getpixel(free) == (255, 255, 255)
+    unknown = (wall[0], middle_y - round(1.75 * pixels_per_m))
+    assert picture.getpixel(unknown) == (170, 170, 170)
+    home = (middle_x - round(1.5 * pixels_per_m), middle_y + round(1.5 * pixels_per_m))
+    assert picture.getpixel(home) == (57, 73, 171)
+    page.click("#map-in")
+    saved_map(page, (1.5 * (wall[0] - middle_x), 1.5 * (wall[1] - middle_y)), (0, 0, 0))
+    page.click("#map-fit")
+    pose_is_set_by_dragging(page, told)
+
+
+def saved_map(page: Page, place: tuple[float, float], colour: tuple[int, int, int]) -> Image.Image:
+    """Save the map until a pixel, counted from its middle, has this colour; return the picture."""
+    pictures: list[Image.Image] = []
+
+    def has_colour() -> bool:
+        with page.expect_download() as download:
+            page.click("#map-save")
+        picture = Image.open(download.value.path()).convert("RGB")
+        pictures[:] = [picture]
+        return picture.getpixel((picture.width // 2 + place[0], picture.height // 2 + place[1])) == colour
+
+    wait_until(has_colour)
+    return pictures[0]
+
+
+def pose_is_set_by_dragging(page: Page, told: Told) -> None:
+    page.click("#map-mode >> text=Set pose")
+    page.wait_for_selector("#map-view[data-placing=initial_pose]")
+    box = page.locator("#map-view").bounding_box()
+    assert box
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x, y - 60)
+    page.mouse.up()
+    frame, *place = told.waits_for("pose")
+    assert frame == "map"
+    assert [float(word) for word in place] == pytest.approx([2.0, 4.0, np.pi / 2], abs=0.05)
+
+
+def cameras_are_shown(page: Page, address: str) -> None:
+    page.click("#tab-cameras")
+    page.wait_for_selector("#panel-cameras :text('2 x 1 bgr8')")
+    page.wait_for_function("document.querySelector('#panel-cameras img').naturalWidth == 2")
+    page.wait_for_selector(".detection-boxes > div:has-text('fox 70%')")
+    page.wait_for_function(FOX_IS_IN_ITS_PLACE)
+    answer = page.request.get(f"{address}pictures/camera/eye")
+    assert answer.headers["content-type"] == "image/jpeg"
+    shown = np.asarray(Image.open(io.BytesIO(answer.body())))
+    assert shown.shape == (1, 2, 3)
+    unknown = page.request.get(f"{address}pictures/camera/eye/compressed")
+    assert (unknown.status, "mystery" in unknown.headers["x-robbie-reason"]) == (204, True)
+
+
+def image_of_a_silent_camera_shows_its_age(page: Page, robot: Robot) -> None:
+    page.click("#tab-cameras")
+    page.wait_for_selector("#panel-cameras :text('2 x 1 bgr8')")
+    assert not page.locator("#panel-cameras :text('silent')").count()
+    robot.command("module", "stop", "known", "--run", robot.known_run().run_id)
+    page.wait_for_selector("#panel-cameras .camera-silent:text-matches('silent: this image is [0-9]+ s old')")
+    page.wait_for_selector("#panel-cameras img.grayscale")
+
+
+def mission_is_steered(page: Page, told: Told) -> None:
+    page.click("#tab-mission")
+    page.wait_for_selector("#mission-state:has-text('EXPLORE')")
+    can_press(page, "#mission-pause")
+    page.click("#mission-pause")
+    told.waits_for("order", "1")
+    page.wait_for_selector("#mission-state:has-text('PAUSE')")
+    can_press(page, "#mission-start", "#mission-return", "#mission-abort")
+    assert page.inner_text("#mission-refusal") == ""
+    page.click("#mission-return")
+    told.waits_for("order", "3")
+    page.wait_for_selector("#mission-refusal:has-text('Refused: no 3 today')")
+    page.click("#mission-abort")
+    page.click("#confirm-abort")
+    told.waits_for("order", "2")
+
+
+def can_press(page: Page, *wanted: str) -> None:
+    """Wait until these of the mission's buttons can be pressed, and no others."""
+    for button in MISSION:
+        page.wait_for_selector(f"{button}:{'enabled' if button in wanted else 'disabled'}")
+
+
+def states_and_victims_are_listed(page: Page) -> None:
+    page.click("#tab-mission")
+    page.wait_for_selector("#mission-states tr:has-text('LOOK_AROUND'):has-text('all is set')")
+    row = page.locator("#mission-victims tbody tr:has-text('confirmed')")
+    row.wait_for()
+    assert row.inner_text().split() == ["7", "tag", "7", "confirmed", "4.00", "4.00", "75%", "3"]
+
+
+def commands_of_the_profile_are_given(page: Page, told: Told) -> None:
+    page.click("#tab-speech")
+    page.click("#speech-commands >> text=come here")
+    assert told.waits_for("said") == ["come", "here"]
+    page.wait_for_selector("#speech-heard:has-text('operator: come here')")
+    assert "Anna" in page.inner_text("#speech-persons")
+    assert "cup" in page.inner_text("#speech-objects")
+
+
+def trace_is_filtered_and_what_is_recorded_is_chosen(page: Page, robot: Robot) -> None:
+    page.click("#tab-trace")
+    page.wait_for_selector("#trace-log :text('the curtain rises')")
+    assert page.locator("#trace-log :text('operator station: http')").count() == 1
+    page.fill("#trace-text", "CURTAIN")
+    page.wait_for_selector("#trace-log :text('operator station: http')", state="detached")
+    (line,) = page.inner_text("#trace-log").split("\n")
+    assert line.endswith("known#1 warning the curtain rises")
+    page.fill("#trace-text", "")
+    run_folder = next(run.folder for run in live_runs())
+    assert read_recorded(run_folder)["known"] == ["error", "warning", "info"]
+    page.click("#trace-recorded")
+    page.click(".q-menu .q-item:has-text('system')")
+    page.wait_for_selector(".q-notification:has-text('every module: error, warning, info, system')")
+    assert read_recorded(run_folder)["known"] == [*Kind]
+    page.click("#tab-trace")  # which closes the menu
+
+
+def messages_are_shown_and_composed(page: Page, told: Told) -> None:
+    page.click("#tab-messages")
+    page.click("#messages-topics tr:has-text('geometry_msgs/msg/PoseStamped'):has-text('map_pose')")
+    page.wait_for_selector("#messages-chosen:has-text('topic map_pose, from known')")
+    page.click("#messages-tree :text-is('pose')")
+    page.click("#messages-tree :text-is('position')")
+    page.wait_for_selector("#messages-tree :text-is('y: 3.25')")
+
+    page.click("#messages-compose >> text=Compose a message")
+    page.fill("#compose-type", "zoo/msg/Wish")
+    page.click(".q-menu .q-item:has-text('zoo/msg/Wish')")
+    page.fill("[data-field='weight_kg']", "heavy")
+    page.fill("[data-field='text']", "peace: now")
+    page.fill("[data-field='place.x']", "2.5")
+    page.fill("#compose-topic", "wishes")
+    page.click("#compose-send")
+    page.wait_for_selector("#compose-fields [role=alert]:has-text('weight_kg')")
+    assert page.locator("#compose-fields [role=alert]").count() == 1
+    page.fill("[data-field='weight_kg']", "70")
+    page.click("#compose-send")
+    assert told.waits_for("wish") == ["peace:", "now", "2.5", "70.0"]
+    page.wait_for_selector("#compose-result:has-text('sent a zoo/msg/Wish')")
+
+
+def crash_is_reported(page: Page) -> None:
+    page.fill("[data-field='text']", "break")
+    page.click("#compose-send")
+    page.click("#tab-trace")
+    page.click("#trace-crashes >> text=crash of fragile, start 1")
+    page.wait_for_selector("#trace-crashes :text('RuntimeError: it is broken')")
+    page.click("#tab-messages")
+
+
+def messages_are_sent_at_a_rate_until_the_page_goes(page: Page, told: Told, robot: Robot) -> int:
+    """Return how many there were in the end."""
+    page.fill("[data-field='text']", "again")
+    page.fill("#compose-rate", "1000")
+    page.click("#compose-begin")
+    page.wait_for_selector(".q-field:has(#compose-rate) [role=alert]:has-text('at most 20')")
+    assert told.count("wish again") == 0
+    page.fill("#compose-rate", "5")
+    page.click("#compose-begin")
+    wait_until(lambda: told.count("wish again") > 3)
+    page.click("#compose-end")
+    page.wait_for_selector("#compose-begin:visible")
+    before = told.count("wish")
+    page.click("#compose-begin")
+    wait_until(lambda: told.count("wish") > before)
+    page.reload()
+    wait_until(lambda: "no more zoo/msg/Wish are sent: the page was closed" in robot.log("operator"))
+    page.click("#mark")
+    told.waits_for("mark", "mark", "2")  # which comes after all of them
+    return told.count("wish")

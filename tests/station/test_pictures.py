@@ -1,0 +1,93 @@
+"""Images as browsers take them, and what cannot be shown."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image as PillowImage
+
+from robbie_mp.messages import CompressedImage, Image
+from robbie_mp.station.latest import Latest
+from robbie_mp.station.pictures import (
+    LARGEST_PIXELS,
+    NewestPicture,
+    NoPicture,
+    Picture,
+    encode_image,
+    pixels_of,
+)
+
+COLOURS = np.array([[[1, 2, 3], [4, 5, 6]]], np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "stored"),
+    [
+        ("rgb8", COLOURS),
+        ("bgr8", COLOURS[:, :, ::-1]),
+        ("rgba8", np.pad(COLOURS, ((0, 0), (0, 0), (0, 1)))),
+        ("bgra8", np.pad(COLOURS[:, :, ::-1], ((0, 0), (0, 0), (0, 1)))),
+    ],
+)
+def test_colours_are_red_green_blue_whatever_their_order_and_padding(
+    encoding: str, stored: "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]"
+) -> None:
+    row = np.append(stored.ravel(), [77, 77]).astype(np.uint8)
+    image = Image(height=1, width=2, encoding=encoding, step=len(row), data=row)
+    assert np.array_equal(pixels_of(image), COLOURS)
+
+
+@pytest.mark.parametrize("big", [False, True])
+def test_of_16_bits_the_darkest_is_black_and_the_brightest_white(big: bool) -> None:
+    row = np.array([29_000, 30_000, 31_000], ">u2" if big else "<u2").view(np.uint8)
+    image = Image(height=1, width=3, encoding="mono16", step=8, is_bigendian=big, data=np.append(row, [7, 7]))
+    assert pixels_of(image).tolist() == [[0, 127, 255]]
+
+
+def test_large_images_are_made_smaller() -> None:
+    size = 2 * LARGEST_PIXELS
+    data = np.full(4 * size, 200, np.uint8)
+    picture = encode_image(Image(height=4, width=size, encoding="mono8", step=size, data=data))
+    shown = PillowImage.open(io.BytesIO(picture.data))
+    assert (picture.media_type, shown.size) == ("image/jpeg", (LARGEST_PIXELS, 2))
+    assert shown.getpixel((5, 1)) == pytest.approx(200, abs=3)
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        Image(height=1, width=1, encoding="16UC1", step=2, data=np.zeros(2, np.uint8)),
+        Image(height=2, width=2, encoding="mono8", step=2, data=np.zeros(3, np.uint8)),
+        Image(height=1, width=4, encoding="rgb8", step=4, data=np.zeros(4, np.uint8)),
+        Image(encoding="mono8"),
+        CompressedImage(format="jpeg", data=np.zeros(9, np.uint8)),
+    ],
+)
+def test_what_no_browser_shows_is_no_picture(image: Image | CompressedImage) -> None:
+    with pytest.raises(NoPicture):
+        encode_image(image)
+
+
+def test_what_is_compressed_already_stays_as_it_is() -> None:
+    data = b"\xff\xd8\xff and so on"
+    message = CompressedImage(format="jpeg", data=np.frombuffer(data, np.uint8))
+    assert encode_image(message) == Picture(data, "image/jpeg")
+
+
+def test_picture_is_made_once_for_all_pages_and_anew_for_a_newer_message() -> None:
+    latest: Latest[Image] = Latest()
+    drawn: list[int] = []
+
+    def draw(image: Image) -> Picture:
+        drawn.append(image.width)
+        if not image.width:
+            raise NoPicture("it is empty")
+        return Picture(b"picture", "image/png")
+
+    picture = NewestPicture(latest, draw)
+    assert picture.answer().status_code == 204
+    latest.put(Image(width=3))
+    assert [picture.answer().body for _ in range(5)] == [b"picture"] * 5
+    latest.put(Image(width=0))
+    assert picture.answer().headers["x-robbie-reason"] == "it is empty"
+    assert drawn == [3, 0]

@@ -1,0 +1,183 @@
+"""What 3-D view, plots, parameters and the table of processes show is so, and what is pressed happens."""
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page
+
+from tests.run._support.robot import Robot
+from tests.station._support.browser import browser, needs_chromium, page_of
+from tests.station.test_page import address_of
+
+pytestmark = [needs_chromium, pytest.mark.timeout(600)]
+HERE = Path(__file__).parent
+PROFILE = """
+modules:
+  operator:
+    class: robbie_mp.station:OperatorStation
+    settings: {port: 0, robot_model: robot.stl}
+  stage: {class: "zoo.stage:Stage"}
+"""
+NODES = {"base_link": "1.50,-0.50,0.00", "laser": "1.70,-0.50,0.10", "red/base_link": "3.00,1.25,0.00"}
+SCENE = "Object.entries(window).find(([name]) => name.startsWith('scene_'))[1]"
+REFERENCES = "Object.values(mounted_app.$refs).flat()"
+CAMERA = f"{REFERENCES}.find((one) => one?.$el?.id === 'view-scene').camera.position.x"
+MODEL = f"""() => {{
+  let is_there = false;
+  const look = (one) => (is_there ||= one.geometry?.attributes.position?.count === 3);
+  {SCENE}.getObjectByName("base_link").traverse(look);
+  return is_there;
+}}"""
+TRIANGLE = """solid robot
+facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex 0.4 0 0
+vertex 0 0.3 0
+endloop
+endfacet
+endsolid robot
+"""
+POSITION = f"""() => {{
+  const found = {SCENE}.getObjectByName("NAME");
+  if (!found) return "";
+  return found.getWorldPosition(found.position.clone()).toArray().map((x) => x.toFixed(2)).join();
+}}"""
+
+
+def set_to(page: Page, value: str, error: str) -> None:
+    """Ask for a value, and see the error that stands beside the field then."""
+    page.fill("#input-stage-x_m", value)
+    page.click("#set-stage-x_m")
+    if error:
+        page.wait_for_selector(f".q-field:has(#input-stage-x_m) [role=alert]:has-text('{error}')")
+    else:
+        page.wait_for_selector(".q-field:has(#input-stage-x_m) [role=alert]", state="detached")
+
+
+def plot(page: Page, messages: str, path: str) -> None:
+    """Choose a number."""
+    page.fill("#plot-channel", messages)
+    page.fill("#plot-field", path)
+    page.click("#plot-add")
+
+
+def view_shows_what_there_is(page: Page) -> None:
+    page.click("#tab-view")
+    # Two of the scan's rays hit something; the cloud has five points.
+    robots = "robot at 1.50 m, -0.50 m, 0°; red at 3.00 m, 1.25 m"
+    others = "7 points, 1 victims, 1 points of interest"
+    page.wait_for_selector(f"#view-figures:text-is('{robots}; {others}')")
+    for name, place in NODES.items():
+        page.wait_for_function(f"({POSITION.replace('NAME', name)})() === '{place}'")
+    for text in ("red", "door", "Anna"):
+        page.wait_for_selector(f"#view-scene >> text={text}")
+    page.wait_for_function(MODEL)
+    assert not page.locator("#view-scene >> text=laser").is_visible()
+    page.click("#view-names")
+    page.wait_for_selector("#view-scene >> text=laser")
+    page.click("#tab-map")
+    page.wait_for_selector("#map-text:has-text('red at 3.00 m, 1.25 m; 1 victims; door')")
+
+
+def parameters_are_changed_and_wrong_ones_refused(page: Page, robot: Robot) -> None:
+    page.click("#tab-parameters")
+    page.wait_for_selector("#value-stage-x_m:text-is('x_m: 1.5')")
+    set_to(page, "9.0", "at most 5")
+    set_to(page, "'no number'", "number")
+    set_to(page, "3.0", "there is a hole at 3 m")
+    assert robot.top()["stage"]["status"] == "stands at 1.5 m; red; 0.75  False"
+    set_to(page, "2.5", "")
+    page.wait_for_selector("#value-stage-x_m:text-is('x_m: 2.5 (changed)')")
+    robot.until(lambda modules: modules["stage"]["status"] == "stands at 2.5 m; red; 0.75  False")
+    page.click("#tab-view")
+    page.wait_for_selector("#view-figures:has-text('robot at 2.50 m')")
+
+
+def camera_follows_the_robot_or_is_free(page: Page, robot: Robot) -> None:
+    camera = f"{CAMERA}.toFixed(2)"
+    page.wait_for_function(f"{camera} === '-0.50'")  # 3 m behind the robot
+    page.click("#view-follow")
+    page.click("#tab-parameters")
+    set_to(page, "2.0", "")
+    page.click("#tab-view")
+    page.wait_for_selector("#view-figures:has-text('robot at 2.00 m')")
+    page.wait_for_function(f"({POSITION.replace('NAME', 'base_link')})() === '2.00,-0.50,0.00'")
+    assert page.evaluate(camera) == "-0.50"
+    page.click("#tab-parameters")
+    set_to(page, "2.5", "")
+
+
+def virtual_devices_obey(page: Page, robot: Robot) -> None:
+    page.click("#tab-devices")
+    page.wait_for_selector("#device-stage:has-text('0.75  False')")
+    slider = page.locator("#control-stage-virtual_charge")
+    box = slider.bounding_box()
+    assert box
+    slider.click(position={"x": box["width"] * 0.2, "y": box["height"] / 2})
+    robot.until(lambda modules: "; 0.2  False" in modules["stage"]["status"])
+    page.click("#control-stage-virtual_pressed")
+    page.click(".q-menu .q-item:has-text('right')")
+    page.click("#tab-devices")  # which closes the menu
+    page.click("#control-stage-virtual_fails")
+    page.wait_for_selector("#device-stage:has-text('0.2 right True')")
+    page.wait_for_selector("#value-stage-virtual_pressed:text-is('set to [right]')")
+    assert "0.2 right True" in robot.top()["stage"]["status"]
+
+
+def plots_draw_chosen_numbers(page: Page) -> None:
+    page.click("#tab-plots")
+    page.wait_for_selector("#plot-channel-offered option[value^=odom]", state="attached")
+    plot(page, "odom: nav_msgs/Odometry", "pose.pose.position.x")
+    page.wait_for_selector("#plot-lines:has-text('odom.pose.pose.position.x: 2.5')")
+    plot(page, "(no topic): sensor_msgs/LaserScan", "ranges[3]")
+    page.wait_for_selector("#plot-lines:has-text('LaserScan.ranges[3]: 3')")
+    page.wait_for_selector("#panel-plots svg text:has-text('LaserScan.ranges[3]')")
+    plot(page, "(no topic): sensor_msgs/LaserScan", "rangers[3]")
+    page.wait_for_selector("#panel-plots [role=alert]:has-text(\"did you mean 'ranges'\")")
+    page.click("#plot-lines [aria-label=remove] >> nth=0")
+    page.wait_for_selector("#plot-lines:has-text('odom')", state="detached")
+    page.wait_for_selector("#panel-plots svg text:text-is('3')")
+
+
+def system_shows_processes_and_restarts_and_stops_them(page: Page, robot: Robot) -> None:
+    page.click("#tab-system")
+    page.wait_for_selector("#panel-system td:has-text('stands at 2.5 m; red')")
+    page.wait_for_selector("#panel-system .nicegui-echart text:text-is('cpu 0')")
+    page.click("#panel-system th:has-text('pid')")
+    pids = sorted(figures["pid"] for figures in robot.top().values())
+    in_order = ".*".join(rf"\b{pid}\b" for pid in pids)
+    page.wait_for_function(
+        "order => RegExp(order, 's').test(document.querySelector('#panel-system tbody').innerText)",
+        arg=in_order,
+    )
+    pid = robot.top()["stage"]["pid"]
+    page.click("#panel-system tr:has(td:text-is('stage')) .q-checkbox")
+    page.click("#order-restart")
+    page.click("text='No'")
+    page.click("#order-restart")
+    page.click("#confirm-order")
+    page.wait_for_selector(".q-notification:has-text('stage')")
+    assert robot.top()["stage"]["pid"] != pid
+    page.click("#order-stop")
+    page.click("#confirm-order")
+    page.wait_for_selector("#panel-system tr:has(td:text-is('stage')) td:text-is('STOPPED')")
+
+
+def test_panels_show_the_robot_and_change_it(robot: Robot) -> None:
+    (robot.folder / "zoo" / "stage.py").write_text((HERE / "stage.py").read_text())
+    (robot.folder / "robot.stl").write_text(TRIANGLE)
+    robot.write_profile(PROFILE)
+    robot.start()
+    address = address_of(robot)
+    with browser() as started, page_of(started, address) as page:
+        view_shows_what_there_is(page)
+        parameters_are_changed_and_wrong_ones_refused(page, robot)
+        camera_follows_the_robot_or_is_free(page, robot)
+        plots_draw_chosen_numbers(page)
+        virtual_devices_obey(page, robot)
+        page.click("#tab-drive")
+        page.wait_for_selector("#velocity:text-is('0.00 m/s, 0.00 rad/s')")
+        system_shows_processes_and_restarts_and_stops_them(page, robot)
+        page.click("#tab-drive")
+        page.wait_for_selector("#velocity:has-text('ago; the odometry is silent')")

@@ -1,0 +1,64 @@
+"""Points of the 3-D view."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robbie_mp.messages import LaserScan, PointCloud2, PointField
+from robbie_mp.station.scene_view.points import cloud_points, packed, scan_points
+
+
+def cloud(points: np.ndarray, *, padding: int = 4, big: bool = False) -> PointCloud2:
+    """A cloud of two rows, with something else beside each point and at the end of each row."""
+    step = 12 + padding
+    rows = np.zeros((2, len(points) // 2 * step + 3), np.uint8)
+    coordinates = points.astype(">f4" if big else "<f4").view(np.uint8).reshape(2, -1, 12)
+    rows[:, :-3].reshape(2, -1, step)[:, :, :12] = coordinates
+    fields = [PointField(name=name, offset=4 * at, datatype=7, count=1) for at, name in enumerate("xyz")]
+    return PointCloud2(
+        height=2, width=len(points) // 2, fields=fields, point_step=step, row_step=rows.shape[1],
+        data=rows.ravel(), is_bigendian=big,
+    )  # fmt: skip
+
+
+def test_only_rays_that_hit_something_are_points() -> None:
+    ranges = np.array([1.0, np.nan, 2.0, np.inf, 0.01, 30.0], np.float32)
+    scan = LaserScan(angle_min=0.0, angle_increment=np.pi / 4, range_min=0.1, range_max=30.0, ranges=ranges)
+    assert scan_points(scan) == pytest.approx(np.array([[1, 0, 0], [0, 2, 0]]), abs=1e-6)
+
+
+@pytest.mark.parametrize("big", [False, True])
+def test_points_of_a_cloud_are_found_between_other_things(big: bool) -> None:
+    points = np.arange(24, dtype=np.float64).reshape(8, 3)
+    assert (cloud_points(cloud(points, big=big), 100) == points).all()
+
+
+@given(st.integers(1, 200), st.integers(1, 50))
+@settings(max_examples=30)
+def test_a_cloud_is_thinned_to_the_limit_and_evenly(pairs: int, limit: int) -> None:
+    points = np.arange(6 * pairs, dtype=np.float64).reshape(-1, 3)
+    found = cloud_points(cloud(points), limit)
+    assert 0 < len(found) <= limit
+    assert len(np.unique(np.diff(found[:, 0]))) <= 1
+
+
+@given(
+    st.integers(0, 4), st.integers(0, 4), st.integers(0, 40), st.integers(0, 80), st.integers(0, 99),
+    st.integers(0, 20), st.integers(0, 9),
+)  # fmt: skip
+@settings(max_examples=60)
+def test_a_cloud_that_makes_no_sense_has_no_points_or_some_but_harms_nobody(
+    height: int, width: int, point_step: int, row_step: int, size: int, offset: int, datatype: int
+) -> None:
+    fields = [PointField(name=name, offset=offset, datatype=datatype, count=1) for name in "xyz"]
+    message = PointCloud2(
+        height=height, width=width, fields=fields, point_step=point_step, row_step=row_step,
+        data=np.zeros(size, np.uint8),
+    )  # fmt: skip
+    assert len(cloud_points(message, 10)) <= height * width
+
+
+def test_points_travel_in_steps_of_a_centimetre() -> None:
+    sent = packed(np.array([[1.234, -2.0, 1e9]]))
+    assert np.frombuffer(sent, "<i2").tolist() == [123, -200, 32767]

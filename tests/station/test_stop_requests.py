@@ -1,0 +1,149 @@
+"""A press of the emergency stop is repeated until the base confirms it, and never stops the robot twice."""
+
+import pytest
+
+from robbie_mp.module.clock import ManualClock
+from robbie_mp.station.stop_connection import Question, question_of
+from robbie_mp.station.stop_requests import (
+    IN_FLIGHT_S,
+    MAX_PRESSES,
+    MIN_INTERVAL_S,
+    REPEAT_S,
+    Fate,
+    StopRequests,
+)
+
+
+class Base:
+    """Gets stops (True) and releases (False), and says what it does."""
+
+    def __init__(self) -> None:
+        self.clock = ManualClock(100 * 10**9)
+        self.heard: list[bool] = []
+        self.has_room = True
+        self.requests = StopRequests(self.hear, self.now_s)
+
+    def now_s(self) -> float:
+        return self.clock.monotonic_ns() / 1e9
+
+    def hear(self, engaged: bool) -> bool:
+        if self.has_room:
+            self.heard.append(engaged)
+        return self.has_room
+
+    def after(self, seconds: float) -> "Base":
+        self.clock.advance(seconds)
+        self.requests.repeat()
+        return self
+
+    def says(self, *, engaged: bool, earlier_s: float = 0.0) -> None:
+        self.requests.see(engaged=engaged, published_s=self.now_s() - earlier_s)
+
+
+@pytest.fixture
+def base() -> Base:
+    return Base()
+
+
+def test_press_is_repeated_until_the_base_confirms_it(base: Base) -> None:
+    base.requests.press("one")
+    assert base.heard == [True]
+    for _ in range(5):
+        base.after(REPEAT_S + 0.001)
+        base.says(engaged=False)
+    assert base.heard == [True] * 6
+    assert base.requests.waits_s == pytest.approx(5 * REPEAT_S, abs=0.01)
+    base.says(engaged=True)
+    base.after(10 * REPEAT_S)
+    assert base.heard == [True] * 6
+    assert base.requests.fate("one") is Fate.CONFIRMED
+    assert base.requests.waits_s is None
+
+
+def test_what_the_base_said_before_the_press_confirms_nothing(base: Base) -> None:
+    base.requests.press("one")
+    base.clock.advance(0.01)
+    base.says(engaged=True, earlier_s=0.02)
+    assert base.requests.fate("one") is Fate.PENDING
+
+
+def test_press_right_after_a_release_is_not_confirmed_by_the_stop_before_it(base: Base) -> None:
+    base.requests.release()
+    base.requests.press("one")
+    base.after(IN_FLIGHT_S / 2).says(engaged=True)  # it has heard neither yet
+    assert base.requests.fate("one") is Fate.PENDING
+    base.after(IN_FLIGHT_S).says(engaged=True)
+    assert base.requests.fate("one") is Fate.CONFIRMED
+
+
+def test_settled_press_that_comes_again_does_not_stop_the_robot_again(base: Base) -> None:
+    base.requests.press("one")
+    base.clock.advance(0.1)
+    base.says(engaged=True)
+    base.requests.release()
+    base.requests.press("one")  # by a page that has not been told yet
+    base.after(1)
+    assert base.heard == [True, False]
+
+
+def test_release_withdraws_presses_that_wait_and_a_new_press_stops_again(base: Base) -> None:
+    base.requests.press("one")
+    assert base.requests.release()
+    assert base.requests.fate("one") is Fate.WITHDRAWN
+    base.after(1)
+    assert base.heard == [True, False]
+    base.requests.press("two")
+    assert base.heard == [True, False, True]
+
+
+def test_press_for_which_there_is_no_memory_is_sent_as_soon_as_there_is_some(base: Base) -> None:
+    base.has_room = False
+    base.requests.press("one")
+    base.clock.advance(0.1)
+    base.says(engaged=True)
+    assert base.requests.fate("one") is Fate.PENDING, "nothing was sent that could be confirmed"
+    assert not base.requests.release()
+    base.has_room = True
+    base.after(0.001)
+    assert base.heard == [True]
+
+
+def test_flood_of_presses_is_bounded_in_memory_and_rate(base: Base) -> None:
+    for number in range(3 * MAX_PRESSES):
+        base.requests.press(str(number))
+    assert base.heard == [True]
+    base.after(MIN_INTERVAL_S)
+    assert base.heard == [True, True]
+    known = [base.requests.fate(str(number)) for number in range(3 * MAX_PRESSES)]
+    assert known.count(Fate.PENDING) == MAX_PRESSES
+    base.after(0.01).says(engaged=True)
+    assert base.requests.waits_s is None
+
+
+def test_pages_are_told_when_the_fate_of_a_press_changes(base: Base) -> None:
+    told: list[Fate | None] = []
+    listener = lambda: told.append(base.requests.fate("one"))  # noqa: E731
+    base.requests.listen(listener)
+    base.requests.press("one")
+    base.after(0.1).says(engaged=True)
+    base.requests.ignore(listener)
+    base.requests.press("two")
+    assert told == [Fate.PENDING, Fate.CONFIRMED]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        None, "", "{", "5", "[]", "{}", '{"asked_ms": 1}', '{"asked_ms": null, "press": ""}',
+        '{"asked_ms": NaN, "press": ""}', '{"asked_ms": 1e999, "press": ""}', '{"asked_ms": 1, "press": 3}',
+        f'{{"asked_ms": {"9" * 400}, "press": ""}}', f'{{"asked_ms": 1, "press": "{"x" * 65}"}}',
+        "[" * 100_000,
+    ],
+)  # fmt: skip
+def test_what_no_page_sends_is_no_question(text: object) -> None:
+    assert question_of(text) is None
+
+
+def test_question_names_a_press_or_none() -> None:
+    assert question_of('{"asked_ms": 1.5, "press": "ab-1"}') == Question(1.5, "ab-1")
+    assert question_of('{"asked_ms": 2, "press": ""}') == Question(2.0, "")

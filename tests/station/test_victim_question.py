@@ -1,0 +1,125 @@
+"""The question about a victim: it stays the same one under the operator's finger, and so does the answer."""
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page
+
+from robbie_mp.attach.attachment import Attachment
+from robbie_mp.messages import String, VictimConfirmation
+from robbie_mp.station.victim_question import checked
+from tests.run._support.robot import Robot, wait_until
+from tests.station._support.browser import browser, needs_chromium, page_of
+from tests.station.test_page import address_of
+
+HERE = Path(__file__).parent
+PROFILE = """
+modules:
+  operator:
+    class: robbie_mp.station:OperatorStation
+    settings: {port: 0, tabs: {mission: ""}}
+  victims: {class: "zoo.two_victims:TwoVictims"}
+"""
+QUESTION = "#victim-question"
+COUNT_QUESTIONS = """(milliseconds) => new Promise((done) => {
+  const found = new Set();
+  const until = performance.now() + milliseconds;
+  const look = () => {
+    found.add(document.querySelector("#victim-question")?.innerText.match(/tag \\d+/)?.[0]);
+    performance.now() < until ? requestAnimationFrame(look) : done([...found]);
+  };
+  look();
+})"""
+
+
+@contextmanager
+def told_to(robot: Robot) -> Iterator[Attachment]:
+    with closing(Attachment(robot.known_run(), "a test")) as attachment:
+        attachment.ready()
+        yield attachment
+
+
+def answers(robot: Robot) -> list[str]:
+    return (robot.output / "told.txt").read_text().splitlines()
+
+
+@needs_chromium
+@pytest.mark.timeout(300)
+def test_answer_is_for_the_victim_that_was_shown_when_the_button_was_pressed(robot: Robot) -> None:
+    (robot.folder / "zoo" / "two_victims.py").write_text((HERE / "two_victims.py").read_text())
+    robot.write_profile(PROFILE)
+    robot.start()
+    address = address_of(robot)
+    with browser() as started, page_of(started, address) as page, told_to(robot) as attachment:
+        page.wait_for_selector(f"{QUESTION}:has-text('tag')")
+        assert len(page.evaluate(COUNT_QUESTIONS, 2000)) == 1, "the question changes by itself"
+        question_under_the_finger_stays(page, robot, attachment)
+        press_for_the_question_before_does_not_answer_the_next(page, robot, attachment)
+        question_of_a_silent_robot_shows_its_age(page, attachment)
+
+
+def shown(page: Page) -> int:
+    return 3 if "tag 3" in page.inner_text(QUESTION) else 8
+
+
+def question_under_the_finger_stays(page: Page, robot: Robot, attachment: Attachment) -> None:
+    """Hold the button down while the robot takes the question back and another page asks the next one."""
+    first = shown(page)
+    other = 11 - first
+    with page.context.expect_page() as opened:
+        page.evaluate("window.open(location.href)")
+    second_page = opened.value
+    second_page.wait_for_selector(f"{QUESTION}:has-text('tag')")
+    page.bring_to_front()
+    page.hover("#victim-yes")
+    page.mouse.down()
+    attachment.publish(String(data=str(other)), "orders")
+    second_page.wait_for_selector(f"{QUESTION}:has-text('tag {other}')")
+    page.evaluate(COUNT_QUESTIONS, 1000)
+    page.mouse.up()
+    wait_until(lambda: answers(robot) != [])
+    assert answers(robot) == [f"answer {first} {VictimConfirmation.YES}"]
+    page.wait_for_selector(f"{QUESTION}:has-text('tag {other}')")
+    second_page.close()
+
+
+def press_for_the_question_before_does_not_answer_the_next(
+    page: Page, robot: Robot, attachment: Attachment
+) -> None:
+    """Press at the very moment in which the next question takes the place of the one that was meant."""
+    before = shown(page)
+    page.wait_for_selector("#victim-no:enabled")
+    page.evaluate(
+        """(name) => new MutationObserver((_, observer) => {
+          if (!document.querySelector("#victim-question")?.innerText.includes(name)) return;
+          observer.disconnect();
+          document.querySelector("#victim-no").click();
+          window.pressed = true;
+        }).observe(document.body, { childList: true, subtree: true, characterData: true })""",
+        f"tag {11 - before}",
+    )
+    attachment.publish(String(data=str(11 - before)), "orders")
+    page.wait_for_function("window.pressed")
+    page.click("#victim-later")  # as soon as it can be pressed
+    wait_until(lambda: len(answers(robot)) > 1)
+    assert answers(robot)[1:] == [f"answer {11 - before} {VictimConfirmation.LATER}"]
+
+
+def question_of_a_silent_robot_shows_its_age(page: Page, attachment: Attachment) -> None:
+    assert page.locator("#victim-silent").count() == 0
+    attachment.publish(String(data=""), "orders")
+    page.wait_for_selector("#victim-silent:has-text('nothing heard of it for 1')")
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [None, 3, [], {}, {"id": 3}, {"id": "3", "answer": 1}, {"id": 3, "answer": 9}, {"id": True, "answer": 1}],
+)
+def test_what_no_page_sends_is_no_answer(sent: object) -> None:
+    assert checked(sent) is None
+
+
+def test_answer_names_its_victim() -> None:
+    assert checked({"id": 3, "answer": VictimConfirmation.LATER}) == (3, VictimConfirmation.LATER)
