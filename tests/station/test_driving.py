@@ -126,7 +126,7 @@ def test_robot_stands_whatever_becomes_of_key_page_and_server_and_the_page_finds
 
 def start_in_hall(robot: Robot, profile: str) -> "subprocess.Popen[str]":
     """Start a robot that can drive ahead for long, with a witness."""
-    (robot.folder / "zoo" / "witness.py").write_text((HERE / "witness.py").read_text())
+    (robot.folder / "zoo" / "witness.py").write_text((HERE / "_support" / "witness.py").read_text())
     (robot.folder / "arena.yaml").write_text(ARENA)
     robot.write_profile(profile)
     return robot.start()

@@ -33,7 +33,7 @@ HAS_FOCUS_IN_DIALOG = "document.activeElement.closest('.q-dialog') !== null"
 
 
 def test_emergency_stop_is_always_in_reach_and_no_press_is_lost(robot: Robot) -> None:
-    (robot.folder / "zoo" / "deaf_base.py").write_text((HERE / "deaf_base.py").read_text())
+    (robot.folder / "zoo" / "deaf_base.py").write_text((HERE / "_support" / "deaf_base.py").read_text())
     robot.write_profile(PROFILE)
     robot.start()
     address = address_of(robot)

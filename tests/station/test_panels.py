@@ -80,7 +80,7 @@ class Told:
 def test_panels_show_what_the_robot_has_and_the_robot_hears_what_is_said_there(
     robot: Robot, told: Told
 ) -> None:
-    (robot.folder / "zoo" / "known_robot.py").write_text((HERE / "known_robot.py").read_text())
+    (robot.folder / "zoo" / "known_robot.py").write_text((HERE / "_support" / "known_robot.py").read_text())
     with LogFile(robot.folder / "old.mcap") as log:
         log.add(Mark(text="here it was"), time_ns=104 * 10**9)
     robot.write_secret("operator.token", "opens-everything")

@@ -165,7 +165,7 @@ def system_shows_processes_and_restarts_and_stops_them(page: Page, robot: Robot)
 
 
 def test_panels_show_the_robot_and_change_it(robot: Robot) -> None:
-    (robot.folder / "zoo" / "stage.py").write_text((HERE / "stage.py").read_text())
+    (robot.folder / "zoo" / "stage.py").write_text((HERE / "_support" / "stage.py").read_text())
     (robot.folder / "robot.stl").write_text(TRIANGLE)
     robot.write_profile(PROFILE)
     robot.start()
