@@ -8,8 +8,7 @@ from robbie_mp.checkpoint.decoder import Checkpoint, decode
 from robbie_mp.checkpoint.errors import CheckpointForeign
 from robbie_mp.checkpoint.image import HEADER, read_header
 from robbie_mp.errors import RobbieError
-from robbie_mp.linux.ownership import ownership_problem
-from robbie_mp.linux.private_files import PRIVATE_FOLDER, private_opener
+from robbie_mp.linux.private_files import PRIVATE_FOLDER, ownership_problem, private_opener
 
 STATE_FOLDER = "state"
 SUFFIX = ".checkpoint"

@@ -21,7 +21,7 @@ from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.cli.signals import signals_noted
 from robbie_mp.errors import RobbieError
-from robbie_mp.linux.priority import step_back
+from robbie_mp.linux.priority import lower_priority
 from robbie_mp.recording.chunk_queue import BufferLimits
 from robbie_mp.recording.compression import Compression
 from robbie_mp.recording.disk_budget import DiskBudget
@@ -97,7 +97,7 @@ def record(arguments: argparse.Namespace) -> int:
         raise FolderExists(f"{folder} exists already; name a new folder with -o")
     selection = Selection.by_either(arguments.pattern or ["*"], arguments.exclude)
     logging.basicConfig(format="(%(message)s)", stream=sys.stderr)
-    step_back(LOGGER_NICE, logging.getLogger(__name__))
+    lower_priority(LOGGER_NICE, logging.getLogger(__name__))
     with closing(RecordedRun(run.folder)) as recorded:
         recording = _Recording(run, recorded, selection, folder, Compression(arguments.compression))
         with signals_noted() as stopped:

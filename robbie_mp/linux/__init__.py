@@ -1,1 +1,1 @@
-"""What Linux offers and Python does not: processes, scheduling, ownership of files."""
+"""What Linux offers and Python does not: process information, scheduling, private files, forks."""

@@ -1,10 +1,10 @@
-"""Keeps a forked process from what belongs to the one that forked it.
+"""Keeps a forked process from using what belongs to its parent.
 
-A fork shares the memory that is mapped, and gets a copy of all that Python knows of it: which place in a ring
-is the next, which blocks are free. If both went on they would write over each other's messages, and nobody
-would count what is lost. So what is one process's own is taken away in each process that it forks, by
-os.register_at_fork: who does not fork pays nothing for that. Processes started anew (subprocess, or
-multiprocessing by "spawn") inherit nothing in the first place.
+A forked process shares the mapped memory of its parent, and has a copy of the parent's Python objects: the
+next place in a ring, the free blocks. If both processes went on, they would overwrite each other's messages,
+and nothing would count the lost ones. So os.register_at_fork disables such objects in every forked process;
+a process that does not fork pays nothing for that. New processes (subprocess, or multiprocessing with
+"spawn") inherit nothing in the first place.
 """
 
 import functools
@@ -17,30 +17,30 @@ from robbie_mp.errors import RobbieError
 
 
 class ForkedProcess(RobbieError, RuntimeError):
-    """A process that a module has forked used what is the module's own.
+    """A process that a module forked used an object that only the module itself may use.
 
     Example scenarios:
-      - a function that `multiprocessing` runs in a forked process publishes by itself
+      - a function that `multiprocessing` runs in a forked process publishes a message
       - a handler forks, and both processes return from it
     """
 
     def __init__(self) -> None:
         super().__init__(
-            f"process {os.getpid()} was forked by a module, and has no place in the run: only the module "
-            "itself may publish, subscribe, take messages, and show or keep its state. Send it what you have "
-            'found by a queue or pipe, and start processes with multiprocessing.get_context("spawn")'
+            f"process {os.getpid()} was forked by a module and is not part of the run: only the module "
+            "itself may publish, subscribe, take messages, and show or keep its state. Send results to the "
+            'module by a queue or pipe, and start processes with multiprocessing.get_context("spawn")'
         )
 
 
 class Own(Protocol):
-    """Something that belongs to the process that made it."""
+    """An object that belongs to the process that made it."""
 
     def disown(self) -> None:
-        """Be of no use any more: called in a process that was forked, and may be called again."""
+        """Disable this object; called in a forked process, perhaps more than once."""
 
 
 class Refusal:
-    """Stands where something was that belongs to another process; whatever is done with it is refused."""
+    """Replaces an object that belongs to another process; every use raises ForkedProcess."""
 
     def __getattr__(self, _name: str) -> NoReturn:
         raise ForkedProcess
@@ -50,7 +50,7 @@ class Refusal:
         raise ForkedProcess
 
     def __enter__(self) -> NoReturn:
-        """Refuse, as a lock that this process will never get."""
+        """Refuse, in the place of a lock."""
         raise ForkedProcess
 
     def __exit__(
@@ -62,13 +62,13 @@ REFUSED: Any = Refusal()
 
 
 def keep_from_forks(own: Own) -> None:
-    """Have something disowned in every process that this one forks, as long as it exists."""
+    """Call `own.disown()` in every process that this one forks, as long as `own` exists."""
     _own().add(own)
 
 
 @functools.cache
 def _own() -> "weakref.WeakSet[Own]":
-    """Return what is this process's own; made when there is something."""
+    """Return the set of objects to disable; the first call creates it and registers the fork handler."""
     everything: weakref.WeakSet[Own] = weakref.WeakSet()
 
     def disown() -> None:

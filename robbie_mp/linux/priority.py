@@ -1,88 +1,112 @@
-"""Let other processes go first: nice(2), also as a session, and the time slice, which Python cannot set."""
+"""Lower a process's priority: nice(2) for its threads and its session, and the time slice of its threads."""
 
+import contextlib
 import ctypes
 import logging
 import os
 import platform
 import struct
 import time
+from collections.abc import Callable
 from pathlib import Path
 
-from robbie_mp.linux.own_threads import for_all_threads
-
-_SYSTEM_CALLS = {"x86_64": 314, "aarch64": 274}
+_SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
+"""Number of the system call, which Python does not offer, by type of processor."""
 _SCHED_OTHER = 0
-_LONGEST_SLICE_NS = 100_000_000
+_MAX_SLICE_NS = 100_000_000
 _AUTOGROUP = Path("/proc/self/autogroup")
-_PATIENCE_S = 5.0
-_PAUSE_S = 0.05
+_AUTOGROUP_TIMEOUT_S = 5.0
+_AUTOGROUP_RETRY_S = 0.05
+_THREADS = Path("/proc/self/task")
+_MAX_PASSES = 20
 
 
-def step_back(nice: int, log: logging.Logger) -> None:
-    """Let others go first: a smaller share when the processors are busy, and at once when they wake up.
+def lower_priority(nice: int, log: logging.Logger) -> None:
+    """Give this process a smaller share of busy processors, and let other processes interrupt it.
 
-    A smaller share alone would still let this process finish its slice of some ms before it makes room: since
-    Linux 6.12 who wakes up need not wait for that if its own slice is shorter. Older kernels and other
-    processors take no notice of slices. Sandboxes may refuse them, and then there is the smaller share alone.
+    A smaller share alone does not let a process that wakes up run at once: this one could first finish its
+    slice of some ms. Since Linux 6.12, a process with a shorter slice interrupts one with a longer slice, so
+    this also lengthens the slices of this process. Older kernels and unknown processors ignore slices.
+    Sandboxes may refuse the call; then only the smaller share takes effect.
 
     Args:
-        nice: how far, 1 to 19; 10 is about a tenth of another process's share.
-        log: is warned if something of it is refused.
+        nice: 1 to 19; 10 is about a tenth of another process's share.
+        log: receives a warning for each part that the system refuses.
     """
     least = min(os.getpriority(os.PRIO_PROCESS, 0) + nice, 19)
-    for_all_threads(lambda thread: _go_behind(thread, least))
+    for_all_threads(lambda thread: _raise_niceness(thread, least))
     try:
         for_all_threads(_lengthen_slice)
     except OSError as error:
-        log.warning("this process may hold up others that wake up by some ms: %s", error)
-    if os.getsid(0) == os.getpid():  # else its session is also that of others, such as a shell
+        log.warning("this process may delay others that wake up by some ms: %s", error)
+    if os.getsid(0) == os.getpid():  # a session that it shares, for example with a shell, stays as it is
         try:
-            _step_back_as_session(nice)
+            _lower_session(nice)
         except OSError as error:
             log.warning("this process may get as large a share as others: %s: %s", _AUTOGROUP, error.strerror)
 
 
-def _go_behind(thread: int, least: int) -> None:
+def for_all_threads(apply: Callable[[int], object]) -> None:
+    """Apply a setting that the kernel keeps for each thread to every thread of this process.
+
+    That includes threads started by libraries. A new thread inherits the setting from the thread that starts
+    it, so this repeats until it finds no new thread, or `_MAX_PASSES` times.
+
+    Args:
+        apply: called once with the id of each thread; may raise ProcessLookupError if that thread has ended.
+    """
+    done: set[int] = set()
+    for _ in range(_MAX_PASSES):
+        new = {int(thread.name) for thread in _THREADS.iterdir()} - done
+        if not new:
+            return
+        for thread in new:
+            with contextlib.suppress(ProcessLookupError):
+                apply(thread)
+        done |= new
+
+
+def _raise_niceness(thread: int, least: int) -> None:
     if os.getpriority(os.PRIO_PROCESS, thread) < least:
         os.setpriority(os.PRIO_PROCESS, thread, least)
 
 
-def _step_back_as_session(nice: int) -> None:
-    """Have this process's session step back, where Linux first shares processors among sessions.
+def _lower_session(nice: int) -> None:
+    """Lower the priority of this process's session, among which Linux first shares the processors.
 
-    With autogroup (sched(7)), as most desktops have it, the niceness of a process only counts within its
-    session, and every module has one of its own. All sessions of a machine may be set once in 0.1 s together,
-    unless root does it.
+    With autogroup (sched(7)), which most desktops enable, the niceness of a process only counts within its
+    session, and every module has its own session. Without root, only one session of the whole machine can be
+    set in 0.1 s, so this retries.
 
     Raises:
         OSError: the kernel refuses.
     """
-    until_s = time.monotonic() + _PATIENCE_S
+    until_s = time.monotonic() + _AUTOGROUP_TIMEOUT_S
     while True:
         try:
             _AUTOGROUP.write_text(str(nice))
         except FileNotFoundError:
-            return  # a kernel without it
+            return  # a kernel without autogroup
         except BlockingIOError:
             if time.monotonic() >= until_s:
                 raise
-            time.sleep(_PAUSE_S)
+            time.sleep(_AUTOGROUP_RETRY_S)
         else:
             return
 
 
 def _lengthen_slice(thread: int) -> None:
-    """Let a thread be interrupted by whoever wakes up and has a slice of usual length.
+    """Let any thread with a slice of the usual length interrupt this one as soon as it wakes up.
 
     Raises:
-        OSError: the kernel, or what stands for it, refuses.
+        OSError: the kernel, or a sandbox, refuses.
     """
-    number = _SYSTEM_CALLS.get(platform.machine())
+    number = _SCHED_SETATTR.get(platform.machine())
     if number is None:
         return
     now = os.getpriority(os.PRIO_PROCESS, thread)
     # struct sched_attr: size, policy, flags, nice, priority, runtime, deadline, period, utilisation from, to
-    attributes = struct.pack("=IIQiIQQQII", 56, _SCHED_OTHER, 0, now, 0, _LONGEST_SLICE_NS, 0, 0, 0, 1024)
+    attributes = struct.pack("=IIQiIQQQII", 56, _SCHED_OTHER, 0, now, 0, _MAX_SLICE_NS, 0, 0, 0, 1024)
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.syscall(number, thread, attributes, 0) != 0:
         error = ctypes.get_errno()

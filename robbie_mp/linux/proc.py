@@ -1,4 +1,4 @@
-"""What the kernel says of processes: the few fields of proc(5) that supervision and cleaning up need."""
+"""Process information from proc(5): the few fields that supervision and cleaning up need."""
 
 import os
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ from typing import Self
 
 @dataclass(frozen=True)
 class ProcessIdentity:
-    """A process's pid and start time: together its name for good, while a pid alone is used again."""
+    """A process's pid and start time, which together identify it for good; a pid alone is reused."""
 
     pid: int
     start_ticks: int
@@ -19,7 +19,7 @@ class ProcessIdentity:
         """Return the identity of this process.
 
         Raises:
-            OSError: /proc is not mounted, which supervision needs, or there is no descriptor left.
+            OSError: /proc is not mounted, or there is no file descriptor left.
         """
         try:
             stat = _parse_stat(os.getpid(), _read_stat(os.getpid()))
@@ -31,7 +31,7 @@ class ProcessIdentity:
 
     @property
     def is_alive(self) -> bool:
-        """Whether that very process still runs; a zombie does not."""
+        """Whether this process still runs; a zombie does not."""
         stat = read_stat(self.pid)
         return stat is not None and stat.start_ticks == self.start_ticks and not stat.is_dead
 
@@ -47,16 +47,16 @@ class ProcessStat:
     session: int
     start_ticks: int
     cpu_ticks: int
-    """Time on a processor, in user and kernel mode, in clock ticks."""
+    """Processor time in user and kernel mode, in clock ticks."""
 
     @property
     def is_dead(self) -> bool:
-        """Whether it has ended and merely waits to be reaped."""
+        """Whether it has ended and only waits to be reaped."""
         return self.state in "ZX"
 
 
 def read_stat(pid: int) -> ProcessStat | None:
-    """Return what /proc says of a process, None when there is none."""
+    """Return a process's line of /proc/PID/stat, None if there is no such process."""
     try:
         return _parse_stat(pid, _read_stat(pid))
     except OSError:
@@ -69,14 +69,14 @@ def _read_stat(pid: int) -> bytes:
 
 
 def _parse_stat(pid: int, text: bytes) -> ProcessStat:
-    # The command's name, in parentheses, may itself hold blanks and parentheses: count from the last one.
+    # The command's name, in parentheses, may contain spaces and parentheses: split after the last one.
     fields = text.rpartition(b")")[2].split()
     cpu_ticks = int(fields[11]) + int(fields[12])
     return ProcessStat(pid, fields[0].decode(), int(fields[1]), int(fields[3]), int(fields[19]), cpu_ticks)
 
 
 def read_wait_channel(pid: int) -> str:
-    """Return the function of the kernel in which a process sleeps; '' if it is awake or that is hidden."""
+    """Return the kernel function in which a process sleeps; '' if it is awake or the kernel hides it."""
     try:
         with open(f"/proc/{pid}/wchan") as file:
             name = file.read()
@@ -87,19 +87,19 @@ def read_wait_channel(pid: int) -> str:
 
 @dataclass(frozen=True)
 class ProcessUsage:
-    """What a process takes of the machine; zeros for one that is no more."""
+    """Processor time, memory and threads of a process; zeros if it has ended."""
 
     cpu_s: float = 0.0
-    """Time on a processor, in user and kernel mode."""
+    """Processor time in user and kernel mode."""
     rss_bytes: int = 0
-    """Memory it has touched and that is not swapped out."""
+    """Resident memory."""
     shared_bytes: int = 0
-    """Of that: shared memory."""
+    """Shared memory, as part of `rss_bytes`."""
     threads: int = 0
 
 
 def read_usage(pid: int) -> ProcessUsage:
-    """Return what /proc says of a process."""
+    """Return the resource usage of a process."""
     stat = read_stat(pid)
     try:
         with open(f"/proc/{pid}/status", "rb") as file:
@@ -121,14 +121,14 @@ def _kibibytes(text: bytes | None) -> int:
 
 
 def processes() -> Iterator[ProcessStat]:
-    """Yield every process of the machine; one that ends meanwhile is left out."""
+    """Yield every process of the machine, except those that end meanwhile."""
     for name in os.listdir("/proc"):
         if name.isdecimal() and (stat := read_stat(int(name))) is not None:
             yield stat
 
 
 def environment_value(pid: int, variable: str) -> str | None:
-    """Return a variable of the environment that a process was started with; None if unset or unreadable."""
+    """Return an environment variable that a process started with; None if unset or unreadable."""
     try:
         with open(f"/proc/{pid}/environ", "rb") as file:
             entries = file.read().split(b"\0")
@@ -139,9 +139,9 @@ def environment_value(pid: int, variable: str) -> str | None:
 
 
 def own_children() -> frozenset[int]:
-    """Return the pids of this process's children, those that are dead and not reaped yet included.
+    """Return the pids of this process's children, including zombies.
 
-    Complete as long as no other thread of this process reaps children meanwhile.
+    The result is complete as long as no other thread of this process reaps children meanwhile.
     """
     found: list[str] = []
     try:

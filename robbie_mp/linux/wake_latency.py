@@ -1,4 +1,4 @@
-"""Keep the machine's processors from deep sleep, from which it takes them long to wake up."""
+"""Keep the machine's processors from deep sleep states, which take long to wake from."""
 
 import os
 import struct
@@ -8,15 +8,15 @@ HOW_TO_ALLOW = 'a udev rule allows it: KERNEL=="cpu_dma_latency", GROUP="robot",
 
 
 def limit_wake_latency(latency_us: int) -> int:
-    """Let no processor sleep so deep that it takes longer to wake up; 0: let none sleep at all.
+    """Forbid sleep states that take longer than this to wake from; 0 forbids sleep altogether.
 
     Linux, Documentation/power/pm_qos_interface.rst.
 
     Returns:
-        A file descriptor: the limit holds until it is closed, at the latest by the end of this process.
+        A file descriptor. The limit holds until you close it, or this process ends.
 
     Raises:
-        OSError: there is no such device, or we may not write it.
+        OSError: the device is missing, or this user may not write to it.
     """
     device = os.open(DEVICE, os.O_WRONLY)
     try:

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO, TypeVar
 
-from robbie_mp.linux.die_with_parent import die_with_parent
+from robbie_mp.linux.prctl import die_with_parent
 from robbie_mp.messages.descriptions import TypeDescription, own_types
 from robbie_mp.module.settings import SettingError, examine_settings
 from robbie_mp.suggest import did_you_mean

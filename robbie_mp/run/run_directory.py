@@ -24,8 +24,7 @@ from pathlib import Path
 from typing import Self
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.linux.ownership import ownership_problem
-from robbie_mp.linux.private_files import write_private
+from robbie_mp.linux.private_files import ownership_problem, write_private
 from robbie_mp.linux.proc import ProcessIdentity
 from robbie_mp.supervisor.disk_writer import DiskWriter
 from robbie_mp.transport.shared_folder import NamesTaken, make_folder, remove_names

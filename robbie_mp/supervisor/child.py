@@ -12,8 +12,7 @@ import traceback
 from pathlib import Path
 from typing import NoReturn
 
-from robbie_mp.linux.die_with_parent import die_with_parent
-from robbie_mp.linux.prctl import set_process_name
+from robbie_mp.linux.prctl import die_with_parent, set_process_name
 from robbie_mp.run.plan import CORE, RunPlan
 from robbie_mp.supervisor.leftovers import MARKER
 from robbie_mp.trace.channel import log_to_supervisor

@@ -6,8 +6,7 @@ import os
 from collections.abc import Mapping
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.linux.own_threads import for_all_threads
-from robbie_mp.linux.priority import step_back
+from robbie_mp.linux.priority import for_all_threads, lower_priority
 from robbie_mp.linux.wake_latency import DEVICE, HOW_TO_ALLOW, limit_wake_latency
 from robbie_mp.profile.model import Scheduling
 
@@ -60,7 +59,7 @@ def apply_scheduling(wanted: Scheduling, log: logging.Logger, nice: int = 0) -> 
             )
     nice = nice if wanted.nice is None else wanted.nice
     if nice:
-        step_back(nice, log)
+        lower_priority(nice, log)
     if wanted.realtime_priority:
         try:
             _run_at(wanted.realtime_priority)

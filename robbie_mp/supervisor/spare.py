@@ -15,8 +15,7 @@ import numpy as np  # noqa: F401 - ahead, for the module that will run here
 
 import robbie_mp.supervisor.core_child
 import robbie_mp.supervisor.module_child  # noqa: F401 - ahead: it may become one or the other
-from robbie_mp.linux.die_with_parent import die_with_parent
-from robbie_mp.linux.prctl import set_process_name
+from robbie_mp.linux.prctl import die_with_parent, set_process_name
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.supervisor.assignment import wait_for_assignment
 from robbie_mp.supervisor.child import run_child

@@ -14,7 +14,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 
-from robbie_mp.linux.ownership import ownership_problem
+from robbie_mp.linux.private_files import ownership_problem
 from robbie_mp.linux.proc import ProcessIdentity
 from robbie_mp.run.run_directory import RUN_ID, UNFINISHED_PREFIX, lock_folder, safe_folders
 from robbie_mp.supervisor.leftovers import kill_run_leftovers

@@ -12,7 +12,7 @@ from typing import Self
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.linux.forks import keep_from_forks
-from robbie_mp.linux.ownership import ownership_problem
+from robbie_mp.linux.private_files import ownership_problem
 from robbie_mp.linux.proc import ProcessIdentity
 from robbie_mp.transport import layout
 from robbie_mp.transport.shared_folder import (

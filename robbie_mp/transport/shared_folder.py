@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.linux.ownership import ownership_problem
+from robbie_mp.linux.private_files import ownership_problem
 from robbie_mp.transport import names
 
 SHARED_MEMORY = Path("/dev/shm")

@@ -9,7 +9,7 @@ from typing import Self
 import posix_ipc
 
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
-from robbie_mp.linux.ownership import ownership_problem
+from robbie_mp.linux.private_files import ownership_problem
 from robbie_mp.transport import names
 from robbie_mp.transport.segment import ForeignMemory, SegmentMissing, SharedMemoryFull
 from robbie_mp.transport.shared_folder import SHARED_MEMORY, NamesTaken

@@ -127,7 +127,7 @@ def test_forked_process_is_refused_whatever_it_does_and_the_module_loses_nothing
     assert forking["status"] == ""
     log = robot.log("forking")
     assert "said by the fork" in log
-    assert "was forked by a module, and has no place in the run" in log
+    assert "was forked by a module and is not part of the run" in log
     assert 'get_context("spawn")' in log
 
 

@@ -121,15 +121,15 @@ def test_module_that_steps_back_by_10_gets_a_tenth_of_a_processor_that_two_want(
 SESSION = """
 import logging, os
 from pathlib import Path
-from robbie_mp import stepping_back
+from robbie_mp.linux import priority
 {prepare}
-stepping_back.step_back(7, logging.getLogger())
+priority.lower_priority(7, logging.getLogger())
 print(Path("/proc/self/autogroup").read_text().split()[-1])
 """
 NO_AUTOGROUP = not Path("/proc/self/autogroup").exists()
 
 
-def step_back_in_session(prepare: str, *, own_session: bool) -> "subprocess.CompletedProcess[str]":
+def lower_priority_in_session(prepare: str, *, own_session: bool) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
         [sys.executable, "-c", SESSION.format(prepare=prepare)],
         check=True, capture_output=True, text=True, timeout=30, start_new_session=own_session,
@@ -140,8 +140,8 @@ def step_back_in_session(prepare: str, *, own_session: bool) -> "subprocess.Comp
 def test_only_who_leads_a_session_steps_back_as_one() -> None:
     """Else `robbie record` had the shell that it was started from step back, with all that runs there."""
     now = Path("/proc/self/autogroup").read_text().split()[-1]
-    assert step_back_in_session("", own_session=True).stdout.strip() == "7"
-    assert step_back_in_session("", own_session=False).stdout.strip() == now
+    assert lower_priority_in_session("", own_session=True).stdout.strip() == "7"
+    assert lower_priority_in_session("", own_session=False).stdout.strip() == now
 
 
 @pytest.mark.skipif(NO_AUTOGROUP, reason="NOT TESTED: this kernel does not share by session")
@@ -155,11 +155,11 @@ class Hindered(type(Path())):
             Hindered.refusals -= 1
             raise BlockingIOError(11, "Resource temporarily unavailable")
         return super().write_text(text)
-stepping_back._AUTOGROUP, stepping_back._PATIENCE_S = Hindered("/proc/self/autogroup"), 1.0
+priority._AUTOGROUP, priority._AUTOGROUP_TIMEOUT_S = Hindered("/proc/self/autogroup"), 1.0
 """
-    late = step_back_in_session(hindered.format(refusals=3), own_session=True)
+    late = lower_priority_in_session(hindered.format(refusals=3), own_session=True)
     assert (late.stdout.strip(), late.stderr) == ("7", "")
-    never = step_back_in_session(hindered.format(refusals=1000), own_session=True)
+    never = lower_priority_in_session(hindered.format(refusals=1000), own_session=True)
     assert never.stdout.strip() == "0"
     assert "as large a share as others: /proc/self/autogroup: Resource temporarily" in never.stderr
 
@@ -194,7 +194,7 @@ def test_processor_that_is_not_there_is_an_error_that_names_those_that_are() -> 
 LIMIT_LATENCY = """
 import logging
 from robbie_mp.profile.model import Scheduling
-from robbie_mp import wake_latency
+from robbie_mp.linux import wake_latency
 from robbie_mp.supervisor import scheduling
 wake_latency.DEVICE = scheduling.DEVICE = "{device}"
 scheduling.apply_scheduling(Scheduling(wake_latency_us=17), logging.getLogger())
@@ -271,8 +271,8 @@ def test_process_steps_back_as_far_as_its_profile_says_or_else_its_class(
 
 def test_kernel_that_refuses_another_slice_is_a_warning() -> None:
     """As sandboxes do that know no such system call; no kernel has one of this number."""
-    refused = "import platform\nfrom robbie_mp import stepping_back\n"
-    refused += "stepping_back._SYSTEM_CALLS[platform.machine()] = 100_000\n"
+    refused = "import platform\nfrom robbie_mp.linux import priority\n"
+    refused += "priority._SCHED_SETATTR[platform.machine()] = 100_000\n"
     before = os.getpriority(os.PRIO_PROCESS, 0)
     ended = subprocess.run(
         [sys.executable, "-c", refused + STEP_BACK.format(wanted=None)],

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from robbie_mp.linux.die_with_parent import die_with_parent
+from robbie_mp.linux.prctl import die_with_parent
 from robbie_mp.supervisor.assignment import wait_for_assignment
 
 
