@@ -16,10 +16,11 @@ from robbie_mp.cli.log_files import (
     progress_bar,
     warn_of_unmatched,
 )
-from robbie_mp.cli.output import PlainTable, console, warn
+from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.recording.comparison import ChannelComparison, compare
 from robbie_mp.recording.reader import open_log
+from robbie_mp.views.plain_table import PlainTable
 from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:

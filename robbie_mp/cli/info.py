@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 from rich.text import Text
 
 from robbie_mp.cli.log_files import add_limit_argument, add_log_argument
-from robbie_mp.cli.output import PlainTable, console
+from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.recording.info import LogInfo, describe, part_data
 from robbie_mp.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.recording.part import LogPart
 from robbie_mp.recording.reader import open_log
 from robbie_mp.views import quantities
+from robbie_mp.views.plain_table import PlainTable
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
-from robbie_mp.cli.figures import STYLES, state_name
-from robbie_mp.cli.output import PlainTable, console
+from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
 from robbie_mp.observe import RunObserver
@@ -18,6 +17,8 @@ from robbie_mp.observe.declarations import Declaration, read_declarations
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.segment import SegmentMissing
+from robbie_mp.views.plain_table import PlainTable
+from robbie_mp.views.run_figures import STYLES, state_name
 from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:

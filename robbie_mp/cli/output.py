@@ -14,8 +14,6 @@ from typing import IO
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.style import Style
-from rich.table import Table
-from rich.text import Text
 
 from robbie_mp.visible_text import one_line, visible
 
@@ -92,22 +90,6 @@ class PlainConsole(Console):
         for segment in super().render(renderable, options):
             is_plain = segment.control or segment.text.isprintable()
             yield segment if is_plain else Segment(visible(segment.text), segment.style)
-
-
-class PlainTable(Table):
-    """A table without lines; a cell that is a `str` is one line whatever it holds."""
-
-    def __init__(self, *headings: str, header: bool = True):
-        super().__init__(*headings, box=None, pad_edge=False, header_style="bold", show_header=header)
-
-    def add_row(self, *cells: RenderableType | None, **options: object) -> None:
-        """Add a row."""
-        super().add_row(*(cell_of(cell) for cell in cells), **options)  # type: ignore[arg-type]
-
-
-def cell_of(cell: RenderableType | None) -> RenderableType | None:
-    """Return what stands in a cell: a `str` as text on one line, everything else as it is."""
-    return Text(one_line(cell)) if isinstance(cell, str) else cell
 
 
 def console() -> PlainConsole:

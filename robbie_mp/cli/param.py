@@ -11,8 +11,7 @@ from rich.text import Text
 
 from robbie_mp.attach.attachment import Attachment, Received
 from robbie_mp.cli import completers
-from robbie_mp.cli.figures import state_name
-from robbie_mp.cli.output import PlainTable, console
+from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.errors import RobbieError
@@ -24,6 +23,8 @@ from robbie_mp.profile.show import inline
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.suggest import did_you_mean
+from robbie_mp.views.plain_table import PlainTable
+from robbie_mp.views.run_figures import state_name
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -1,7 +1,6 @@
 """`robbie playback ORDER`: steer the playback of a run."""
 
 import argparse
-import math
 import secrets
 from contextlib import closing
 from typing import TYPE_CHECKING
@@ -16,6 +15,7 @@ from robbie_mp.messages import PlaybackControl, PlaybackState
 from robbie_mp.observe.declarations import read_declarations
 from robbie_mp.playback.player import ControlRefused
 from robbie_mp.run.run_directory import KnownRun
+from robbie_mp.views.message_text import describe_playback
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -70,13 +70,13 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 def steer(arguments: argparse.Namespace) -> int:
     """Give an order, and print where the playback stands then."""
     state = give_order(choose_run(arguments.run), arguments.order, getattr(arguments, "value", 0.0))
-    print(describe(state))
+    print(describe_playback(state))
     return 0
 
 
 def steer_by_keys(arguments: argparse.Namespace) -> int:
     """Take orders from the keyboard."""
-    return steer_with_keys(choose_run(arguments.run), describe)
+    return steer_with_keys(choose_run(arguments.run), describe_playback)
 
 
 def give_order(run: KnownRun, order: str, value: float) -> PlaybackState:
@@ -112,11 +112,3 @@ def _plays(run: KnownRun) -> bool:
     """Whether a playback has begun."""
     declared = read_declarations(run.run_id)
     return any(entry.is_publisher and entry.type_name == PlaybackState.type_name for entry in declared)
-
-
-def describe(state: PlaybackState) -> str:
-    """Say in a line where a playback stands."""
-    at_s, end_s = ((time.nanoseconds - state.begin.nanoseconds) / 1e9 for time in (state.position, state.end))
-    pace = "as fast as possible" if math.isinf(state.rate) else f"rate {state.rate:g}"
-    doing = "ended" if state.ended else "paused" if state.paused else "plays"
-    return f"{doing} at {at_s:.3f} of {end_s:.3f} s, {state.messages} messages, {pace}"

@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.checkpoint.file import checkpoint_file, set_aside
-from robbie_mp.cli.figures import table
-from robbie_mp.cli.figures_data import as_data
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_profile_arguments
@@ -19,6 +17,7 @@ from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.model import Profile
 from robbie_mp.profile.preflight import Preflight, preflight
 from robbie_mp.supervisor.run import RunResult, default_output_directory, run_profile
+from robbie_mp.views.run_figures import as_data, table
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -15,7 +15,6 @@ from typing import IO, cast
 
 from rich.live import Live
 
-from robbie_mp.cli.figures import LIVE_FIGURES, table
 from robbie_mp.cli.output import PlainConsole
 from robbie_mp.observe import RunObserver
 from robbie_mp.run.operator_link import read_link
@@ -26,6 +25,7 @@ from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.transport.segment import SegmentMissing
+from robbie_mp.views.run_figures import LIVE_FIGURES, table
 from robbie_mp.visible_text import visible
 
 LINK = "link"

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
-from robbie_mp.cli.playback import describe
 from robbie_mp.messages import PlaybackControl, PlaybackState
 from robbie_mp.station.access import Role
 from robbie_mp.station.log_events import LogEvent, LogEvents
+from robbie_mp.views.message_text import describe_playback
 
 if TYPE_CHECKING:
     from robbie_mp.station.panel import Page
@@ -82,7 +82,7 @@ class PlaybackBar:
             shown[0] = self._state.count
             bar.set_visibility(True)
             error = f"; refused: {state.error}" if state.error else ""
-            text.set_text(f"PLAYBACK of {state.file}: {describe(state)}{error}")
+            text.set_text(f"PLAYBACK of {state.file}: {describe_playback(state)}{error}")
             place.props(f"max={max(0.001, seconds(state, state.end.nanoseconds)):.3f}")
             marks.update(state)
             if not held:

@@ -3,7 +3,6 @@
 from contextlib import closing
 from pathlib import Path
 
-from robbie_mp.cli.runs import live_runs
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.profile.checking_process import check_events
@@ -12,7 +11,7 @@ from robbie_mp.profile.model import ModuleSpec, Profile
 from robbie_mp.profile.preflight import BASE_CLASS
 from robbie_mp.profile.workspace import find_workspace
 from robbie_mp.run.plan import RunPlan
-from robbie_mp.run.run_directory import KnownRun
+from robbie_mp.run.run_directory import KnownRun, list_runs
 
 IMPORT_TIMEOUT_S = 10.0
 
@@ -24,7 +23,7 @@ def types_of_run(run: KnownRun) -> KnownTypes:
 
 def types_of_run_or_workspace(run_id: str | None) -> KnownTypes:
     """Return the types of the run that fits, if one alone does, else those of the workspace around us."""
-    runs = [run for run in live_runs() if run_id is None or run.run_id.startswith(run_id)]
+    runs = [run for run in list_runs() if run.is_live and run.run_id.startswith(run_id or "")]
     return types_of_run(runs[0]) if len(runs) == 1 else KnownTypes(types_of_workspace(Path.cwd()))
 
 

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import math
 import re
 from collections.abc import Iterator
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.messages import FieldTypeError, Message, as_dict, from_dict
+from robbie_mp.messages import FieldTypeError, Message, PlaybackState, as_dict, from_dict
 from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers
 from robbie_mp.messages.message import fields_of, nested
 from robbie_mp.profile.reader import read_text
@@ -180,3 +181,11 @@ def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
             yield from flat(inner, f"{name}.{key}" if name else key)
     else:
         yield name, to_json(value) if isinstance(value, list) else value
+
+
+def describe_playback(state: PlaybackState) -> str:
+    """Say in a line where a playback stands."""
+    at_s, end_s = ((time.nanoseconds - state.begin.nanoseconds) / 1e9 for time in (state.position, state.end))
+    pace = "as fast as possible" if math.isinf(state.rate) else f"rate {state.rate:g}"
+    doing = "ended" if state.ended else "paused" if state.paused else "plays"
+    return f"{doing} at {at_s:.3f} of {end_s:.3f} s, {state.messages} messages, {pace}"

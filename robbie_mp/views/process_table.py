@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 from rich.text import Text
 
-from robbie_mp.cli.figures import STYLES, state_name
-from robbie_mp.cli.output import PlainTable
 from robbie_mp.observe import ChannelRates, ModuleFigures, ModuleRates, RunRates, RunReading
 from robbie_mp.observe.talk import Talk, talk_of
+from robbie_mp.views.plain_table import PlainTable
 from robbie_mp.views.quantities import long_time, rate, seconds, size
+from robbie_mp.views.run_figures import STYLES, state_name
 from robbie_mp.visible_text import one_line
 
 ALARM = "bold red"

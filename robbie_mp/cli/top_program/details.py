@@ -12,13 +12,13 @@ from textual.containers import VerticalScroll
 from textual.screen import Screen
 from textual.widgets import Footer, Static
 
-from robbie_mp.cli.figures import STYLES, state_name
 from robbie_mp.cli.module_log import read_module_log
-from robbie_mp.cli.output import PlainTable
 from robbie_mp.cli.top_program.feed import History, Snapshot
 from robbie_mp.observe import ModuleFigures
+from robbie_mp.views.plain_table import PlainTable
 from robbie_mp.views.process_table import ALARM, ModuleRow, doing, module_rows
 from robbie_mp.views.quantities import long_time, rate, seconds, size, sparkline
+from robbie_mp.views.run_figures import STYLES, state_name
 from robbie_mp.visible_text import one_line
 
 LOG_LINES = 20

@@ -13,12 +13,12 @@ from typing import Any
 
 import psutil
 
-from robbie_mp.cli.figures_data import as_data
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.trace.reader import entries
 from robbie_mp.transport.segment import SegmentMissing
+from robbie_mp.views.run_figures import as_data
 
 ZOO = Path(__file__).parent / "zoo_modules.py"
 COMMAND = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]

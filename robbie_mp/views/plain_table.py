@@ -1,0 +1,23 @@
+"""A table whose cells cannot make a terminal do anything."""
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from robbie_mp.visible_text import one_line
+
+
+class PlainTable(Table):
+    """A table without lines; a cell that is a `str` is one line whatever it holds."""
+
+    def __init__(self, *headings: str, header: bool = True):
+        super().__init__(*headings, box=None, pad_edge=False, header_style="bold", show_header=header)
+
+    def add_row(self, *cells: RenderableType | None, **options: object) -> None:
+        """Add a row."""
+        super().add_row(*(cell_of(cell) for cell in cells), **options)  # type: ignore[arg-type]
+
+
+def cell_of(cell: RenderableType | None) -> RenderableType | None:
+    """Return what stands in a cell: a `str` as text on one line, everything else as it is."""
+    return Text(one_line(cell)) if isinstance(cell, str) else cell
