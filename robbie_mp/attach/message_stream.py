@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 
-from robbie_mp.attach.attachment import LONGEST_WAIT_S, Attachment, Detached, Received, attach_again
+from robbie_mp.attach.tool import LONGEST_WAIT_S, Detached, Received, Tool, attach_again
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.records import ANY_VERSION
@@ -30,7 +30,7 @@ class MessageStream:
         self._run = run
         self._wishes = wishes
         self._purpose = purpose
-        self._attachment = Attachment(run, purpose)
+        self._tool = Tool(run, purpose)
         self._missed = 0
         """In leases that are over, and between them."""
         self._received = 0
@@ -40,29 +40,29 @@ class MessageStream:
         self._begin()
 
     def _begin(self) -> None:
-        attachment = self._attachment
+        tool = self._tool
         for wish in self._wishes:
-            attachment.subscribe(*wish)
-        attachment.ready()
-        attachment.wait_for(attachment.is_subscribed, OPEN_TIMEOUT_S)
+            tool.subscribe(*wish)
+        tool.ready()
+        tool.wait_for(tool.is_subscribed, OPEN_TIMEOUT_S)
         self._received = 0
-        self._passed_before = sum(self.passed().values()) - attachment.books()[0]
+        self._passed_before = sum(self.passed().values()) - tool.books()[0]
 
     def close(self) -> None:
         """Leave the run."""
-        self._attachment.close()
+        self._tool.close()
 
     @property
     def missed(self) -> int:
         """Messages that were routed since the beginning and will never come."""
-        routed, waiting = self._attachment.books()
+        routed, waiting = self._tool.books()
         return self._missed + max(0, routed - waiting - self._received)
 
     def passed(self) -> dict[ChannelName, int]:
         """Return how many messages have ever passed through each channel that is wanted."""
         return {
             name: passed
-            for name, passed in self._attachment.passed().items()
+            for name, passed in self._tool.passed().items()
             if any(_matches(wish, name) for wish in self._wishes)
         }
 
@@ -81,9 +81,9 @@ class MessageStream:
             ControlRefused: this process was detached because it stood still, and its place was taken.
         """
         try:
-            received = self._attachment.take()
+            received = self._tool.take()
             if received is None:
-                self._attachment.wait(LONGEST_WAIT_S)
+                self._tool.wait(LONGEST_WAIT_S)
                 return None
         except Detached:
             self._attach_again()
@@ -95,7 +95,7 @@ class MessageStream:
         """Attach anew and count what passed since the last lease began and was not received."""
         received, passed_before = self._received, self._passed_before
         # The old one is still needed if there is no other any more.
-        old, self._attachment = self._attachment, attach_again(self._run, self._purpose)
+        old, self._tool = self._tool, attach_again(self._run, self._purpose)
         old.close()
         self._begin()
         self._missed += max(0, self._passed_before - passed_before - received)

@@ -1,6 +1,6 @@
-"""The bus of a module that is a guest in a run: it has the place of a tool, and not one of the profile's.
+"""The bus of a module that is a program in a run: it has the place of a tool, and not one of the profile's.
 
-A tool must not hold messages, so each one is copied before it is handled. A guest that stood still and was
+A tool must not hold messages, so each one is copied before it is handled. A program that stood still and was
 detached attaches itself again, with the same subscriptions; what passed meanwhile is missed.
 """
 
@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from robbie_mp.attach.attachment import LONGEST_WAIT_S, Attachment, Detached, Received, attach_again
+from robbie_mp.attach.tool import LONGEST_WAIT_S, Detached, Received, Tool, attach_again
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.messages import Message
 from robbie_mp.messages.errors import MessageError
@@ -31,7 +31,7 @@ class _Wish:
     handler: Callable[[Any], None]
 
 
-class GuestBus:
+class ToolBus:
     """Joins a module with a run that it is no part of, over as many leases as it takes.
 
     Publishing may happen in any thread; everything else belongs to the main thread.
@@ -48,13 +48,13 @@ class GuestBus:
     def __init__(self, run: KnownRun, purpose: str):
         self._run = run
         self._purpose = purpose
-        self._log = logging.getLogger("robbie.guest")
+        self._log = logging.getLogger("robbie.tool")
         self._wishes: dict[ChannelName, _Wish] = {}
         self._by_number: dict[int, _Wish] = {}
         self._current: Received | None = None
         self._lock = threading.RLock()
         """Held while this lease is used by other threads, or replaced by another one; during loans, too."""
-        self._attachment = Attachment(run, purpose)
+        self._tool = Tool(run, purpose)
         self._is_open = True
         keep_from_forks(self)
 
@@ -68,7 +68,7 @@ class GuestBus:
     def outstanding(self) -> int:
         """Messages published by this module that somebody still waits for or holds."""
         with self._lock:
-            return self._attachment.outbox.outstanding
+            return self._tool.outbox.outstanding
 
     def subscribe(
         self,
@@ -102,14 +102,14 @@ class GuestBus:
     def publish(self, message: Message, topic: str) -> bool:
         """Send a message; False if it was refused, or this process is not attached just now."""
         with self._lock:
-            return self._is_attached and self._attachment.outbox.publish(message, topic)
+            return self._is_attached and self._tool.outbox.publish(message, topic)
 
     def publish_encoded(
         self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
     ) -> bool:
         """Send a message given as its bytes; False as for `publish`."""
         with self._lock:
-            outbox = self._attachment.outbox
+            outbox = self._tool.outbox
             return self._is_attached and outbox.publish_encoded(type_name, version, data, topic)
 
     @contextmanager
@@ -117,13 +117,13 @@ class GuestBus:
         self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
     ) -> Iterator[MessageType]:
         """Have a message written in place."""
-        with self._lock, self._attachment.outbox.loan(message_type, topic, fields) as message:
+        with self._lock, self._tool.outbox.loan(message_type, topic, fields) as message:
             yield message
 
     def wake_after_freed(self, messages: int) -> None:
         """End the next `wait` when so many of its messages have been let go by everybody."""
         with self._lock:
-            self._attachment.outbox.wake_after_freed(messages)
+            self._tool.outbox.wake_after_freed(messages)
 
     def envelope(self) -> Envelope:
         """What came with the message being handled.
@@ -140,12 +140,12 @@ class GuestBus:
 
     def ready(self) -> None:
         """Let messages come."""
-        self._attachment.ready()
+        self._tool.ready()
 
     def show_status(self, line: str) -> None:
         """Show who looks at the run how the module is doing."""
         self._purpose = line
-        self._attachment.show_status(line)
+        self._tool.show_status(line)
 
     def handle_next(self) -> bool:
         """Handle the next message; False if there is none.
@@ -155,7 +155,7 @@ class GuestBus:
             RunEnded: likewise, and the run is over.
         """
         try:
-            received = self._attachment.take()
+            received = self._tool.take()
         except Detached as error:
             self._attach_again(error)
             return False
@@ -171,10 +171,10 @@ class GuestBus:
             ControlRefused: as for `handle_next`.
         """
         try:
-            self._attachment.wait(timeout_s)
+            self._tool.wait(timeout_s)
         except Detached as error:
             self._attach_again(error)
-        outbox = self._attachment.outbox
+        outbox = self._tool.outbox
         return outbox.awaits_room and outbox.room_was_made()
 
     def close(self) -> None:
@@ -182,11 +182,11 @@ class GuestBus:
         with self._lock:
             if self._is_open:
                 self._is_open = False
-                self._attachment.close()
+                self._tool.close()
 
     @property
     def _is_attached(self) -> bool:
-        return self._is_open and self._attachment.is_leased
+        return self._is_open and self._tool.is_attached
 
     def _want(self, wish: _Wish) -> None:
         if wish.name in self._wishes:
@@ -195,7 +195,7 @@ class GuestBus:
         self._subscribe(wish)
 
     def _subscribe(self, wish: _Wish) -> None:
-        self._by_number[self._attachment.subscribe(*wish.name, wish.handling)] = wish
+        self._by_number[self._tool.subscribe(*wish.name, wish.handling)] = wish
 
     def _handle(self, received: Received) -> None:
         wish = self._by_number[received.subscription]
@@ -212,12 +212,12 @@ class GuestBus:
         self._log.warning("%s; attaches again", error)
         with self._lock:
             # The old one is still needed if there is no other any more.
-            old, self._attachment = self._attachment, attach_again(self._run, self._purpose)
+            old, self._tool = self._tool, attach_again(self._run, self._purpose)
             old.close()
         self._by_number.clear()
         for wish in self._wishes.values():
             self._subscribe(wish)
-        self._attachment.ready()
+        self._tool.ready()
 
 
 def _as_bytes(received: Received) -> EncodedMessage:

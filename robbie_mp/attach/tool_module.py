@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, TypeVar
 
-from robbie_mp.attach.tool_bus import GuestBus
+from robbie_mp.attach.tool_bus import ToolBus
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.config import Config
 from robbie_mp.module.module import Module, ModuleContext
@@ -20,7 +20,7 @@ ModuleClass = TypeVar("ModuleClass", bound=Module)
 
 
 class _NoCheckpoints:
-    """What a guest keeps for its next incarnation: nothing, for it has none."""
+    """What a program keeps for its next incarnation: nothing, for it has none."""
 
     restored: Any = None
 
@@ -28,7 +28,7 @@ class _NoCheckpoints:
         return False
 
 
-def run_guest(
+def run_as_tool(
     run: KnownRun,
     module_class: type[ModuleClass],
     settings: Mapping[str, object],
@@ -53,14 +53,14 @@ def run_guest(
         SettingError: the settings do not fit.
         RunEnded: the run is over.
         RunNotControlled: likewise, or it is just starting.
-        ControlRefused: there is no place for another guest, or this process was detached because it stood
+        ControlRefused: there is no place for another program, or this process was detached because it stood
             still, and its place was taken.
     """
     checked = check_settings(module_class, settings)
     module_class.check(checked)
     plan = RunPlan.load(run.folder)
     own_pid = os.getpid()
-    with closing(GuestBus(run, name)) as bus:
+    with closing(ToolBus(run, name)) as bus:
         module = module_class(
             ModuleContext(
                 name=name,
@@ -84,7 +84,7 @@ def run_guest(
                 module.teardown()
 
 
-def _work(module: Module, bus: GuestBus, is_stopped: Callable[[], object]) -> None:
+def _work(module: Module, bus: ToolBus, is_stopped: Callable[[], object]) -> None:
     """Handle messages and ticks."""
     due_s = time.monotonic()
     while not (module.stop_requested or is_stopped()):

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
-from robbie_mp.attach.attachment import Received, RunEnded
 from robbie_mp.attach.message_stream import MessageStream
+from robbie_mp.attach.tool import Received, RunEnded
 from robbie_mp.cli import completers
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run

@@ -6,7 +6,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from robbie_mp.attach.attachment import RunEnded
+from robbie_mp.attach.tool import RunEnded
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.cli.signals import signals_noted
@@ -69,7 +69,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 def gui(arguments: argparse.Namespace) -> int:
     """Serve the page until the run or the user ends this."""
-    from robbie_mp.attach.tool_module import run_guest  # noqa: PLC0415 - help is waited for, and needs neither
+    from robbie_mp.attach.tool_module import run_as_tool  # noqa: PLC0415 - help is waited for, and needs neither
     from robbie_mp.station import OperatorStation, load_website  # noqa: PLC0415
 
     settings = _settings(arguments)
@@ -80,7 +80,7 @@ def gui(arguments: argparse.Namespace) -> int:
     logging.basicConfig(format="%(levelname)s: %(message)s", stream=sys.stderr)
     with signals_noted() as stopped:
         try:
-            run_guest(
+            run_as_tool(
                 run, OperatorStation, settings, NAME, on_ready=_announce, is_stopped=lambda: bool(stopped)
             )
         except SettingError as error:

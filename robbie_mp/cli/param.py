@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
-from robbie_mp.attach.attachment import Attachment, Received
+from robbie_mp.attach.tool import Received, Tool
 from robbie_mp.cli import completers
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
@@ -120,14 +120,14 @@ def change(arguments: argparse.Namespace) -> int:
     """Ask a module to change a setting, and print what it answers."""
     run = choose_run(arguments.run)
     module, name, before = _find(run, arguments.setting)
-    with closing(Attachment(run, f"robbie param set {module}.{name}")) as attachment:
-        attachment.subscribe(SettingChanged.type_name, SettingChanged.version, module)
-        attachment.ready()
-        attachment.wait_for(attachment.is_subscribed, OPEN_TIMEOUT_S)
+    with closing(Tool(run, f"robbie param set {module}.{name}")) as tool:
+        tool.subscribe(SettingChanged.type_name, SettingChanged.version, module)
+        tool.ready()
+        tool.wait_for(tool.is_subscribed, OPEN_TIMEOUT_S)
         request = secrets.randbits(63)
-        attachment.publish(SettingChange(request=request, setting=name, value=arguments.value), module)
-        answers = _answers(attachment, request)
-        if not attachment.wait_for(lambda: next(answers) is not None, arguments.timeout):
+        tool.publish(SettingChange(request=request, setting=name, value=arguments.value), module)
+        answers = _answers(tool, request)
+        if not tool.wait_for(lambda: next(answers) is not None, arguments.timeout):
             raise NoAnswer(
                 f"no answer within {arguments.timeout:g} s; {module} is {_state(run, module)}, and makes the "
                 "change when it comes to it"
@@ -140,11 +140,11 @@ def change(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _answers(attachment: Attachment, request: int) -> Iterator[SettingChanged | None]:
+def _answers(tool: Tool, request: int) -> Iterator[SettingChanged | None]:
     """Yield None until the answer to a request is there, then that again and again."""
     answer: SettingChanged | None = None
     while True:
-        received: Received | None = attachment.take() if answer is None else None
+        received: Received | None = tool.take() if answer is None else None
         if received is not None:
             said = SettingChanged.decode(received.data)
             answer = said if said.request == request else None

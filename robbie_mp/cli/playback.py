@@ -5,7 +5,7 @@ import secrets
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from robbie_mp.attach.attachment import Attachment
+from robbie_mp.attach.tool import Tool
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.play import rate
 from robbie_mp.cli.playback_keys import steer_with_keys
@@ -87,21 +87,21 @@ def give_order(run: KnownRun, order: str, value: float) -> PlaybackState:
         NoPlayback: there is none, or it is busy.
     """
     request = secrets.randbits(63)
-    with closing(Attachment(run, f"robbie playback {order}")) as attachment:
-        attachment.subscribe(PlaybackState.type_name, PlaybackState.version)
-        attachment.ready()
-        if not attachment.wait_for(lambda: attachment.is_subscribed() and _plays(run), TIMEOUT_S):
+    with closing(Tool(run, f"robbie playback {order}")) as tool:
+        tool.subscribe(PlaybackState.type_name, PlaybackState.version)
+        tool.ready()
+        if not tool.wait_for(lambda: tool.is_subscribed() and _plays(run), TIMEOUT_S):
             raise NoPlayback(f"there is no playback in run {run.run_id}; `robbie play` starts one")
-        attachment.publish(PlaybackControl(request=request, command=order, value=value), "")
+        tool.publish(PlaybackControl(request=request, command=order, value=value), "")
         answer: list[PlaybackState] = []
 
         def has_answered() -> bool:
-            while not answer and (received := attachment.take()):
+            while not answer and (received := tool.take()):
                 state = PlaybackState.decode(received.data)
                 answer.extend([state] if state.request == request else [])
             return bool(answer)
 
-        if not attachment.wait_for(has_answered, TIMEOUT_S):
+        if not tool.wait_for(has_answered, TIMEOUT_S):
             raise NoPlayback(f"the playback of run {run.run_id} has not answered within {TIMEOUT_S:g} s")
     if answer[0].error:
         raise ControlRefused(answer[0].error)

@@ -10,7 +10,7 @@ import tty
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 
-from robbie_mp.attach.attachment import Attachment, RunEnded
+from robbie_mp.attach.tool import RunEnded, Tool
 from robbie_mp.cli.output import print_in_place
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import PlaybackControl, PlaybackState
@@ -61,9 +61,9 @@ def steer_with_keys(run: KnownRun, describe: Callable[[PlaybackState], str]) -> 
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise NoTerminal("keys are read from a terminal; without one give orders: robbie playback pause")
     print(HELP)
-    with closing(Attachment(run, "robbie playback keys")) as attachment, _single_keys() as terminal:
-        attachment.subscribe(PlaybackState.type_name, PlaybackState.version)
-        attachment.ready()
+    with closing(Tool(run, "robbie playback keys")) as tool, _single_keys() as terminal:
+        tool.subscribe(PlaybackState.type_name, PlaybackState.version)
+        tool.ready()
         state, shown = PlaybackState(), ""
         try:
             while True:
@@ -72,14 +72,14 @@ def steer_with_keys(run: KnownRun, describe: Callable[[PlaybackState], str]) -> 
                     if key == QUIT:
                         return 0
                     if order := order_of(key, state):
-                        attachment.publish(order, "")
-                while received := attachment.take():
+                        tool.publish(order, "")
+                while received := tool.take():
                     state = PlaybackState.decode(received.data)
                 line = f"{describe(state)}  {state.error}" if state.file else ""
                 if line != shown:
                     print_in_place(line)
                     shown = line
-                attachment.wait(0.0)
+                tool.wait(0.0)
         except RunEnded:
             return 0
         finally:

@@ -5,7 +5,7 @@ import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from robbie_mp.attach.attachment import Attachment
+from robbie_mp.attach.tool import Tool
 from robbie_mp.cli.echo import add_topic_argument, add_type_argument
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
@@ -61,13 +61,13 @@ def pub(arguments: argparse.Namespace) -> int:
     count = 1 if arguments.rate is None else arguments.count
     published = refused = 0
     next_s = time.monotonic()
-    with closing(Attachment(run, f"robbie pub {message.type_name}")) as attachment:
-        attachment.ready()
+    with closing(Tool(run, f"robbie pub {message.type_name}")) as tool:
+        tool.ready()
         try:
             while count is None or published + refused < count:
                 while (wait_s := next_s - time.monotonic()) > 0:
-                    attachment.wait(wait_s)
-                sent = attachment.publish(message, arguments.topic)
+                    tool.wait(wait_s)
+                sent = tool.publish(message, arguments.topic)
                 published, refused = published + sent, refused + (not sent)
                 next_s = max(next_s + 1 / (arguments.rate or 1), time.monotonic() - 1)
         finally:

@@ -10,8 +10,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robbie_mp.attach.attachment import Received, RunEnded
 from robbie_mp.attach.message_stream import MessageStream
+from robbie_mp.attach.tool import Received, RunEnded
 from robbie_mp.capture.queue_drops import QueueDrops, key_of_missing
 from robbie_mp.capture.recorded_run import RecordedRun
 from robbie_mp.capture.selection import Selection

@@ -20,17 +20,17 @@ class LockstepQueues(Queues):
         words: the core segment, for the figures.
         ledger: every reference there is.
         slots: the modules.
-        bystanders: slots of who only watches: they get their messages as they come.
+        tools: slots of tools, which get their messages as they come.
     """
 
-    def __init__(self, words: Words, ledger: Ledger, slots: Sequence[Slot], bystanders: Set[int]):
+    def __init__(self, words: Words, ledger: Ledger, slots: Sequence[Slot], tools: Set[int]):
         super().__init__(words, ledger, slots)
-        self._in_step = [slot for slot in slots if slot.index not in bystanders]
-        self._bystanders = bystanders
+        self._in_step = [slot for slot in slots if slot.index not in tools]
+        self._tools = tools
 
     def add(self, subscription: Subscription, reference: int, handle: Handle) -> None:
         """Let a message wait for its turn; the oldest goes if too many wait."""
-        if subscription.slot in self._bystanders:
+        if subscription.slot in self._tools:
             super().add(subscription, reference, handle)
             return
         slot = self._slots[subscription.slot]
@@ -39,7 +39,7 @@ class LockstepQueues(Queues):
 
     def pump(self, slot: Slot, link: Link) -> None:
         """Push nothing: that is done at the end of each round, when all that was said has been heard."""
-        if slot.index in self._bystanders:
+        if slot.index in self._tools:
             super().pump(slot, link)
 
     def end_round(self) -> None:

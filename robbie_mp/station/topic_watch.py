@@ -4,8 +4,8 @@ import threading
 from contextlib import closing
 from typing import Any
 
-from robbie_mp.attach.attachment import Received
 from robbie_mp.attach.message_stream import MessageStream
+from robbie_mp.attach.tool import Received
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
 from robbie_mp.messages.descriptions import KnownTypes

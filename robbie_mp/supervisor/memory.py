@@ -276,14 +276,14 @@ class RunMemory:
         self._on_change(change)
 
     def attached(self, name: str, incarnation: int, pid: int) -> None:
-        """Show on the board that a tool has come; its own lease is this row."""
+        """Show on the board that a tool is attached."""
         self.started(name, incarnation, pid)
         slot = self._slots[name]
         running = STATES.index(ChildState.RUNNING) + 1
         self.board.write(slot, replace(self.board.read(slot), state=running, past=Totals()))
 
     def detached(self, name: str, incarnation: int, reason: str) -> None:
-        """Withdraw a tool's lease, then have the core take back what it held and forget what it wanted.
+        """Mark a tool as detached, then have the core reclaim what it held and remove its subscriptions.
 
         In this order, because a tool that is stopped while it copies a message looks at the board afterwards.
         """

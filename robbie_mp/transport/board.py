@@ -106,7 +106,7 @@ class Board:
         """Whether a row is kept for tools, and none is attached there now."""
         return not self._words[self._row(slot) + layout.SLOT_PID] and self.name(slot).startswith(TOOL_PREFIX)
 
-    def is_leased_to(self, slot: int, incarnation: int, pid: int) -> bool:
+    def is_attached_as(self, slot: int, incarnation: int, pid: int) -> bool:
         """Whether a tool may still use what it was given; see `supervisor.attached_tools`."""
         words, at = self._words, self._row(slot)
         return (words[at + layout.SLOT_PID], words[at + layout.SLOT_INCARNATION]) == (pid, incarnation)

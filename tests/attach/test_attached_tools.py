@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp import Header, Time
-from robbie_mp.attach.attachment import Attachment, Detached, Received
+from robbie_mp.attach.tool import Detached, Received, Tool
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import DriveCommand
 from robbie_mp.run.control_client import ControlRefused, control
@@ -149,13 +149,13 @@ def test_tools_come_go_die_and_stand_still_and_no_module_loses_a_message(
     assert abs(missed - gaps - (published - 1 - numbers[-1])) <= 2
 
 
-def attach(run: KnownRun, purpose: str) -> Attachment:
+def attach(run: KnownRun, purpose: str) -> Tool:
     """Attach as soon as there is a place: that of a tool which has left is taken back a little later."""
-    found: list[Attachment] = []
+    found: list[Tool] = []
 
     def is_attached() -> bool:
         with suppress(ControlRefused):
-            found.append(Attachment(run, purpose))
+            found.append(Tool(run, purpose))
         return bool(found)
 
     wait_until(is_attached)

@@ -9,12 +9,11 @@ from pathlib import Path
 import pytest
 
 from robbie_mp import Envelope, MessageHandling, Module
-from robbie_mp.attach import attachment, message_stream
-from robbie_mp.attach import tool_bus as guest_bus
-from robbie_mp.attach.attachment import Attachment, Detached, RunEnded
+from robbie_mp.attach import message_stream, tool, tool_bus
 from robbie_mp.attach.message_stream import MessageStream
-from robbie_mp.attach.tool_bus import GuestBus
-from robbie_mp.attach.tool_module import run_guest
+from robbie_mp.attach.tool import Detached, RunEnded, Tool
+from robbie_mp.attach.tool_bus import ToolBus
+from robbie_mp.attach.tool_module import run_as_tool
 from robbie_mp.messages import DriveCommand, EmergencyStop, Image
 from robbie_mp.run.control_client import ControlRefused
 from robbie_mp.run.run_directory import KnownRun
@@ -65,7 +64,7 @@ class Visitor(Module):
         self.ticks += 1
 
 
-def test_guest_hears_speaks_ticks_and_attaches_again_when_it_was_detached(
+def test_module_run_as_tool_hears_speaks_ticks_and_attaches_again_when_it_was_detached(
     robot: Robot, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot.write_profile(PROFILE)
@@ -75,20 +74,20 @@ def test_guest_hears_speaks_ticks_and_attaches_again_when_it_was_detached(
     visitors: list[Visitor] = []
     purposes: list[str] = []
 
-    def attach(run: KnownRun, purpose: str) -> Attachment:
+    def attach(run: KnownRun, purpose: str) -> Tool:
         purposes.append(purpose)
         if len(purposes) == 1:
             raise ControlRefused("as when the core has not given its last place back yet")
-        return Attachment(run, purpose)
+        return Tool(run, purpose)
 
-    monkeypatch.setattr(attachment, "Attachment", attach)
+    monkeypatch.setattr(tool, "Tool", attach)
 
     def is_done() -> bool:
         visitor = visitors[0]
         return visitor.heard_when_detached > 0 and len(visitor.heard) > visitor.heard_when_detached + 50
 
     Visitor.is_detached = staticmethod(lambda: TOOL not in robot.top())
-    run_guest(run, Visitor, {}, "visitor", on_ready=visitors.append, is_stopped=is_done)
+    run_as_tool(run, Visitor, {}, "visitor", on_ready=visitors.append, is_stopped=is_done)
     (visitor,) = visitors
     assert len(purposes) > 1, "it was refused once, and asked again"
     assert "; attaches again" in caplog.text
@@ -108,7 +107,7 @@ class Lost:
     """A lease that is over, in a run that is over."""
 
     outstanding = 0
-    is_leased = False
+    is_attached = False
 
     def __init__(self, *_arguments: object) -> None:
         self.is_closed = False
@@ -129,19 +128,19 @@ class Lost:
         self.is_closed = True
 
 
-def test_guest_or_tool_whose_run_is_over_when_it_attaches_again_can_still_end_in_order(
+def test_tool_whose_run_is_over_when_it_attaches_again_can_still_end_in_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = KnownRun("1f0c", tmp_path, is_live=False, record=None)
-    monkeypatch.setattr(guest_bus, "Attachment", Lost)
-    bus = GuestBus(run, "visitor")
+    monkeypatch.setattr(tool_bus, "Tool", Lost)
+    bus = ToolBus(run, "visitor")
     with pytest.raises(RunEnded):
         bus.handle_next()
     bus.show_status("ends")
     assert not bus.publish(EmergencyStop(), "emergency_stop")
     bus.close()
 
-    monkeypatch.setattr(message_stream, "Attachment", Lost)
+    monkeypatch.setattr(message_stream, "Tool", Lost)
     monkeypatch.setattr(MessageStream, "_begin", lambda _stream: None)
     stream = MessageStream(run, [], "a tool")
     with pytest.raises(RunEnded):
@@ -152,10 +151,10 @@ def test_guest_or_tool_whose_run_is_over_when_it_attaches_again_can_still_end_in
 
 FORKING_TOOL = """
 import os, time
-from robbie_mp.attach.attachment import Attachment
+from robbie_mp.attach.tool import Tool
 from robbie_mp.cli.runs import live_runs
 [run] = [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
-attachment = Attachment(run, "a tool that forks")
+tool = Tool(run, "a tool that forks")
 fork = os.fork()
 if fork:
     print(fork, flush=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
-from robbie_mp.attach.attachment import Attachment
+from robbie_mp.attach.tool import Tool
 from robbie_mp.messages import EmergencyStop
 from tests.run._support.robot import COMMAND, Ended, Robot, kill, wait_until
 from tests.station._support.browser import CHROMIUM, RECONNECTING, browser, needs_chromium, page_of
@@ -115,7 +115,7 @@ def test_robot_stands_whatever_becomes_of_key_page_and_server_and_the_page_finds
             page.wait_for_selector("#drive-pad")
             stopped_server_delivers_nothing_late(robot, journal, page)
             killed_server_is_found_again(robot, journal, page)
-        guest_drives_and_stops(robot, journal, started)
+        module_run_as_tool_drives_and_stops(robot, journal, started)
     process.terminate()
     ended = Ended.wait_for(process)
     assert ended.exit_code == 0, ended.stderr
@@ -166,9 +166,9 @@ def killed_server_is_found_again(robot: Robot, journal: Journal, page: Page) -> 
     killed = server(robot)
     stops(journal, page, lambda: kill(killed))
     page.keyboard.up("KeyW")
-    with closing(Attachment(robot.known_run(), "what happens meanwhile")) as attachment:
-        attachment.ready()
-        attachment.publish(EmergencyStop(engaged=True, reason="meanwhile"), "emergency_stop")
+    with closing(Tool(robot.known_run(), "what happens meanwhile")) as tool:
+        tool.ready()
+        tool.publish(EmergencyStop(engaged=True, reason="meanwhile"), "emergency_stop")
     page.wait_for_selector("#emergency-stop-state:has-text('STOPPED')")
     page.wait_for_function("window.is_the_old_page === undefined")
     figures = robot.until(lambda modules: modules["operator"]["state"] == "RUNNING")
@@ -179,7 +179,7 @@ def killed_server_is_found_again(robot: Robot, journal: Journal, page: Page) -> 
     stops(journal, page, lambda: page.keyboard.up("KeyW"))
 
 
-def guest_drives_and_stops(robot: Robot, journal: Journal, started: Browser) -> None:
+def module_run_as_tool_drives_and_stops(robot: Robot, journal: Journal, started: Browser) -> None:
     """Do the same by the page of a process that the robot does not know."""
     refused = robot.command("gui", "--attach", robot.known_run().run_id)
     assert (refused.returncode, refused.stderr.count("\n")) == (1, 1)
@@ -188,25 +188,25 @@ def guest_drives_and_stops(robot: Robot, journal: Journal, started: Browser) -> 
     assert refused.returncode == 2
     assert refused.stderr.startswith("0.0.0.0 is reached from other machines: set operator_token")
     robot.command("module", "stop", "operator", "--run", robot.known_run().run_id)
-    with guest_of(robot) as (guest, address), page_of(started, address, may_say=RECONNECTING) as page:
+    with attached_of(robot) as (program, address), page_of(started, address, may_say=RECONNECTING) as page:
         page.wait_for_selector("#drive-pad")
-        stops(journal, page, guest.kill)
-    with guest_of(robot) as (guest, _):
-        guest.send_signal(signal.SIGINT)
-        assert guest.wait(30) == 0
+        stops(journal, page, program.kill)
+    with attached_of(robot) as (program, _):
+        program.send_signal(signal.SIGINT)
+        assert program.wait(30) == 0
 
 
 @contextmanager
-def guest_of(robot: Robot) -> Iterator[tuple["subprocess.Popen[str]", str]]:
+def attached_of(robot: Robot) -> Iterator[tuple["subprocess.Popen[str]", str]]:
     """Start a page for a run that has none; it is given with its address."""
     options = ["--attach", robot.known_run().run_id, "--port", "0", "--set", "max_linear_m_per_s=0.4"]
     command = [*COMMAND, "gui", *options]
-    with subprocess.Popen(command, cwd=robot.folder, stdout=subprocess.PIPE, text=True) as guest:
+    with subprocess.Popen(command, cwd=robot.folder, stdout=subprocess.PIPE, text=True) as program:
         try:
-            assert guest.stdout
-            yield guest, guest.stdout.readline().split()[2]
+            assert program.stdout
+            yield program, program.stdout.readline().split()[2]
         finally:
-            guest.kill()
+            program.kill()
 
 
 @pytest.mark.skipif(bool(NO_LINK), reason=f"WHAT A CUT LINK DOES IS NOT TESTED: {NO_LINK}")

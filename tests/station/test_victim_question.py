@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page
 
-from robbie_mp.attach.attachment import Attachment
+from robbie_mp.attach.tool import Tool
 from robbie_mp.messages import String, VictimConfirmation
 from robbie_mp.station.victim_question import checked
 from tests.run._support.robot import Robot, wait_until
@@ -35,10 +35,10 @@ COUNT_QUESTIONS = """(milliseconds) => new Promise((done) => {
 
 
 @contextmanager
-def told_to(robot: Robot) -> Iterator[Attachment]:
-    with closing(Attachment(robot.known_run(), "a test")) as attachment:
-        attachment.ready()
-        yield attachment
+def told_to(robot: Robot) -> Iterator[Tool]:
+    with closing(Tool(robot.known_run(), "a test")) as tool:
+        tool.ready()
+        yield tool
 
 
 def answers(robot: Robot) -> list[str]:
@@ -52,19 +52,19 @@ def test_answer_is_for_the_victim_that_was_shown_when_the_button_was_pressed(rob
     robot.write_profile(PROFILE)
     robot.start()
     address = address_of(robot)
-    with browser() as started, page_of(started, address) as page, told_to(robot) as attachment:
+    with browser() as started, page_of(started, address) as page, told_to(robot) as tool:
         page.wait_for_selector(f"{QUESTION}:has-text('tag')")
         assert len(page.evaluate(COUNT_QUESTIONS, 2000)) == 1, "the question changes by itself"
-        question_under_the_finger_stays(page, robot, attachment)
-        press_for_the_question_before_does_not_answer_the_next(page, robot, attachment)
-        question_of_a_silent_robot_shows_its_age(page, attachment)
+        question_under_the_finger_stays(page, robot, tool)
+        press_for_the_question_before_does_not_answer_the_next(page, robot, tool)
+        question_of_a_silent_robot_shows_its_age(page, tool)
 
 
 def shown(page: Page) -> int:
     return 3 if "tag 3" in page.inner_text(QUESTION) else 8
 
 
-def question_under_the_finger_stays(page: Page, robot: Robot, attachment: Attachment) -> None:
+def question_under_the_finger_stays(page: Page, robot: Robot, tool: Tool) -> None:
     """Hold the button down while the robot takes the question back and another page asks the next one."""
     first = shown(page)
     other = 11 - first
@@ -75,7 +75,7 @@ def question_under_the_finger_stays(page: Page, robot: Robot, attachment: Attach
     page.bring_to_front()
     page.hover("#victim-yes")
     page.mouse.down()
-    attachment.publish(String(data=str(other)), "orders")
+    tool.publish(String(data=str(other)), "orders")
     second_page.wait_for_selector(f"{QUESTION}:has-text('tag {other}')")
     page.evaluate(COUNT_QUESTIONS, 1000)
     page.mouse.up()
@@ -85,9 +85,7 @@ def question_under_the_finger_stays(page: Page, robot: Robot, attachment: Attach
     second_page.close()
 
 
-def press_for_the_question_before_does_not_answer_the_next(
-    page: Page, robot: Robot, attachment: Attachment
-) -> None:
+def press_for_the_question_before_does_not_answer_the_next(page: Page, robot: Robot, tool: Tool) -> None:
     """Press at the very moment in which the next question takes the place of the one that was meant."""
     before = shown(page)
     page.wait_for_selector("#victim-no:enabled")
@@ -100,16 +98,16 @@ def press_for_the_question_before_does_not_answer_the_next(
         }).observe(document.body, { childList: true, subtree: true, characterData: true })""",
         f"tag {11 - before}",
     )
-    attachment.publish(String(data=str(11 - before)), "orders")
+    tool.publish(String(data=str(11 - before)), "orders")
     page.wait_for_function("window.pressed")
     page.click("#victim-later")  # as soon as it can be pressed
     wait_until(lambda: len(answers(robot)) > 1)
     assert answers(robot)[1:] == [f"answer {11 - before} {VictimConfirmation.LATER}"]
 
 
-def question_of_a_silent_robot_shows_its_age(page: Page, attachment: Attachment) -> None:
+def question_of_a_silent_robot_shows_its_age(page: Page, tool: Tool) -> None:
     assert page.locator("#victim-silent").count() == 0
-    attachment.publish(String(data=""), "orders")
+    tool.publish(String(data=""), "orders")
     page.wait_for_selector("#victim-silent:has-text('nothing heard of it for 1')")
 
 

@@ -11,7 +11,7 @@ import psutil
 import yaml
 from playwright.sync_api import Browser, Page
 
-from robbie_mp.attach.attachment import Attachment
+from robbie_mp.attach.tool import Tool
 from robbie_mp.messages import EmergencyStop
 from robbie_mp.run.run_directory import list_runs
 from tools.kill_campaign.robot import Robot, RobotTrouble
@@ -79,8 +79,8 @@ class Scene:
         """Wait until all modules run."""
         self.robot.wait_until_running()
         (run,) = list_runs(self._bases)
-        self._attachment = Attachment(run, "operator trials")
-        self._attachment.ready()
+        self._tool = Tool(run, "operator trials")
+        self._tool.ready()
 
     def close(self) -> None:
         """End it."""
@@ -118,7 +118,7 @@ class Scene:
 
     def stop(self, *, engaged: bool) -> None:
         """Engage or release the emergency stop, not by the page."""
-        self._attachment.publish(EmergencyStop(engaged=engaged, reason="a trial"), "emergency_stop")
+        self._tool.publish(EmergencyStop(engaged=engaged, reason="a trial"), "emergency_stop")
         self.wait_for("stopped", float(engaged))
 
     def wait_for(self, what: str, number: float, since_ns: int = 0) -> int:

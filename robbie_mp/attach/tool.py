@@ -66,10 +66,10 @@ class Received:
     published_ns: int
     """When, on the machine's monotonic clock."""
     subscription: int
-    """For which of this process's subscriptions, by the number that `Attachment.subscribe` returned."""
+    """For which of this process's subscriptions, by the number that `Tool.subscribe` returned."""
 
 
-class Attachment:
+class Tool:
     """One lease on a run.
 
     Args:
@@ -194,22 +194,22 @@ class Attachment:
         name = self._channel_name(delivery.channel)
         sender = self._board.name(layout.unpack_source(delivery.source)[0])
         self._fence()
-        self._check_lease()
+        self._check_attached()
         self._endpoint.release(delivery)
         return Received(data, *name, delivery.sequence, sender, delivery.stamp_ns, delivery.declaration)
 
-    def _check_lease(self) -> None:
+    def _check_attached(self) -> None:
         """See that what was read before this call was still ours.
 
         The supervisor writes the board before it tells the core to take our messages back.
         """
-        if not self.is_leased:
+        if not self.is_attached:
             raise Detached("detached while it copied a message")
 
     @property
-    def is_leased(self) -> bool:
+    def is_attached(self) -> bool:
         """Whether this process is still attached; what it publishes when it is not goes nowhere."""
-        return self._board.is_leased_to(self._slot, self._incarnation, self._pid)
+        return self._board.is_attached_as(self._slot, self._incarnation, self._pid)
 
     def show_status(self, line: str) -> None:
         """Show who looks at the run how this process is doing."""
@@ -276,7 +276,7 @@ class Attachment:
         return self._counters.messages()
 
 
-def attach_again(run: KnownRun, purpose: str) -> Attachment:
+def attach_again(run: KnownRun, purpose: str) -> Tool:
     """Find another place in a run for a tool that was detached.
 
     Raises:
@@ -286,7 +286,7 @@ def attach_again(run: KnownRun, purpose: str) -> Attachment:
     until_s = time.monotonic() + PATIENCE_S
     while True:
         try:
-            return Attachment(run, purpose)
+            return Tool(run, purpose)
         except RunNotControlled as error:
             raise RunEnded(f"run {run.run_id} has ended") from error
         except ControlRefused:
