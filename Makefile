@@ -2,7 +2,7 @@
 PYTHON ?= python3
 ROBBIE := .venv/bin/robbie
 
-.PHONY: demo test lint types bench clean
+.PHONY: demo test lint types docs bench clean
 
 demo: .venv/robot
 	$(ROBBIE) run demo
@@ -16,6 +16,10 @@ lint: .venv/dev
 types: .venv/dev
 	.venv/bin/mypy
 
+# The docs site, in site/: links and docstrings are checked, and a warning is an error.
+docs: .venv/docs
+	NO_MKDOCS_2_WARNING=1 .venv/bin/python -m mkdocs build --strict
+
 bench: .venv/bench
 	.venv/bin/python -m tools.bench --json docs/benchmarks.json --report docs
 
@@ -28,9 +32,14 @@ bench: .venv/bench
 	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot,dev]'
 	touch $@
 
+.venv/docs: pyproject.toml
+	test -x .venv/bin/python || $(PYTHON) -m venv .venv
+	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[docs]'
+	touch $@
+
 .venv/bench: pyproject.toml .venv/robot
 	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot,bench]'
 	touch $@
 
 clean:
-	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis output build *.egg-info
+	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis output build site *.egg-info
