@@ -10,7 +10,8 @@ import pytest
 
 import robbie_mp
 from robbie_mp import RobbieError, SettingError
-from robbie_mp.module.bus import EmptyPattern, SubscribedTwice
+from robbie_mp.linux.forks import ForkedProcess
+from robbie_mp.module.subscriptions import EmptyPattern, SubscribedTwice
 from robbie_mp.profile.problem import Problem, ProfileError
 from robbie_mp.scene_graph.errors import SceneFileError, TooNew, TooOld, UnknownNode
 from robbie_mp.station.composer import FormError
@@ -19,6 +20,7 @@ PROBLEMS = [Problem("one"), Problem("two")]
 WITH_CONSTRUCTORS = [
     SubscribedTwice("std_msgs/msg/String", "talk"),
     EmptyPattern(),
+    ForkedProcess(),
     ProfileError(PROBLEMS),
     SceneFileError(PROBLEMS),
     UnknownNode("there is no lasser", "lasser", ["laser"]),

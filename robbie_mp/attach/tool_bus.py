@@ -6,29 +6,17 @@ detached attaches itself again, with the same subscriptions; what passed meanwhi
 
 import logging
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any
 
 from robbie_mp.attach.tool import LONGEST_WAIT_S, Detached, Received, Tool, attach_again
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.messages import Message
 from robbie_mp.messages.errors import MessageError
-from robbie_mp.module.bus import EmptyPattern, EncodedMessage, Envelope, MessageType, SubscribedTwice
+from robbie_mp.module.bus import Envelope, MessageType
+from robbie_mp.module.subscriptions import Subscription, Subscriptions
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.transport.endpoint import ChannelName
-from robbie_mp.transport.records import ANY_VERSION, MessageHandling
-
-
-@dataclass(frozen=True)
-class _Wish:
-    """A subscription, whatever its number is in the present lease."""
-
-    name: ChannelName
-    handling: MessageHandling
-    decode: Callable[[Received], Any]
-    handler: Callable[[Any], None]
 
 
 class ToolBus:
@@ -49,8 +37,7 @@ class ToolBus:
         self._run = run
         self._purpose = purpose
         self._log = logging.getLogger("robbie.tool")
-        self._wishes: dict[ChannelName, _Wish] = {}
-        self._by_number: dict[int, _Wish] = {}
+        self.subscriptions = Subscriptions(self._request, self._current_name)
         self._current: Received | None = None
         self._lock = threading.RLock()
         """Held while this lease is used by other threads, or replaced by another one; during loans, too."""
@@ -69,35 +56,6 @@ class ToolBus:
         """Messages published by this module that somebody still waits for or holds."""
         with self._lock:
             return self._tool.outbox.outstanding
-
-    def subscribe(
-        self,
-        message_type: type[MessageType],
-        handler: Callable[[MessageType], None],
-        handling: MessageHandling,
-        topic: str,
-    ) -> None:
-        """Have messages of a type handled.
-
-        Raises:
-            SubscribedTwice: the module has subscribed to them already.
-        """
-        name = ChannelName(message_type.type_name, message_type.version, topic)
-        self._want(_Wish(name, handling, lambda received: message_type.decode(received.data), handler))
-
-    def subscribe_encoded(
-        self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
-    ) -> None:
-        """Have messages whose type and topic match shell patterns handled as their bytes.
-
-        Raises:
-            SubscribedTwice: the module has subscribed by the same patterns already.
-            EmptyPattern: no type has such a name.
-        """
-        if not type_pattern:
-            raise EmptyPattern
-        name = ChannelName(type_pattern, ANY_VERSION, topic_pattern)
-        self._want(_Wish(name, MessageHandling.ALWAYS_DELIVER, _as_bytes, handler))
 
     def publish(self, message: Message, topic: str) -> bool:
         """Send a message; False if it was refused, or this process is not attached just now."""
@@ -188,24 +146,23 @@ class ToolBus:
     def _is_attached(self) -> bool:
         return self._is_open and self._tool.is_attached
 
-    def _want(self, wish: _Wish) -> None:
-        if wish.name in self._wishes:
-            raise SubscribedTwice(wish.name.type_name, wish.name.topic)
-        self._wishes[wish.name] = wish
-        self._subscribe(wish)
+    def _request(self, subscription: Subscription) -> int:
+        return self._tool.subscribe(*subscription.name, subscription.handling)
 
-    def _subscribe(self, wish: _Wish) -> None:
-        self._by_number[self._tool.subscribe(*wish.name, wish.handling)] = wish
+    def _current_name(self) -> ChannelName:
+        received = self._current
+        assert received is not None
+        return ChannelName(received.type_name, received.version, received.topic)
 
     def _handle(self, received: Received) -> None:
-        wish = self._by_number[received.subscription]
+        subscription = self.subscriptions.by_number[received.subscription]
+        self._current = received
         try:
-            message = wish.decode(received)
+            message = subscription.decoder.decode(memoryview(received.data))
         except MessageError as error:
             self._log.error("a message was lost: %s", error)
-            return
-        self._current = received
-        wish.handler(message)
+        else:
+            subscription.handler(message)
         self._current = None
 
     def _attach_again(self, error: Detached) -> None:
@@ -214,11 +171,5 @@ class ToolBus:
             # The old one is still needed if there is no other any more.
             old, self._tool = self._tool, attach_again(self._run, self._purpose)
             old.close()
-        self._by_number.clear()
-        for wish in self._wishes.values():
-            self._subscribe(wish)
+        self.subscriptions.request_again()
         self._tool.ready()
-
-
-def _as_bytes(received: Received) -> EncodedMessage:
-    return EncodedMessage(received.type_name, received.version, memoryview(received.data))

@@ -1,12 +1,14 @@
 """What a module can do with messages, wherever it runs: in a process of its own or in a test."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from typing import NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
-from robbie_mp.transport.records import MessageHandling
+
+if TYPE_CHECKING:
+    from robbie_mp.module.subscriptions import Subscriptions
 
 MessageType = TypeVar("MessageType", bound=Message)
 
@@ -17,27 +19,6 @@ class PublishAfterStop(RobbieError, RuntimeError):
     Example scenarios:
       - a thread of the module goes on after `teardown()` has returned
     """
-
-
-class SubscribedTwice(RobbieError, ValueError):
-    """A module subscribed twice to the same messages; one handler may call the other.
-
-    Example scenarios:
-      - two helpers of a module each subscribe to ModuleState for all topics
-    """
-
-    def __init__(self, type_name: str, topic: str):
-        super().__init__(
-            f"this module subscribes to {type_name} on topic '{topic}' already; "
-            "let one handler call the other"
-        )
-
-
-class EmptyPattern(RobbieError, ValueError):
-    """A module subscribed by an empty pattern for the type; no type has an empty name."""
-
-    def __init__(self) -> None:
-        super().__init__("an empty pattern matches no type; '*' matches all")
 
 
 class Envelope(NamedTuple):
@@ -69,22 +50,12 @@ class Bus(Protocol):
     """A module's connection to the others."""
 
     @property
+    def subscriptions(self) -> "Subscriptions":
+        """What the module has subscribed to."""
+
+    @property
     def outstanding(self) -> int:
         """Messages published by this module that somebody still waits for or holds."""
-
-    def subscribe(
-        self,
-        message_type: type[MessageType],
-        handler: Callable[[MessageType], None],
-        handling: MessageHandling,
-        topic: str,
-    ) -> None:
-        """Have messages of a type handled, of all topics ('') or of one."""
-
-    def subscribe_encoded(
-        self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
-    ) -> None:
-        """Have messages whose type and topic match shell patterns handled as their bytes."""
 
     def publish_encoded(
         self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str

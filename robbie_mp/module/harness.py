@@ -1,7 +1,8 @@
 """Runs a module inside a test: no process, no shared memory, and time moves when the test says so."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -13,21 +14,15 @@ from robbie_mp.checkpoint.decoder import decode
 from robbie_mp.checkpoint.encoder import encode
 from robbie_mp.messages import Message, lay_out
 from robbie_mp.messages.encoded import check_encapsulation, check_type
-from robbie_mp.module.bus import (
-    EmptyPattern,
-    EncodedMessage,
-    Envelope,
-    MessageType,
-    PublishAfterStop,
-    SubscribedTwice,
-)
+from robbie_mp.module.bus import Envelope, MessageType, PublishAfterStop
 from robbie_mp.module.clock import ManualClock
 from robbie_mp.module.config import Config
 from robbie_mp.module.module import Module, ModuleContext
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.settings import check_settings
+from robbie_mp.module.subscriptions import Subscriptions
 from robbie_mp.transport.endpoint import ChannelName
-from robbie_mp.transport.records import ANY_VERSION, MessageHandling
+from robbie_mp.transport.records import ANY_VERSION
 
 ModuleClass = TypeVar("ModuleClass", bound=Module)
 
@@ -194,7 +189,9 @@ class HarnessBus:
 
     def __init__(self, clock: ManualClock):
         self._clock = clock
-        self._subscriptions: list[tuple[ChannelName, type[Message] | None, Callable[[Any], None]]] = []
+        numbers = count()
+        self._name = ChannelName("", 0, "")
+        self.subscriptions = Subscriptions(lambda _: next(numbers), lambda: self._name)
         self._current: Envelope | None = None
         self._sequence = 0
         self.published: list[Published] = []
@@ -206,45 +203,18 @@ class HarnessBus:
         """Always none: whatever is published is taken at once."""
         return 0
 
-    def subscribe(
-        self,
-        message_type: type[MessageType],
-        handler: Callable[[MessageType], None],
-        handling: MessageHandling,
-        topic: str,
-    ) -> None:
-        """Remember who handles what."""
-        wish = ChannelName(message_type.type_name, message_type.version, topic)
-        self._subscribe(wish, message_type, handler)
-
-    def subscribe_encoded(
-        self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
-    ) -> None:
-        """Remember who handles what bytes."""
-        if not type_pattern:
-            raise EmptyPattern
-        self._subscribe(ChannelName(type_pattern, ANY_VERSION, topic_pattern), None, handler)
-
-    def _subscribe(
-        self, wish: ChannelName, message_type: type[Message] | None, handler: Callable[[Any], None]
-    ) -> None:
-        if any(wish == known for known, _, _ in self._subscriptions):
-            raise SubscribedTwice(wish.type_name, wish.topic)
-        self._subscriptions.append((wish, message_type, handler))
-
     def deliver(self, name: ChannelName, data: bytes, sender: str) -> None:
-        """Run every handler that wants a message, but of those of patterns only the first."""
+        """Run every handler that subscribes to a message, but of those with patterns only the first."""
         self._sequence += 1
+        self._name = name
         self._current = Envelope(name.topic, self._sequence, sender, self._clock.monotonic_ns())
-        by_pattern = False
-        for wish, message_type, handler in self._subscriptions:
-            if not wish.takes(name):
+        matched_pattern = False
+        for subscription in self.subscriptions:
+            by_pattern = subscription.name.version == ANY_VERSION
+            if (by_pattern and matched_pattern) or not subscription.name.takes(name):
                 continue
-            if message_type is not None:
-                handler(message_type.decode(data))
-            elif not by_pattern:
-                by_pattern = True
-                handler(EncodedMessage(name.type_name, name.version, memoryview(data)))
+            matched_pattern |= by_pattern
+            subscription.handler(subscription.decoder.decode(memoryview(data)))
         self._current = None
 
     def publish(self, message: Message, topic: str) -> bool:

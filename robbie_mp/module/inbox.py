@@ -4,16 +4,16 @@ import logging
 import weakref
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.module.bus import EmptyPattern, EncodedMessage, MessageType, SubscribedTwice
+from robbie_mp.module.subscriptions import Subscription, Subscriptions
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import LEAD_BYTES
 from robbie_mp.transport.endpoint import ChannelName, Delivery, Endpoint
-from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling
+from robbie_mp.transport.records import Inbound
 from robbie_mp.transport.views import SegmentViews
 from robbie_mp.transport.words import Words
 
@@ -32,17 +32,6 @@ IEEE/ACM Transactions on Networking 6(2), 1998.
 
 class DamagedMessage(RobbieError, ValueError):
     """A handle does not lead to a message of its type; the publisher's memory is damaged."""
-
-
-class Decoder(Protocol):
-    """Makes what is handled of a message's bytes: a message class, or what leaves the bytes as they are."""
-
-    @property
-    def has_views(self) -> bool:
-        """Whether what it makes may look at the bytes for as long as it lives."""
-
-    def decode(self, buffer: memoryview, /) -> Any:
-        """Return what the handler gets."""
 
 
 class Inbox:
@@ -67,8 +56,8 @@ class Inbox:
         self._words = words
         self._log = logging.getLogger("robbie.receive")
         self._channel_name = channel_name
-        self._handlers: dict[int, tuple[Decoder, Callable[[Any], None]]] = {}
-        self._subscribed: set[tuple[str, int, str]] = set()
+        self.subscriptions = Subscriptions(self._request, self.name_current)
+        self._by_number = self.subscriptions.by_number
         self._pinned: dict[int, tuple[weakref.ref[Any], Delivery]] = {}
         self._let_go: deque[int] = deque()
         """References whose memory nobody looks at any more; filled by finalizers, in any thread."""
@@ -81,48 +70,10 @@ class Inbox:
         self.before_release: Callable[[], None] | None = None
         """Called when a message has been handled, before anybody else can know that."""
 
-    def subscribe(
-        self,
-        message_type: type[MessageType],
-        handler: Callable[[MessageType], None],
-        handling: MessageHandling,
-        topic: str,
-    ) -> None:
-        """Have messages of a type handled.
-
-        Raises:
-            SubscribedTwice: the module has subscribed to them already.
-        """
-        wish = ChannelName(message_type.type_name, message_type.version, topic)
-        self._subscribe(wish, handling, message_type, handler)
-
-    def subscribe_encoded(
-        self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
-    ) -> None:
-        """Have messages whose type and topic match shell patterns handled as their bytes.
-
-        Raises:
-            SubscribedTwice: the module has subscribed by the same patterns already.
-            EmptyPattern: no type has such a name.
-        """
-        if not type_pattern:
-            raise EmptyPattern
-        wish = ChannelName(type_pattern, ANY_VERSION, topic_pattern)
-        self._subscribe(wish, MessageHandling.ALWAYS_DELIVER, _AsBytes(self), handler)
-
-    def _subscribe(
-        self,
-        wish: ChannelName,
-        handling: MessageHandling,
-        decoder: Decoder,
-        handler: Callable[[Any], None],
-    ) -> None:
-        if wish in self._subscribed:
-            raise SubscribedTwice(wish.type_name, wish.topic)
-        self._subscribed.add(wish)
-        name = getattr(handler, "__qualname__", type(handler).__qualname__)
-        number = self._endpoint.subscribe(*wish, handling, name)
-        self._handlers[number] = (decoder, handler)
+    def _request(self, subscription: Subscription) -> int:
+        handler = subscription.handler
+        handler_name = getattr(handler, "__qualname__", type(handler).__qualname__)
+        return self._endpoint.subscribe(*subscription.name, subscription.handling, handler_name)
 
     def take(self) -> Delivery | None:
         """Take the next message, which is from then on being handled; None if there is none."""
@@ -138,7 +89,7 @@ class Inbox:
     def handle(self, delivery: Delivery) -> None:
         """Run the handler of a message, then release the message or remember that it is still looked at."""
         self.current = delivery
-        decoder, handler = self._handlers[delivery.declaration]
+        _, _, decoder, handler = self._by_number[delivery.declaration]
         pin: weakref.ref[Any] | None = None
         try:
             view = self._views.view(delivery.source, delivery.offset, delivery.size)
@@ -237,17 +188,3 @@ class _Pinned:
     def __init__(self) -> None:
         self.messages = 0
         self.bytes = 0
-
-
-class _AsBytes:
-    """Leaves a message as its bytes."""
-
-    has_views = True
-
-    def __init__(self, inbox: Inbox):
-        self._inbox = inbox
-
-    def decode(self, buffer: memoryview) -> EncodedMessage:
-        """Put type and version beside the bytes."""
-        type_name, version, _ = self._inbox.name_current()
-        return EncodedMessage(type_name, version, buffer)

@@ -13,7 +13,6 @@ from robbie_mp.messages import Message
 from robbie_mp.module.bus import Bus, EncodedMessage, Envelope, MessageType
 from robbie_mp.module.clock import Clock
 from robbie_mp.module.config import Config
-from robbie_mp.module.lockstep import Lockstep
 from robbie_mp.module.settings import apply_settings, setting
 from robbie_mp.transport.records import MessageHandling
 
@@ -38,8 +37,6 @@ class ModuleContext:
     show_states: Callable[[str], None] = lambda _line: None
     run_id: str = ""
     """The run it is part of; '' in a test."""
-    lockstep: Lockstep | None = None
-    """What it knows of the others, if it turns the clock of a run in lockstep."""
 
 
 class Module:
@@ -93,8 +90,6 @@ class Module:
         self._bus = context.bus
         self._checkpoints = context.checkpoints
         self.run_id = context.run_id
-        self.lockstep = context.lockstep
-        """Of the module that turns the clock of a run in lockstep; None for all others."""
         self._show_status = context.show_status
         self._status = ""
         self._show_states = context.show_states
@@ -172,7 +167,7 @@ class Module:
             handling: what to do when they come faster than they are handled.
             topic: only those of this topic; '' for all.
         """
-        self._bus.subscribe(message_type, handler, handling, topic)
+        self._bus.subscriptions.subscribe(message_type, handler, handling, topic)
 
     def subscribe_encoded(
         self, type_pattern: str, handler: Callable[[EncodedMessage], None], *, topic: str = "*"
@@ -198,7 +193,7 @@ class Module:
             TooManyDeclarations: a module may have 32 patterns.
             NameTooLong: a pattern has more than 96 bytes.
         """
-        self._bus.subscribe_encoded(type_pattern, handler, topic)
+        self._bus.subscriptions.subscribe_encoded(type_pattern, handler, topic)
 
     def publish_encoded(
         self, type_name: str, version: int, data: bytes | bytearray | memoryview, *, topic: str = ""

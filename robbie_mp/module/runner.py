@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.module.inbox import Inbox
-from robbie_mp.module.lockstep import Lockstep
 from robbie_mp.module.module import Module
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.setting_changes import SettingChanges
@@ -44,7 +43,8 @@ class ModuleRunner:
         changes: of its settings while it runs.
         ticks: when its ticks are due.
         something_waits: whether messages wait for it in the core.
-        lockstep: what it knows of the others, if it turns the clock of a run in lockstep.
+        has_just_settled: for the module that turns the clock of a run in lockstep: whether what it waits for
+            has just come; None for all other modules.
         after_setup: called once, when `setup()` is over and its threads have been started.
     """
 
@@ -60,7 +60,7 @@ class ModuleRunner:
         changes: SettingChanges,
         ticks: Ticks,
         something_waits: Callable[[], bool],
-        lockstep: Lockstep | None = None,
+        has_just_settled: Callable[[], bool] | None = None,
         after_setup: Callable[[], None] = lambda: None,
     ):
         self._module = module
@@ -76,7 +76,7 @@ class ModuleRunner:
         self._messages = WorkFigures(words, layout.OUT_MESSAGE_FIGURES)
         self._ticks = ticks
         self._something_waits = something_waits
-        self._lockstep = lockstep
+        self._has_just_settled = has_just_settled
         self._after_setup = after_setup
 
     def request_stop(self) -> None:
@@ -162,7 +162,7 @@ class ModuleRunner:
         woken = self._wakeup.wait(self._ticks.wait_s())
         if woken and self._outbox.awaits_room and self._outbox.room_was_made():
             self._ticks.expedite()
-        if self._lockstep is not None and self._lockstep.settled():
+        if self._has_just_settled is not None and self._has_just_settled():
             self._ticks.expedite()
 
     def _begin(self, activity: int) -> int:

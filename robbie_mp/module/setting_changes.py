@@ -84,7 +84,7 @@ class SettingChanges:
         """Have changes asked for handled, if there is anything to change."""
         if self._settings:
             self._keep()
-            self._bus.subscribe(
+            self._bus.subscriptions.subscribe(
                 SettingChange, self._on_change, MessageHandling.ALWAYS_DELIVER, self._module.name
             )
 

@@ -4,11 +4,10 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 
 from robbie_mp.messages import Message
-from robbie_mp.module.bus import EncodedMessage, Envelope, MessageType
+from robbie_mp.module.bus import Envelope, MessageType
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.transport.endpoint import Delivery
-from robbie_mp.transport.records import MessageHandling
 
 
 class SharedMemoryBus:
@@ -25,28 +24,13 @@ class SharedMemoryBus:
         self.publish: Callable[[Message, str], bool] = outbox.publish
         """Send a message; False if it was refused."""
         self._inbox = inbox
+        self.subscriptions = inbox.subscriptions
         self._describe = describe
 
     @property
     def outstanding(self) -> int:
         """Messages published by this module that somebody still waits for or holds."""
         return self._outbox.outstanding
-
-    def subscribe(
-        self,
-        message_type: type[MessageType],
-        handler: Callable[[MessageType], None],
-        handling: MessageHandling,
-        topic: str,
-    ) -> None:
-        """Have messages of a type handled, of all topics ('') or of one."""
-        self._inbox.subscribe(message_type, handler, handling, topic)
-
-    def subscribe_encoded(
-        self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
-    ) -> None:
-        """Have messages whose type and topic match shell patterns handled as their bytes."""
-        self._inbox.subscribe_encoded(type_pattern, handler, topic_pattern)
 
     def publish_encoded(
         self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str

@@ -96,7 +96,7 @@ class TimedTicks:
 
 
 class GrantedTicks:
-    """Ticks that come as messages, from the module that turns the clock; see `robbie_mp.module.lockstep`.
+    """Ticks that come as messages, from the module that turns the clock; see `robbie_mp.run.lockstep`.
 
     Args:
         module: whose ticks they are.
@@ -108,7 +108,7 @@ class GrantedTicks:
         self._module = module
         self._words = words
         self._ticks = 0
-        inbox.subscribe(Tick, self._on_tick, MessageHandling.ALWAYS_DELIVER, module.name)
+        inbox.subscriptions.subscribe(Tick, self._on_tick, MessageHandling.ALWAYS_DELIVER, module.name)
         inbox.before_release = self.begin  # any handler may have changed it
 
     def begin(self) -> None:

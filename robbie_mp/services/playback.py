@@ -7,7 +7,7 @@ from typing import Any
 
 from robbie_mp.messages import MessageError, PlaybackControl, PlaybackState, Time
 from robbie_mp.messages.descriptions import TypeDescription, own_types
-from robbie_mp.module.module import Module, setting
+from robbie_mp.module.module import setting
 from robbie_mp.module.settings import REQUIRED, SettingError
 from robbie_mp.observe.unhandled import UnhandledMessages
 from robbie_mp.playback import selection
@@ -19,6 +19,7 @@ from robbie_mp.recording.errors import LogError
 from robbie_mp.recording.limits import MEGABYTE, READ_LIMITS, ReadLimits
 from robbie_mp.recording.reader import Log, LogChannel, open_log
 from robbie_mp.recording.selection import channel_name
+from robbie_mp.run.lockstep import ClockSource
 from robbie_mp.run.plan import CORE, RunPlan
 from robbie_mp.run.run_clock import MAX_RATE, ClockWriter
 from robbie_mp.run.run_directory import list_runs
@@ -29,7 +30,7 @@ MAX_S = 1e9
 SUPERVISOR = "supervisor"
 
 
-class Playback(Module):
+class Playback(ClockSource):
     """Publishes the messages of a log as they are in it: type, version, topic, order, and time between them.
 
     The run's clock is the log's: `clock: {source: playback}` in the profile, if the module is called so. It

@@ -4,11 +4,11 @@ from collections import deque
 from collections.abc import Callable, Mapping
 
 from robbie_mp.messages import MessageError, Tick, Time, TimeJump
-from robbie_mp.module.lockstep import Lockstep, TickSchedule
 from robbie_mp.module.module import Module
 from robbie_mp.playback.player import DueTick
 from robbie_mp.playback.translation import Translation
 from robbie_mp.recording.reader import LoggedMessage
+from robbie_mp.run.lockstep import Lockstep, TickSchedule
 from robbie_mp.transport.blocks import MessageTooLarge
 
 PATIENCE_NS = 15_000_000_000

@@ -3,16 +3,16 @@
 import time
 
 from robbie_mp.messages import Tick, Time
-from robbie_mp.module.lockstep import TickSchedule
-from robbie_mp.module.module import Module, setting
+from robbie_mp.module.module import setting
 from robbie_mp.module.settings import SettingError
+from robbie_mp.run.lockstep import ClockSource, TickSchedule
 from robbie_mp.run.run_clock import ClockWriter
 
 STEPS_AT_ONCE = 100
 """So many ticks are granted before this module looks at its own messages again, if each is over at once."""
 
 
-class SimulatedTime(Module):
+class SimulatedTime(ClockSource):
     """Turns the clock of a simulation from one module's tick to the next.
 
     In lockstep, with which it works only: `clock: {source: time, lockstep: true}`, if it is called `time`. A

@@ -16,7 +16,6 @@ from robbie_mp.module.bus import Envelope
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.config import Config
 from robbie_mp.module.inbox import Inbox
-from robbie_mp.module.lockstep import Lockstep
 from robbie_mp.module.module import Module, ModuleContext
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.runner import ModuleRunner
@@ -33,6 +32,7 @@ from robbie_mp.module.ticks import (
 from robbie_mp.observe.channel_counters import messages_waiting
 from robbie_mp.observe.channel_names import ChannelNames
 from robbie_mp.profile.check import load_class
+from robbie_mp.run.lockstep import ClockSource, Lockstep
 from robbie_mp.run.plan import PlannedModule, RunPlan
 from robbie_mp.run.run_clock import RunClock
 from robbie_mp.supervisor.scheduling import apply_scheduling, prefer_new_threads
@@ -75,9 +75,6 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     clock = run_clock(plan, name, module_class, memory)
     settings_file = SettingsFile(run_folder, name)
     bus = SharedMemoryBus(outbox, inbox, _Describer(channel_name, board, clock))
-    lockstep = None
-    if plan.clock.lockstep and plan.clock.source == name:
-        lockstep = Lockstep(plan.run_id, words, memory.into.words, board, core_wakeup.post)
     context = ModuleContext(
         name=name,
         settings=read_settings(plan, planned, module_class, settings_file.changed()),
@@ -89,9 +86,12 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         show_status=line_writer(endpoint, words, layout.OUT_STATUS),
         show_states=line_writer(endpoint, words, layout.OUT_STATES),
         run_id=plan.run_id,
-        lockstep=lockstep,
     )
     module = module_class(context)
+    lockstep = None
+    if isinstance(module, ClockSource) and plan.clock.lockstep and plan.clock.source == name:
+        lockstep = Lockstep(plan.run_id, words, memory.into.words, board, core_wakeup.post)
+        module.lockstep = lockstep
     changes = SettingChanges(module, bus, settings_file)
     wakeup = memory.wakeup
     wakeup.spin_s = planned.scheduling.spin_us / 1e6
@@ -114,7 +114,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         changes,
         ticks,
         lambda: messages_waiting(core, slot) > 0,
-        lockstep,
+        lockstep.has_just_settled if lockstep is not None else None,
         lambda: prefer_new_threads(planned.scheduling),
     )
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())

@@ -4,8 +4,8 @@ import pytest
 
 from robbie_mp import EncodedMessage, Envelope, Module, ModuleHarness
 from robbie_mp.messages import DecodeError, DriveCommand, LaserScan
-from robbie_mp.module.bus import EmptyPattern, SubscribedTwice
 from robbie_mp.module.harness import PublishedEncoded
+from robbie_mp.module.subscriptions import EmptyPattern, SubscribedTwice
 
 SECRET = b"\x00\x01\x00\x00\x07"
 

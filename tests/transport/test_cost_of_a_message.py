@@ -61,8 +61,8 @@ class Chain:
         self.outbox = Outbox(ends[PUBLISHER], blocks, self.out[PUBLISHER], SystemClock())
         self.views = make_views(RUN_ID)
         self.inbox = Inbox(ends[SUBSCRIBER], self.views, self.out[SUBSCRIBER], ChannelNames(tables.words))
-        self.inbox.subscribe(DriveCommand, lambda _: None, MessageHandling.ALWAYS_DELIVER, "")
-        self.inbox.subscribe(Image, self._on_image, MessageHandling.ALWAYS_DELIVER, "")
+        self.inbox.subscriptions.subscribe(DriveCommand, lambda _: None, MessageHandling.ALWAYS_DELIVER, "")
+        self.inbox.subscriptions.subscribe(Image, self._on_image, MessageHandling.ALWAYS_DELIVER, "")
         for end in ends:
             end.send(Outbound.READY)
         self.work()

@@ -50,7 +50,7 @@ class Crowd:
         module = self.run.start(slot)
         self.modules.append(module)
         inbox = Inbox(module.endpoint, self.views, module.out, ChannelNames(self.run.words))
-        inbox.subscribe(Image, handler, MessageHandling.ALWAYS_DELIVER, "")  # type: ignore[arg-type]
+        inbox.subscriptions.subscribe(Image, handler, MessageHandling.ALWAYS_DELIVER, "")  # type: ignore[arg-type]
         module.ready()
         return inbox
 

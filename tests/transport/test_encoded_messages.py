@@ -8,7 +8,8 @@ import pytest
 
 from robbie_mp import EncodedMessage
 from robbie_mp.messages import DeclarationError, DecodeError, Image, VersionError
-from robbie_mp.module.bus import EmptyPattern, PublishAfterStop, SubscribedTwice
+from robbie_mp.module.bus import PublishAfterStop
+from robbie_mp.module.subscriptions import EmptyPattern, SubscribedTwice
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import MessageTooLarge
 from robbie_mp.transport.endpoint import NameTooLong
@@ -18,7 +19,7 @@ from tests.transport._support.pair import Pair, picture
 def subscribe(
     pair: Pair, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
 ) -> None:
-    pair.inbox.subscribe_encoded(type_pattern, handler, topic_pattern)
+    pair.inbox.subscriptions.subscribe_encoded(type_pattern, handler, topic_pattern)
     pair.run.run_core()
 
 
@@ -136,7 +137,7 @@ def test_nothing_encoded_is_published_after_the_end(pair: Pair) -> None:
 
 def test_patterns_that_cannot_match_or_stand_twice_are_refused(pair: Pair) -> None:
     with pytest.raises(EmptyPattern, match="matches all"):
-        pair.inbox.subscribe_encoded("", print, "*")
-    pair.inbox.subscribe_encoded("*", print, "*")
+        pair.inbox.subscriptions.subscribe_encoded("", print, "*")
+    pair.inbox.subscriptions.subscribe_encoded("*", print, "*")
     with pytest.raises(SubscribedTwice):
-        pair.inbox.subscribe_encoded("*", print, "*")
+        pair.inbox.subscriptions.subscribe_encoded("*", print, "*")

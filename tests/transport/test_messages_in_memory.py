@@ -12,8 +12,9 @@ import pytest
 from robbie_mp import MessageHandling
 from robbie_mp.messages import FieldError, Image
 from robbie_mp.module import outbox as outbox_module
-from robbie_mp.module.bus import PublishAfterStop, SubscribedTwice
+from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.inbox import MAX_PINNED, PINNED_SHARE, Inbox
+from robbie_mp.module.subscriptions import SubscribedTwice
 from robbie_mp.supervisor.memory import unlink_data_segments
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import MessageTooLarge
@@ -32,8 +33,8 @@ def test_message_comes_as_it_went(pair: Pair) -> None:
 
 def test_second_handler_for_the_same_messages_is_refused(pair: Pair) -> None:
     with pytest.raises(SubscribedTwice, match="one handler call the other"):
-        pair.inbox.subscribe(Image, pair.on_image, MessageHandling.KEEP_ONLY_NEWEST, "")
-    pair.inbox.subscribe(Image, pair.on_image, MessageHandling.ALWAYS_DELIVER, "camera")
+        pair.inbox.subscriptions.subscribe(Image, pair.on_image, MessageHandling.KEEP_ONLY_NEWEST, "")
+    pair.inbox.subscriptions.subscribe(Image, pair.on_image, MessageHandling.ALWAYS_DELIVER, "camera")
 
 
 def test_received_array_cannot_be_written(pair: Pair) -> None:
@@ -107,7 +108,7 @@ def test_message_let_go_by_a_thread_in_the_moment_its_handler_ends_is_released(p
     watching: list[object] = []
     words = Words("Q", bytes(8 * layout.OUT_RING))
     inbox = Inbox(pair.run.modules[2, 1].endpoint, pair.views, words, pair.channel_name)
-    inbox.subscribe(Image, keep, MessageHandling.ALWAYS_DELIVER, "")
+    inbox.subscriptions.subscribe(Image, keep, MessageHandling.ALWAYS_DELIVER, "")
     pair.run.run_core()
     pair.outbox.publish(picture(7), "")
     pair.run.run_core()

@@ -32,7 +32,7 @@ class Pair:
         self.channel_name = ChannelNames(self.run.words)
         self.inbox = Inbox(receiver.endpoint, self.views, receiver.out, self.channel_name)
         self.on_image: Callable[[Image], None] = lambda _image: None
-        self.inbox.subscribe(Image, self._handle, MessageHandling.ALWAYS_DELIVER, "")
+        self.inbox.subscriptions.subscribe(Image, self._handle, MessageHandling.ALWAYS_DELIVER, "")
         sender.ready()
         receiver.ready()
         self.run.run_core()

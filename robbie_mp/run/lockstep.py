@@ -10,6 +10,7 @@ outside, as of people or of the supervisor, take their place whenever they come.
 import contextlib
 from collections.abc import Callable, Mapping
 
+from robbie_mp.module.module import Module
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.layout import SegmentKind
@@ -56,7 +57,7 @@ class Lockstep:
         self._out[layout.OUT_AWAITS_SETTLED] = 1
         self._wake_core()
 
-    def settled(self) -> bool:
+    def has_just_settled(self) -> bool:
         """Whether what was waited for has come; says so once."""
         if not self._out[layout.OUT_AWAITS_SETTLED] or not self.is_settled():
             return False
@@ -95,6 +96,13 @@ class Lockstep:
         self._core_segment.close()
         for _, segment in self._mapped.values():
             segment.close()
+
+
+class ClockSource(Module):
+    """A module that can turn the run's clock, when the profile names it in `clock.source`."""
+
+    lockstep: Lockstep | None = None
+    """Set before `setup` if this module turns the clock of a run in lockstep."""
 
 
 class TickSchedule:

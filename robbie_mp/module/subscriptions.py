@@ -1,0 +1,135 @@
+"""What a module subscribes to, and with which handler: the same on every bus."""
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, Protocol
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.module.bus import EncodedMessage, MessageType
+from robbie_mp.transport.endpoint import ChannelName
+from robbie_mp.transport.records import ANY_VERSION, MessageHandling
+
+
+class SubscribedTwice(RobbieError, ValueError):
+    """A module subscribed twice to the same messages; one handler may call the other.
+
+    Example scenarios:
+      - two helpers of a module each subscribe to ModuleState for all topics
+    """
+
+    def __init__(self, type_name: str, topic: str):
+        super().__init__(
+            f"this module has already subscribed to {type_name} on topic '{topic}'; "
+            "let one handler call the other"
+        )
+
+
+class EmptyPattern(RobbieError, ValueError):
+    """A module subscribed with an empty pattern for the type; no type has an empty name."""
+
+    def __init__(self) -> None:
+        super().__init__("an empty pattern matches no type; '*' matches all")
+
+
+class Decoder(Protocol):
+    """Turns the bytes of a message into what its handler gets."""
+
+    @property
+    def has_views(self) -> bool:
+        """Whether the result may refer to the bytes for as long as it lives."""
+
+    def decode(self, buffer: memoryview, /) -> Any:
+        """Return what the handler gets."""
+
+
+class Subscription(NamedTuple):
+    """One subscription of a module."""
+
+    name: ChannelName
+    """Type, version and topic ('' for all topics); with ANY_VERSION, shell patterns for type and topic."""
+    handling: MessageHandling
+    decoder: Decoder
+    handler: Callable[[Any], None]
+
+
+class Subscriptions:
+    """A module's subscriptions on one bus.
+
+    Args:
+        request: requests the messages of a subscription; returns the number that they will carry.
+        current_name: returns type, version and topic of the message that is being handled.
+
+    Attributes:
+        by_number: the subscriptions by the number that their messages carry.
+    """
+
+    def __init__(self, request: Callable[[Subscription], int], current_name: Callable[[], ChannelName]):
+        self._request = request
+        self._as_bytes = _AsBytes(current_name)
+        self._by_name: dict[ChannelName, Subscription] = {}
+        self.by_number: dict[int, Subscription] = {}
+
+    def __iter__(self) -> Iterator[Subscription]:
+        """Iterate over the subscriptions made so far, in the order in which they were made."""
+        return iter(list(self._by_name.values()))
+
+    def subscribe(
+        self,
+        message_type: type[MessageType],
+        handler: Callable[[MessageType], None],
+        handling: MessageHandling,
+        topic: str,
+    ) -> None:
+        """Subscribe to the messages of a type.
+
+        Args:
+            message_type: the class of the messages.
+            handler: called with each message.
+            handling: what to do when messages come faster than they are handled.
+            topic: '' for all topics.
+
+        Raises:
+            SubscribedTwice: the module has already subscribed to them.
+        """
+        name = ChannelName(message_type.type_name, message_type.version, topic)
+        self._add(Subscription(name, handling, message_type, handler))
+
+    def subscribe_encoded(
+        self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
+    ) -> None:
+        """Subscribe to all messages whose type and topic match shell patterns; the handler gets their bytes.
+
+        Raises:
+            SubscribedTwice: the module has already subscribed with the same patterns.
+            EmptyPattern: the pattern for the type is empty.
+        """
+        if not type_pattern:
+            raise EmptyPattern
+        name = ChannelName(type_pattern, ANY_VERSION, topic_pattern)
+        self._add(Subscription(name, MessageHandling.ALWAYS_DELIVER, self._as_bytes, handler))
+
+    def request_again(self) -> None:
+        """Request the messages of all subscriptions from a core that does not know them."""
+        self.by_number.clear()
+        for subscription in self:
+            self.by_number[self._request(subscription)] = subscription
+
+    def _add(self, subscription: Subscription) -> None:
+        name = subscription.name
+        if name in self._by_name:
+            raise SubscribedTwice(name.type_name, name.topic)
+        self._by_name[name] = subscription
+        self.by_number[self._request(subscription)] = subscription
+
+
+class _AsBytes:
+    """Leaves a message as its bytes."""
+
+    has_views = True
+
+    def __init__(self, current_name: Callable[[], ChannelName]):
+        self._current_name = current_name
+
+    def decode(self, buffer: memoryview) -> EncodedMessage:
+        """Return the bytes with the message's type and version."""
+        type_name, version, _ = self._current_name()
+        return EncodedMessage(type_name, version, buffer)
