@@ -37,7 +37,7 @@ class LaserGeometry:
 
     def angles_rad(self) -> NDArray[np.float64]:
         """Return the direction of each beam in the laser's frame: (beams,)."""
-        return self.angle_min_rad + self.angle_increment_rad * np.arange(self.beams)
+        return self.angle_min_rad + self.angle_increment_rad * np.arange(self.beams, dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@
 from hw.laser import LaserGeometry
 from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import DriveCommand, LaserScan, OccupancyGrid, PoseStamped
-from workers.exploration.explorer import Explorer, ExplorerSettings
+from workers.exploration.explorer import Explorer
+from workers.exploration.explorer_states import ExplorerSettings
 from workers.navigation.collision_guard import CollisionGuard
 from workers.navigation.path_follower import FollowerSettings, PathFollower
 

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from modules.planar_messages import angles_rad, laser_mount, map_cells, planar, pose_stamped
 from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
@@ -34,7 +36,7 @@ class MonteCarloLocalization(Module):
     def setup(self) -> None:
         """Read the map, if there is a file, and listen."""
         self.localizer: Localizer | None = None
-        self.laser_pose = (0.0, 0.0, 0.0)
+        self.laser_pose = np.zeros(3)
         self.status = "waits for the map"
         if self.map_file is not None:
             there = read_map(self.map_file)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modules.planar_messages import angles_rad, laser_mount, map_cells, planar, pose_stamped
 from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
@@ -119,7 +120,7 @@ class Navigation(Module):
     def on_scan(self, scan: LaserScan) -> None:
         """Look around; the first scan tells the laser's geometry."""
         if self.navigator is None:
-            self._begin(scan)
+            self.navigator = self._make_navigator(scan)
         sweep = LaserSweep.from_ranges(
             scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max
         )
@@ -146,7 +147,7 @@ class Navigation(Module):
         if speeds is not None:
             self._command(*speeds)
         if self.navigator.path is not self.path:
-            self._publish_path()
+            self._publish_path(self.navigator.path)
         if self.navigator.state in RESTING and self.told[0] != self.navigator.state.name:
             self.checkpoint(None)
             self.log.info("%s: %s", self.navigator.state.name, self.navigator.machine.reason)
@@ -163,8 +164,8 @@ class Navigation(Module):
             )
         )
 
-    def _begin(self, scan: LaserScan) -> None:
-        """Make the navigator for a laser's geometry."""
+    def _make_navigator(self, scan: LaserScan) -> Navigator:
+        """Make the navigator for the laser's geometry, with the map and the goal known so far."""
         settings = NavigatorSettings(
             clearance_m=self.clearance_m,
             tight_clearance_m=self.tight_clearance_m,
@@ -175,11 +176,12 @@ class Navigation(Module):
         )
         guard = CollisionGuard(angles_rad(scan), self.laser_pose)
         follower = PathFollower(self._follower_settings())
-        self.navigator = Navigator(self._time_s, guard, follower, settings, self.laser_pose)
+        navigator = Navigator(self._time_s, guard, follower, settings, self.laser_pose)
         if self.grid is not None:
-            self.navigator.see_map(*map_cells(self.grid))
+            navigator.see_map(*map_cells(self.grid))
         if self.goal is not None:
-            self.navigator.go_to(self.goal)
+            navigator.go_to(self.goal)
+        return navigator
 
     def _refuse(self, reason: str) -> None:
         self.log.error("%s", reason)
@@ -190,14 +192,12 @@ class Navigation(Module):
         else:
             self.navigator.refuse(reason)
 
-    def _publish_path(self) -> None:
-        self.path = self.navigator.path
+    def _publish_path(self, path: NDArray[np.float64]) -> None:
+        self.path = path
         header = Header(stamp=self._now(), frame_id="map")
-        ahead = np.diff(self.path, axis=0, append=self.path[-1:])
+        ahead = np.diff(path, axis=0, append=path[-1:])
         headings = np.arctan2(ahead[:, 1], ahead[:, 0])
-        poses = [
-            pose_stamped([*xy, heading], header) for xy, heading in zip(self.path, headings, strict=True)
-        ]
+        poses = [pose_stamped([*xy, heading], header) for xy, heading in zip(path, headings, strict=True)]
         self.publish(Path(header=header, poses=poses), topic="path")
 
     def _tell(self, state: str, reason: str, left_m: float | None) -> None:

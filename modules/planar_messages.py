@@ -52,12 +52,13 @@ def frontiers_message(frontiers: Sequence[Frontier], header: Header) -> Frontier
     """Make a message of frontiers, the longest of which come first."""
     told = frontiers[: Frontiers.MOST]
     middles = [Point(x=x_m, y=y_m) for x_m, y_m in (frontier.middle_xy_m.tolist() for frontier in told)]
-    return Frontiers(header=header, middles=middles, lengths_m=[frontier.length_m for frontier in told])
+    lengths_m = np.array([frontier.length_m for frontier in told], np.float64)
+    return Frontiers(header=header, middles=middles, lengths_m=lengths_m)
 
 
 def angles_rad(scan: LaserScan) -> NDArray[np.float64]:
     """Return the direction of each beam of a scan in the laser's frame: (N,)."""
-    return scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
+    return scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges), dtype=np.float64)
 
 
 def laser_mount(message: TFMessage) -> NDArray[np.float64] | None:

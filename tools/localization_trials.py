@@ -107,14 +107,16 @@ class Operator:
         """Return any pose where the robot may stand."""
         cells = np.argwhere(self._grid.drivable)
         xy = self._grid.middles_m(cells[self._random.integers(len(cells))])
-        return Pose(*xy.tolist(), self._random.uniform(-np.pi, np.pi))
+        x_m, y_m = xy.tolist()
+        return Pose(x_m, y_m, self._random.uniform(-np.pi, np.pi))
 
     def _way(self, pose: Pose) -> NDArray[np.float64]:
         start = self._grid.nearest(self._grid.drivable, pose, 1.0)
+        assert start is not None
         ways = PathField(self._grid, start)
         reached = np.argwhere(np.isfinite(ways.cost_m))
         goal = reached[self._random.integers(len(reached))]
-        return self._grid.middles_m(ways.path(tuple(goal)))
+        return self._grid.middles_m(ways.path((int(goal[0]), int(goal[1]))))
 
 
 class Drive:
@@ -171,10 +173,12 @@ class Drive:
 
     def off_m(self, truth: Pose) -> float:
         """Return how far the localizer is off."""
+        assert self.localizer.pose is not None
         return float(np.hypot(*(self.localizer.pose[:2] - truth[:2])))
 
     def is_right(self, truth: Pose) -> bool:
         """Say whether the localizer knows where the robot is."""
+        assert self.localizer.pose is not None
         turned = abs(float(wrap_angle(self.localizer.pose[2] - truth[2])))
         return self.off_m(truth) < RIGHT_M and turned < RIGHT_RAD
 
@@ -217,7 +221,7 @@ def main(arguments: list[str] | None = None) -> int:
         trials.append(run_trial(seed, conditions, options.limit, options.kidnap))
         if not options.json:
             print(trials[-1], flush=True)
-    found = sum(trial.way_m is not None and trial.worst_m < RIGHT_M for trial in trials)
+    found = sum(trial.worst_m is not None and trial.worst_m < RIGHT_M for trial in trials)
     if options.json:
         print(json.dumps({"found": found, "trials": [asdict(trial) for trial in trials]}))
     else:

@@ -16,7 +16,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from PIL import Image
-from playwright.sync_api import Page
+from playwright.sync_api import Page, ViewportSize
 
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver
@@ -25,7 +25,7 @@ from robbie_mp.transport.segment import SegmentMissing
 from tools.operator_trials.chromium import chromium
 
 FOLDER = Path("docs/images")
-SIZE = {"width": 1280, "height": 800}
+SIZE: ViewportSize = {"width": 1280, "height": 800}
 COLOURS = 128
 ROBBIE = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
 SETTINGS = (

@@ -1,23 +1,26 @@
 """Random buildings for trials: rooms, doorways and furniture, the same for the same seed."""
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from hw.pose import Pose
 from hw.simulation.arena import Arena, Array
-from hw.simulation.arena_file import box_segments
+from hw.simulation.box_segments import box_segments
 
 SMALLEST_ROOM_M = 2.4
 DOOR_M = 1.1
 FURNITURE_PER_M2 = 0.05
 KEPT_FREE_M = 0.35  # between furniture and walls, so that a robot passes
 
+Segment = tuple[float, float, float, float]
+
 
 def random_rooms(seed: int, width_m: float = 14.0, height_m: float = 10.0) -> Arena:
     """Make a building whose rooms are all connected; the start is somewhere free, with any heading."""
     random = np.random.default_rng(seed)
-    walls = [(0, 0, width_m, 0), (width_m, 0, width_m, height_m)]
-    walls += [(0, 0, 0, height_m), (0, height_m, width_m, height_m)]
+    walls: list[Segment] = [(0.0, 0.0, width_m, 0.0), (width_m, 0.0, width_m, height_m)]
+    walls += [(0.0, 0.0, 0.0, height_m), (0.0, height_m, width_m, height_m)]
     _divide((0.0, 0.0, width_m, height_m), walls, random)
     bare = Arena(np.array(walls, float), np.empty((0, 3)), Pose(0, 0, 0), width_m, height_m)
     boxes, circles = [], []
@@ -41,7 +44,7 @@ def random_rooms(seed: int, width_m: float = 14.0, height_m: float = 10.0) -> Ar
     return Arena(arena.segments, arena.circles, _start(arena, boxes, random), width_m, height_m)
 
 
-def _divide(room: tuple[float, float, float, float], walls: list, random: np.random.Generator) -> None:
+def _divide(room: Segment, walls: list[Segment], random: np.random.Generator) -> None:
     """Part a room by a wall with a doorway, and its halves again, until they are small."""
     x1, y1, x2, y2 = room
     along_x = (x2 - x1) > (y2 - y1)
@@ -66,7 +69,7 @@ def _start(arena: Arena, boxes: list[list[float]], random: np.random.Generator) 
             return Pose(x, y, random.uniform(-np.pi, np.pi))
 
 
-def drawn_map(arena: Arena, resolution_m: float = 0.05) -> tuple[np.ndarray, Array]:
+def drawn_map(arena: Arena, resolution_m: float = 0.05) -> tuple[NDArray[np.int8], Array]:
     """Return the map of an arena that a perfect mapper would make from its start.
 
     Returns:
@@ -75,7 +78,7 @@ def drawn_map(arena: Arena, resolution_m: float = 0.05) -> tuple[np.ndarray, Arr
     """
     corner = np.full(2, -0.25)
     shape = np.ceil((np.array([arena.height_m, arena.width_m]) + 0.5) / resolution_m).astype(int)
-    rows, columns = np.indices(shape)
+    rows, columns = np.indices((int(shape[0]), int(shape[1])))
     middles = (np.stack([columns, rows], axis=-1) + 0.5) * resolution_m + corner
     occupied = np.stack([arena.clearance_m(row) for row in middles]) < 0.75 * resolution_m
     regions, _ = ndimage.label(~occupied)

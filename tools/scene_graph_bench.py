@@ -133,7 +133,8 @@ def measure_service(nodes: list[Node], seconds: float) -> dict[str, float]:
             for step in range(1, round(seconds * UPDATES_PER_S) + 1):
                 header = Header(stamp=Time.from_nanoseconds(step * 1_000_000_000 // UPDATES_PER_S))
                 name = joints[step % len(joints)]
-                state = JointState(header=header, name=[name], position=[random.uniform(-1.0, 1.0)])
+                angle_rad = random.uniform(-1.0, 1.0)
+                state = JointState(header=header, name=[name], position=np.array([angle_rad]))
                 began_ns = time.thread_time_ns()
                 service.send(state)
                 service.advance(1.0 / UPDATES_PER_S)

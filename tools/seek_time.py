@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +44,7 @@ def write_scans(path: Path, count: int, rate_hz: float) -> None:
             log.add(channel, key.metadata(), at_ns, scan.encode())
 
 
-def measure(path: Path, seeks: int) -> dict[str, object]:
+def measure(path: Path, seeks: int) -> dict[str, Any]:
     """Seek at random, and check where that leads."""
     chance = random.Random(1)
     took_s, violations = [], []

@@ -8,7 +8,8 @@ Array = NDArray[np.float64]
 
 def wrap_angle(angle_rad: Array) -> Array:
     """Bring angles into [-pi, pi)."""
-    return (angle_rad + np.pi) % (2 * np.pi) - np.pi
+    wrapped: Array = (angle_rad + np.pi) % (2 * np.pi) - np.pi
+    return wrapped
 
 
 def compose(first: ArrayLike, second: ArrayLike) -> Array:
@@ -33,17 +34,20 @@ def relative(base: ArrayLike, pose: ArrayLike) -> Array:
 def transform_points(pose: ArrayLike, points: ArrayLike) -> Array:
     """Carry points `(N, 2)`, m, from the frame of `pose` into the frame the pose is given in."""
     pose, points = np.asarray(pose, float), np.asarray(points, float)
-    return rotate(pose[2], points) + pose[:2]
+    moved: Array = rotate(pose[2], points) + pose[:2]
+    return moved
 
 
 def rotate(angle_rad: float, vectors: ArrayLike) -> Array:
     """Turn vectors `(N, 2)` by an angle."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    return np.asarray(vectors, float) @ np.array([[cos, sin], [-sin, cos]])
+    turned: Array = np.asarray(vectors, float) @ np.array([[cos, sin], [-sin, cos]])
+    return turned
 
 
 def rotated_information(information: ArrayLike, angle_rad: float) -> Array:
     """Carry the inverse covariance `(3, 3)` of a pose from a frame into one it stands in at an angle."""
     turn = np.eye(3)
     turn[:2, :2] = rotate(angle_rad, np.eye(2)).T
-    return turn @ np.asarray(information, float) @ turn.T
+    turned: Array = turn @ np.asarray(information, float) @ turn.T
+    return turned

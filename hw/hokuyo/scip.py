@@ -44,7 +44,8 @@ def numbers(text: bytes) -> NDArray[np.int64]:
     digits = np.frombuffer(text, np.uint8).astype(np.int64) - 0x30
     if len(digits) % 3 or (len(digits) and not 0 <= digits.min() <= digits.max() < 64):
         raise DamagedLine(f"{len(text)} characters from the laser are not numbers of three characters each")
-    return digits.reshape(-1, 3) @ np.array([4096, 64, 1])
+    values: NDArray[np.int64] = digits.reshape(-1, 3) @ np.array([4096, 64, 1])
+    return values
 
 
 def parameters(lines: Iterable[bytes]) -> dict[str, str]:

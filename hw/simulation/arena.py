@@ -68,7 +68,8 @@ class Arena:
         to_walls = np.sqrt((offset**2).sum(axis=-1).min(axis=-1, initial=np.inf))
         from_centres = np.sqrt(((points - self.circles[:, :2]) ** 2).sum(axis=-1))
         to_circles = np.abs(from_centres - self.circles[:, 2]).min(axis=-1, initial=np.inf)
-        return np.minimum(to_walls, to_circles)
+        nearest: Array = np.minimum(to_walls, to_circles)
+        return nearest
 
     def ranges_m(self, x_m: float, y_m: float, angles_rad: Array) -> Array:
         """Return how far rays from one point go until they hit something.

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.pose import Pose
 from hw.simulation.arena import Arena
@@ -153,7 +154,7 @@ def _drawing(file: YamlMap) -> Drawing:
         file.fail_at(first + error.row, str(error))
 
 
-def _circles(file: YamlMap) -> np.ndarray:
+def _circles(file: YamlMap) -> NDArray[np.float64]:
     circles, nodes = file.rows("circles", 3)
     for (_, _, radius), node in zip(circles, nodes, strict=True):
         if radius <= 0:

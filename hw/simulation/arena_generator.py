@@ -125,20 +125,28 @@ class ArenaGenerator:
             x, y = self._place(~self._solid)
             if self._random.random() < 0.5:
                 circle = (x, y, round(float(self._random.uniform(0.08, 0.3)), 2))
-                kept, shape = self.circles, circle
-                size_m = circle[2]
+                if self._block(self._covered(circle), self._from_start_m(x, y) - circle[2]):
+                    self.circles.append(circle)
+                    return
             else:
                 half_x, half_y = (round(float(half), 2) for half in self._random.uniform(0.1, 0.4, 2))
-                kept, shape = (
-                    self.boxes,
-                    tuple(round(v, 3) for v in (x - half_x, y - half_y, x + half_x, y + half_y)),
+                box = (
+                    round(x - half_x, 3),
+                    round(y - half_y, 3),
+                    round(x + half_x, 3),
+                    round(y + half_y, 3),
                 )
-                size_m = math.hypot(half_x, half_y)
-            solid = self._solid | self._covered(shape)
-            if self._from_start_m(x, y) - size_m > START_FREE_M / 2 and self._is_connected(solid):
-                kept.append(shape)
-                self._solid = solid
-                return
+                if self._block(self._covered(box), self._from_start_m(x, y) - math.hypot(half_x, half_y)):
+                    self.boxes.append(box)
+                    return
+
+    def _block(self, covered: Mask, from_start_m: float) -> bool:
+        """Make cells solid, unless they are too near the start or cut something off; say whether."""
+        solid = self._solid | covered
+        if from_start_m <= START_FREE_M / 2 or not self._is_connected(solid):
+            return False
+        self._solid = solid
+        return True
 
     def _covered(self, shape: tuple[float, ...]) -> Mask:
         rows, columns = self._solid.shape

@@ -148,5 +148,6 @@ class _Noise:
         begin = int(self._random.integers(self._reach))
         noise = self._table[begin : begin + image.size].reshape(image.shape)
         if image.dtype == np.uint8:
-            return np.clip(image + noise, 0, 255, dtype=np.int16, casting="unsafe").astype(np.uint8)
-        return image + noise.view(np.uint16)
+            clipped = np.clip(image + noise, 0, 255, dtype=np.int16, casting="unsafe")
+            return np.asarray(clipped).astype(np.uint8)
+        return np.asarray(image + noise.view(np.uint16))

@@ -91,7 +91,8 @@ class Renderer:
         entry[height > arena.wall_height_m] = 2 * count + 2
         floor = np.flatnonzero(height.ravel() < 0.0)
         entry.ravel()[floor] = 2 * count + self._tiles(eye, floor)
-        return table[entry]
+        image: Values = table[entry]
+        return image
 
     def _tiles(self, eye: Pose, pixels: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return 0 or 1 for each of some pixels that show the floor, as on a chessboard."""
@@ -101,4 +102,5 @@ class Renderer:
         cos, sin = np.float32(math.cos(eye.heading_rad)), np.float32(math.sin(eye.heading_rad))
         column = np.floor((ahead * cos - left * sin + np.float32(eye.x_m)) / np.float32(TILE_M))
         row = np.floor((ahead * sin + left * cos + np.float32(eye.y_m)) / np.float32(TILE_M))
-        return (column + row).astype(np.intp) & 1
+        colour: NDArray[np.intp] = (column + row).astype(np.intp) & 1
+        return colour

@@ -5,6 +5,8 @@ import math
 from dataclasses import fields, replace
 from typing import Any
 
+import numpy as np
+
 from hw.drive import DriveCommandError, DriveState
 from hw.pose import Pose as Pose2D
 from hw.simulation.arena_file import read_arena
@@ -111,7 +113,8 @@ class SimulatedBase(SimulatedDevice):
         self.publish(odometry(truth, stamp, "map"), topic="ground_truth")
         header = Header(stamp=stamp, frame_id="base_link")
         if self.changes:
-            self.publish(SimulatedWorld(header=header, obstacles=self.drive.obstacles), topic="ground_truth")
+            obstacles = np.array(self.drive.obstacles, np.uint32)
+            self.publish(SimulatedWorld(header=header, obstacles=obstacles), topic="ground_truth")
         self._confirm()
         self.status = (
             f"{'EMERGENCY STOP, ' if self.drive.is_emergency_stopped else ''}"

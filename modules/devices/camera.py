@@ -3,6 +3,7 @@
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.camera import CameraGeometry
 from hw.simulation.camera import SimulatedCamera, SimulatedThermalCamera
@@ -34,7 +35,7 @@ class SimulatedCameraModule(SimulatedDevice):
         geometry = CameraGeometry(self.width, self.height, self.field_of_view_rad)
         self.world = SharedWorld(self, self.arena)
         self.camera = self.camera_class(self.world.arena, geometry, self.noise, self.seed)
-        self.projection = projection(geometry)
+        self.intrinsics = intrinsic_matrix(geometry)
         self.images = 0
         self.directions = PanTiltHistory()
         self.subscribe(JointState, self.directions.add, topic="pan_tilt")
@@ -50,8 +51,17 @@ class SimulatedCameraModule(SimulatedDevice):
         self.camera.look(*self.directions.at(truth.stamp_s))
         pixels = self.camera.capture().pixels
         header = Header(stamp=self.world.stamp, frame_id=f"{self.topic}_optical")
+        k = self.intrinsics
         self.publish(
-            CameraInfo(header=header, height=self.height, width=self.width, **self.projection),
+            CameraInfo(
+                header=header,
+                height=self.height,
+                width=self.width,
+                distortion_model="plumb_bob",
+                k=k.ravel(),
+                r=np.eye(3).ravel(),
+                p=np.hstack([k, np.zeros((3, 1))]).ravel(),
+            ),
             topic=self.topic,
         )
         self.publish(
@@ -81,9 +91,7 @@ class SimulatedThermalCameraModule(SimulatedCameraModule):
     encoding = "mono16"
 
 
-def projection(geometry: CameraGeometry) -> dict[str, object]:
-    """Return the fields of a `CameraInfo` that say how a camera projects."""
+def intrinsic_matrix(geometry: CameraGeometry) -> NDArray[np.float64]:
+    """Return a camera's intrinsic matrix: (3, 3), pixels."""
     focal, (x, y) = geometry.focal_length_px, geometry.centre_px
-    k = np.array([[focal, 0.0, x], [0.0, focal, y], [0.0, 0.0, 1.0]])
-    p = np.hstack([k, np.zeros((3, 1))])
-    return {"distortion_model": "plumb_bob", "k": k.ravel(), "r": np.eye(3).ravel(), "p": p.ravel()}
+    return np.array([[focal, 0.0, x], [0.0, focal, y], [0.0, 0.0, 1.0]])

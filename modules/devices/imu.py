@@ -1,6 +1,7 @@
 """The robot's inertial measurement unit."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.drive import DriveState
 from hw.simulation.imu import SimulatedImu
@@ -42,5 +43,5 @@ class SimulatedImuModule(SimulatedDevice):
         self.status = f"{self.samples} samples"
 
 
-def _axes(values: np.ndarray) -> dict[str, float]:
+def _axes(values: NDArray[np.float64]) -> dict[str, float]:
     return dict(zip("xyz", values.tolist(), strict=True))

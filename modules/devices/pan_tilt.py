@@ -1,5 +1,7 @@
 """The robot's pan-tilt unit."""
 
+import numpy as np
+
 from hw.pan_tilt import PanTiltError, PanTiltLimits
 from hw.simulation.pan_tilt import SimulatedPanTilt
 from robbie_mp import Header, Module, Time, setting
@@ -18,8 +20,8 @@ class SimulatedPanTiltModule(Module):
     def setup(self) -> None:
         """Make the unit; it looks straight ahead, or where it looked."""
         limits = PanTiltLimits(rate_rad_per_s=self.rate_rad_per_s)
-        direction = (0.0, 0.0) if self.restored is None else tuple(self.restored["direction"])
-        self.unit = SimulatedPanTilt(self._time_s, limits, direction)
+        pan_rad, tilt_rad = (0.0, 0.0) if self.restored is None else self.restored["direction"]
+        self.unit = SimulatedPanTilt(self._time_s, limits, (pan_rad, tilt_rad))
         self.subscribe(PanTiltCommand, self.on_command)
 
     def on_command(self, command: PanTiltCommand) -> None:
@@ -36,8 +38,8 @@ class SimulatedPanTiltModule(Module):
             JointState(
                 header=Header(stamp=Time.from_nanoseconds(self.clock.now_ns())),
                 name=["pan", "tilt"],
-                position=[state.pan_rad, state.tilt_rad],
-                velocity=[state.pan_rad_per_s, state.tilt_rad_per_s],
+                position=np.array([state.pan_rad, state.tilt_rad]),
+                velocity=np.array([state.pan_rad_per_s, state.tilt_rad_per_s]),
             ),
             topic="pan_tilt",
         )

@@ -151,7 +151,7 @@ class RescueMission(Module):
         )
         # Without a goal navigation names none: its zeros are not the home that lies there.
         self.is_known = self.goal is not None and state.state != "IDLE" and self._is_goal(state)
-        if self.judged or not self.is_known:
+        if self.judged or not self.is_known or self.goal is None:
             return
         if state.state in ("ARRIVED", "UNREACHABLE"):
             self.judged = True
@@ -209,7 +209,8 @@ class RescueMission(Module):
             self.told, self.told_s = told, self._time_s()
             state, orders, refusal = told
             header, text = self._header("map"), mission.status
-            self.publish(MissionStatus(header=header, state=state, text=text, orders=orders, refusal=refusal))
+            codes = np.array(orders, np.uint8)
+            self.publish(MissionStatus(header=header, state=state, text=text, orders=codes, refusal=refusal))
             if mission.home is not None:
                 home = PointOfInterest(name="home", pose=pose_stamped(mission.home, header).pose)
                 self.publish(PointsOfInterest(header=header, points=[home]), topic="mission")

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from tools.bench.contender import Contender
 from tools.bench.options import IN_PLACE, Options, peer, peers
 from tools.bench.robbie import RobbieContender
 from tools.bench.rounds import Series, run_work
@@ -39,14 +40,15 @@ SCHEDULED = (
 def latency(options: Options) -> list[Result]:
     """A typed message of 64 bytes, 1,000 times a second, from one publisher to one subscriber."""
     work = Work("", Path(), count=options.messages(3000, 500), rate_hz=1000.0, warm_up=100)
-    series = [Series(one) for one in (peer("floor"), *options.robbies(), *peers())]
+    measured: list[Contender] = [peer("floor"), *options.robbies(), *peers()]
+    series = [Series(one) for one in measured]
     return [_latencies(options, "latency", "64 bytes, 1 kHz, 1 subscriber", work, series, (5, 2))]
 
 
 def wake(options: Options) -> list[Result]:
     """Ways to wake a process, on all processors and on one, bare and in Robbie."""
     work = Work("", Path(), count=options.messages(3000, 500), rate_hz=1000.0, warm_up=100)
-    rows = [*(peer(name) for name in FLOORS), *options.robbies(), *SCHEDULED]
+    rows: list[Contender] = [*(peer(name) for name in FLOORS), *options.robbies(), *SCHEDULED]
     series = [
         Series(one, {"cpus": cpus}, suffix)
         for cpus, suffix in (((), ""), ((min(os.sched_getaffinity(0)),), "one processor"))
@@ -82,7 +84,8 @@ def throughput(options: Options) -> list[Result]:
     count = options.messages(200_000, 20_000)
     work = Work("", Path(), count=count, rate_hz=0.0, warm_up=50, lossless=True)
     zeromq = Series(peer("zeromq"), {"lossless": False}, "default high-water marks")
-    series = options.chosen([*(Series(one) for one in (*options.robbies(), *peers())), zeromq])
+    measured: list[Contender] = [*options.robbies(), *peers()]
+    series = options.chosen([*(Series(one) for one in measured), zeromq])
     rows = run_work(series, work, options.times(5, 1), options.budget_s)
     title = f"64 bytes flat out, {count:,} messages, 1 subscriber"
     return [{"benchmark": "throughput", "title": title, "kind": "throughput", "contenders": rows}]
@@ -97,8 +100,10 @@ def _with_arrays(options: Options) -> list[Series]:
     """Everybody, and once more in place those that can."""
     robbies, others = options.robbies(), peers()
     able = [one for one in others if one.peer.can_fill_in_place]
-    in_place = [Series(one, {"in_place": True}, IN_PLACE) for one in (*robbies, *able)]
-    return [*in_place, *(Series(one) for one in (*robbies, *others))]
+    everybody: list[Contender] = [*robbies, *others]
+    can_fill: list[Contender] = [*robbies, *able]
+    in_place = [Series(one, {"in_place": True}, IN_PLACE) for one in can_fill]
+    return [*in_place, *(Series(one) for one in everybody)]
 
 
 def _latencies(

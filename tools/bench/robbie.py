@@ -92,7 +92,7 @@ class RobbieContender:
         """
         file = work.folder / f"work{suffix}.json"
         work.save(file)
-        described = {
+        described: dict[str, dict[str, Any]] = {
             f"subscriber-{index}{suffix}": {
                 "class": f"{MODULES}:Subscriber",
                 "settings": {"work_file": str(file), "index": index},

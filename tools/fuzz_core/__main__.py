@@ -62,7 +62,8 @@ def summary(output: str, returncode: int) -> str:
     """Say in one line what libFuzzer wrote in many."""
 
     def last(pattern: str) -> str:
-        return (re.findall(pattern, output) or ["?"])[-1]
+        matches: list[str] = re.findall(pattern, output)
+        return matches[-1] if matches else "?"
 
     return (
         f"{last(r'number_of_executed_units: *([0-9]+)')} executions, "

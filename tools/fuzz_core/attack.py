@@ -12,7 +12,7 @@ from tools.fuzz_core.steps import decode
 from tools.fuzz_core.words import dictionary
 
 KINDS = (*Outbound, 0, max(Outbound) + 1, 255)
-CONTROL_WORDS = (
+CONTROL_WORDS: tuple[int, ...] = (
     layout.HEADER_MAGIC, *range(layout.OUT_HEAD, layout.OUT_READY + 1), layout.OUT_AWAITED_FREED,
 )  # fmt: skip
 DECLARED_WORDS = 4 * layout.DECLARATION_WORDS

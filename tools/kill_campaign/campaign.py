@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from robbie_mp.observe import ModuleFigures
+from robbie_mp.transport.shared_folder import SHARED_MEMORY
 from tools.kill_campaign import neighbours, traces
 from tools.kill_campaign.attack import Attack, Signalled
 from tools.kill_campaign.frozen_log import FrozenLog, log_disk
@@ -192,5 +193,5 @@ def _end(
             books = [entry["routed"] for entry in module["subscriptions"]]
             if books != [entry.routed for entry in figures[module["name"]].subscriptions]:
                 found.append(f"the summary's books of {module['name']} differ from those before the end")
-    left = [path.name for path in traces.SHARED_MEMORY.iterdir() if robot.run_id in path.name]
+    left = [path.name for path in SHARED_MEMORY.iterdir() if robot.run_id in path.name]
     return found + [f"/dev/shm/{name} is left after the end" for name in sorted(left)]

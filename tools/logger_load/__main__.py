@@ -15,6 +15,7 @@ import argparse
 import json
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -27,7 +28,7 @@ from tools.logger_load.measure import CLASSES, WITHOUT, Result, measure
 
 GOAL = 1.2
 """So much longer than without a logger messages may take."""
-COLUMNS = {
+COLUMNS: dict[str, Callable[[Result], float | None]] = {
     "small p50 us": lambda one: one["small"]["p50_us"],
     "small p99 us": lambda one: one["small"]["p99_us"],
     "image p50 us": lambda one: one["image"]["p50_us"],

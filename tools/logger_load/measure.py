@@ -86,7 +86,7 @@ def measure(recorder: str, settings: Mapping[str, Any], seconds: float, settle_s
             summary = robot.stop()
         finally:
             robot.close()
-        result = {"recorder": recorder} | _figures(before, now)
+        result: Result = {"recorder": recorder} | _figures(before, now)
         if recorder in CLASSES:
             took_s = (now.at_ns - before.at_ns) / 1e9
             result["disk_mb_per_s"] = (written_now - written) / MEGABYTE / took_s

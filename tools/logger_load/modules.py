@@ -28,7 +28,8 @@ def draw_picture() -> NDArray[np.uint8]:
     across, down = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
     smooth = (across // 8 + down // 8) % 240
     noise = np.random.default_rng(1).integers(0, 8, (HEIGHT, WIDTH, CHANNELS), np.uint8)
-    return (smooth[:, :, None].astype(np.uint8) + noise).reshape(-1)
+    picture: NDArray[np.uint8] = smooth[:, :, None].astype(np.uint8) + noise
+    return picture.reshape(-1)
 
 
 class Camera(Module):

@@ -159,7 +159,7 @@ def measure(session: Session, seconds: float, cells: int, points: int, settle_s:
             slow.bytes_per_s = session.slow_bytes_per_s or 0.0
         memory = watch(robot, seconds)
         now = robot.observer.read()
-        result = {"session": session.name, "kind": session.kind if pages else "", "memory": memory}
+        result: Result = {"session": session.name, "kind": session.kind if pages else "", "memory": memory}
         result |= figures(before, now, session.has_station)
         if pages:
             took_s = (now.at_ns - before.at_ns) / 1e9

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,14 @@ from workers.state_machine import StateMachine
 RECOVER_M_PER_S = 0.15
 RECOVER_RAD_PER_S = 0.8
 SAME_PLACE_M = 0.5
+
+
+class _Senses(NamedTuple):
+    """What the robot needs to see in order to drive, all of it recent."""
+
+    grid: NavigationGrid
+    pose: NDArray[np.float64]
+    ranges_m: NDArray[np.float64]
 
 
 class Explorer:
@@ -60,7 +69,7 @@ class Explorer:
         self._pose: tuple[NDArray[np.float64], float] | None = None
         self._sweep: tuple[NDArray[np.float64], float] | None = None
         self._planned_s = -math.inf
-        self._began_s: float | None = None
+        self._began_s = math.inf
         self._moved_s = -math.inf
         self._explored_plans = 0
         self._recoveries = 0
@@ -98,45 +107,50 @@ class Explorer:
         """Return the speeds for the drive: ahead (m/s) and of the turn (rad/s)."""
         if self.machine.is_final:
             return HALT
-        if self._is_blind():
+        senses = self._senses()
+        if senses is None:
             if self.state is not ExplorerState.WAIT:
                 self.machine.go(ExplorerState.WAIT, "pose or laser is missing or too old")
             return HALT
         if self.state is ExplorerState.WAIT:
             self._resume("sees again")
         if self.state is ExplorerState.RECOVER:
-            return self._free_itself()
+            return self._free_itself(senses.ranges_m)
         if self._clock() - self._planned_s >= self.settings.plan_period_s:
-            self._make_plan()
+            self._make_plan(senses.grid, senses.pose)
         if self.state not in (ExplorerState.EXPLORE, ExplorerState.RETURN):
             return HALT
-        return self._along_path()
+        return self._along_path(senses)
 
-    def _is_blind(self) -> bool:
+    def _senses(self) -> _Senses | None:
+        """Return map, pose and ranges; None if one is missing or too old."""
         if self._grid is None or self._pose is None or self._sweep is None:
-            return True
-        return self._clock() - min(self._pose[1], self._sweep[1]) > self.settings.stale_s
+            return None
+        (pose, pose_s), (ranges_m, sweep_s) = self._pose, self._sweep
+        if self._clock() - min(pose_s, sweep_s) > self.settings.stale_s:
+            return None
+        return _Senses(self._grid, pose, ranges_m)
 
     def _resume(self, reason: str) -> None:
         """Go on with what the robot was doing, with a new plan."""
-        self._began_s = self._clock() if self._began_s is None else self._began_s
+        self._began_s = min(self._began_s, self._clock())
         self._planned_s = -math.inf
         self._moved_s = self._clock()
         self._progress.restart()
         self.machine.go(ExplorerState.RETURN if self.exploring_ended else ExplorerState.EXPLORE, reason)
 
-    def _make_plan(self) -> None:
+    def _make_plan(self, grid: NavigationGrid, pose: NDArray[np.float64]) -> None:
         self._planned_s = self._clock()
         if self.state is ExplorerState.EXPLORE:
-            self.plan = self._exploration.plan_exploration(self._grid, self._pose[0])
+            self.plan = self._exploration.plan_exploration(grid, pose)
             self._follower.follow(self.plan.path)
-            self._judge_exploration()
-        else:
-            self.plan = self._exploration.plan_way_to(self._grid, self._pose[0], self.home_xy_m)
+            self._judge_exploration(pose)
+        elif self.home_xy_m is not None:  # there has been a pose, so there is a home
+            self.plan = self._exploration.plan_way_to(grid, pose, self.home_xy_m)
             self._follower.follow(self.plan.path)
-            self._judge_return()
+            self._judge_return(pose)
 
-    def _judge_exploration(self) -> None:
+    def _judge_exploration(self, pose: NDArray[np.float64]) -> None:
         # One map may be caught half drawn; two in a row are believed.
         self._explored_plans = self._explored_plans + 1 if self.plan.result is PlanResult.EXPLORED else 0
         if self._clock() - self._began_s > self.settings.time_limit_s:
@@ -144,16 +158,16 @@ class Explorer:
         elif self._explored_plans >= 2:
             self._end_exploration(PlanResult.EXPLORED)
         elif self.plan.result is PlanResult.NO_WAY:
-            self._recover(self.plan.result)
+            self._recover(self.plan.result, pose)
         elif self._is_idle():
             self._exploration.give_up_goal()
             self._progress.restart()
 
-    def _judge_return(self) -> None:
-        if self._follower.is_arrived(self._pose[0]):
+    def _judge_return(self, pose: NDArray[np.float64]) -> None:
+        if self._follower.is_arrived(pose):
             self.machine.go(ExplorerState.DONE, "is home")
         elif self.plan.result is PlanResult.NO_WAY or self._is_idle():
-            self._recover("comes no nearer to home")
+            self._recover("comes no nearer to home", pose)
 
     def _is_idle(self) -> bool:
         """Say whether the goal has not come nearer for too long."""
@@ -170,9 +184,9 @@ class Explorer:
         self._follower.follow(())
         self.machine.go(ExplorerState.RETURN if self.settings.returns_home else ExplorerState.DONE, reason)
 
-    def _recover(self, reason: str) -> None:
-        """Try to get free; when that has not helped several times at one place, give up."""
-        here = self._pose[0][:2]
+    def _recover(self, reason: str, pose: NDArray[np.float64]) -> None:
+        """Try to get free; give up after several failed attempts at one place."""
+        here = pose[:2]
         if self._stuck_xy_m is None or np.hypot(*(here - self._stuck_xy_m)) > SAME_PLACE_M:
             self._stuck_xy_m, self._recoveries = here, 0
         self._recoveries += 1
@@ -183,20 +197,20 @@ class Explorer:
         else:
             self.machine.go(ExplorerState.DONE, f"stuck: {reason}")
 
-    def _along_path(self) -> Velocity:
-        wanted = self._follower.velocity(self._pose[0])
-        allowed = self._guard.checked(self._sweep[0], wanted)
+    def _along_path(self, senses: _Senses) -> Velocity:
+        wanted = self._follower.velocity(senses.pose)
+        allowed = self._guard.checked(senses.ranges_m, wanted)
         if wanted[0] == 0.0 or allowed[0] != 0.0:
             self._moved_s = self._clock()
         elif self._clock() - self._moved_s > self.settings.blocked_s:
-            self._recover("something is in the way")
+            self._recover("something is in the way", senses.pose)
             return HALT
         return allowed
 
-    def _free_itself(self) -> Velocity:
+    def _free_itself(self, ranges_m: NDArray[np.float64]) -> Velocity:
         """Back off as far as the laser allows, else turn on the spot to see more."""
         if self.machine.time_in_state_s > self.settings.recover_s:
             self._resume("has freed itself")
             return HALT
-        backwards = self._guard.checked(self._sweep[0], (-RECOVER_M_PER_S, 0.0))
+        backwards = self._guard.checked(ranges_m, (-RECOVER_M_PER_S, 0.0))
         return backwards if backwards[0] != 0.0 else (0.0, RECOVER_RAD_PER_S)

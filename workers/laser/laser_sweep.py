@@ -44,7 +44,9 @@ class LaserSweep:
     @cached_property
     def hits(self) -> SurfacePoints:
         """Where beams ended; reckoned when first asked for, so that a map is restored quickly."""
-        bearings = self.angle_min_rad + self.angle_increment_rad * np.arange(len(self.ranges_m))
+        bearings = self.angle_min_rad + self.angle_increment_rad * np.arange(
+            len(self.ranges_m), dtype=np.float64
+        )
         returned = np.isfinite(self.ranges_m)
         return SurfacePoints.from_bearings(bearings[returned], self.ranges_m[returned])
 
@@ -58,14 +60,15 @@ class LaserSweep:
     @staticmethod
     def from_state(state: Mapping[str, Any]) -> "LaserSweep":
         """Make the sweep that `state` was taken from."""
-        return LaserSweep.from_ranges(state["ranges_m"], *state["bearings_rad"], 0.0, np.inf)
+        angle_min_rad, angle_increment_rad = state["bearings_rad"]
+        return LaserSweep.from_ranges(state["ranges_m"], angle_min_rad, angle_increment_rad, 0.0, np.inf)
 
     def looked_through(self, places: ArrayLike) -> NDArray[np.bool_]:
         """Tell which places `(M, 2)`, m, laser's frame, were seen to be free: by three beams side by side."""
         places = np.asarray(places, float)
         bearing = np.arctan2(places[:, 1], places[:, 0]) - self.angle_min_rad
         beam = np.round((bearing % (2 * np.pi)) / self.angle_increment_rad).astype(np.int64)
-        inside = (beam >= 1) & (beam < len(self.ranges_m) - 1)
+        inside: NDArray[np.bool_] = (beam >= 1) & (beam < len(self.ranges_m) - 1)
         beam = np.where(inside, beam, 1)
         shortest = np.minimum(
             np.minimum(self.ranges_m[beam - 1], self.ranges_m[beam]), self.ranges_m[beam + 1]

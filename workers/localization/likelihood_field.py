@@ -132,7 +132,10 @@ class LikelihoodField:
 
     def distances_m(self, pose: ArrayLike, ends: NDArray[np.float64]) -> NDArray[np.float32]:
         """Return how far the ends `(B, 2)` lie from the nearest obstacle if the robot is at a pose."""
-        return self.distance_m.ravel()[self._end_cells(np.asarray(pose, float)[None], ends)[0]]
+        distances: NDArray[np.float32] = self.distance_m.ravel()[
+            self._end_cells(np.asarray(pose, float)[None], ends)[0]
+        ]
+        return distances
 
     def _end_cells(self, poses: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the cells in which the ends `(B, 2)` lie for each pose: `(N, B)`."""
@@ -146,7 +149,8 @@ class LikelihoodField:
         """Return the index of the cell around each place, in the flattened arrays."""
         height, width = self._occupied.shape
         column = self._number(x_m - self.corner_xy_m[0], width)
-        return self._number(y_m - self.corner_xy_m[1], height) * width + column
+        cells: NDArray[np.int64] = self._number(y_m - self.corner_xy_m[1], height) * width + column
+        return cells
 
     def _number(self, offset_m: NDArray[np.float64], size: int) -> NDArray[np.int64]:
         """Return the number of the row or column at an offset, which is written over."""

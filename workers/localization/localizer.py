@@ -242,7 +242,7 @@ class Localizer:
         fits += self.field.worst * self.field.blocked(cloud.poses, beams.seen)
         cloud.weigh(self.settings.independent_beams * fits)
         self.newest = self._judged(beams, cloud)
-        self._resample(beams.ends, float(cloud.weights @ np.exp(fits)))
+        self._resample(cloud, beams.ends, float(cloud.weights @ np.exp(fits)))
 
     def _judged(self, beams: _Beams, cloud: ParticleCloud) -> Localization:
         """Say where the robot is, and whether that is sure."""
@@ -253,9 +253,9 @@ class Localizer:
         spread_m, spread_rad = cloud.spread(best.pose)
         return Localization(beams.stamp_s, best.pose, converged, spread_m, spread_rad, agreement, len(cloud))
 
-    def _resample(self, ends: NDArray[np.float64], fit: float) -> None:
+    def _resample(self, cloud: ParticleCloud, ends: NDArray[np.float64], fit: float) -> None:
         """Draw particles anew if few of them have most of the weight, or other places must be tried."""
-        settings, cloud = self.settings, self._cloud
+        settings = self.settings
         self._slow += SLOW * (fit - self._slow)
         self._fast += FAST * (fit - self._fast)
         least = settings.min_particles if self._convergence.converged else settings.min_searching

@@ -86,7 +86,8 @@ class ParticleCloud:
         """Draw poses `(count, 3)` by weight, with as little chance as possible (low-variance sampling)."""
         places = (np.arange(count) + random.random()) / count
         numbers = np.searchsorted(np.cumsum(self.weights), places).clip(0, len(self) - 1)
-        return self.poses[numbers]
+        poses: NDArray[np.float64] = self.poses[numbers]
+        return poses
 
     def needed(self, least: int, most: int) -> int:
         """Return how many particles are enough for the places that hold weight."""

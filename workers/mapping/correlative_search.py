@@ -103,7 +103,8 @@ def search(
     shifts = np.arange(-side, side + 1, step)
     grid = np.stack(np.meshgrid(np.arange(len(turns)), shifts, shifts, indexing="ij"), axis=-1).reshape(-1, 3)
     best, best_score = None, least_score
-    stack = [(top, grid, None)]
+    # Level, branches, and their bounds if they are known already.
+    stack: list[tuple[int, NDArray[np.int64], NDArray[np.float64] | None]] = [(top, grid, None)]
     while stack:
         level, branches, bounds = stack.pop()
         if bounds is None:
@@ -161,11 +162,12 @@ def _doubt(
     """The least that any pose of each branch loses by lying away from the guess."""
     low, high = branches[:, 1:], branches[:, 1:] + 2**level - 1
     nearest = np.maximum(np.maximum(low, -high), 0) * field.resolution_m
-    return window.doubt_per_m2 * (nearest**2).sum(axis=1) + window.doubt_per_rad2 * turns[branches[:, 0]] ** 2
+    squared_m2: NDArray[np.float64] = (nearest**2).sum(axis=1)
+    return window.doubt_per_m2 * squared_m2 + window.doubt_per_rad2 * turns[branches[:, 0]] ** 2
 
 
 def _split(branches: NDArray[np.int64], level: int, side: int) -> NDArray[np.int64]:
     half = 2 ** (level - 1)
     corners = np.array([[0, 0, 0], [0, half, 0], [0, 0, half], [0, half, half]])
-    parts = (branches[:, None] + corners).reshape(-1, 3)
-    return parts[(parts[:, 1:] <= side).all(axis=1)]
+    parts: NDArray[np.int64] = (branches[:, None] + corners).reshape(-1, 3)
+    return parts[np.asarray((parts[:, 1:] <= side).all(axis=1))]

@@ -51,7 +51,10 @@ class _Edge:
 
     @property
     def covariance(self) -> Array:
-        return np.linalg.inv(self.information + SINGULAR * np.eye(3))
+        covariance: Array = np.linalg.inv(self.information + SINGULAR * np.eye(3)).astype(
+            np.float64, copy=False
+        )
+        return covariance
 
 
 def without(graph: PoseGraph, removed: Sequence[int]) -> tuple[PoseGraph, NDArray[np.int64]]:

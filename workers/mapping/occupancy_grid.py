@@ -58,11 +58,12 @@ class OccupancyGrid:
             Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 where nothing was seen; and the
             position (x, y) of the outer corner of cell (0, 0), m, map frame.
         """
-        percent = np.full(self._hits.shape, -1, dtype=np.int8)
+        percent: NDArray[np.int8] = np.full(self._hits.shape, -1, dtype=np.int8)
         seen = (self._hits > 0) | (self._passes > 0)
         log_odds = LOG_ODDS_HIT * self._hits[seen] + LOG_ODDS_PASS * self._passes[seen]
         percent[seen] = np.round(100 / (1 + np.exp(-log_odds)))
-        return percent, self._corner * self.resolution_m
+        corner_m: NDArray[np.float64] = self._corner * np.float64(self.resolution_m)
+        return percent, corner_m
 
     def state(self) -> dict[str, Any]:
         """Return the counts of all cells and where they lie; arrays that the next `add` may change."""

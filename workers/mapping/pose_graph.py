@@ -83,7 +83,8 @@ class PoseGraph:
         lengths = np.hypot(*np.array(self._measured)[:, :2].T) + 1e-6
         shape = (len(self.poses), len(self.poses))
         graph = csr_matrix((lengths, (ends[:, 0], ends[:, 1])), shape=shape)
-        return dijkstra(graph, directed=False, indices=start, limit=limit_m)
+        distances: NDArray[np.float64] = dijkstra(graph, directed=False, indices=[start], limit=limit_m)[0]
+        return distances
 
     def optimise(self) -> float:
         """Move the poses to where they fit the edges best.

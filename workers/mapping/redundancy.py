@@ -46,7 +46,8 @@ def _nearest_older(
     """Return for each place the older one nearest to it, and how far that is; without one itself, +inf."""
     older, apart = np.arange(len(places)), np.full(len(places), np.inf)
     most = min(NEIGHBOURS + 1, len(numbers))
-    distances, near = cKDTree(places[numbers]).query(places[numbers], k=range(1, most + 1))
+    found_m, found_at = cKDTree(places[numbers]).query(places[numbers], k=range(1, most + 1))
+    distances, near = np.asarray(found_m), np.asarray(found_at)
     distances[near >= np.arange(len(numbers))[:, None]] = np.inf
     best = distances.argmin(axis=1)
     rows = np.arange(len(numbers))

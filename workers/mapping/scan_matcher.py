@@ -49,7 +49,7 @@ class ScanMatcher:
         self._points, self._normals = reference.points, reference.normals
         self._tree = cKDTree(reference.points)
         across = np.einsum("ni,nj->nij", reference.normals, reference.normals) / SURFACE_NOISE_M**2
-        flat: NDArray[np.bool_] = reference.normals.any(axis=1)
+        flat = np.asarray(reference.normals.any(axis=1))
         self._stiffness = np.where(flat[:, None, None], across, np.eye(2) / CLUTTER_NOISE_M**2)
 
     def refine(
@@ -91,7 +91,7 @@ class ScanMatcher:
         arms, facing = rotate(pose[2], sweep.points), rotate(pose[2], sweep.normals)
         points = arms + pose[:2]
         apart, nearest = self._tree.query(points, distance_upper_bound=distance_m)
-        found = np.isfinite(apart)
+        found: NDArray[np.bool_] = np.asarray(np.isfinite(apart))
         nearest = np.where(found, nearest, 0)
         off, normals = self._points[nearest] - points, self._normals[nearest]
         clutter = ~(normals.any(axis=1) & facing.any(axis=1))

@@ -73,12 +73,9 @@ def read_map(path: Path) -> MapFile:
     resolution_m = _number(path, described, "resolution")
     if resolution_m <= 0:
         raise MapFileError(f"{path}: resolution must be greater than 0, not {resolution_m:g}")
-    origin = described.get("origin")
-    numbers = isinstance(origin, list) and all(isinstance(value, int | float) for value in origin)
-    if not numbers or len(origin) != 3 or not all(math.isfinite(value) for value in origin):
-        raise MapFileError(f"{path}: origin must be three numbers [x, y, yaw], not {origin!r}")
-    if origin[2] != 0:
-        raise MapFileError(f"{path}: a turned map (yaw {origin[2]:g}) is not supported; turn its image")
+    x_m, y_m, yaw_rad = _origin(path, described)
+    if yaw_rad != 0:
+        raise MapFileError(f"{path}: a rotated map (yaw {yaw_rad:g}) is not supported; rotate its image")
     image = path.parent / str(described.get("image", ""))
     try:
         with Image.open(image) as opened:
@@ -89,7 +86,7 @@ def read_map(path: Path) -> MapFile:
     cells = np.full(shades.shape, -1, dtype=np.int8)
     cells[occupied > _number(path, described, "occupied_thresh")] = 100
     cells[occupied < _number(path, described, "free_thresh")] = 0
-    return MapFile(cells, resolution_m, np.array(origin[:2], float))
+    return MapFile(cells, resolution_m, np.array([x_m, y_m]))
 
 
 def _described(path: Path) -> dict[str, Any]:
@@ -100,6 +97,17 @@ def _described(path: Path) -> dict[str, Any]:
     if not isinstance(described, dict):
         raise MapFileError(f"{path}: expected the keys that map_server writes: image, resolution, origin ...")
     return described
+
+
+def _origin(path: Path, described: dict[str, Any]) -> tuple[float, float, float]:
+    origin = described.get("origin")
+    if (
+        not isinstance(origin, list)
+        or len(origin) != 3
+        or not all(isinstance(value, int | float) and math.isfinite(value) for value in origin)
+    ):
+        raise MapFileError(f"{path}: origin must be three numbers [x, y, yaw], not {origin!r}")
+    return float(origin[0]), float(origin[1]), float(origin[2])
 
 
 def _number(path: Path, described: dict[str, Any], key: str) -> float:

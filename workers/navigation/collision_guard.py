@@ -101,7 +101,8 @@ class CollisionGuard:
     def _near_points(self, ranges_m: ArrayLike) -> NDArray[np.float64]:
         """Return what the sweep hit near the robot: `(K, 2)`, m, robot frame."""
         # What is too near to measure is taken to touch the body, so that the robot may still leave it.
-        ranges = np.where(np.isneginf(ranges_m), self._settings.body_radius_m, np.asarray(ranges_m, float))
+        measured = np.asarray(ranges_m, float)
+        ranges = np.where(np.isneginf(measured), self._settings.body_radius_m, measured)
         reach_m = self._settings.look_m + self._settings.body_radius_m + self._settings.margin_m
         near = ranges <= reach_m + float(np.hypot(*self._mount[:2]))
         return transform_points(self._mount, ranges[near, None] * self._beams[near])

@@ -63,7 +63,8 @@ class LiveObstacles:
         return self._middles(self._cells[now_s - self._hit_s < self._decay_s])
 
     def _middles(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-        return (cells + 0.5) * self._resolution_m
+        middles: NDArray[np.float64] = (cells + np.float64(0.5)) * self._resolution_m
+        return middles
 
     def _hits(self, laser: ArrayLike, sweep: LaserSweep) -> NDArray[np.float64]:
         bearings = sweep.angle_min_rad + sweep.angle_increment_rad * np.arange(len(sweep.ranges_m))

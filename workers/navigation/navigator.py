@@ -6,6 +6,7 @@ not come on, and gives a goal up with a reason.
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,6 +38,15 @@ ALIGN_PER_S, LEAST_ALIGN_RAD_PER_S, MOST_ALIGN_RAD_PER_S = 2.0, 0.2, 1.0
 TRACKED = 400  # poses kept to find a sweep's place among them
 PROGRESS_M = 0.5
 DETOUR_M = 1.0  # a way that has become so much longer is another way
+
+
+class _Situation(NamedTuple):
+    """What the robot needs to drive to a goal, all of it known."""
+
+    costmap: Costmap
+    pose: NDArray[np.float64]
+    ranges_m: NDArray[np.float64]
+    goal: NDArray[np.float64]
 
 
 class Navigator:
@@ -184,21 +194,29 @@ class Navigator:
             self.machine.go(NavigatorState.DRIVE, "has all it needs again")
         elif self.machine.expire():
             self._planned_s, self._moved_s = -math.inf, self._clock()
-        return HALT if self.state in RESTING else self._act()
+        return HALT if self.state in RESTING else self._act(self._situation())
 
-    def _act(self) -> Velocity:
+    def _situation(self) -> _Situation:
+        """Return what driving needs; call it only when nothing stops the robot and it has a goal."""
+        assert self._costmap is not None
+        assert self._pose is not None
+        assert self._sweep is not None
+        assert self.goal is not None
+        return _Situation(self._costmap, self._pose[0], self._sweep[0], self.goal)
+
+    def _act(self, situation: _Situation) -> Velocity:
         match self.state:
             case NavigatorState.CLEAR_COSTMAP:
                 return HALT
             case NavigatorState.BACK_UP:
-                return self._local.guard.checked(self._sweep[0], (-BACK_UP_M_PER_S, 0.0))
+                return self._local.guard.checked(situation.ranges_m, (-BACK_UP_M_PER_S, 0.0))
             case NavigatorState.ROTATE:
                 return 0.0, ROTATE_RAD_PER_S
             case NavigatorState.ALIGN:
-                return self._aligned()
+                return self._aligned(situation)
         if self._clock() - self._planned_s >= self.settings.plan_period_s:
-            self._plan()
-        return self._along_path() if self.state is NavigatorState.DRIVE else HALT
+            self._plan(situation)
+        return self._along_path(situation) if self.state is NavigatorState.DRIVE else HALT
 
     def _what_stops(self) -> NavigatorState | None:
         """Return why the robot must stand; None if it may drive."""
@@ -230,27 +248,28 @@ class Navigator:
         self._cost_m = self._best_m = math.inf
         self._detours = self.recoveries = 0
 
-    def _plan(self) -> None:
-        """Plan on the map and what the laser sees; where that fails, say whether the map alone has a way."""
+    def _plan(self, situation: _Situation) -> None:
+        """Plan on the map and what the laser sees; if that fails, check whether the map alone has a way."""
         self._planned_s = self._clock()
-        way = self._way(self._costmap.grid(self._obstacles, self._clock()))
+        way = self._way(situation, situation.costmap.grid(self._obstacles, self._clock()))
         if way.obstruction is Obstruction.NONE:
             self._take(way)
             return
         self.follower.follow(())
-        on_map = self._way(self._costmap.static_grid)
+        on_map = self._way(situation, situation.costmap.static_grid)
         if on_map.obstruction is Obstruction.NONE:
             self._recover("the way is blocked by something that is not on the map")
         elif on_map.obstruction in (Obstruction.ROBOT, Obstruction.NO_WAY):
-            self._squeeze_through(on_map.obstruction)
+            self._squeeze_through(situation, on_map.obstruction)
         else:
             self._end(NavigatorState.UNREACHABLE, on_map.obstruction)
 
-    def _squeeze_through(self, obstruction: Obstruction) -> None:
-        """Go where the robot just fits: it may have come in before it saw all of what is around it."""
+    def _squeeze_through(self, situation: _Situation, obstruction: Obstruction) -> None:
+        """Go where the robot just fits: it may have come in before it saw everything around it."""
         settings = self.settings
-        grid = self._costmap.grid(self._obstacles, self._clock())
-        way = self._way(grid.around_robot(self._pose[0], settings.body_radius_m, settings.tight_clearance_m))
+        grid = situation.costmap.grid(self._obstacles, self._clock())
+        tight = grid.around_robot(situation.pose, settings.body_radius_m, settings.tight_clearance_m)
+        way = self._way(situation, tight)
         if way.obstruction is Obstruction.NONE:
             self._take(way)
         elif obstruction is Obstruction.ROBOT:
@@ -258,8 +277,9 @@ class Navigator:
         else:
             self._end(NavigatorState.UNREACHABLE, obstruction)
 
-    def _way(self, grid: NavigationGrid) -> Way:
-        return plan_way(grid, self._pose[0], self.goal[:2], self.settings.snap_m, self.settings.tolerance_m)
+    def _way(self, situation: _Situation, grid: NavigationGrid) -> Way:
+        settings = self.settings
+        return plan_way(grid, situation.pose, situation.goal[:2], settings.snap_m, settings.tolerance_m)
 
     def _take(self, way: Way) -> None:
         """Follow a new way, unless the robot has come no nearer for too long."""
@@ -277,20 +297,20 @@ class Navigator:
         elif idle_s > self.settings.patience_s:
             self._recover("comes no nearer to the goal")
 
-    def _along_path(self) -> Velocity:
-        if self.follower.is_arrived(self._pose[0]):
+    def _along_path(self, situation: _Situation) -> Velocity:
+        if self.follower.is_arrived(situation.pose):
             self.machine.go(NavigatorState.ALIGN, "has come to the place")
             return HALT
-        allowed = self._local.velocity(self._pose[0], self._sweep[0])
+        allowed = self._local.velocity(situation.pose, situation.ranges_m)
         if allowed != HALT:
             self._moved_s = self._clock()
         elif self._clock() - self._moved_s > self.settings.blocked_s:
             self._recover("something is in the way")
         return allowed
 
-    def _aligned(self) -> Velocity:
-        """Turn to the goal's heading; the longer it is off, the faster."""
-        off_rad = float(wrap_angle(self.goal[2] - self._pose[0][2]))
+    def _aligned(self, situation: _Situation) -> Velocity:
+        """Turn to the goal's heading; the larger the angle left, the faster."""
+        off_rad = float(wrap_angle(situation.goal[2] - situation.pose[2]))
         if abs(off_rad) <= self.settings.heading_tolerance_rad:
             self._end(NavigatorState.ARRIVED, "the goal is reached")
             return HALT

@@ -36,14 +36,15 @@ class PathField:
         self._number[self._nodes] = np.arange(len(self._nodes), dtype=np.int32)
         self._shape = grid.drivable.shape
         self._start = self._node(start)
-        costs, self._before = dijkstra(
+        costs, before = dijkstra(
             _graph(grid, self._number.reshape(self._shape)),
             directed=False,
-            indices=self._start,
+            indices=[self._start],
             return_predecessors=True,
         )
+        self._before = before[0]
         self.cost_m: NDArray[np.float64] = np.full(self._shape, np.inf)
-        self.cost_m.ravel()[self._nodes] = costs
+        self.cost_m.ravel()[self._nodes] = costs[0]
 
     def path(self, goal: Cell) -> NDArray[np.int64]:
         """Return the cells of the way `(N, 2)`, (row, column), from the start to a goal that can be reached.

@@ -232,7 +232,10 @@ class SearchedGrid:
         """Say which of some points `(N, 2)`, m, map frame, were searched."""
         column, row = np.floor((points_m - self.corner_xy_m) / self.resolution_m).astype(int).T
         inside = (row >= 0) & (row < self.cells.shape[0]) & (column >= 0) & (column < self.cells.shape[1])
-        return inside & (self.cells[np.where(inside, row, 0), np.where(inside, column, 0)] == SEARCHED)
+        searched: NDArray[np.bool_] = inside & (
+            self.cells[np.where(inside, row, 0), np.where(inside, column, 0)] == SEARCHED
+        )
+        return searched
 
 
 def _facing(place: Points, about: Points) -> Points:

@@ -65,7 +65,8 @@ class WallFronts:
     def keys(self) -> NDArray[np.int64]:
         """Return a number for each front cell that names its square of `KEY_M`."""
         column, row = np.floor(self.middles_m / KEY_M).astype(np.int64).T
-        return row * KEY_SPAN + column
+        keys: NDArray[np.int64] = row * KEY_SPAN + column
+        return keys
 
     def seen_from(self, eye: ArrayLike, half_width_rad: float, view: CameraView) -> NDArray[np.bool_]:
         """Say which front cells a camera sees well `(N,)`.
@@ -81,7 +82,9 @@ class WallFronts:
         bearing = wrap_angle(np.arctan2(offset[:, 1], offset[:, 0]) - heading)
         towards_eye = -(offset * self.normals).sum(axis=1)
         beside_rad = half_width_rad - np.arctan(view.margin_m / np.maximum(distance, 1e-9))
-        seen = (distance >= view.near_m) & (distance <= view.far_m) & (np.abs(bearing) <= beside_rad)
+        seen: NDArray[np.bool_] = (
+            (distance >= view.near_m) & (distance <= view.far_m) & (np.abs(bearing) <= beside_rad)
+        )
         seen &= towards_eye >= distance * np.cos(view.slant_rad)
         seen[seen] = self.is_in_sight(np.array([x, y]), self.middles_m[seen])
         return seen
@@ -98,7 +101,8 @@ class WallFronts:
         column, row = np.floor((way - self._corner) / self._resolution_m).astype(int).transpose(2, 0, 1)
         inside = (row >= 0) & (row < self.shape[0]) & (column >= 0) & (column < self.shape[1])
         hit = self._occupied[np.where(inside, row, 0), np.where(inside, column, 0)] & inside
-        return ~hit.any(axis=0)
+        is_hidden: NDArray[np.bool_] = hit.any(axis=0)
+        return ~is_hidden
 
 
 class WallMemory:

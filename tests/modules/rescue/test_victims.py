@@ -12,7 +12,7 @@ from hw.simulation.arena import Arena
 from hw.simulation.arena_contents import Victim, VictimKind, WallSpot
 from hw.simulation.box_segments import box_segments
 from hw.simulation.camera import SimulatedCamera
-from modules.devices.camera import projection
+from modules.devices.camera import intrinsic_matrix
 from modules.rescue.victims import Victims
 from robbie_mp import Header, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
@@ -61,7 +61,8 @@ class Watching:
         )
         harness.send(OccupancyGrid(info=info, data=cells.ravel()))
         harness.send(
-            CameraInfo(height=GEOMETRY.height, width=GEOMETRY.width, **projection(GEOMETRY)), topic="camera"
+            CameraInfo(height=GEOMETRY.height, width=GEOMETRY.width, k=intrinsic_matrix(GEOMETRY).ravel()),
+            topic="camera",
         )
         self.tell_places("tf_static", ("camera", "camera_optical", (0.0, 0.0, 0.0), OPTICAL))
 

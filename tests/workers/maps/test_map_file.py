@@ -41,7 +41,7 @@ def test_negated_map_is_read(tmp_path):
         ("resolution: 0.05", "resolution: -1", "greater than 0"),
         ("image: map.pgm", "image: gone.pgm", "cannot be read"),
         ("- 0.0\n- 0.0\n- 0.0", "- 0.0", "three numbers"),
-        ("- 0.0\n- 0.0\n- 0.0", "- 0.0\n- 0.0\n- 0.5", "turned map"),
+        ("- 0.0\n- 0.0\n- 0.0", "- 0.0\n- 0.0\n- 0.5", "rotated map"),
         ("image: map.pgm", "image: [", "cannot be read as YAML"),
     ],
 )

@@ -68,7 +68,7 @@ def _topic(work: Work) -> tuple[Any, Any, Any]:
 
     domain = Domain(0, CONFIGURATION)
     participant = DomainParticipant(0)
-    participant.bench_domain = domain  # type: ignore[attr-defined]  # it must live as long
+    participant.bench_domain = domain  # it must live as long as the participant
     topic = Topic(participant, work.topic, _message_type(work))
     quality = Qos(Policy.Reliability.Reliable(duration(seconds=10)), Policy.History.KeepAll)
     return participant, topic, quality
@@ -79,7 +79,7 @@ def _message_type(work: Work) -> Any:
     from cyclonedds.idl.types import array, float64, int64, uint8  # noqa: PLC0415
 
     @dataclass
-    class Probe(IdlStruct, typename="bench.Probe"):
+    class Probe(IdlStruct, typename="bench.Probe"):  # type: ignore[misc, call-arg]  # mypy does not see it
         number: int64
         stamp_ns: int64
         x: float64
@@ -90,7 +90,7 @@ def _message_type(work: Work) -> Any:
         yaw: float64
 
     @dataclass
-    class Picture(IdlStruct, typename="bench.Picture"):
+    class Picture(IdlStruct, typename="bench.Picture"):  # type: ignore[misc, call-arg]
         number: int64
         stamp_ns: int64
         data: array[uint8, work.size_bytes]  # a sequence would come as a list of numbers

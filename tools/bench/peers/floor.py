@@ -104,11 +104,13 @@ class Semaphores:
 
     def waiting(self, work: Work, name: str) -> Callable[[], object]:
         """Wait for a post."""
-        return _semaphore(work, name).acquire
+        acquire: Callable[[], object] = _semaphore(work, name).acquire
+        return acquire
 
     def waking(self, work: Work, name: str) -> Callable[[], object]:
         """Post."""
-        return _semaphore(work, name).release
+        release: Callable[[], object] = _semaphore(work, name).release
+        return release
 
     def clean(self, work: Work, name: str) -> None:
         """Remove the semaphore's name."""
