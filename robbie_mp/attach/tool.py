@@ -19,7 +19,7 @@ from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.observe.channel_counters import ChannelCounters
 from robbie_mp.observe.channel_names import ChannelNames
-from robbie_mp.run.control_client import ControlRefused, RunNotControlled, converse
+from robbie_mp.run.control import ControlRefused, RunNotControlled, converse
 from robbie_mp.run.plan import TOOL_MEMORY_BYTES, RunPlan
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.transport import layout, names

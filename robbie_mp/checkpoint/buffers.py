@@ -10,10 +10,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from robbie_mp.checkpoint.decoder import Checkpoint, decode
-from robbie_mp.checkpoint.encoder import Layout
 from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooLarge, CheckpointTooNew
-from robbie_mp.checkpoint.image import read_header
+from robbie_mp.checkpoint.image import Checkpoint, Layout, decode, read_header
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.transport import names
 from robbie_mp.transport.layout import CHECKPOINT_IMAGE, CHECKPOINT_SEQUENCE, SegmentKind

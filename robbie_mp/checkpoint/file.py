@@ -1,12 +1,19 @@
-"""A checkpoint on disk: one file, which is the old one or the new one whatever the machine is cut off at."""
+"""A checkpoint on disk: the file, and the thread that writes it.
+
+The file is replaced atomically. Whenever power is lost, it holds the old checkpoint or the new one.
+"""
 
 import contextlib
+import logging
 import os
+import threading
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
-from robbie_mp.checkpoint.decoder import Checkpoint, decode
 from robbie_mp.checkpoint.errors import CheckpointForeign
-from robbie_mp.checkpoint.image import HEADER, read_header
+from robbie_mp.checkpoint.image import HEADER, Checkpoint, check_crc, decode, read_header
 from robbie_mp.errors import RobbieError
 from robbie_mp.linux.private_files import PRIVATE_FOLDER, ownership_problem, private_opener
 
@@ -115,3 +122,64 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(fd)
     finally:
         os.close(fd)
+
+
+class CheckpointWriter:
+    """Writes the newest checkpoint to a file, at most once in a period, and once more at the end.
+
+    Args:
+        path: the file.
+        every_s: the period.
+        newest: holds the image of the newest checkpoint while it is being written.
+        log: hears of what the disk refuses.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        every_s: float,
+        newest: Callable[[], AbstractContextManager[memoryview]],
+        log: logging.Logger,
+    ):
+        self._path = path
+        self._every_s = every_s
+        self._newest = newest
+        self._log = log
+        self._change = threading.Condition()
+        self._is_wanted = False
+        self._is_closing = False
+        self._thread = threading.Thread(target=self._run, name=f"write {path.name}", daemon=True)
+        self._thread.start()
+
+    def write_soon(self) -> None:
+        """Have the newest checkpoint written when its time has come; returns at once."""
+        with self._change:
+            self._is_wanted = True
+            self._change.notify()
+
+    def close(self) -> None:
+        """Write what is not on disk yet, and end the thread."""
+        with self._change:
+            self._is_closing = True
+            self._change.notify()
+        self._thread.join()
+
+    def _run(self) -> None:
+        not_before_s = time.monotonic()
+        while self._waits_for_work(not_before_s):
+            not_before_s = time.monotonic() + self._every_s
+            try:
+                with self._newest() as image:
+                    # A good file is not to be replaced by an image that has been damaged since.
+                    check_crc(image, read_header(image, len(image)))
+                    write_file(self._path, image)
+            except (OSError, RobbieError) as error:
+                self._log.warning("the checkpoint is not on disk: %s", error)
+
+    def _waits_for_work(self, not_before_s: float) -> bool:
+        """Wait until something is to be written and may be; False at the end of it all."""
+        with self._change:
+            self._change.wait_for(lambda: self._is_wanted or self._is_closing)
+            self._change.wait_for(lambda: self._is_closing, not_before_s - time.monotonic())
+            is_wanted, self._is_wanted = self._is_wanted, False
+            return is_wanted

@@ -24,12 +24,17 @@ The structure is the state itself, where JSON can say it: null, true, false, num
 An offset counts from the beginning of the pieces and is a multiple of 64.
 """
 
+import json
 import re
 import struct
 import zlib
 from dataclasses import dataclass
+from typing import Any
 
-from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooNew
+import numpy as np
+from numpy.typing import NDArray
+
+from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooNew, UnsupportedState
 
 VERSION = 1
 MAGIC = b"ROBBIECP"
@@ -97,3 +102,218 @@ def check_crc(image: memoryview, header: Header) -> None:
     found = zlib.crc32(image[CRC_BEGIN : header.size])
     if found != written:
         raise CheckpointDamaged(f"the checkpoint's CRC is {found:08x}, {written:08x} was written")
+
+
+MAX_DEPTH = 100
+SCALARS = frozenset([bool, int, float, str, type(None)])
+Piece = bytes | NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where everything of a state goes; the arrays are still the state's own."""
+
+    structure: bytes
+    pieces: list[tuple[int, Piece]]
+    size: int
+    """Of the whole image, in bytes."""
+
+    def write(self, image: memoryview, sequence: int, taken_ns: int) -> None:
+        """Write an image.
+
+        Args:
+            image: at least `size` bytes.
+            sequence: which checkpoint of its module this is.
+            taken_ns: when, ns since 1970.
+        """
+        begin = aligned(HEADER.size + len(self.structure))
+        _put(image, HEADER.size, self.structure)
+        for offset, piece in self.pieces:
+            _put(image, begin + offset, piece)
+        write_header(image, Header(self.size, len(self.structure), sequence, taken_ns))
+
+
+def lay_out(state: object) -> Layout:
+    """Plan the image of a state.
+
+    Args:
+        state: None, bool, int, float, str, bytes and numpy arrays and numbers, in lists, tuples and dicts.
+
+    Raises:
+        UnsupportedState: there is something else in it; the text says where.
+    """
+    collector = _Collector()
+    node = collector.node(state, "state", 0)
+    try:
+        # Standard JSON has no surrogates, and Python no decimal numbers beyond some thousand digits.
+        structure = json.dumps(node, ensure_ascii=False, separators=(",", ":")).encode()
+    except ValueError as error:
+        raise UnsupportedState(f"the state holds a text or a number that cannot be kept: {error}") from error
+    size = aligned(HEADER.size + len(structure)) + collector.size
+    return Layout(structure, collector.pieces, size)
+
+
+def encode(state: object, sequence: int = 1, taken_ns: int = 0) -> bytes:
+    """Return the image of a state.
+
+    Raises:
+        UnsupportedState: as `lay_out`.
+    """
+    layout = lay_out(state)
+    image = bytearray(layout.size)
+    layout.write(memoryview(image), sequence, taken_ns)
+    return bytes(image)
+
+
+class _Collector:
+    """Turns values into nodes of the structure and gathers the pieces."""
+
+    def __init__(self) -> None:
+        self.pieces: list[tuple[int, Piece]] = []
+        self.size = 0
+
+    def node(self, value: Any, where: str, depth: int) -> object:
+        kind = type(value)
+        if kind in SCALARS:
+            return value
+        if depth > MAX_DEPTH:
+            raise UnsupportedState(f"{where:.60}… lies deeper than {MAX_DEPTH} levels, or contains itself")
+        if kind is list:
+            return self._items(value, where, depth)
+        if kind is tuple:
+            return {"tuple": self._items(value, where, depth)}
+        if kind is dict:
+            return {"dict": [self._pair(key, item, where, depth) for key, item in value.items()]}
+        return self._leaf(value, where)
+
+    def _leaf(self, value: Any, where: str) -> object:
+        kind = type(value)
+        if kind is bytes:
+            return {"bytes": [self._place(value, len(value)), len(value)]}
+        if kind is np.ndarray:
+            return {"array": self._array(value, where)}
+        if isinstance(value, np.generic):
+            return {"scalar": self._array(np.asarray(value), where)}
+        raise UnsupportedState(
+            f"{where} is a {kind.__module__}.{kind.__qualname__}; a checkpoint holds None, bool, int, float, "
+            "str, bytes and numpy arrays, in lists, tuples and dicts: convert it, as by dict(…) or int(…)"
+        )
+
+    def _items(self, items: list[Any] | tuple[Any, ...], where: str, depth: int) -> list[object]:
+        return [
+            item if type(item) in SCALARS else self.node(item, f"{where}[{index}]", depth + 1)
+            for index, item in enumerate(items)
+        ]
+
+    def _pair(self, key: Any, item: Any, where: str, depth: int) -> list[object]:
+        plain_key = key if type(key) in SCALARS else self.node(key, f"a key of {where}", depth + 1)
+        return [plain_key, self.node(item, f"{where}[{key!r:.60}]", depth + 1)]
+
+    def _array(self, array: NDArray[Any], where: str) -> list[object]:
+        if not DTYPE.fullmatch(array.dtype.str):
+            raise UnsupportedState(f"{where} is an array of {array.dtype}; there may be numbers and texts")
+        return [array.dtype.str, list(array.shape), self._place(array, array.nbytes)]
+
+    def _place(self, piece: Piece, size: int) -> int:
+        offset = self.size
+        self.pieces.append((offset, piece))
+        self.size += aligned(size)
+        return offset
+
+
+def _put(image: memoryview, begin: int, piece: Piece) -> None:
+    """Write a piece, and zeros up to where the next one may begin."""
+    if isinstance(piece, bytes):
+        end = begin + len(piece)
+        image[begin:end] = piece
+    else:
+        end = begin + piece.nbytes
+        np.copyto(np.ndarray(piece.shape, piece.dtype, image, begin), piece, casting="no")
+    image[end : aligned(end)] = bytes(aligned(end) - end)
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A checkpoint that was read."""
+
+    state: Any
+    """Its arrays are writable copies of their own."""
+    sequence: int
+    taken_ns: int
+    """When it was taken, ns since 1970."""
+
+
+def decode(image: memoryview | bytes) -> Checkpoint:
+    """Read an image; bytes beyond it do not matter.
+
+    Raises:
+        CheckpointDamaged: this is not what was written.
+        CheckpointTooNew: it has a form that this version does not know.
+    """
+    view = memoryview(image)
+    header = read_header(view, len(view))
+    check_crc(view, header)
+    structure_end = HEADER.size + header.structure_size
+    try:
+        node = json.loads(bytes(view[HEADER.size : structure_end]))
+        state = _Reader(view[aligned(structure_end) : header.size]).value(node)
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
+        raise CheckpointDamaged(f"the checkpoint's structure makes no sense: {error}") from error
+    return Checkpoint(state, header.sequence, header.taken_ns)
+
+
+class _Reader:
+    """Turns nodes of the structure back into values; what is not one raises some built-in error."""
+
+    def __init__(self, pieces: memoryview):
+        self._pieces = pieces
+        self._unread = len(pieces)
+
+    def value(self, node: Any) -> Any:
+        if type(node) is list:
+            return [self.value(item) for item in node]
+        if type(node) is not dict:
+            return node
+        ((tag, body),) = node.items()
+        return KINDS[tag](self, body)
+
+    def read_tuple(self, items: list[Any]) -> tuple[Any, ...]:
+        return tuple(self.value(item) for item in items)
+
+    def read_dict(self, pairs: list[Any]) -> dict[Any, Any]:
+        return {self.value(key): self.value(item) for key, item in pairs}
+
+    def read_bytes(self, body: list[Any]) -> bytes:
+        offset, size = body
+        return bytes(self._piece(offset, size))
+
+    def read_scalar(self, body: list[Any]) -> Any:
+        return self.read_array(body)[()]
+
+    def read_array(self, body: list[Any]) -> NDArray[Any]:
+        dtype_name, shape, offset = body
+        if not DTYPE.fullmatch(dtype_name) or not all(type(length) is int for length in shape):
+            raise ValueError(f"an array of {dtype_name!r:.40} and shape {shape!r:.40}")
+        dtype = np.dtype(dtype_name)
+        size = dtype.itemsize
+        for length in shape:
+            size *= length
+        return np.ndarray(shape, dtype, self._piece(offset, size)).copy()
+
+    def _piece(self, offset: int, size: int) -> memoryview:
+        """Return the bytes of a piece; all pieces together are no more than there is."""
+        self._unread -= size
+        inside = size >= 0 and offset >= 0 and offset + size <= len(self._pieces)
+        if not inside or offset % ALIGNMENT or self._unread < 0:
+            raise ValueError(f"{size} bytes at {offset} of {len(self._pieces)}")
+        return self._pieces[offset : offset + size]
+
+
+KINDS = {
+    "tuple": _Reader.read_tuple,
+    "dict": _Reader.read_dict,
+    "bytes": _Reader.read_bytes,
+    "array": _Reader.read_array,
+    "scalar": _Reader.read_scalar,
+}
+"""How each kind of node is read that is not just JSON."""

@@ -7,11 +7,15 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from robbie_mp.checkpoint.buffers import CheckpointBuffers
-from robbie_mp.checkpoint.decoder import Checkpoint
-from robbie_mp.checkpoint.disk_writer import DiskWriter
-from robbie_mp.checkpoint.encoder import lay_out
 from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointForeign, CheckpointTooNew
-from robbie_mp.checkpoint.file import CheckpointFileError, read_file, remove_unfinished, set_aside
+from robbie_mp.checkpoint.file import (
+    CheckpointFileError,
+    CheckpointWriter,
+    read_file,
+    remove_unfinished,
+    set_aside,
+)
+from robbie_mp.checkpoint.image import Checkpoint, lay_out
 from robbie_mp.transport.segment import SharedMemoryFull
 
 
@@ -63,10 +67,10 @@ class CheckpointKeeper:
         if found is not None:
             log.info("goes on from a checkpoint that is %.1f s old", (time.time_ns() - found.taken_ns) / 1e9)
         self.restored = None if found is None else found.state
-        self._disk: DiskWriter | None = None
+        self._disk: CheckpointWriter | None = None
         if disk is not None:
             remove_unfinished(disk.path)
-            self._disk = DiskWriter(disk.path, disk.every_s, buffers.newest, log)
+            self._disk = CheckpointWriter(disk.path, disk.every_s, buffers.newest, log)
             if buffers.found is not None:
                 self._disk.write_soon()  # the process that took it may have been killed before it could
 

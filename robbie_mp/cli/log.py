@@ -16,12 +16,11 @@ from robbie_mp.cli.output import console, print_styled
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
 from robbie_mp.errors import RobbieError
-from robbie_mp.run.control_client import control
+from robbie_mp.run.control import control
 from robbie_mp.suggest import did_you_mean
 from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.follower import TraceFollower
 from robbie_mp.trace.kinds import Kind
-from robbie_mp.trace.reader import LOG_FOLDER, crash_reports, entries, module_names
+from robbie_mp.trace.reader import LOG_FOLDER, TraceFollower, crash_reports, entries, module_names
 from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:

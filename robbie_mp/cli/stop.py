@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.run.control_client import control
+from robbie_mp.run.control import control
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

@@ -5,8 +5,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from robbie_mp.doctor.finding import Finding, ok, warn
-from robbie_mp.doctor.read import read_line
+from robbie_mp.doctor.finding import Finding, ok, read_line, warn
 
 CLOCK_SOURCE = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")
 SLOW_SOURCES = ("hpet", "acpi_pm", "pit", "jiffies", "refined-jiffies")

@@ -7,11 +7,10 @@ from robbie_mp.doctor.finding import Finding, Level, warn
 from robbie_mp.doctor.kernel import look_at_kernel
 from robbie_mp.doctor.limits import look_at_limits
 from robbie_mp.doctor.memory import look_at_memory
-from robbie_mp.doctor.modules import look_at_modules
 from robbie_mp.doctor.needs import Needs
 from robbie_mp.doctor.permissions import look_at_permissions
 from robbie_mp.doctor.processor import look_at_processors
-from robbie_mp.doctor.python import look_at_python
+from robbie_mp.doctor.python import look_at_modules, look_at_python
 from robbie_mp.doctor.runs import look_at_runs
 from robbie_mp.profile.model import Profile
 from robbie_mp.profile.problem import ProfileError

@@ -1,7 +1,8 @@
-"""What a check has found."""
+"""What all checks share: reading the kernel's files, and the finding that a check returns."""
 
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 
 
 class Level(StrEnum):
@@ -48,3 +49,19 @@ def size(count: float) -> str:
             return f"{count:.0f} {unit}" if count >= 10 or unit == "B" else f"{count:.1f} {unit}"
         count /= 1024
     return f"{count:.1f} TiB"
+
+
+def read_line(file: Path) -> str | None:
+    """Return the first line of a file, None if there is no such file or it may not be read."""
+    try:
+        return file.read_text(errors="replace").partition("\n")[0].strip()
+    except OSError:
+        return None
+
+
+def read_number(file: Path) -> int | None:
+    """Return the number in a file's first line, None if there is none, as where it says `max`."""
+    try:
+        return int(read_line(file) or "")
+    except ValueError:
+        return None

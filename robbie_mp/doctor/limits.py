@@ -7,9 +7,8 @@ from pathlib import Path
 
 import psutil
 
-from robbie_mp.doctor.finding import Finding, fail, ok, size, warn
+from robbie_mp.doctor.finding import Finding, fail, ok, read_number, size, warn
 from robbie_mp.doctor.needs import Needs
-from robbie_mp.doctor.read import read_number
 
 KERNEL = Path("/proc/sys/kernel")
 ENOUGH_DESCRIPTORS = 1024

@@ -10,9 +10,8 @@ from pathlib import Path
 import posix_ipc
 import psutil
 
-from robbie_mp.doctor.finding import Finding, fail, ok, size, warn
+from robbie_mp.doctor.finding import Finding, fail, ok, read_number, size, warn
 from robbie_mp.doctor.needs import Needs
-from robbie_mp.doctor.read import read_number
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport import names
 from robbie_mp.transport.layout import HEADER_WORDS, SegmentKind

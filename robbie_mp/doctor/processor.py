@@ -5,9 +5,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from robbie_mp.doctor.finding import Finding, ok, warn
+from robbie_mp.doctor.finding import Finding, ok, read_line, warn
 from robbie_mp.doctor.needs import Needs
-from robbie_mp.doctor.read import read_line
 from robbie_mp.linux.wake_latency import DEVICE, HOW_TO_ALLOW
 
 PROCESSORS = Path("/sys/devices/system/cpu")

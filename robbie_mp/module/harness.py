@@ -10,8 +10,7 @@ from types import TracebackType
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 from weakref import finalize
 
-from robbie_mp.checkpoint.decoder import decode
-from robbie_mp.checkpoint.encoder import encode
+from robbie_mp.checkpoint.image import decode, encode
 from robbie_mp.messages import Message, lay_out
 from robbie_mp.messages.encoded import check_encapsulation, check_type
 from robbie_mp.module.bus import Envelope, MessageType, PublishAfterStop

@@ -26,7 +26,7 @@ from typing import Self
 from robbie_mp.errors import RobbieError
 from robbie_mp.linux.private_files import ownership_problem, write_private
 from robbie_mp.linux.proc import ProcessIdentity
-from robbie_mp.supervisor.disk_writer import DiskWriter
+from robbie_mp.trace.disk_writer import DiskWriter
 from robbie_mp.transport.shared_folder import NamesTaken, make_folder, remove_names
 
 RUN_ID = re.compile(r"[0-9a-f]{8}")

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.run.control_client import control
+from robbie_mp.run.control import control
 
 
 class Order:

@@ -1,16 +1,16 @@
 """Processes that attach to a run without being its children: `robbie echo`, `robbie pub`, `robbie param set`.
 
-A tool has a slot like a module, made ready when it comes and taken back when it goes. Its connection to the
-control socket is its life line: the kernel closes it only after the memory of a dead process is unmapped, so
-at its end the tool will never touch the run's memory again. No pid is watched, and none can be mistaken.
+A tool gets a slot like a module: the slot is prepared when the tool attaches and reclaimed when it leaves.
+The supervisor watches the tool's connection to the control socket, not its pid, so it cannot confuse two
+processes. The kernel closes the connection of a dead process only after its memory is unmapped; when the
+connection ends, the tool can no longer touch the run's memory.
 
-A tool holds a *lease*: its row on the board. It copies messages out and releases them at once. One that does
-not for `STANDSTILL_S` is detached, so that no publisher waits for its memory longer than that. When it goes
-on, it sees that the row is not its own any more, and throws away what it was copying.
+A tool holds a *lease*: its row on the board. It copies messages out and releases them at once. A tool that
+makes no progress for `STALLED_AFTER_S` is detached, so no publisher waits longer than that for its memory.
+If the tool continues later, it sees that the row is no longer its own and discards the copy it was making.
 """
 
 import contextlib
-import json
 import socket
 import struct
 import time
@@ -18,15 +18,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.run.control import pack_line
 from robbie_mp.supervisor.memory import RunMemory
 from robbie_mp.supervisor.tree import Tree
 
-STANDSTILL_S = 1.0
+STALLED_AFTER_S = 1.0
 PEER_CREDENTIALS = struct.Struct("3i")
 
 
-class NoPlaceForTool(RobbieError, BlockingIOError):
-    """As many tools are attached as the profile allows."""
+class TooManyTools(RobbieError, BlockingIOError):
+    """The number of attached tools has reached the profile's limit."""
 
 
 @dataclass
@@ -38,19 +39,19 @@ class _Attached:
     connection: socket.socket
     purpose: str
     progress: object = None
-    """What it was doing when it was looked at last."""
+    """What the tool was doing at the last check."""
     since_s: float = 0.0
-    """When it was first seen doing that."""
+    """When the tool was first seen doing that."""
 
 
 class AttachedTools:
-    """Gives tools their slots and takes them back.
+    """Assigns slots to tools and reclaims them.
 
     Args:
-        tree: whose event loop hears of their ends.
+        tree: its event loop watches the connections.
         memory: the run's memory.
-        names: the slots there are for tools.
-        clock: a time in s that never goes back.
+        names: the slots reserved for tools.
+        clock: monotonic time in s.
     """
 
     def __init__(
@@ -63,25 +64,25 @@ class AttachedTools:
         self._attached: dict[str, _Attached] = {}
         self._last_incarnation = dict.fromkeys(names, 0)
         self._leaving: set[str] = set()
-        """Slots that the core has not given back yet."""
+        """Slots that the core has not reclaimed yet."""
 
     def attach(self, connection: socket.socket, purpose: str) -> None:
-        """Give a tool a slot and tell it which; the connection is ours from now on.
+        """Assign a slot to a tool and reply with its name; the connection then belongs to this object.
 
         Args:
-            connection: non-blocking, watched by nobody.
-            purpose: what it is, for errors and lists.
+            connection: non-blocking and not watched by any loop.
+            purpose: what the tool is, for errors and lists.
 
         Raises:
-            NoPlaceForTool: all slots are taken; the connection is still the caller's.
-            OSError, SharedMemoryFull: likewise; there is no memory for it.
+            TooManyTools: all slots are taken. The caller keeps the connection.
+            OSError, SharedMemoryFull: there is no memory for the tool. The caller keeps the connection.
         """
-        self._take_back()
+        self._free_reclaimed_slots()
         free = [name for name in self._names if name not in self._attached and name not in self._leaving]
         if not free:
             others = ", ".join(tool.purpose for tool in self._attached.values()) or "none"
-            raise NoPlaceForTool(
-                f"no place for {purpose}: tools.count in the profile allows {len(self._names)}; "
+            raise TooManyTools(
+                f"no slot is free for {purpose}: tools.count in the profile allows {len(self._names)}; "
                 f"attached: {others}"
             )
         name = free[0]
@@ -95,11 +96,11 @@ class AttachedTools:
         tool = _Attached(name, incarnation, connection, purpose, since_s=self._clock())
         self._attached[name] = tool
         self._tree.watch(connection.fileno(), lambda: self._detach(tool, "it has ended"))
-        _tell(connection, {"done": name, "incarnation": incarnation, "pid": pid})
+        _send_reply(connection, {"done": name, "incarnation": incarnation, "pid": pid})
 
     def turn(self) -> None:
-        """Detach who stands still; called every turn of the loop."""
-        self._take_back()
+        """Detach tools that make no progress; called in every iteration of the event loop."""
+        self._free_reclaimed_slots()
         now_s = self._clock()
         for tool in list(self._attached.values()):
             unread, taken = self._memory.unread(tool.name)
@@ -107,23 +108,23 @@ class AttachedTools:
             progress = (taken, doing)
             if progress != tool.progress or (unread <= 0 and doing is None):
                 tool.progress, tool.since_s = progress, now_s
-            elif now_s - tool.since_s >= STANDSTILL_S:
-                self._refuse(tool, f"it has not taken its messages for {STANDSTILL_S:g} s")
+            elif now_s - tool.since_s >= STALLED_AFTER_S:
+                self._eject(tool, f"it has not taken its messages for {STALLED_AFTER_S:g} s")
 
     def fault(self, name: str, incarnation: int) -> bool:
-        """Detach a tool whose records the core refused; False if the name is no tool's."""
+        """Detach a tool whose records the core refused; return False if the name is not a tool's."""
         tool = self._attached.get(name)
         if tool is not None and tool.incarnation == incarnation:
-            self._refuse(tool, "the core refused its records; core.log says why")
+            self._eject(tool, "the core refused its records; core.log says why")
         return name in self._last_incarnation
 
     def close(self) -> None:
-        """Let all go; the run is over, and its memory too."""
+        """Close all connections; the run and its memory are gone."""
         for tool in self._attached.values():
             tool.connection.close()
         self._attached.clear()
 
-    def _refuse(self, tool: _Attached, reason: str) -> None:
+    def _eject(self, tool: _Attached, reason: str) -> None:
         self._detach(tool, reason, {"error": f"detached {tool.purpose}: {reason}"})
 
     def _detach(self, tool: _Attached, reason: str, answer: dict[str, str] | None = None) -> None:
@@ -131,11 +132,11 @@ class AttachedTools:
         self._leaving.add(tool.name)
         self._memory.detached(tool.name, tool.incarnation, reason)
         if answer:
-            _tell(tool.connection, answer)
+            _send_reply(tool.connection, answer)
         self._tree.unwatch(tool.connection.fileno())
         tool.connection.close()
 
-    def _take_back(self) -> None:
+    def _free_reclaimed_slots(self) -> None:
         if self._leaving:
             self._leaving = {
                 name
@@ -144,6 +145,6 @@ class AttachedTools:
             }
 
 
-def _tell(connection: socket.socket, answer: dict[str, object] | dict[str, str]) -> None:
-    with contextlib.suppress(OSError):  # it is gone, which is heard of by other ways, or does not read
-        connection.send(json.dumps(answer).encode() + b"\n")
+def _send_reply(connection: socket.socket, answer: dict[str, object] | dict[str, str]) -> None:
+    with contextlib.suppress(OSError):  # it has ended, which the event loop reports, or it does not read
+        connection.send(pack_line(answer))

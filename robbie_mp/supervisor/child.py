@@ -1,6 +1,6 @@
-"""What runs in a child: `python -m robbie_mp.supervisor.child RUN_FOLDER NAME [INCARNATION]`.
+"""The entry point of a child: `python -m robbie_mp.supervisor.child RUN_FOLDER NAME [INCARNATION]`.
 
-What only the core or only a module needs is imported when it is known which of them this is.
+The core and the modules need different imports, so each is imported only when it is needed.
 """
 
 import faulthandler
@@ -16,7 +16,7 @@ from robbie_mp.linux.prctl import die_with_parent, set_process_name
 from robbie_mp.run.plan import CORE, RunPlan
 from robbie_mp.supervisor.leftovers import MARKER
 from robbie_mp.trace.channel import log_to_supervisor
-from robbie_mp.trace.levels import follow_level
+from robbie_mp.trace.kinds import follow_level
 
 
 def main(run_folder: Path, name: str, incarnation: int) -> None:
@@ -27,7 +27,7 @@ def main(run_folder: Path, name: str, incarnation: int) -> None:
 
 
 def own_incarnation() -> int:
-    """Return the number that the supervisor has marked this process with."""
+    """Return the incarnation with which the supervisor marked this process."""
     return int(os.environ[MARKER].rpartition("/")[2])
 
 
@@ -35,10 +35,12 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
     """Run one incarnation of the core or a module, then end the process."""
     own_pid = os.getpid()
     set_process_name(name)
-    faulthandler.enable()  # also answers SIGABRT, which the supervisor sends to a child that hangs
+    faulthandler.enable()  # it also handles SIGABRT, which the supervisor sends to a child that hangs
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # a strange file name must not end who prints it
+            stream.reconfigure(
+                errors="backslashreplace"
+            )  # printing an undecodable file name must not end the process
     channel = log_to_supervisor()
     follow_level(run_folder, name)
     code = 0
@@ -55,7 +57,7 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
         if isinstance(end.code, str):
             logging.getLogger(name).error("%s", end.code)
-    except BaseException as error:  # whatever it is, it is said, and the process ends by it
+    except BaseException as error:  # every exception is logged, then the process ends
         if os.getpid() != own_pid:
             _end_fork(name, error)
         limit = _memory_limit(plan, name) if isinstance(error, MemoryError) else ""
@@ -66,15 +68,15 @@ def run_child(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> N
     sys.stdout.flush()
     sys.stderr.flush()
     logging.shutdown()
-    # What a module leaves running (threads, pools, finalizers) must not hold up a stop or a restart.
+    # Threads, pools and finalizers that a module leaves running must not delay a stop or a restart.
     os._exit(code)
 
 
 def _end_fork(name: str, error: BaseException) -> NoReturn:
-    """End a process that a module has forked, and that failed or came out of the handler as the module."""
+    """End a process that a module forked and that failed, or that returned from the fork into our code."""
     logging.getLogger(name).error(
-        "a process that this module forked has ended by %s: %s. It must not return from where it was forked, "
-        "but end by os._exit(); better start it with multiprocessing.get_context('spawn')",
+        "a process that this module forked ended with %s: %s. A forked process must not return from the code "
+        "that forked it: end it with os._exit(), or start it with multiprocessing.get_context('spawn')",
         type(error).__name__, error, exc_info=True,
     )  # fmt: skip
     os._exit(1)

@@ -1,4 +1,4 @@
-"""What the supervisor must know of a child to run it."""
+"""The description of a child: all the supervisor needs to run it."""
 
 import re
 from collections.abc import Collection, Mapping
@@ -12,35 +12,35 @@ from robbie_mp.profile.model import CoreLimits, ModuleSpec, RestartPolicy, Sched
 from robbie_mp.trace.kinds import ALL_KINDS, Kind
 
 SPARE_COMPUTE_THREADS = Scheduling().compute_threads
-"""A spare has loaded numpy already; a child with another number needs an interpreter of its own."""
+"""A spare has already loaded numpy with this setting; a child with another number must be started cold."""
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 
 
 class InvalidChild(RobbieError, ValueError):
-    """A child cannot be described so.
+    """The description of a child is invalid.
 
     Example scenarios:
-      - its name holds a slash, but names a log file
+      - its name contains a slash, but it is also the name of a log file
       - two children have the same name
     """
 
 
 class ChildKind(StrEnum):
-    """Which part a child plays."""
+    """The role of a child."""
 
     CORE = "core"
-    """Is ready before any module starts and stops last; its FAILED ends the run."""
+    """Ready before any module starts; stops last. If it is FAILED, the run ends."""
     MODULE = "module"
 
 
 @dataclass(frozen=True)
 class ChildSpec:
-    """A command and how its ends are treated; see ModuleSpec for the fields they share."""
+    """A command, and what to do when it ends; see ModuleSpec for the fields they share."""
 
     name: str
     argv: tuple[str, ...]
     environment: Mapping[str, str]
-    """All of it; the supervisor adds one variable to know the child's descendants by."""
+    """The whole environment; the supervisor adds one variable that marks the child's descendants."""
     kind: ChildKind = ChildKind.MODULE
     folder: Path | None = None
     """Working directory; None: the supervisor's."""
@@ -51,22 +51,22 @@ class ChildSpec:
     start_deadline_s: float = 30.0
     stop_grace_s: float = 3.0
     handler_deadline_s: float = 0.0
-    """How long it may do one and the same thing; 0: for ever."""
+    """How long one handler or tick may run; 0: without limit."""
     record: Collection[Kind] = ALL_KINDS
-    """Which kinds of entries of the trace are recorded of it."""
+    """The kinds of trace entries recorded for this child."""
     may_be_warm: bool = False
-    """Whether a spare interpreter does the same as the command, so that it may take its place."""
+    """Whether a spare interpreter can take the place of the command."""
 
     @property
     def is_needed(self) -> bool:
-        """Whether the run stops when it is FAILED."""
+        """Whether the run stops when this child is FAILED."""
         return self.essential or self.ends_run or self.kind is ChildKind.CORE
 
     def __post_init__(self) -> None:
         """Check the name.
 
         Raises:
-            InvalidChild: it cannot name a file.
+            InvalidChild: the name cannot be used as a file name.
         """
         if not NAME.fullmatch(self.name):
             raise InvalidChild(f"child name {self.name!r}: use letters, digits and _ . - only")
@@ -79,7 +79,7 @@ class ChildSpec:
         environment: Mapping[str, str],
         record: Collection[Kind],
     ) -> Self:
-        """Describe the child that runs a profile's module; `record` holds if the module says nothing else."""
+        """Describe the child that runs a module; `record` is the default if the module sets none."""
         return cls(
             name=module.name,
             argv=argv,
@@ -97,7 +97,7 @@ class ChildSpec:
 
     @classmethod
     def of_core(cls, limits: CoreLimits, argv: tuple[str, ...], environment: Mapping[str, str]) -> Self:
-        """Describe the child that routes the messages; it takes over from its dead predecessor."""
+        """Describe the core, the child that routes the messages."""
         return cls(
             name="core",
             argv=argv,

@@ -1,4 +1,4 @@
-"""The core's part of a child: connect the router with the run's memory."""
+"""The core as a child: connects the router to the run's memory."""
 
 import logging
 

@@ -12,7 +12,7 @@ Callback = Callable[[], None]
 
 
 class EventLoop:
-    """Calls back when a descriptor is readable or a time has come."""
+    """Calls back when a descriptor is readable or a timer expires."""
 
     def __init__(self, clock: Callable[[], float]):
         self._clock = clock
@@ -25,7 +25,7 @@ class EventLoop:
         self._selector.register(fd, selectors.EVENT_READ, callback)
 
     def unwatch(self, fd: int) -> None:
-        """Stop watching; must come before the descriptor is closed."""
+        """Stop watching. Call this before you close the descriptor."""
         self._selector.unregister(fd)
 
     def call_later(self, delay_s: float, callback: Callback) -> None:
@@ -33,12 +33,12 @@ class EventLoop:
         heapq.heappush(self._timers, (self._clock() + delay_s, next(self._order), callback))
 
     def turn(self, timeout_s: float) -> None:
-        """Wait for the first event, at most so long, and make all calls that are due."""
+        """Wait for the first event, at most `timeout_s`, and make all calls that are due."""
         if self._timers:
             timeout_s = min(timeout_s, self._timers[0][0] - self._clock())
         watched = self._selector.get_map()
         for key, _ in self._selector.select(max(0.0, timeout_s)):
-            # An earlier callback may have closed this descriptor, and its number may be another's by now.
+            # An earlier callback may have closed this descriptor, and its number may have been reused.
             if watched.get(key.fd) is key:
                 key.data()
         now_s = self._clock()
@@ -46,7 +46,7 @@ class EventLoop:
             heapq.heappop(self._timers)[2]()
 
     def close(self) -> None:
-        """Let go of the kernel's side; watched descriptors stay open."""
+        """Close the selector; watched descriptors stay open."""
         self._selector.close()
 
 
@@ -54,10 +54,10 @@ class EventLoop:
 def signals_in_loop(
     loop: EventLoop, signums: Sequence[int], callback: Callable[[int], None]
 ) -> Iterator[None]:
-    """Have the loop call back for each of these signals, instead of whatever else they do, while entered.
+    """While entered, replace the handling of these signals: the loop calls back for each of them.
 
-    Only in the main thread, as Python allows. Signal handlers themselves run between any two instructions;
-    so they only leave a byte (signal.set_wakeup_fd) that the loop finds.
+    Python allows this in the main thread only. A signal handler may run between any two instructions, so it
+    only writes a byte (signal.set_wakeup_fd), which the loop reads.
     """
     reader, writer = socket.socketpair()
     reader.setblocking(False)

@@ -1,4 +1,4 @@
-"""What the process tree asks of the memory side: one incarnation is one start of one child."""
+"""The interface between the process tree and shared memory. One incarnation is one start of one child."""
 
 from typing import NamedTuple, Protocol
 
@@ -8,70 +8,70 @@ from robbie_mp.transport.layout import Activity
 
 
 class Doing(NamedTuple):
-    """One thing that a child is doing; two are equal only if it is still the very same thing."""
+    """One activity of a child. Two values are equal only if the child is still in the same activity."""
 
     activity: Activity
     subscription: int
-    """Its own number, in a handler."""
+    """In a handler: the number of the subscription."""
     since_ns: int
-    """Begin, on the machine's monotonic clock; of IDLE, which records were ever taken from its ring."""
+    """When it began, on the monotonic clock; for IDLE, how many records the child has ever taken."""
 
 
 class Incarnations(Protocol):
-    """Makes, watches and reclaims what each incarnation of a child holds in shared memory.
+    """Creates, watches and reclaims the shared memory of each incarnation of a child.
 
-    All calls come from the supervisor's one thread and must not block. For one incarnation they come in
+    All calls come from the supervisor's only thread and must not block. For one incarnation they come in
     this order: `open`, `started`, `is_ready` until it is true, `doing`, `died`, `is_reclaimed` until it is
-    true. `started` is missing when the command cannot be executed; `died` comes long after FAILED, or never,
-    when SIGKILL does not end the process. `is_reclaimed` is asked only before a restart, which may be long
-    after FAILED or STOPPED.
+    true. `started` is not called when the command cannot be executed. If SIGKILL does not end the process,
+    `died` comes long after FAILED, or never. `is_reclaimed` is called only before a restart, which may be
+    long after FAILED or STOPPED.
     """
 
     def open(self, name: str, incarnation: int) -> None:
-        """Make its shared memory; the child is started right after.
+        """Create the shared memory; the child is started immediately afterwards.
 
-        A RobbieError or OSError counts as a failed start of this child alone; nothing but `state_changed`
-        follows for the incarnation then.
+        A RobbieError or OSError counts as a failed start of this child alone. Only `state_changed` then
+        follows for the incarnation.
         """
 
     def started(self, name: str, incarnation: int, pid: int) -> None:
-        """Note its process."""
+        """Record the child's pid."""
 
     def is_ready(self, name: str, incarnation: int) -> bool:
-        """Tell whether it has finished its setup; asked every few ms while STARTING, and at its end."""
+        """Return whether the setup is finished; asked every few ms while STARTING, and at the end."""
 
     def awaits_time(self, name: str) -> bool:
-        """Tell whether it may wait for the run's time, which a module that is being started will set."""
+        """Return whether the child may be waiting for a module that is starting to set the run's time."""
 
     def doing(self, name: str, incarnation: int) -> Doing | None:
-        """Tell what it is doing now; asked every turn of the loop while RUNNING.
+        """Return the current activity; asked in every iteration of the loop while RUNNING.
 
-        None: nothing, and nothing is there for it to do. IDLE: nothing, though messages wait in its ring.
+        None: idle, and no work waits. IDLE: idle although messages wait in the child's ring.
         """
 
     def describe(self, name: str, incarnation: int, doing: Doing) -> str:
-        """Put what it has been doing for too long into words, as "hung in tick"."""
+        """Describe an activity that has taken too long, such as "hung in tick"."""
 
     def last_words(self, name: str, incarnation: int) -> LastWords:
-        """Return what an ended child has left in its memory; asked before `died`, for a crash report."""
+        """Return what a dead child left in its memory, for the crash report; called before `died`."""
 
     def died(self, name: str, incarnation: int) -> None:
-        """Begin to reclaim: its process is reaped and will never touch the memory again."""
+        """Begin to reclaim. The process has been reaped and will never touch the memory again."""
 
     def is_reclaimed(self, name: str, incarnation: int) -> bool:
-        """Tell whether a restart may open the next incarnation; asked every few ms in BACKOFF."""
+        """Return whether the next incarnation may be opened; asked every few ms in BACKOFF."""
 
     def wake(self, name: str, incarnation: int) -> None:
-        """Wake it if it waits for messages, so that it sees a signal."""
+        """Wake a child that waits for messages, so that it handles a signal."""
 
     def wake_all(self) -> None:
-        """Wake everyone who waits for messages, attached tools too: the clock that waits go by was set."""
+        """Wake all that wait for messages, attached tools too: the clock of their waits was set."""
 
     def state_changed(self, change: StateChange) -> None:
-        """Tell everyone of a change; comes before `open` with STARTING, after `died` with an end."""
+        """Publish a change. STARTING comes before `open`; the state after an end comes after `died`."""
 
     def all_started(self) -> None:
-        """Let messages flow: every module has been RUNNING or has ended once. Called once at most."""
+        """Let messages flow: every module has been RUNNING or has ended. Called at most once."""
 
     def close(self) -> None:
-        """Unlink everything: no child is left. Called once, also after an error."""
+        """Unlink everything. Called once when no child is left, also after an error."""

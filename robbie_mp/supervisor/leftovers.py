@@ -1,7 +1,8 @@
-"""Finds and kills what children forked and left: by session, by marker, and as the new parent of orphans.
+"""Finds and kills the processes that children forked and left behind.
 
-A fork keeps its session unless it makes its own; it keeps the environment it was started with even then. So
-every child starts with `ROBBIE_CHILD=RUNID/NAME/INCARNATION`, and whoever carries it came from that child.
+They are found by session, by marker, and because the supervisor becomes the parent of orphans. A forked
+process keeps its session unless it creates a new one; even then it keeps the environment. Every child starts
+with `ROBBIE_CHILD=RUNID/NAME/INCARNATION`, so a process with this marker descends from that child.
 """
 
 import contextlib
@@ -29,24 +30,24 @@ def marker(run_id: str, name: str, incarnation: int) -> str:
 
 
 def kill_child_leftovers(session: int, child_marker: str, known: Collection[int]) -> dict[int, int]:
-    """Kill whatever lives in a child's session or carries its marker, without waiting for it to be gone.
+    """Kill all processes in a child's session or with its marker, without waiting for them to end.
 
-    Call it after the child has ended and before it is reaped: until then its pid, which is the number of
-    its session, cannot be given to another. What a child leaves is a descendant of an orphan, and orphans
-    come to the `OrphanReaper`: if there are none, nothing was left, and no process of the machine is asked.
+    Call this after the child has ended and before it is reaped. Until then its pid, which is also its session
+    number, cannot be reused. Whatever a child leaves behind descends from an orphan, and the `OrphanReaper`
+    adopts orphans. If there are none, nothing was left, and /proc is not searched.
 
     Args:
         session: the child's pid.
-        child_marker: what `marker` returned for it.
-        known: the caller's own children, this one included.
+        child_marker: the value that `marker` returned for the child.
+        known: the caller's own children, including this one.
 
     Returns:
-        A pidfd, which the caller closes, of each process that was killed, by its pid.
+        The pidfd of each killed process, by its pid. The caller closes them.
     """
     if own_children() <= frozenset(known):
         return {}
     leader = read_stat(session)
-    since_ticks = leader.start_ticks if leader else 0  # older processes need not be asked
+    since_ticks = leader.start_ticks if leader else 0  # older processes cannot descend from it
 
     def belongs(stat: ProcessStat) -> bool:
         return (
@@ -60,18 +61,18 @@ def kill_child_leftovers(session: int, child_marker: str, known: Collection[int]
 
 
 class Leftovers:
-    """What one child has forked, from the child's end until all of that has ended, too.
+    """The processes that one child forked, from the child's end until all of them have ended.
 
-    Nothing here waits: an event loop says when a process has ended, however long that takes.
+    Nothing here blocks: the event loop reports when a process has ended, however long that takes.
     """
 
     def __init__(self, kill: Callable[[], dict[int, int]], loop: EventLoop, on_gone: Callable[[], None]):
         """Prepare.
 
         Args:
-            kill: kills what is there, as `kill_child_leftovers`.
-            loop: watches who was killed.
-            on_gone: called once, when there is nobody left; it may be called by `end`.
+            kill: kills the processes, like `kill_child_leftovers`.
+            loop: watches the killed processes.
+            on_gone: called once, when no process is left; `end` itself may call it.
         """
         self._kill = kill
         self._loop = loop
@@ -81,13 +82,13 @@ class Leftovers:
 
     @property
     def pids(self) -> tuple[int, ...]:
-        """Who was killed and has not ended."""
+        """Processes that were killed and have not ended yet."""
         return tuple(self._pidfds)
 
     def end(self) -> None:
-        """Kill what is there; again when that has ended, for it may have forked meanwhile.
+        """Kill the processes; repeat when they have ended, because they may have forked meanwhile.
 
-        If there is no descriptor left to look for it, again a little later: nobody may be overlooked.
+        If no descriptor is left for the search, try again a little later, so that none is overlooked.
         """
         if self._is_closed:
             return
@@ -102,7 +103,7 @@ class Leftovers:
             self._on_gone()
 
     def close(self) -> None:
-        """Watch them no longer."""
+        """Stop watching them."""
         self._is_closed = True
         for pidfd in self._pidfds.values():
             self._loop.unwatch(pidfd)
@@ -118,7 +119,7 @@ class Leftovers:
 
 
 def kill_run_leftovers(run_id: str) -> frozenset[int]:
-    """Kill whatever carries the marker of a dead run, and wait a moment for it to be gone."""
+    """Kill all processes with the marker of a dead run, and wait up to `END_WAIT_S` for their end."""
     prefix = f"{run_id}/"
     killed = kill_all(lambda stat: (environment_value(stat.pid, MARKER) or "").startswith(prefix))
     wait_gone(killed)
@@ -126,13 +127,13 @@ def kill_run_leftovers(run_id: str) -> frozenset[int]:
 
 
 def kill_all(belongs: Callable[[ProcessStat], bool]) -> dict[int, int]:
-    """Kill all processes that belong, again until no new one shows up.
+    """Kill all processes for which `belongs` is true; repeat until no new one is found.
 
     Returns:
-        A pidfd of each, which the caller closes, by its pid.
+        The pidfd of each killed process, by its pid. The caller closes them.
 
     Raises:
-        OSError: there is no descriptor left, so some may have been overlooked.
+        OSError: no descriptor is left, so some processes may have been overlooked.
     """
     killed: dict[int, int] = {}
     seen = {os.getpid()}
@@ -145,7 +146,7 @@ def kill_all(belongs: Callable[[ProcessStat], bool]) -> dict[int, int]:
                 seen.add(process.pid)
                 if (pidfd := _kill(process)) is not None:
                     killed[process.pid] = pidfd
-        # With none left, /proc may have seemed to know less than it does.
+        # If no descriptor is left, the search of /proc may have missed processes.
         os.close(os.open("/proc", os.O_RDONLY | os.O_CLOEXEC))
     except OSError:
         for pidfd in killed.values():
@@ -155,7 +156,7 @@ def kill_all(belongs: Callable[[ProcessStat], bool]) -> dict[int, int]:
 
 
 def wait_gone(pidfds: Mapping[int, int], timeout_s: float = END_WAIT_S) -> None:
-    """Wait until these processes have ended, at most so long, and close their pidfds."""
+    """Wait until these processes have ended, at most `timeout_s`, and close their pidfds."""
     deadline = time.monotonic() + timeout_s
     for pidfd in pidfds.values():
         select.select([pidfd], [], [], max(0.0, deadline - time.monotonic()))
@@ -163,7 +164,7 @@ def wait_gone(pidfds: Mapping[int, int], timeout_s: float = END_WAIT_S) -> None:
 
 
 def _kill(process: ProcessStat) -> int | None:
-    """Kill exactly this process: the pidfd is opened first, then its start time is compared."""
+    """Kill exactly this process: open its pidfd first, then compare the start time."""
     try:
         pidfd = os.pidfd_open(process.pid)
     except (ProcessLookupError, OSError):
@@ -180,9 +181,9 @@ def _kill(process: ProcessStat) -> int | None:
 
 
 class OrphanReaper:
-    """Takes in and reaps descendants whose own parent died, as long as it is entered.
+    """While entered, adopts and reaps descendants whose own parent has died.
 
-    Children that this process had before are left alone, and so are those that the caller says it knows.
+    Children that this process had before are left alone, and so are the children that the caller names.
     """
 
     def __init__(self) -> None:
@@ -198,21 +199,21 @@ class OrphanReaper:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Kill and reap every orphan that is left; by now the caller has no children of its own."""
+        """Kill and reap every remaining orphan. By now the caller has no children."""
         deadline_s = time.monotonic() + END_WAIT_S
-        # Again, because those whose parent is killed here come to us only then.
+        # Repeat: killing a parent here makes its children orphans.
         while (orphans := own_children() - self._foreign) and time.monotonic() < deadline_s:
-            with contextlib.suppress(OSError):  # no descriptor left for now; this is tried again
+            with contextlib.suppress(OSError):  # no descriptor is left; try again
                 wait_gone(kill_all(lambda stat: stat.pid in orphans))
             for pid in orphans:
                 _reap(pid)
         set_child_subreaper(self._was_subreaper)
 
     def reap(self, known: Collection[int]) -> None:
-        """Reap orphans that have ended; one system call if there are none.
+        """Reap orphans that have ended; this takes one system call if there are none.
 
         Args:
-            known: the caller's own children; their exit statuses are left for the caller.
+            known: the caller's own children, which are not reaped.
         """
         with contextlib.suppress(ChildProcessError):
             while ended := os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT):

@@ -10,8 +10,8 @@ from robbie_mp.messages import ModuleState, Time
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.run.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, PlannedModule, RunPlan
+from robbie_mp.supervisor.crash import LastWordsReader, describe_activity
 from robbie_mp.supervisor.incarnations import Doing
-from robbie_mp.supervisor.last_words import LastWordsReader, describe_activity
 from robbie_mp.supervisor.states import STATES, ChildState, StateChange
 from robbie_mp.trace.crash import LastWords
 from robbie_mp.transport import layout, names

@@ -1,6 +1,6 @@
 """What children say: entries of the trace, handed over to be written, shown, and the last of it remembered.
 
-Nothing here waits for the disk; see `robbie_mp.supervisor.disk_writer`. Each child has files of its own, so
+Nothing here waits for the disk; see `robbie_mp.trace.disk_writer`. Each child has files of its own, so
 that who says much pushes out nobody's lines but its own. What is beyond the bound of lines per second is
 thrown away and counted.
 """
@@ -16,13 +16,34 @@ from pathlib import Path
 from robbie_mp.errors import RobbieError
 from robbie_mp.linux.private_files import make_private_folder
 from robbie_mp.profile.model import TraceSettings
-from robbie_mp.supervisor.disk_writer import CLOSE_LIMIT_S, DiskWriter
-from robbie_mp.supervisor.rate_limit import RateLimit
+from robbie_mp.trace.channel import LogRecord, parse_line
 from robbie_mp.trace.crash import CrashReport, report_name, report_place
+from robbie_mp.trace.disk_writer import CLOSE_LIMIT_S, DiskWriter
 from robbie_mp.trace.entry import Entry, EntryNumbers
 from robbie_mp.trace.kinds import ALL_KINDS, KIND_OF_STREAM, Kind, kind_of_level
-from robbie_mp.trace.log_record import LogRecord, parse_line
 from robbie_mp.visible_text import visible
+
+
+class RateLimit:
+    """Lets a burst pass, and then as many lines a second as are allowed (a token bucket)."""
+
+    def __init__(self, lines_per_s: float, burst_lines: int, clock: Callable[[], float] = time.monotonic):
+        self._lines_per_s = lines_per_s
+        self._burst_lines = float(burst_lines)
+        self._clock = clock
+        self._allowance = self._burst_lines
+        self._updated_s = clock()
+
+    def take(self, count: int) -> int:
+        """Return how many of so many lines may pass."""
+        now_s = self._clock()
+        gained = (now_s - self._updated_s) * self._lines_per_s
+        self._updated_s = now_s
+        self._allowance = min(self._burst_lines, self._allowance + gained)
+        allowed = min(count, int(self._allowance))
+        self._allowance -= allowed
+        return allowed
+
 
 LOG = "log"
 ERRORS = "errors"

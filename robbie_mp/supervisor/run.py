@@ -18,7 +18,6 @@ from robbie_mp.run.run_directory import PROFILE_FILE, RunDirectory
 from robbie_mp.supervisor.attached_tools import AttachedTools
 from robbie_mp.supervisor.child_spec import SPARE_COMPUTE_THREADS, ChildSpec
 from robbie_mp.supervisor.control import ControlServer
-from robbie_mp.supervisor.disk_writer import DiskWriter
 from robbie_mp.supervisor.memory import SUPERVISOR, RunMemory
 from robbie_mp.supervisor.output import Listener, OutputStore
 from robbie_mp.supervisor.scheduling import computing_with
@@ -26,6 +25,7 @@ from robbie_mp.supervisor.spares import SpareCommand
 from robbie_mp.supervisor.states import StateChange
 from robbie_mp.supervisor.sweep import sweep
 from robbie_mp.supervisor.tree import Tree
+from robbie_mp.trace.disk_writer import DiskWriter
 from robbie_mp.trace.reader import LOG_FOLDER
 from robbie_mp.transport.board import TOOL_PREFIX
 from robbie_mp.transport.words import check_machine

@@ -1,28 +1,58 @@
 """What runs in a spare interpreter: `python -m robbie_mp.supervisor.spare RUN_FOLDER`.
 
-It imports what every child needs, says so on its standard input, a socket, and waits there for the name and
-the incarnation of the child it is to be. See `robbie_mp.supervisor.spares`.
+A spare imports what every child needs and reports `ready` on its standard input, which is a socket. There it
+waits for its assignment: the name and the incarnation of the child that it becomes. Both ends of this socket
+are here. See `robbie_mp.supervisor.spares`.
 """
 
 import importlib
+import json
 import os
+import socket
 import sys
 import traceback
 from pathlib import Path
 from typing import NoReturn
 
-import numpy as np  # noqa: F401 - ahead, for the module that will run here
-
-import robbie_mp.supervisor.core_child
-import robbie_mp.supervisor.module_child  # noqa: F401 - ahead: it may become one or the other
 from robbie_mp.linux.prctl import die_with_parent, set_process_name
 from robbie_mp.run.plan import RunPlan
-from robbie_mp.supervisor.assignment import wait_for_assignment
 from robbie_mp.supervisor.child import run_child
+
+READY = b"ready\n"
+IMPORTED_AHEAD = ("numpy", "robbie_mp.supervisor.core_child", "robbie_mp.supervisor.module_child")
+"""What any child may need: a spare becomes the core or a module."""
+
+
+def assign(connection: socket.socket, name: str, incarnation: int) -> None:
+    """Tell a spare that is ready whom to run.
+
+    Raises:
+        OSError: it has died.
+    """
+    connection.send(json.dumps([name, incarnation]).encode() + b"\n")
+
+
+def wait_for_assignment() -> tuple[str, int] | None:
+    """Say in a spare that it is ready; return name and incarnation of the child, None if none is needed.
+
+    Standard input is empty afterwards.
+    """
+    with socket.socket(fileno=os.dup(0)) as connection:
+        connection.sendall(READY)
+        line = connection.makefile("rb").readline()
+    nowhere = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nowhere, 0)
+    os.close(nowhere)
+    if not line:
+        return None
+    name, incarnation = json.loads(line)
+    return name, incarnation
 
 
 def main(run_folder: Path) -> None:
     """Wait to be needed, then run a child."""
+    for name in IMPORTED_AHEAD:
+        importlib.import_module(name)
     plan = RunPlan.load(run_folder)
     die_with_parent(plan.supervisor_pid)
     sys.path.insert(0, plan.workspace)  # as in a module's process

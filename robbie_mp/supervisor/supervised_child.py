@@ -9,19 +9,16 @@ from enum import Enum, auto
 from robbie_mp.errors import RobbieError
 from robbie_mp.linux.proc import read_wait_channel
 from robbie_mp.supervisor.child_spec import ChildSpec
-from robbie_mp.supervisor.child_stream import ChildStream
-from robbie_mp.supervisor.crash_watch import CrashWatch
+from robbie_mp.supervisor.crash import CrashWatch
+from robbie_mp.supervisor.deadlines import HangWatch, RunQueueTime
 from robbie_mp.supervisor.event_loop import EventLoop
-from robbie_mp.supervisor.hang_watch import HangWatch
 from robbie_mp.supervisor.incarnations import Incarnations
 from robbie_mp.supervisor.leftovers import Leftovers, kill_child_leftovers
 from robbie_mp.supervisor.output import ChildOutput
-from robbie_mp.supervisor.output_stream import OutputStream
 from robbie_mp.supervisor.process import ChildProcess, ExitStatus
-from robbie_mp.supervisor.record_stream import RecordStream
 from robbie_mp.supervisor.restart import GiveUp, Restart, RestartBudget
-from robbie_mp.supervisor.run_queue import RunQueueTime
 from robbie_mp.supervisor.states import ChildState, StateChange
+from robbie_mp.supervisor.streams import ChildStream, OutputStream, RecordStream
 from robbie_mp.trace.kinds import Kind
 
 POLL_S = 0.015

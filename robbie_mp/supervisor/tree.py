@@ -9,18 +9,96 @@ from contextlib import ExitStack
 from robbie_mp.errors import RobbieError
 from robbie_mp.suggest import did_you_mean
 from robbie_mp.supervisor.child_spec import ChildKind, ChildSpec, InvalidChild
-from robbie_mp.supervisor.dependencies import Dependencies
+from robbie_mp.supervisor.deadlines import RunningTime
 from robbie_mp.supervisor.event_loop import EventLoop, signals_in_loop
 from robbie_mp.supervisor.incarnations import Incarnations
 from robbie_mp.supervisor.leftovers import OrphanReaper
-from robbie_mp.supervisor.ordered_stop import OrderedStop
 from robbie_mp.supervisor.output import OutputStore
 from robbie_mp.supervisor.restart import RestartBudget
-from robbie_mp.supervisor.running_time import RunningTime
 from robbie_mp.supervisor.spares import SpareCommand, SparePool
 from robbie_mp.supervisor.states import ChildState, StateChange
 from robbie_mp.supervisor.supervised_child import POLL_S, SupervisedChild, Surroundings, Then
 from robbie_mp.trace.kinds import Kind
+
+
+class Dependencies:
+    """Answers by what the specs of all children say; between a restart of two there is no other tie.
+
+    As with Erlang's `rest_for_one`, but for the declared dependents only, and without waiting for their end.
+    """
+
+    def __init__(self, children: Sequence[SupervisedChild]):
+        """Take all children, in the order of their start."""
+        self._children = children
+
+    def dependents(self, child: SupervisedChild) -> list[SupervisedChild]:
+        """Return who depends on a child, directly or through others, in the order of their start."""
+        reached = {child.spec.name}
+        grown = True
+        while grown:
+            more = {c.spec.name for c in self._children if not reached.isdisjoint(c.spec.depends_on)}
+            grown = not more <= reached
+            reached |= more
+        return [c for c in self._children if c.spec.name in reached and c is not child]
+
+    def are_settled(self, child: SupervisedChild) -> bool:
+        """Whether everyone that a child depends on is RUNNING, or will not run without help."""
+        return all(
+            (other.state is ChildState.RUNNING and not other.is_stopping)
+            or (other.state is not None and other.state.is_final)
+            for other in self._children
+            if other.spec.name in child.spec.depends_on
+        )
+
+
+class OrderedStop:
+    """Asks each child to end, kills it when its grace is over, and only then turns to the next."""
+
+    def __init__(
+        self, children: Sequence[SupervisedChild], then: Then, reason: str, clock: Callable[[], float]
+    ):
+        """Begin with the last.
+
+        Args:
+            children: in the order of their start.
+            then: what is to become of them.
+            reason: why; see `SupervisedChild.will_stop`.
+            clock: a time in s that never goes back.
+        """
+        for child in children:
+            child.will_stop(then, reason)
+        self._waiting = [(child, child.incarnation) for child in children]
+        self._clock = clock
+        self._current: tuple[SupervisedChild, int] | None = None
+        self._kill_at_s = 0.0
+
+    def step(self) -> None:
+        """Go as far as is possible now."""
+        while self._waiting and self._living() is None:
+            self._current = self._waiting.pop()
+            if child := self._living():
+                self._kill_at_s = self._clock() + child.spec.stop_grace_s
+                child.terminate()
+        child = self._living()
+        if child and self._clock() >= self._kill_at_s:
+            child.kill(f"did not stop within {child.spec.stop_grace_s:g} s")
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all have ended."""
+        return not self._waiting and self._living() is None
+
+    def next_in_s(self) -> float | None:
+        """Return how soon a grace is over, None if no one is waited for."""
+        return max(0.0, self._kill_at_s - self._clock()) if self._living() else None
+
+    def _living(self) -> SupervisedChild | None:
+        """Return the child that is waited for; a successor of it that was started since is none of ours."""
+        if self._current is None:
+            return None
+        child, incarnation = self._current
+        return child if child.pid is not None and child.incarnation == incarnation else None
+
 
 IDLE_POLL_S = 0.1
 CLOCK_STEP_S = 0.01

@@ -14,7 +14,7 @@ from robbie_mp import Header, Time
 from robbie_mp.attach.tool import Detached, Received, Tool
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import DriveCommand
-from robbie_mp.run.control_client import ControlRefused, control
+from robbie_mp.run.control import ControlRefused, control
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.transport.records import Outbound
 from tests.run._support.robot import COMMAND, Ended, Robot, kill, wait_until
@@ -98,7 +98,9 @@ def test_tools_come_go_die_and_stand_still_and_no_module_loses_a_message(
     killed.wait_for_more()
     refused = robot.command("echo", "DriveCommand", "--run", run.run_id)
     assert refused.returncode == 1
-    assert refused.stderr.startswith("no place for robbie echo robbie_msgs/msg/DriveCommand: tools.count")
+    assert refused.stderr.startswith(
+        "no slot is free for robbie echo robbie_msgs/msg/DriveCommand: tools.count"
+    )
     kill(killed.process.pid)
     robot.until(lambda modules: TOOL not in modules)
 

@@ -15,7 +15,7 @@ from robbie_mp.attach.tool import Detached, RunEnded, Tool
 from robbie_mp.attach.tool_bus import ToolBus
 from robbie_mp.attach.tool_module import run_as_tool
 from robbie_mp.messages import DriveCommand, EmergencyStop, Image
-from robbie_mp.run.control_client import ControlRefused
+from robbie_mp.run.control import ControlRefused
 from robbie_mp.run.run_directory import KnownRun
 from tests.run._support.robot import Ended, Robot, is_running, wait_until
 

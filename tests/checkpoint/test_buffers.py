@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from robbie_mp.checkpoint.buffers import IMAGE_BEGIN, CheckpointBuffers
-from robbie_mp.checkpoint.decoder import decode
-from robbie_mp.checkpoint.encoder import encode, lay_out
 from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooLarge
+from robbie_mp.checkpoint.image import decode, encode, lay_out
 from robbie_mp.transport import layout
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment, SharedMemoryFull

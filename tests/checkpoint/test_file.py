@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.checkpoint.encoder import encode
 from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooNew
 from robbie_mp.checkpoint.file import (
     CheckpointFileError,
@@ -15,6 +14,7 @@ from robbie_mp.checkpoint.file import (
     set_aside,
     write_file,
 )
+from robbie_mp.checkpoint.image import encode
 
 DEAD_PID = 2**22 + 1  # beyond the kernel's largest
 

@@ -12,10 +12,17 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from robbie_mp.checkpoint.decoder import decode
-from robbie_mp.checkpoint.encoder import encode, lay_out
 from robbie_mp.checkpoint.errors import CheckpointDamaged, CheckpointTooNew, UnsupportedState
-from robbie_mp.checkpoint.image import CRC_BEGIN, HEADER, Header, aligned, write_header
+from robbie_mp.checkpoint.image import (
+    CRC_BEGIN,
+    HEADER,
+    Header,
+    aligned,
+    decode,
+    encode,
+    lay_out,
+    write_header,
+)
 from tests.checkpoint._support.states import STATES, same
 
 STATE = {

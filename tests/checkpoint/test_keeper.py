@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robbie_mp.checkpoint import disk_writer
+from robbie_mp.checkpoint import file
 from robbie_mp.checkpoint.buffers import IMAGE_BEGIN
-from robbie_mp.checkpoint.encoder import encode
 from robbie_mp.checkpoint.errors import CheckpointTooLarge, UnsupportedState
 from robbie_mp.checkpoint.file import read_file, write_file
+from robbie_mp.checkpoint.image import encode
 from robbie_mp.checkpoint.keeper import CheckpointKeeper, DiskPolicy
 from tests.checkpoint.conftest import SlotOfARun
 
@@ -68,7 +68,7 @@ class SlowDisk:
 @pytest.fixture
 def slow_disk(monkeypatch: pytest.MonkeyPatch) -> SlowDisk:
     disk = SlowDisk()
-    monkeypatch.setattr(disk_writer, "write_file", disk.write)
+    monkeypatch.setattr(file, "write_file", disk.write)
     return disk
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from robbie_mp import ModuleHarness
-from robbie_mp.checkpoint.encoder import encode
 from robbie_mp.checkpoint.errors import UnsupportedState
 from robbie_mp.checkpoint.file import read_file, write_file
+from robbie_mp.checkpoint.image import encode
 from tests.checkpoint._support import remembering
 from tests.checkpoint._support.remembering import Remembering
 from tests.run._support.robot import Robot

@@ -12,7 +12,7 @@ from textual.pilot import Pilot
 from robbie_mp.cli.top_program import program as program_module
 from robbie_mp.cli.top_program.feed import Watching
 from robbie_mp.cli.top_program.program import TopProgram
-from robbie_mp.run.control_client import ControlRefused
+from robbie_mp.run.control import ControlRefused
 from tests.cli._support.readings import BACKOFF, SECOND_NS, PlayedFeed, laser, mapping, run
 from tests.cli.test_module_log import TRACEBACK, entry, write
 

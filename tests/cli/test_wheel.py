@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.cli.runs import live_runs
-from robbie_mp.supervisor.control import SOCKET_NAME
+from robbie_mp.run.control import SOCKET_NAME
 from tests.docs._support.pages import ROOT
 from tests.run._support.robot import wait_until
 

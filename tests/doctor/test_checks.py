@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from robbie_mp.doctor import clock, kernel, limits, memory, modules, permissions, processor, python, runs
+from robbie_mp.doctor import clock, kernel, limits, memory, permissions, processor, python, runs
 from robbie_mp.doctor.finding import Finding, Level, size
 from robbie_mp.doctor.needs import Needs
 
@@ -71,7 +71,7 @@ CASES: dict[Level, list[Finding]] = {
         permissions.check_removal(0, None, lingers=False),
         runs.check_runs(0, []),
         runs.check_runs(2, []),
-        modules.check_modules(3, {}),
+        python.check_modules(3, {}),
     ],
     WARN: [
         limits.check_optional(0, 9, replace(NEEDS, realtime_priority=10)),
@@ -120,8 +120,8 @@ CASES: dict[Level, list[Finding]] = {
         kernel.check_calls({"pidfd_open": "Function not implemented", "prctl": ""}),
         kernel.check_proc(has_stat=False, has_tasks=True),
         python.check_version((3, 10), "cpython", is_gil_enabled=True),
-        modules.check_modules(3, {"mapping": "Traceback\nModuleNotFoundError: No module named 'scipy'\n"}),
-        modules.check_modules(3, {"mapping": ""}),
+        python.check_modules(3, {"mapping": "Traceback\nModuleNotFoundError: No module named 'scipy'\n"}),
+        python.check_modules(3, {"mapping": ""}),
     ],
 }
 

@@ -133,7 +133,7 @@ def test_forked_process_is_refused_whatever_it_does_and_the_module_loses_nothing
 
 def test_fork_that_returns_from_a_handler_is_ended_and_told(robot: Robot) -> None:
     run(robot, "returns from a handler")
-    wait_until(lambda: "ERROR a process that this module forked has ended by" in robot.log("forking"))
+    wait_until(lambda: "ERROR a process that this module forked ended with" in robot.log("forking"))
 
 
 def test_fork_that_exits_in_a_handler_just_ends(robot: Robot) -> None:
@@ -144,7 +144,7 @@ def test_fork_that_exits_in_a_handler_just_ends(robot: Robot) -> None:
 def test_fork_that_fails_is_told_apart_from_the_module(robot: Robot) -> None:
     run(robot, "fails in a handler")
     log = robot.log("forking")
-    assert "a process that this module forked has ended by ZeroDivisionError: in the fork" in log
+    assert "a process that this module forked ended with ZeroDivisionError: in the fork" in log
     assert "CRITICAL" not in log
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.checkpoint.encoder import encode
 from robbie_mp.checkpoint.errors import CheckpointForeign
 from robbie_mp.checkpoint.file import checkpoint_file, read_file, write_file
+from robbie_mp.checkpoint.image import encode
 from robbie_mp.linux.private_files import make_private_folder, write_private
 from robbie_mp.run.run_directory import base_folders
 from tests.run._support.robot import Ended, Robot

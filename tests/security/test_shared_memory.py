@@ -12,7 +12,7 @@ import posix_ipc
 import pytest
 
 from robbie_mp.checkpoint.buffers import CheckpointBuffers
-from robbie_mp.checkpoint.encoder import lay_out
+from robbie_mp.checkpoint.image import lay_out
 from robbie_mp.run.run_directory import RunDirectory
 from robbie_mp.supervisor.sweep import sweep
 from robbie_mp.transport import layout, names

@@ -11,8 +11,7 @@ from playwright.sync_api import Page
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import Mark
 from robbie_mp.station.station import PANEL_NAMES
-from robbie_mp.trace.kinds import Kind
-from robbie_mp.trace.levels import read_recorded
+from robbie_mp.trace.kinds import Kind, read_recorded
 from tests.recording._support.logs import LogFile
 from tests.run._support.robot import Robot, wait_until
 from tests.station._support.browser import TABLET, browser, needs_chromium, page_of

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.supervisor.last_words import LastWordsReader
+from robbie_mp.supervisor.crash import LastWordsReader
 from robbie_mp.trace.crash import LastMessage
 from robbie_mp.trace.reader import report_files
 from robbie_mp.transport import layout

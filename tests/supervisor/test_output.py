@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 
 from robbie_mp.profile.model import TraceSettings
 from robbie_mp.supervisor.event_loop import EventLoop
-from robbie_mp.supervisor.output import ChildOutput, LogNotWritable, OutputStore
-from robbie_mp.supervisor.output_stream import OutputStream
-from robbie_mp.supervisor.rate_limit import RateLimit
+from robbie_mp.supervisor.output import ChildOutput, LogNotWritable, OutputStore, RateLimit
 from robbie_mp.supervisor.states import ChildState
+from robbie_mp.supervisor.streams import OutputStream
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.rotating_file import RotatingFile

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.supervisor.deadlines import READ_PERIOD_S, RunQueueTime
 from robbie_mp.supervisor.incarnations import Doing
-from robbie_mp.supervisor.run_queue import LOOK_EVERY_S, RunQueueTime
 from robbie_mp.supervisor.states import ChildState
 from robbie_mp.transport.layout import Activity
 from tests.supervisor._support import zoo
@@ -78,7 +78,7 @@ def test_thread_that_sleeps_waits_for_no_processor(kernel: Kernel) -> None:
 
 def test_process_that_has_ended_waits_for_nothing(kernel: Kernel) -> None:
     kernel.queue.begin(10.0)
-    assert kernel.queue.waited_s(10.0 + LOOK_EVERY_S) == 0.0
+    assert kernel.queue.waited_s(10.0 + READ_PERIOD_S) == 0.0
 
 
 def test_kernel_of_this_machine_says_what_is_read() -> None:

@@ -12,9 +12,9 @@ from typing import Protocol
 import pytest
 
 from robbie_mp.profile.model import TraceSettings
-from robbie_mp.supervisor import disk_writer
-from robbie_mp.supervisor.disk_writer import DiskWriter
 from robbie_mp.supervisor.states import ChildState
+from robbie_mp.trace import disk_writer
+from robbie_mp.trace.disk_writer import DiskWriter
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.reader import entries
 from tests.supervisor._support import zoo

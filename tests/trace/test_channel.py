@@ -16,12 +16,10 @@ from hypothesis import strategies as st
 from robbie_mp.profile.model import TraceSettings
 from robbie_mp.supervisor.event_loop import EventLoop
 from robbie_mp.supervisor.output import ChildOutput, OutputStore
-from robbie_mp.supervisor.record_stream import RecordStream
-from robbie_mp.trace.channel import LINE_BYTES, ChannelHandler, open_channel
+from robbie_mp.supervisor.streams import RecordStream
+from robbie_mp.trace.channel import LINE_BYTES, ChannelHandler, open_channel, parse_line
 from robbie_mp.trace.entry import Entry, EntryNumbers
-from robbie_mp.trace.kinds import Kind
-from robbie_mp.trace.levels import follow_level, write_recorded
-from robbie_mp.trace.log_record import parse_line
+from robbie_mp.trace.kinds import Kind, follow_level, write_recorded
 
 
 class Pair:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.supervisor.crash_watch import memory_kills
+from robbie_mp.supervisor.crash import memory_kills
 from robbie_mp.trace.crash import CrashReport
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.reader import crash_reports, entries

@@ -17,7 +17,7 @@ from robbie_mp.cli.top_program.feed import RunFeed, Snapshot, Watching
 from robbie_mp.cli.top_program.figures_table import FiguresTable
 from robbie_mp.cli.top_program.plain_filter import PlainFilter
 from robbie_mp.errors import RobbieError
-from robbie_mp.run.control_client import control
+from robbie_mp.run.control import control
 from robbie_mp.views.process_table import (
     CHANNEL_COLUMNS,
     MODULE_COLUMNS,

@@ -16,10 +16,8 @@ from robbie_mp.station.panel import Page, Panel
 from robbie_mp.supervisor.output import SUPERVISOR
 from robbie_mp.trace.crash import CrashReport, report_files
 from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.follower import TraceFollower
-from robbie_mp.trace.kinds import Kind
-from robbie_mp.trace.levels import read_recorded
-from robbie_mp.trace.reader import crash_reports, module_names, trace_folder
+from robbie_mp.trace.kinds import Kind, read_recorded
+from robbie_mp.trace.reader import TraceFollower, crash_reports, module_names, trace_folder
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from robbie_mp.checkpoint.buffers import CheckpointBuffers
-from robbie_mp.checkpoint.encoder import encode, lay_out
 from robbie_mp.checkpoint.file import read_file, remove_unfinished, write_file
+from robbie_mp.checkpoint.image import encode, lay_out
 from robbie_mp.transport import names
 from robbie_mp.transport.segment import unlink_segment
 from robbie_mp.transport.shared_folder import make_folder, remove_names

@@ -1,7 +1,7 @@
 """Hands what is to be written to a process of its own, so that the supervisor never waits for a disk.
 
 A process and not a thread: one that sleeps on a stalled disk cannot be killed, and a thread like that would
-keep the supervisor itself from ending. See `robbie_mp.trace.writer`.
+keep the supervisor itself from ending. See `robbie_mp.trace.writer_process`.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Self
 
-from robbie_mp.trace import writer
+from robbie_mp.trace import writer_process
 
 PIPE_BYTES = 1 << 20
 """What an ordinary process may ask for on Linux (fs.pipe-max-size)."""
@@ -84,7 +84,7 @@ class DiskWriter:
         """Have something written.
 
         Args:
-            order: its name and arguments; see `robbie_mp.trace.writer`.
+            order: its name and arguments; see `robbie_mp.trace.writer_process`.
             data: what is to be written.
             on_done: called in this thread, now or later, with whether the disk has taken it.
         """
@@ -158,7 +158,7 @@ class DiskWriter:
         os.set_blocking(self._answers, False)
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", writer.__name__],
+                [sys.executable, "-P", "-m", writer_process.__name__],
                 stdin=theirs,
                 stdout=answers,
                 stderr=subprocess.DEVNULL,  # else a terminal or a pipe would stay open as long as it lives
@@ -197,7 +197,7 @@ class DiskWriter:
                 for answer in answers:
                     length, on_done = self._unanswered.popleft()
                     self._waiting_bytes -= length
-                    on_done(answer == writer.DONE[0])
+                    on_done(answer == writer_process.DONE[0])
         except BlockingIOError:
             return
         self._let_go(0.0)  # it has died

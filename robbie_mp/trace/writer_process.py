@@ -1,7 +1,7 @@
-"""What runs in the process that writes a run's files: `python -m robbie_mp.trace.writer`.
+"""What runs in the process that writes a run's files: `python -m robbie_mp.trace.writer_process`.
 
 A disk may stall for seconds, and who writes to it then sleeps in the kernel. The supervisor must not, so it
-hands all it writes to this process (`robbie_mp.supervisor.disk_writer`). Orders come on standard input, one
+hands all it writes to this process (`robbie_mp.trace.disk_writer`). Orders come on standard input, one
 after another: a line of JSON, `[NAME, ARGUMENTS…, LENGTH]`, and LENGTH bytes. Each is answered on standard
 output by one byte, `1` if it is done and `0` if the disk refused it. At the end of its input, as when the
 supervisor was killed, the process has written all that it was given, and ends.

@@ -1,8 +1,14 @@
-"""What a dead module has left in shared memory, read before it is reclaimed. None of it is trusted."""
+"""The evidence of a crash: what a dead child left in shared memory, and how its process ended."""
 
+import signal
 import time
+from collections.abc import Callable
+from pathlib import Path
 
-from robbie_mp.trace.crash import LastMessage, LastWords
+from robbie_mp.supervisor.incarnations import Incarnations
+from robbie_mp.supervisor.output import ChildOutput
+from robbie_mp.supervisor.process import ExitStatus
+from robbie_mp.trace.crash import CrashReport, LastMessage, LastWords
 from robbie_mp.transport import layout
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.layout import LINE_WORDS, NAME_WORDS, RECORD_WORDS, Activity
@@ -23,11 +29,11 @@ COUNTERS = {
 
 
 class LastWordsReader:
-    """Reads what modules have left.
+    """Reads what dead modules left in shared memory. It trusts none of it.
 
     Args:
-        tables: of the core, for the topics of messages; not kept, for it holds the core's lists of free rows.
-        board: for the names of their senders.
+        tables: the core's tables, which hold the topics of messages. Only their words are kept.
+        board: names the senders.
         inbound_records: capacity of each inbound ring.
     """
 
@@ -38,10 +44,10 @@ class LastWordsReader:
         self._inbound_records = inbound_records
 
     def read(self, out: Words, into: Words) -> LastWords:
-        """Return what one module has left.
+        """Return what one module left.
 
         Args:
-            out: the words that it wrote.
+            out: the words that the module wrote.
             into: its inbound ring.
         """
         now_ns = time.monotonic_ns()
@@ -56,7 +62,7 @@ class LastWordsReader:
         )
 
     def _last_message(self, out: Words, into: Words, now_ns: int) -> LastMessage | None:
-        """Find the last message that was taken: its record stays in the ring until others take its place."""
+        """Find the last message taken: its record stays in the ring until it is overwritten."""
         taken = out[layout.OUT_INBOUND_TAIL]
         for number in range(taken, max(0, taken - self._inbound_records), -1):
             at = layout.IN_RING + (number - 1) % self._inbound_records * RECORD_WORDS
@@ -81,11 +87,11 @@ class LastWordsReader:
 
 
 def describe_activity(out: Words, activity: int) -> str:
-    """Put what a module is doing into words, as "handler on_scan of TYPE on TOPIC"; '' if nothing.
+    """Describe a module's activity, such as "handler on_scan of TYPE on TOPIC"; '' if it is idle.
 
     Args:
-        out: the words that it wrote.
-        activity: as in `OUT_ACTIVITY`.
+        out: the words that the module wrote.
+        activity: the value of `OUT_ACTIVITY`.
     """
     kind = activity & 0xFF
     if kind not in list(Activity) or kind == Activity.IDLE:
@@ -98,3 +104,74 @@ def describe_activity(out: Words, activity: int) -> str:
     topic = read_text(out, at + layout.DECLARATION_TOPIC, NAME_WORDS)
     handler = read_text(out, at + layout.DECLARATION_HANDLER, NAME_WORDS)
     return f"handler {handler} of {type_name}" + (f" on {topic}" if topic else "")
+
+
+VMSTAT = Path("/proc/vmstat")
+
+
+class CrashWatch:
+    """Collects the facts about one child's abnormal end and reports them."""
+
+    def __init__(
+        self, name: str, output: ChildOutput, incarnations: Incarnations, clock: Callable[[], float]
+    ):
+        """Prepare; nothing is watched yet.
+
+        Args:
+            name: the child's name.
+            output: holds the child's last lines and receives the report.
+            incarnations: reads what the child left in memory.
+            clock: monotonic time in s.
+        """
+        self._name = name
+        self._output = output
+        self._incarnations = incarnations
+        self._clock = clock
+        self._incarnation = 0
+        self._pid = 0
+        self._started_s = 0.0
+        self._memory_kills = 0
+
+    def begin(self, incarnation: int, pid: int) -> None:
+        """Note the start of an incarnation."""
+        self._incarnation = incarnation
+        self._pid = pid
+        self._started_s = self._clock()
+        self._memory_kills = memory_kills()
+
+    def report(self, status: ExitStatus, reason: str, *, was_killed_by_us: bool) -> None:
+        """Report the end. Call this after reading all output and before reclaiming the memory."""
+        hints = []
+        if status.signal == signal.SIGKILL and not was_killed_by_us:
+            hints.append(self._killer_hint())
+        report = CrashReport(
+            module=self._name,
+            incarnation=self._incarnation,
+            pid=self._pid,
+            time_s=time.time(),
+            uptime_s=self._clock() - self._started_s,
+            reason=reason,
+            exit_code=status.code,
+            signal=status.signal,
+            cpu_s=status.cpu_s,
+            hints=hints,
+            last_words=self._incarnations.last_words(self._name, self._incarnation),
+            said=[],
+            printed=[],
+        )
+        self._output.report_crash(report)
+
+    def _killer_hint(self) -> str:
+        count = memory_kills() - self._memory_kills
+        if count:
+            return f"since its start the kernel has killed {count} processes for lack of memory: see dmesg"
+        return "killed neither by the supervisor nor by the kernel for lack of memory"
+
+
+def memory_kills(vmstat: Path = VMSTAT) -> int:
+    """Return how many processes the kernel has killed for lack of memory; 0 if it does not report this."""
+    try:
+        lines = vmstat.read_text().splitlines()
+    except OSError:
+        return 0
+    return next((int(line.split()[1]) for line in lines if line.startswith("oom_kill ")), 0)
