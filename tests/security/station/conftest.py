@@ -3,12 +3,12 @@
 import json
 import re
 import resource
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
 
-from tests.conftest import leaving_nothing_behind
 from tests.run._support.robot import Robot
 from tests.security.station._support.attacker import Attacker
 
@@ -86,12 +86,14 @@ def nothing_left_behind() -> None:
 
 
 @pytest.fixture(scope="module")
-def shared_station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
+def shared_station(
+    tmp_path_factory: pytest.TempPathFactory, left_behind_check: Callable[[], AbstractContextManager[None]]
+) -> Iterator[Station]:
     """One robot for all attacks of a file: what one of them did to it, the next one meets."""
     folder = tmp_path_factory.mktemp("security")
     (folder / "workspace").mkdir()
     (folder / "runtime").mkdir(mode=0o700)
-    with leaving_nothing_behind(), pytest.MonkeyPatch.context() as patch:
+    with left_behind_check(), pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_RUNTIME_DIR", str(folder / "runtime"))
         patch.setenv("PYTHONPATH", str(TESTS.parent))
         robot = Robot(folder / "workspace")
