@@ -12,7 +12,7 @@ from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.config import Config
 from robbie_mp.module.module import Module, ModuleContext
 from robbie_mp.module.settings import check_settings
-from robbie_mp.module.ticks import LONGEST_WAIT_S
+from robbie_mp.module.ticks import MAX_WAIT_S
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_directory import KnownRun
 
@@ -89,7 +89,7 @@ def _work(module: Module, bus: ToolBus, is_stopped: Callable[[], object]) -> Non
     due_s = time.monotonic()
     while not (module.stop_requested or is_stopped()):
         if not bus.handle_next():
-            left_s = LONGEST_WAIT_S if module.period_s is None else due_s - time.monotonic()
+            left_s = MAX_WAIT_S if module.period_s is None else due_s - time.monotonic()
             if bus.wait(max(0.0, left_s)):
                 due_s = time.monotonic()
         if module.period_s is not None and time.monotonic() >= due_s:

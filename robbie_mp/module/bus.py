@@ -1,4 +1,4 @@
-"""What a module can do with messages, wherever it runs: in a process of its own or in a test."""
+"""The bus: what a module can do with messages, whether it runs in a robot, in a tool or in a test."""
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -14,35 +14,35 @@ MessageType = TypeVar("MessageType", bound=Message)
 
 
 class PublishAfterStop(RobbieError, RuntimeError):
-    """A module published after it was stopped; publish what is last in `teardown()`.
+    """A module published after it was stopped; publish last messages in `teardown()`.
 
     Example scenarios:
-      - a thread of the module goes on after `teardown()` has returned
+      - a thread of the module still runs after `teardown()` has returned
     """
 
 
 class Envelope(NamedTuple):
-    """What came with a message."""
+    """What the bus knows about a message besides its content."""
 
     topic: str
     sequence: int
-    """Its place in the one order of all messages of the run."""
+    """The message's place in the one order of all messages of the run."""
     sender: str
     """Name of the module that published it."""
     published_ns: int
-    """When, on the monotonic clock that the module goes by."""
+    """When it was published: ns of the module's clock, as `clock.monotonic_ns()`."""
 
 
 class EncodedMessage(NamedTuple):
-    """A message as its bytes, of a type that this program need have no class for."""
+    """An encoded message; this program needs no class for its type."""
 
     type_name: str
     version: int
     data: memoryview
-    """Its encoding with the 4 bytes of encapsulation, read-only, in the memory of who published it.
+    """The encoding with its 4 bytes of encapsulation: a read-only view of the publisher's memory.
 
-    Who keeps it, or an array over it, beyond the handler keeps the message in that memory, as with arrays of
-    any other message: take `bytes(data)` to keep it for long.
+    If you keep this view, or an array over it, after the handler returns, the message stays in that memory,
+    as with the arrays of any other message. Copy it with `bytes(data)` to keep it for long.
     """
 
 
@@ -55,23 +55,23 @@ class Bus(Protocol):
 
     @property
     def outstanding(self) -> int:
-        """Messages published by this module that somebody still waits for or holds."""
+        """Number of this module's messages that subscribers still wait for or hold."""
 
     def publish_encoded(
         self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
     ) -> bool:
-        """Send a message given as its bytes; False if it was refused, as `publish`."""
+        """Publish an encoded message; False if it was refused, as `publish`."""
 
     def publish(self, message: Message, topic: str) -> bool:
-        """Send a message; False if it was refused (and counted) because memory or ring are full."""
+        """Publish a message; False if it was refused (and counted) because memory or ring is full."""
 
     def loan(
         self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
     ) -> AbstractContextManager[MessageType]:
-        """Have a message written in place and published at the end of the `with` block."""
+        """Lend a message to be filled in place; it is published at the end of the `with` block."""
 
     def wake_after_freed(self, messages: int) -> None:
-        """Wake this module when so many of its messages have been let go by everybody."""
+        """Wake this module when all subscribers have released this number of its messages."""
 
     def envelope(self) -> Envelope:
-        """What came with the message being handled."""
+        """Return the envelope of the message being handled."""

@@ -1,21 +1,21 @@
-"""The run's clock, and one that tests turn by hand."""
+"""Clocks: the machine's, and one that a test sets by hand. The run's is in `robbie_mp.run.run_clock`."""
 
 import time
 from typing import Protocol
 
 
 class Clock(Protocol):
-    """Tells a run's time.
+    """Gives a module the time.
 
-    Two readings: `now_ns` is the time of day that stamps messages; `monotonic_ns` never goes back and is what
-    periods and deadlines are measured with.
+    It has two readings: `now_ns` is the time of day, for stamps in messages. `monotonic_ns` never goes back;
+    use it to measure periods and deadlines.
     """
 
     def now_ns(self) -> int:
         """Nanoseconds since the epoch."""
 
     def monotonic_ns(self) -> int:
-        """Nanoseconds since some moment in the past."""
+        """Nanoseconds since an unspecified moment in the past."""
 
 
 class SystemClock:
@@ -29,19 +29,19 @@ class SystemClock:
     """Nanoseconds of the system's monotonic clock, the same in every process of the machine."""
 
     jumps = 0
-    """See `robbie_mp.run.run_clock`, where it can be otherwise."""
+    """How often the time has been set: never. See `robbie_mp.run.run_clock`, which counts them."""
 
     def at(self, machine_ns: int) -> int:
-        """What `monotonic_ns` was at a moment of the machine's monotonic time."""
+        """Return what `monotonic_ns` was at a moment of the machine's monotonic time, in ns."""
         return machine_ns
 
     def machine_s_until(self, monotonic_ns: int) -> float:
-        """How long until `monotonic_ns` is so late."""
+        """Return the time until `monotonic_ns` reaches this value, in s; 0 if it has passed."""
         return max(0.0, (monotonic_ns - time.monotonic_ns()) / 1e9)
 
 
 class ManualClock:
-    """A clock that stands still until it is told to go on."""
+    """A clock that stands still until `advance` is called."""
 
     def __init__(self, now_ns: int = 0):
         self._now_ns = now_ns
@@ -52,9 +52,13 @@ class ManualClock:
         return self._now_ns
 
     def monotonic_ns(self) -> int:
-        """Nanoseconds since this clock was made."""
+        """Nanoseconds since this clock was created."""
         return self._now_ns - self._start_ns
 
     def advance(self, seconds: float) -> None:
-        """Let time pass."""
+        """Move the time forward.
+
+        Args:
+            seconds: how far.
+        """
         self._now_ns += round(seconds * 1e9)

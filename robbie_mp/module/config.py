@@ -1,4 +1,4 @@
-"""Typed access to the configuration that all modules of a robot share."""
+"""Typed access to the configuration shared by all modules of a robot."""
 
 from collections.abc import Mapping
 from enum import Enum
@@ -20,37 +20,46 @@ _NO_DEFAULT: Final = _NoDefault.NO_DEFAULT
 
 
 class ConfigMissing(RobbieError, LookupError):
-    """A key was asked for that the profile does not set."""
+    """The profile does not set the requested key, and there is no default."""
 
 
 class ConfigType(RobbieError, TypeError):
-    """The value of a key is of another type than was asked for."""
+    """The value of a key has another type than requested."""
 
 
 class Config:
-    """The `config` of a profile: flat, dotted key to bool, int, float or text; read-only.
+    """The `config` of a profile: dotted keys with values of type bool, int, float or str; read-only.
 
-    Every getter returns its `default` if the profile does not set the key. Without a default that is
-    `ConfigMissing`; a value of another type is `ConfigType` in any case.
+    If the profile does not set the key, every getter returns its `default`, or raises `ConfigMissing` if you
+    gave no default. If the value has another type, the getter raises `ConfigType`.
     """
 
     def __init__(self, values: Mapping[str, object]) -> None:
         self.values: Mapping[str, object] = MappingProxyType(dict(values))
 
     def get_bool(self, key: str, default: bool | _NoDefault = _NO_DEFAULT) -> bool:
-        """Return a true or false."""
+        """Return a bool.
+
+        Args:
+            key: dotted key, as "robot.has_arm".
+            default: returned if the profile does not set the key.
+
+        Raises:
+            ConfigMissing: the key is not set, and there is no default.
+            ConfigType: the value has another type.
+        """
         return self._get(key, bool, default)
 
     def get_int(self, key: str, default: int | _NoDefault = _NO_DEFAULT) -> int:
-        """Return a whole number."""
+        """Return an int; arguments and errors as for `get_bool`."""
         return self._get(key, int, default)
 
     def get_float(self, key: str, default: float | _NoDefault = _NO_DEFAULT) -> float:
-        """Return a number; a whole number will do."""
+        """Return a float; an int is converted. Arguments and errors as for `get_bool`."""
         return self._get(key, float, default)
 
     def get_string(self, key: str, default: str | _NoDefault = _NO_DEFAULT) -> str:
-        """Return a text."""
+        """Return a str; arguments and errors as for `get_bool`."""
         return self._get(key, str, default)
 
     def _get(self, key: str, declared: type[T], default: T | _NoDefault) -> T:

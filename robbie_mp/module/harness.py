@@ -1,4 +1,4 @@
-"""Runs a module inside a test: no process, no shared memory, and time moves when the test says so."""
+"""Runs a module inside a test, without a process or shared memory; the test controls the time."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -27,14 +27,14 @@ ModuleClass = TypeVar("ModuleClass", bound=Module)
 
 
 class Published(NamedTuple):
-    """A message that the module under test has sent."""
+    """A message that the module under test has published."""
 
     message: Message
     topic: str
 
 
 class PublishedEncoded(NamedTuple):
-    """A message that the module under test has sent as its bytes."""
+    """An encoded message that the module under test has published."""
 
     type_name: str
     version: int
@@ -43,22 +43,30 @@ class PublishedEncoded(NamedTuple):
 
 
 class ModuleHarness(Generic[ModuleClass]):
-    """Feeds a module with messages and collects what it publishes.
+    """Sends messages to a module and collects what it publishes.
 
         with ModuleHarness(Obstacles, {"stop_distance_m": 0.5}) as harness:
             harness.send(LaserScan(ranges=[0.4]))
             assert harness.take(DriveCommand)
 
-    Messages pass through their bytes on the way in and out, so handlers see what they see in a robot:
-    read-only arrays, and wrong field types are errors. So do checkpoints.
+    Messages and checkpoints are encoded and decoded as in a robot: handlers get read-only arrays, and wrong
+    field types are errors.
 
     Args:
         module_class: the class under test.
-        settings: values for its settings; the others have their defaults.
-        config: the robot's configuration, dotted keys.
-        output_directory: where it may write results; by default a folder that is removed with the harness.
-        name: its name in the profile.
-        restored: the state it finds from its last incarnation, as `harness.checkpoint` of another harness.
+        settings: values of settings; the other settings have their defaults.
+        config: the robot's configuration, with dotted keys.
+        output_directory: where the module writes results; by default a folder that is removed with the
+            harness.
+        name: the module's name in the profile.
+        restored: the state that the module finds in `restored`, such as `checkpoint` of another harness.
+
+    Attributes:
+        module: the module under test.
+        clock: the module's clock; it stands still except in `advance`.
+
+    Raises:
+        SettingError: a setting is wrong.
     """
 
     def __init__(
@@ -104,32 +112,54 @@ class ModuleHarness(Generic[ModuleClass]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Run `teardown()` as an ordered stop does, unless the test has failed already."""
+        """Run `teardown()` as an ordered stop does, unless the test has already failed."""
         if error is None:
             self.module.teardown()
         self.bus.stopped = True
 
     def send(self, message: Message, *, topic: str = "", sender: str = "test") -> None:
-        """Have the module handle a message now, if it subscribes to it."""
+        """Let the module handle a message now, if it subscribes to it.
+
+        Args:
+            message: the message.
+            topic: the topic it is published on.
+            sender: the name of its publisher, for `envelope`.
+        """
         self.bus.deliver(ChannelName(message.type_name, message.version, topic), message.encode(), sender)
 
     def send_encoded(
         self, type_name: str, version: int, data: bytes, *, topic: str = "", sender: str = "test"
     ) -> None:
-        """Have the module handle a message of a type without a class, if one of its patterns matches."""
+        """Let the module handle an encoded message now, if one of its patterns matches.
+
+        Args:
+            type_name: full name of the message's type, which needs no class.
+            version: version of that type.
+            data: the encoded message with its 4 bytes of encapsulation.
+            topic: the topic it is published on.
+            sender: the name of its publisher, for `envelope`.
+        """
         self.bus.deliver(ChannelName(type_name, version, topic), data, sender)
 
     def change_setting(self, name: str, value: object) -> None:
         """Change a setting as `robbie param set` does.
 
+        Args:
+            name: the setting.
+            value: its new value, as a profile would hold it.
+
         Raises:
-            NotChangeable: there is no such setting to change.
+            NotChangeable: the module has no changeable setting of this name.
             SettingError: the value does not fit, or the module refuses it.
         """
         self._changes.change(name, value)
 
     def advance(self, seconds: float) -> None:
-        """Let time pass, with every tick that is due on the way (the first one at once)."""
+        """Move the time forward and run every tick that becomes due; the first tick is due at once.
+
+        Args:
+            seconds: how far.
+        """
         end_ns = self.clock.monotonic_ns() + round(seconds * 1e9)
         period_s = self.module.period_s
         while period_s is not None and self._next_tick_ns <= end_ns and not self.module.stop_requested:
@@ -140,21 +170,29 @@ class ModuleHarness(Generic[ModuleClass]):
 
     @property
     def checkpoint(self) -> Any:
-        """The state that the module would find if it were killed now; None if it would start fresh."""
+        """The state that the module would find in `restored` after a crash now; None for a fresh start."""
         return decode(self._checkpoints.image).state
 
     @property
     def published(self) -> list[Published]:
-        """Everything the module has sent and the test has not taken."""
+        """Everything that the module has published and the test has not taken."""
         return self.bus.published
 
     @property
     def published_encoded(self) -> list[PublishedEncoded]:
-        """Everything the module has sent as its bytes."""
+        """Every encoded message that the module has published."""
         return self.bus.published_encoded
 
     def take(self, message_type: type[MessageType], topic: str | None = None) -> list[MessageType]:
-        """Take the messages of a type (and topic) that the module has sent."""
+        """Take the messages of a type out of what the module has published.
+
+        Args:
+            message_type: the class of the messages.
+            topic: take only messages on this topic; None for all.
+
+        Returns:
+            The messages, in the order of publishing.
+        """
         taken: list[MessageType] = []
         kept: list[Published] = []
         for entry in self.bus.published:
@@ -167,14 +205,14 @@ class ModuleHarness(Generic[ModuleClass]):
 
 
 class HarnessCheckpoints:
-    """Keeps the image of a module's newest checkpoint, without any limit."""
+    """Keeps the image of a module's newest checkpoint; its size has no limit."""
 
     def __init__(self, restored: object):
         self.image = encode(restored)
 
     @property
     def restored(self) -> Any:
-        """The state in the image, with arrays of its own."""
+        """The state in the image, with copies of its arrays."""
         return decode(self.image).state
 
     def save(self, state: object) -> bool:
@@ -199,7 +237,7 @@ class HarnessBus:
 
     @property
     def outstanding(self) -> int:
-        """Always none: whatever is published is taken at once."""
+        """Always 0: the harness takes each message at once."""
         return 0
 
     def deliver(self, name: ChannelName, data: bytes, sender: str) -> None:
@@ -219,16 +257,16 @@ class HarnessBus:
     def publish(self, message: Message, topic: str) -> bool:
         """Collect a message."""
         if self.stopped:
-            raise PublishAfterStop(f"a {message.type_name} was published after this module was stopped")
+            raise PublishAfterStop(f"this module published a {message.type_name} after it was stopped")
         self.published.append(Published(type(message).decode(message.encode()), topic))
         return True
 
     def publish_encoded(
         self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
     ) -> bool:
-        """Collect a message that is given as its bytes."""
+        """Collect an encoded message."""
         if self.stopped:
-            raise PublishAfterStop(f"a {type_name} was published after this module was stopped")
+            raise PublishAfterStop(f"this module published a {type_name} after it was stopped")
         check_type(type_name, version)
         check_encapsulation(type_name, memoryview(data).cast("B"))
         self.published_encoded.append(PublishedEncoded(type_name, version, bytes(data), topic))
@@ -250,7 +288,7 @@ class HarnessBus:
         """Do nothing: there is always room."""
 
     def envelope(self) -> Envelope:
-        """What came with the message being handled.
+        """Return the envelope of the message being handled.
 
         Raises:
             LookupError: no message is being handled.

@@ -1,4 +1,4 @@
-"""Typed messages in: decoded from the publisher's memory, handled, released when nobody looks any more."""
+"""Receives messages: decodes them in the publisher's memory, releases them when nothing refers to them."""
 
 import logging
 import weakref
@@ -19,19 +19,19 @@ from robbie_mp.transport.words import Words
 
 _SOURCE_OF_INCARNATION = layout.SOURCE_OF_INCARNATION
 MAX_PINNED = 256
-"""Messages of one publisher that a module pins; each further one that it looks at is a copy."""
+"""Most messages of one publisher that a module pins; its handlers get copies of further ones."""
 PINNED_SHARE = 8
-"""Beyond the first one, it pins no message with which it would pin more than an eighth of what its publisher
-has free. So n modules that keep all they can get leave it 8 / (8 + n) of its memory.
+"""Beyond its first message, a module pins at most an eighth of what the publisher has free. So n modules that
+keep all they can leave the publisher 8 / (8 + n) of its memory.
 
-A limit that is a part of what is free needs to know neither who else there is nor what they take, and always
-leaves something: Choudhury and Hahne, Dynamic queue length thresholds for shared-memory packet switches,
-IEEE/ACM Transactions on Networking 6(2), 1998.
+A limit relative to the free memory needs no knowledge of the other modules, and always leaves some memory:
+Choudhury and Hahne, Dynamic queue length thresholds for shared-memory packet switches, IEEE/ACM Transactions
+on Networking 6(2), 1998.
 """
 
 
 class DamagedMessage(RobbieError, ValueError):
-    """A handle does not lead to a message of its type; the publisher's memory is damaged."""
+    """A handle does not point to a message of its type; the publisher's memory is damaged."""
 
 
 class Inbox:
@@ -41,7 +41,7 @@ class Inbox:
         endpoint: the module's connection to the core.
         views: maps of the publishers' memory.
         words: the module's out segment, for the counters.
-        channel_name: says what the messages of a channel are.
+        channel_name: returns type, version and topic of a channel's messages.
     """
 
     def __init__(
@@ -59,16 +59,16 @@ class Inbox:
         self.subscriptions = Subscriptions(self._request, self.name_current)
         self._by_number = self.subscriptions.by_number
         self._pinned: dict[int, tuple[weakref.ref[Any], Delivery]] = {}
-        self._let_go: deque[int] = deque()
-        """References whose memory nobody looks at any more; filled by finalizers, in any thread."""
+        self._unreferenced: deque[int] = deque()
+        """References to messages that nothing refers to any more; filled by finalizers, in any thread."""
         self._pinned_of: dict[int, _Pinned] = {}
-        """What of it is whose, by what the sources of a publisher's incarnation have in common."""
+        """What is pinned of each publisher's incarnation, by the common part of its sources."""
         self._pinned_bytes = 0
         self._handled = 0
         self._copied = 0
         self.current: Delivery | None = None
         self.before_release: Callable[[], None] | None = None
-        """Called when a message has been handled, before anybody else can know that."""
+        """Called when a message has been handled, before other processes can see that it was."""
 
     def _request(self, subscription: Subscription) -> int:
         handler = subscription.handler
@@ -76,9 +76,9 @@ class Inbox:
         return self._endpoint.subscribe(*subscription.name, subscription.handling, handler_name)
 
     def take(self) -> Delivery | None:
-        """Take the next message, which is from then on being handled; None if there is none."""
-        if self._let_go:
-            self.release_let_go()
+        """Take the next message to handle; None if there is none."""
+        if self._unreferenced:
+            self.release_unreferenced()
         while (record := self._endpoint.take()) is not None:
             if isinstance(record, Delivery):
                 return record
@@ -87,7 +87,7 @@ class Inbox:
         return None
 
     def handle(self, delivery: Delivery) -> None:
-        """Run the handler of a message, then release the message or remember that it is still looked at."""
+        """Run the handler of a message; then release the message, or pin it while anything refers to it."""
         self.current = delivery
         _, _, decoder, handler = self._by_number[delivery.declaration]
         pin: weakref.ref[Any] | None = None
@@ -95,12 +95,12 @@ class Inbox:
             view = self._views.view(delivery.source, delivery.offset, delivery.size)
             if len(view) != delivery.size:
                 raise DamagedMessage(
-                    f"message {delivery.sequence} is said to lie beyond the end of its publisher's memory"
+                    f"message {delivery.sequence} lies beyond the end of its publisher's memory"
                 )
             if decoder.has_views and not (self._pinned_of and self._pins_too_much(delivery)):
                 whole = np.frombuffer(view, np.uint8)
-                let_go, reference = self._let_go, delivery.reference
-                pin = weakref.ref(whole, lambda _: let_go.append(reference))
+                unreferenced, reference = self._unreferenced, delivery.reference
+                pin = weakref.ref(whole, lambda _: unreferenced.append(reference))
                 message = decoder.decode(whole.data)
                 del whole
             elif decoder.has_views:
@@ -108,7 +108,9 @@ class Inbox:
             else:
                 message = decoder.decode(view)
         except RobbieError as error:
-            self._log.error("a message was lost: %s", str(error))  # the error would hold frames and views
+            self._log.error(
+                "a message was lost: %s", str(error)
+            )  # the error itself would hold frames and views
         else:
             handler(message)
             del message
@@ -117,7 +119,7 @@ class Inbox:
         self._words[layout.OUT_HANDLED] = self._handled
         if self.before_release is not None:
             self.before_release()
-        if pin is None or self._is_let_go(delivery.reference):
+        if pin is None or self._is_unreferenced(delivery.reference):
             self._endpoint.release(delivery)
         else:
             self._pinned[delivery.reference] = (pin, delivery)
@@ -125,7 +127,7 @@ class Inbox:
             self._endpoint.done(delivery)
 
     def name_current(self) -> ChannelName:
-        """Say what the message being handled is.
+        """Return type, version and topic of the message being handled.
 
         Raises:
             LookupError: no message is being handled.
@@ -134,24 +136,24 @@ class Inbox:
             raise LookupError("a message has a name only while it is being handled")
         return self._channel_name(self.current.channel)
 
-    def _is_let_go(self, reference: int) -> bool:
-        """Ask the finalizer's list and not the weak reference, which is dead before the finalizer has run."""
+    def _is_unreferenced(self, reference: int) -> bool:
+        """Check the finalizer's list, not the weak reference, which is dead before the finalizer has run."""
         try:
-            self._let_go.remove(reference)
+            self._unreferenced.remove(reference)
         except ValueError:
             return False
         return True
 
-    def release_let_go(self) -> None:
-        """Release the messages that were kept beyond their handler and have been let go since."""
-        let_go = self._let_go
-        while let_go:
-            _, delivery = self._pinned.pop(let_go.popleft())
+    def release_unreferenced(self) -> None:
+        """Release the messages that a handler kept and nothing refers to any more."""
+        unreferenced = self._unreferenced
+        while unreferenced:
+            _, delivery = self._pinned.pop(unreferenced.popleft())
             self._count_pinned(delivery, -1)
             self._endpoint.release(delivery)
 
     def _pins_too_much(self, delivery: Delivery) -> bool:
-        """Whether this module pins so much of a publisher's memory that others need the rest."""
+        """Whether this module has reached its limit of pinned messages or bytes of a publisher."""
         pinned = self._pinned_of.get(delivery.source & _SOURCE_OF_INCARNATION)
         if pinned is None:
             return False
@@ -159,7 +161,7 @@ class Inbox:
         return pinned.messages >= MAX_PINNED or PINNED_SHARE * (pinned.bytes + delivery.size) > free_bytes
 
     def _copy(self, view: memoryview) -> memoryview:
-        """Copy a message out of its publisher's memory, with its body aligned as it is there."""
+        """Copy a message out of its publisher's memory, with the same alignment of its body."""
         self._copied += 1
         self._words[layout.OUT_COPIED] = self._copied
         copy = np.empty(LEAD_BYTES + len(view), np.uint8)[LEAD_BYTES:]
@@ -168,7 +170,7 @@ class Inbox:
         return copy.data
 
     def _count_pinned(self, delivery: Delivery, change: int) -> None:
-        """Count a message that is pinned from now on (1), or is no more (-1)."""
+        """Count a message that is now pinned (1), or no longer (-1)."""
         publisher = delivery.source & _SOURCE_OF_INCARNATION
         pinned = self._pinned_of.setdefault(publisher, _Pinned())
         pinned.messages += change

@@ -1,4 +1,4 @@
-"""What a module author subclasses."""
+"""The base class of every module."""
 
 import logging
 from collections.abc import Callable, Collection, Iterable
@@ -36,16 +36,16 @@ class ModuleContext:
     show_status: Callable[[str], None]
     show_states: Callable[[str], None] = lambda _line: None
     run_id: str = ""
-    """The run it is part of; '' in a test."""
+    """The run that the module is part of; '' in a test."""
 
 
 class Module:
     """Thin glue between messages and a device or worker.
 
-    A passive module is woken by the messages it subscribes to; an active one also every `period_s`, when
-    `tick()` runs. Everything a module does happens in one thread, one thing after the other, and may take
-    its time: only this module waits. An exception that leaves a handler ends the process; the supervisor
-    starts it again.
+    A passive module is woken by the messages it subscribes to. An active module is also woken every
+    `period_s` to run `tick()`. Handlers and ticks run one after the other in one thread, and they may take
+    their time: only this module waits. An exception that leaves a handler ends the process, and the
+    supervisor starts it again.
 
         class Obstacles(Module):
             stop_distance_m: float = setting(0.4, "obstacles nearer than this stop the robot")
@@ -59,23 +59,24 @@ class Module:
     """
 
     period_s: float | None = None
-    """Time between ticks; None for a passive module."""
+    """Time between ticks, in s; None for a passive module."""
     patience_s: float = 0.0
-    """How long messages may wait until this module takes them, many at once.
+    """How long messages may wait, in s, so that this module takes many of them in one go.
 
-    Who records or sums up saves itself, and everybody else, being woken for each message. On an ordered stop
-    what was published before is still handled. In lockstep every message is taken at once.
+    A module that records or sums up should set it: the system then does less work for each message. On an
+    ordered stop the module still handles everything that was published before. In lockstep it has no effect.
     """
     nice = 0
-    """How far its process steps back behind the others, 0 to 19, unless the profile says otherwise.
+    """The nice value of the module's process, 0 to 19, unless the profile sets another one.
 
-    With more than 0 it may compute for long, and nobody who wakes up waits for it. When the processors are
-    busy it gets a small share of them: about a tenth of another one's with 10.
+    Set it above 0 for long computations, so that other modules never wait for the processor. When all
+    processors are busy, a module with 10 gets about a tenth of the time of a module with 0.
     """
     follows_run_clock = True
-    """Whether `clock` and ticks go by the run's time when a log plays or a simulation runs.
+    """Whether `clock` and ticks follow the run's time while a log is played or a simulation runs.
 
-    What serves people or disks, and not the robot, goes by the machine's.
+    Set it to False for a module that serves people or disks rather than the robot: it follows the machine's
+    clock.
     """
 
     def __init__(self, context: ModuleContext):
@@ -84,7 +85,7 @@ class Module:
         self.config = context.config
         self.output_directory = context.output_directory
         self.restored: Any = context.checkpoints.restored
-        """What was given to `checkpoint` last, its arrays as copies to keep; None for a fresh start."""
+        """The state last given to `checkpoint`, with copies of its arrays; None on a fresh start."""
         self.log = logging.getLogger(context.name)
         self.stop_requested = False
         self._bus = context.bus
@@ -100,54 +101,62 @@ class Module:
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
-        """Check what the types of settings cannot say, before any process starts.
+        """Check the settings beyond their types and limits, before any process starts.
+
+        Args:
+            settings: the value of every setting, already checked against its declaration.
 
         Raises:
-            SettingError: something is wrong with them.
+            SettingError: the settings cannot be used.
         """
 
     @classmethod
     def further_types(
         cls, settings: dict[str, object], others: Collection[str]
     ) -> "Iterable[TypeDescription]":
-        """Describe message types that it publishes and that no class declares, for who attaches to the run.
+        """Describe the message types that this module publishes without having a class for them.
 
-        Called after `check`, with the same settings. Types that have a class are known without this.
+        Tools that attach to the run need these descriptions. Called after `check`, with the same settings.
+        Types that have a class are known already.
 
         Args:
-            settings: complete and checked.
+            settings: the value of every setting, already checked.
             others: names of the profile's other modules.
 
+        Returns:
+            One description for each type.
+
         Raises:
-            SettingError: it could not publish them.
+            SettingError: the module could not publish these types.
         """
         return ()
 
     def setup(self) -> None:
-        """Open devices, make workers, subscribe. Runs once in each process, before any message comes.
+        """Open devices, create workers, subscribe. Runs once in each process, before the first message.
 
-        What is published here may come before others have subscribed; publish from the first tick on.
+        Do not publish here: other modules may not have subscribed yet. Publish from the first tick on.
         """
 
     def tick(self) -> None:
-        """Do what is to be done every `period_s`."""
+        """Do the module's periodic work; called every `period_s`."""
 
     def setting_changed(self, name: str) -> None:
-        """Take a changed setting into use; its attribute has the new value, checked like a profile's.
+        """Apply a setting that has just been changed; its attribute already has the new, checked value.
 
-        Settings that are declared with `changeable=True` may be changed while the module runs, with `robbie
-        param set`. This is called between two messages or ticks. Who reads the attribute each time it is
-        needed has nothing to do here.
+        Settings declared with `changeable=True` can be changed while the module runs, with `robbie param
+        set`. This method is called between two messages or ticks. If you read the attribute each time you
+        need it, you need not define this method.
 
         Args:
             name: the setting.
 
         Raises:
-            SettingError: it cannot be used; the attribute gets its old value back, and who asked is told.
+            SettingError: the new value cannot be used. The attribute gets its old value back, and the error
+                is shown to the user who asked for the change.
         """
 
     def teardown(self) -> None:
-        """Write results, close devices. Runs on an ordered stop, not after a crash."""
+        """Write results and close devices. Runs on an ordered stop, but not after a crash."""
 
     # -- for authors to use ----------------------------------------------------------------------------
 
@@ -159,38 +168,42 @@ class Module:
         *,
         topic: str = "",
     ) -> None:
-        """Have messages of a type handled.
+        """Subscribe to the messages of a type.
 
         Args:
             message_type: the class of the messages.
-            handler: called with each one, in the order they were published.
-            handling: what to do when they come faster than they are handled.
-            topic: only those of this topic; '' for all.
+            handler: called with each message, in the order of publishing.
+            handling: what to do when messages come faster than they are handled.
+            topic: the topic to subscribe to; '' for all topics.
+
+        Raises:
+            SubscribedTwice: the module has already subscribed to this type and topic.
+            TooManyDeclarations: the module subscribes and publishes too much.
         """
         self._bus.subscriptions.subscribe(message_type, handler, handling, topic)
 
     def subscribe_encoded(
         self, type_pattern: str, handler: Callable[[EncodedMessage], None], *, topic: str = "*"
     ) -> None:
-        """Have messages handled as their bytes, whatever their types: to record them, or to send them on.
+        """Subscribe to messages of any type as encoded bytes, to record them or to send them on.
 
             self.subscribe_encoded("sensor_msgs/msg/*", self.on_message)
 
-        Patterns are shell patterns (`*`, `?`, `[…]`; case matters) for the whole name. They are looked at
-        once for each new pair of type and topic, so many cost no more than one, and the first message of a
-        new pair is not missed. A message that several patterns of this module match comes once,
-        to the handler of the pattern that was subscribed to first. Messages of any version come, and all of
-        them, up to the limits of this module's queue.
+        Patterns are shell patterns (`*`, `?`, `[…]`; case matters) for the whole name. The core matches them
+        once for each new pair of type and topic, so further patterns cost nothing per message, and you do
+        not miss the first message of a new pair. If several patterns of this module match a message, only
+        the handler of the pattern subscribed to first gets it. You get every version of a type, and every
+        message, up to the limits of this module's queue.
 
         Args:
-            type_pattern: for the full name of the type, such as "sensor_msgs/msg/LaserScan".
-            handler: called with each message, in the order they were published.
-            topic: pattern for the topic; "" means messages without a topic only.
+            type_pattern: pattern for the full name of the type, such as "sensor_msgs/msg/LaserScan".
+            handler: called with each message, in the order of publishing.
+            topic: pattern for the topic; "" matches only messages without a topic.
 
         Raises:
-            SubscribedTwice: to the same patterns.
-            EmptyPattern: the one for the type is empty.
-            TooManyDeclarations: a module may have 32 patterns.
+            SubscribedTwice: the module has already subscribed with the same patterns.
+            EmptyPattern: the pattern for the type is empty.
+            TooManyDeclarations: the module has more than 32 patterns.
             NameTooLong: a pattern has more than 96 bytes.
         """
         self._bus.subscriptions.subscribe_encoded(type_pattern, handler, topic)
@@ -198,53 +211,62 @@ class Module:
     def publish_encoded(
         self, type_name: str, version: int, data: bytes | bytearray | memoryview, *, topic: str = ""
     ) -> bool:
-        """Send a message given as its bytes, such as one from a log; its type need not have a class here.
+        """Publish an encoded message, such as one from a log; its type needs no class in this program.
 
-        Nothing but the encapsulation is checked: fields that are damaged come to light in who decodes them.
+        Only the encapsulation is checked. A damaged field is found by the subscriber that decodes it.
 
         Args:
-            type_name: full name of its type.
-            version: of its type.
-            data: its encoding (XCDR1, little endian), the 4 bytes of encapsulation included; it is copied.
+            type_name: full name of the message's type.
+            version: version of that type.
+            data: the encoded message (XCDR1, little endian) with its 4 bytes of encapsulation; it is copied.
             topic: the topic to publish on.
 
         Returns:
-            False if it was refused, as for `publish`.
+            False if the message was refused, as for `publish`.
 
         Raises:
-            DecodeError: the bytes are no encoding of a message.
+            DecodeError: the bytes do not encode a message.
             DeclarationError, VersionError: a type cannot have this name or version.
             MessageTooLarge, PublishAfterStop: as for `publish`.
         """
         return self._bus.publish_encoded(type_name, version, data, topic)
 
     def publish(self, message: Message, *, topic: str = "") -> bool:
-        """Send a message to everyone who wants it.
+        """Publish a message to all its subscribers.
+
+        Args:
+            message: the message; later changes to it do not reach the subscribers.
+            topic: the topic to publish on.
 
         Returns:
-            False if it was refused here, because memory or ring are full. (The core may refuse it later, when
-            its tables are full.) Both are counted and shown.
+            False if the message was refused because this module's memory or ring is full. (The core may
+            refuse it later, when its tables are full.) Refused messages are counted, and `robbie top` shows
+            them.
 
         Raises:
             FieldError: a field has the wrong type or shape.
-            MessageTooLarge: it can never fit into this module's memory.
-            PublishAfterStop: the module has been stopped.
+            MessageTooLarge: the message is larger than this module's memory.
+            PublishAfterStop: the module has already been stopped.
         """
         return self._bus.publish(message, topic)
 
     def loan(
         self, message_type: type[MessageType], *, topic: str = "", **fields: object
     ) -> AbstractContextManager[MessageType]:
-        """Write a message in place, without any copy; it is published at the end of the `with` block.
+        """Write a message directly into shared memory; it is published at the end of the `with` block.
 
-        Give every field its value; an array that is to be filled in place gets its number of elements:
+        Give the value of every field. For an array that you fill in place, give the number of its elements:
 
             with self.loan(Image, height=480, width=640, encoding="mono8", step=640, data=480 * 640) as image:
                 camera.read_into(image.data)
 
-        An exception inside the block takes the message back.
+        If the block raises an exception, the message is not published. If your code still refers to one of
+        the arrays at the end of the block, the message is copied and a warning is logged.
 
-        An array that is still referred to at the end of the block costs a copy of the message, and a warning.
+        Args:
+            message_type: the class of the message.
+            topic: the topic to publish on.
+            fields: the values of the fields; for an array to be filled in place, its number of elements.
 
         Raises:
             MessageTooLarge, PublishAfterStop, FieldError: as for `publish`.
@@ -252,41 +274,49 @@ class Module:
         return self._bus.loan(message_type, topic, fields)
 
     def checkpoint(self, state: object) -> bool:
-        """Keep state outside this process: should it die, the next one finds the state in `restored`.
+        """Save state outside this process: after a crash the next process finds it in `restored`.
 
-        Each checkpoint takes the place of the last one, once it is complete. What happens after the last
-        checkpoint and before a crash is forgotten: messages handled in that time do not come again. A
-        checkpoint copies every array once, so its cost grows with the state.
+        Each checkpoint replaces the last one as soon as it is complete. Everything between the last
+        checkpoint and a crash is lost: messages handled in that time are not delivered again. A checkpoint
+        copies every array once, so its cost grows with the size of the state.
 
         Args:
             state: None, bool, int, float, str, bytes, numpy arrays and numbers, in lists, tuples and dicts.
 
         Returns:
-            False if there is no memory for it; the last one stays, and a warning is logged.
+            False if there is not enough memory; the last checkpoint stays, and a warning is logged.
 
         Raises:
-            UnsupportedState: there is something else in the state.
-            CheckpointTooLarge: it is larger than the profile's `memory.checkpoint_bytes`.
+            UnsupportedState: the state contains anything else.
+            CheckpointTooLarge: the state is larger than the profile's `memory.checkpoint_bytes`.
         """
         return self._checkpoints.save(state)
 
     @property
     def envelope(self) -> Envelope:
-        """Topic, sender, sequence and time of the message being handled."""
+        """Topic, sender, sequence and time of the message being handled.
+
+        Raises:
+            LookupError: no message is being handled.
+        """
         return self._bus.envelope()
 
     @property
     def outstanding(self) -> int:
-        """Messages of this module that somebody still waits for or holds: a measure to pace oneself by."""
+        """Number of this module's messages that subscribers still wait for or hold; slow down as it grows."""
         return self._bus.outstanding
 
     def wake_after_freed(self, messages: int) -> None:
-        """Have `tick()` run as soon as so many outstanding messages have been let go."""
+        """Run `tick()` early, as soon as a number of outstanding messages have been released.
+
+        Args:
+            messages: how many.
+        """
         self._bus.wake_after_freed(messages)
 
     @property
     def status(self) -> str:
-        """One line that says how the module is doing, shown by `robbie top`; at most 256 bytes."""
+        """One line on how the module is doing, shown by `robbie top`; at most 256 bytes of UTF-8."""
         return self._status
 
     @status.setter
@@ -296,11 +326,11 @@ class Module:
             self._show_status(line)
 
     def show_state(self, state: object, machine: str = "") -> None:
-        """Say in which state a state machine of this module is; `robbie top` shows it beside the status.
+        """Show the state of a state machine in `robbie top`, beside the status.
 
         Args:
-            state: such as "DRIVE", or a member of an Enum, whose name is shown.
-            machine: which one, if the module has several.
+            state: the state, such as "DRIVE", or a member of an Enum, whose name is shown.
+            machine: the name of the state machine, if the module has several.
         """
         name = state.name if isinstance(state, Enum) else str(state)
         if self._states.get(machine) != name:
@@ -310,5 +340,5 @@ class Module:
             )
 
     def stop(self) -> None:
-        """End this module in good order, after the handler or tick that calls this."""
+        """Stop this module in good order, after the handler or tick that calls this returns."""
         self.stop_requested = True

@@ -1,4 +1,4 @@
-"""Typed messages out: encoded into blocks, or written in place, and handed to the core."""
+"""Publishes messages: encodes them into blocks, or lends blocks to be filled, and passes them to the core."""
 
 import logging
 import weakref
@@ -19,15 +19,15 @@ from robbie_mp.transport.blocks import Block, BlockStore, block_bytes
 from robbie_mp.transport.endpoint import ChannelName, Endpoint
 from robbie_mp.transport.words import Words
 
-_AMPLE_MESSAGES = layout.OUTSTANDING_LIMIT * 7 // 8
-_ENOUGH_MESSAGES = layout.OUTSTANDING_LIMIT * 3 // 4
-"""With more than the former on their way, the core is to drop old ones that only wait, down to the latter."""
-_ASK_AGAIN_NS = 10_000_000
-"""It is asked for that no more often: what it could not drop, others have in their hands or keep."""
-_YOUNG_NS = 50_000_000
-"""A message is not dropped so soon: whoever it is for may be just about to take it, as in a burst."""
-_SMALL_BYTES = 4096
-"""For messages up to here a block is kept ready; allocating a larger one is little beside writing it."""
+_MAX_IN_FLIGHT = layout.OUTSTANDING_LIMIT * 7 // 8
+_TARGET_IN_FLIGHT = layout.OUTSTANDING_LIMIT * 3 // 4
+"""With more than the former in flight, the core is asked to drop waiting old messages, down to the latter."""
+_MIN_REQUEST_INTERVAL_NS = 10_000_000
+"""Least time between two such requests: subscribers hold the messages that the core could not drop."""
+_MIN_AGE_TO_DROP_NS = 50_000_000
+"""A younger message is not dropped: its subscriber may be about to take it, as in a burst."""
+_MAX_READY_BLOCK_BYTES = 4096
+"""For messages up to this size a block is kept ready; for larger ones, writing costs more than allocating."""
 
 
 class Outbox:
@@ -49,45 +49,45 @@ class Outbox:
         self._lock = endpoint.lock
         self._declarations: dict[tuple[type[Message], str], int] = {}
         self._channels: dict[ChannelName, int] = {}
-        """The same by name, and what has no class here."""
-        self._let_go: deque[int] = deque()
-        """Blocks of loans whose arrays were still held at the end; filled by finalizers."""
+        """The same by name, with types that have no class in this program."""
+        self._unreferenced: deque[int] = deque()
+        """Blocks of loans whose arrays were still referred to at the end; filled by finalizers."""
         self._held: dict[int, weakref.ref[Any]] = {}
         self._published = 0
         self._published_when_asked = -1
-        """Messages published when `outstanding` was asked for last."""
+        """Number of messages published when `outstanding` was last read."""
         self._refused = 0
         self._asked_ns = 0
-        """When the core was asked to make room."""
+        """When the core was last asked to make room."""
         self.awaits_room = False
-        """Whether the module is to be woken when messages have been let go."""
+        """Whether the module is to be woken when messages have been released."""
         self._awaited: int | None = None
-        """So many blocks ever freed are waited for."""
+        """The total number of freed blocks at which the module is woken."""
         self._closed = False
         keep_from_forks(self)
 
     def disown(self) -> None:
-        """Let a forked process publish nothing: it would write into blocks that are not its own."""
+        """Keep a forked process from publishing: it would write into blocks of its parent."""
         self._lock = REFUSED
 
     @property
     def outstanding(self) -> int:
-        """Messages that somebody still waits for or holds."""
+        """Number of messages that subscribers still wait for or hold."""
         with self._lock:
             self.collect_freed()
             if self._blocks.taken and self._published == self._published_when_asked:
-                self._endpoint.wake_core()  # or it would not look at releases before the next message
+                self._endpoint.wake_core()  # otherwise it reads releases only with the next message
             self._published_when_asked = self._published
             return len(self._blocks.taken)
 
     def wake_after_freed(self, messages: int) -> None:
-        """Have this module woken when so many of its messages have been let go."""
+        """Wake this module when this number of its messages have been released."""
         with self._lock:
             self._awaited = self._endpoint.wake_after_freed(messages)
             self.awaits_room = True
 
     def room_was_made(self) -> bool:
-        """Whether as many messages as were waited for have been let go; says so once."""
+        """Whether the awaited number of messages have been released; True only once."""
         with self._lock:
             self.collect_freed()
             if self._awaited is None or self._endpoint.freed_count < self._awaited:
@@ -102,13 +102,13 @@ class Outbox:
             freed = self._endpoint.freed()
             if freed:
                 self._blocks.free(freed)
-            while self._let_go:
-                number = self._let_go.popleft()
+            while self._unreferenced:
+                number = self._unreferenced.popleft()
                 del self._held[number]
                 self._blocks.free([number])
 
     def publish(self, message: Message, topic: str) -> bool:
-        """Encode a message into a block of its own and hand it over."""
+        """Encode a message into a new block and pass it to the core."""
         with self._lock:
             declaration = self._declarations.get((type(message), topic))
             if declaration is None:
@@ -129,7 +129,7 @@ class Outbox:
     def publish_encoded(
         self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
     ) -> bool:
-        """Copy a message into a block of its own and hand it over."""
+        """Copy an encoded message into a new block and pass it to the core."""
         source = memoryview(data).cast("B")
         check_encapsulation(type_name, source)
         size = len(source)
@@ -148,10 +148,10 @@ class Outbox:
     def loan(
         self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
     ) -> Iterator[MessageType]:
-        """Lay a message out in a block and hand it over after the caller has filled it.
+        """Lay a message out in a block, and pass it to the core after the caller has filled it.
 
-        If memory is full, the caller fills a buffer of the process's own and the message is counted as
-        refused: a full bus is no reason for a driver to fail.
+        If memory is full, the caller fills a private buffer and the message is counted as refused: a driver
+        does not fail because the bus is full.
         """
         with self._lock:
             declaration = self._declarations.get((message_type, topic))
@@ -182,7 +182,7 @@ class Outbox:
                 self._give_up(block, holds)
 
     def close(self) -> None:
-        """Publish nothing more."""
+        """Refuse to publish from now on."""
         with self._lock:
             self._closed = True
             self._declarations.clear()
@@ -199,8 +199,8 @@ class Outbox:
     def _advertise(self, name: ChannelName) -> int:
         if self._closed:
             raise PublishAfterStop(
-                f"a {name.type_name} was published after this module was stopped; "
-                "publish what is last in teardown(), and end threads there"
+                f"this module published a {name.type_name} after it was stopped; "
+                "publish last messages in teardown(), and end threads there"
             )
         declaration = self._channels.get(name)
         if declaration is None:
@@ -208,7 +208,7 @@ class Outbox:
         return declaration
 
     def _allocate(self, size: int, block: Block | None) -> Block | None:
-        """Find memory if none was at hand; whatever block it is, there may not be too many in use."""
+        """Allocate a block if none was ready; refuse if too many blocks are in use."""
         if block is None:
             self.collect_freed()
             block = self._blocks.allocate(size)
@@ -229,40 +229,40 @@ class Outbox:
         return self._refuse(type_name, topic)
 
     def _note_published(self, size: int) -> None:
-        """Count a message, and prepare for the next while the core is at work on this one."""
+        """Count a message, and prepare the next block while the core routes this message."""
         self._published += 1
         self._words[layout.OUT_PUBLISHED] = self._published
         self._words[layout.OUT_BLOCKS] = len(self._blocks.taken)
         blocks = self._blocks
-        if size > _SMALL_BYTES:
+        if size > _MAX_READY_BLOCK_BYTES:
             self.collect_freed()
         elif not blocks.has_kept(size):
             self.collect_freed()
             blocks.keep_one(size)
-        if blocks.taken_bytes + size > blocks.ample_bytes or len(blocks.taken) > _AMPLE_MESSAGES:
+        if blocks.taken_bytes + size > blocks.ample_bytes or len(blocks.taken) > _MAX_IN_FLIGHT:
             self.collect_freed()
             self._make_room(min(blocks.room_bytes - block_bytes(size), blocks.enough_bytes))
 
     def _make_room(self, enough_bytes: int) -> None:
-        """Have the core drop old messages that only wait, unless few enough are left already."""
+        """Ask the core to drop old messages that only wait, unless few enough are left."""
         blocks = self._blocks
-        if blocks.taken_bytes <= enough_bytes and len(blocks.taken) <= _ENOUGH_MESSAGES:
+        if blocks.taken_bytes <= enough_bytes and len(blocks.taken) <= _TARGET_IN_FLIGHT:
             return
         now_ns = self._monotonic_ns()
-        if now_ns - self._asked_ns >= _ASK_AGAIN_NS:
+        if now_ns - self._asked_ns >= _MIN_REQUEST_INTERVAL_NS:
             self._asked_ns = now_ns
-            self._endpoint.make_room(_ENOUGH_MESSAGES, max(0, enough_bytes), now_ns - _YOUNG_NS)
+            self._endpoint.make_room(_TARGET_IN_FLIGHT, max(0, enough_bytes), now_ns - _MIN_AGE_TO_DROP_NS)
 
     def _refuse_for_memory(self, size: int, type_name: str, topic: str) -> bool:
-        """Refuse a message, and see to it that there is room for the next."""
+        """Refuse a message, and ask the core to make room for the next."""
         blocks = self._blocks
         self._make_room(min(blocks.taken_bytes - block_bytes(size), blocks.enough_bytes))
         return self._refuse(type_name, topic)
 
     def _hand_over_copy(self, declaration: int, block: Block, size: int, type_name: str, topic: str) -> None:
         self._log.warning(
-            "a loaned array of %s is still referred to at the end of the loan; the message was copied. "
-            "Let go of the array before the with block ends",
+            "an array of a loaned %s is still referred to at the end of the loan; the message was copied. "
+            "Delete your references to the array before the with block ends",
             type_name,
         )
         copy = self._allocate(size, self._blocks.reuse(size))
@@ -273,22 +273,22 @@ class Outbox:
         self._hand_over(declaration, copy, size, type_name, topic)
 
     def _give_up(self, block: Block, holds: "weakref.ref[Any]") -> None:
-        """Use a block again once nothing refers to the loaned memory any more."""
+        """Reuse a block as soon as nothing refers to the loaned memory."""
         held = holds()
         if held is None:
             self._blocks.free([block.number])
             return
-        let_go, number = self._let_go, block.number
-        self._held[number] = weakref.ref(held, lambda _: let_go.append(number))
+        unreferenced, number = self._unreferenced, block.number
+        self._held[number] = weakref.ref(held, lambda _: unreferenced.append(number))
 
     def _refuse(self, type_name: str, topic: str) -> bool:
         self._refused += 1
         self._words[layout.OUT_REFUSED] = self._refused
-        self._endpoint.wake_core()  # releases that did not wake it may make room for the next message
+        self._endpoint.wake_core()  # releases that it has not read yet may make room for the next message
         if self._refused & (self._refused - 1) == 0:  # the 1st, 2nd, 4th, 8th, …: loud, but bounded
             self._log.warning(
-                "refused to publish a %s on topic '%s' (%d refused so far): memory or ring are full, "
-                "because somebody holds messages or the limits in the profile are too small",
+                "refused to publish a %s on topic '%s' (%d refused in all): memory or ring is full, "
+                "because a subscriber holds messages or the limits in the profile are too small",
                 type_name, topic, self._refused,
             )  # fmt: skip
         return False

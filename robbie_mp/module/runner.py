@@ -1,4 +1,4 @@
-"""The loop of a module in a process of its own: wait, take, dispatch, release."""
+"""The main loop of a module's process: wait, take, dispatch, release."""
 
 import time
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.module import Module
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.setting_changes import SettingChanges
-from robbie_mp.module.ticks import LONGEST_WAIT_S, Ticks
+from robbie_mp.module.ticks import MAX_WAIT_S, Ticks
 from robbie_mp.transport import layout
 from robbie_mp.transport.endpoint import Delivery, Endpoint
 from robbie_mp.transport.histogram import WorkFigures
@@ -23,12 +23,12 @@ _ACTIVITY = layout.OUT_ACTIVITY
 _ACTIVITY_AT = layout.OUT_ACTIVITY_SINCE_NS * WORD_BYTES
 
 
-LONGEST_IDLE = 10
-"""So many times a module that is to stop waits for messages that the core does not bring."""
+MAX_IDLE_WAITS = 10
+"""How often a stopping module waits for messages that the core has not delivered yet."""
 
 
 class InvalidPeriod(RobbieError, ValueError):
-    """A module wants to tick every 0 s, or less."""
+    """A module's `period_s` is 0 or negative."""
 
 
 class ModuleRunner:
@@ -40,8 +40,8 @@ class ModuleRunner:
         wakeup: its semaphore.
         words: its out segment.
         may_go: whether every module of the run is ready.
-        changes: of its settings while it runs.
-        ticks: when its ticks are due.
+        changes: changes its settings while it runs.
+        ticks: decides when its ticks are due.
         something_waits: whether messages wait for it in the core.
         has_just_settled: for the module that turns the clock of a run in lockstep: whether what it waits for
             has just come; None for all other modules.
@@ -80,7 +80,7 @@ class ModuleRunner:
         self._after_setup = after_setup
 
     def request_stop(self) -> None:
-        """End the loop after what is being done now; safe in a signal handler."""
+        """End the loop after the present handler or tick; safe in a signal handler."""
         self._stopping = True
 
     def run(self) -> None:
@@ -95,7 +95,7 @@ class ModuleRunner:
         self._words[layout.OUT_READY] = 1
         self._endpoint.send(Outbound.READY)
         while not self._ends and not self._may_go():
-            self._wakeup.wait(LONGEST_WAIT_S)
+            self._wakeup.wait(MAX_WAIT_S)
         self._ticks.begin()
         while not self._ends:
             self._turn()
@@ -104,7 +104,7 @@ class ModuleRunner:
         self._begin(Activity.TEARDOWN)
         self._module.teardown()
         self._idle()
-        self._inbox.release_let_go()
+        self._inbox.release_unreferenced()
         self._outbox.close()
 
     def _check_period(self) -> None:
@@ -120,7 +120,7 @@ class ModuleRunner:
         return self._stopping or self._module.stop_requested
 
     def _turn(self) -> None:
-        """Handle at most one message and at most one tick, or wait for either."""
+        """Handle at most one message and run at most one tick, or wait for either."""
         inbox = self._inbox
         delivery = inbox.take()
         if delivery is not None:
@@ -141,19 +141,19 @@ class ModuleRunner:
         self._messages.record(begun_ns - delivery.stamp_ns, time.monotonic_ns() - begun_ns)
 
     def _handle_the_rest(self) -> None:
-        """Handle what was published before the stop: it was not taken yet because this module is patient.
+        """Handle the messages that were published before the stop and that `patience_s` kept waiting.
 
-        The core may be late with it, and rings do not come in the order in which they were written. So this
-        goes on a little beyond the stop, and for as long as the core says that something waits.
+        The core may deliver them late, and not in the order in which different rings were written. So this
+        continues until a little after the stop, and while messages wait in the core.
         """
-        until_ns = time.monotonic_ns() + round(LONGEST_WAIT_S * 1e9)
+        until_ns = time.monotonic_ns() + round(MAX_WAIT_S * 1e9)
         stamp_ns = idle = 0
-        while stamp_ns <= until_ns and idle < LONGEST_IDLE:
+        while stamp_ns <= until_ns and idle < MAX_IDLE_WAITS:
             delivery = self._inbox.take()
             if delivery is not None:
                 stamp_ns, idle = delivery.stamp_ns, 0
                 self._handle(delivery)
-            elif not self._wakeup.wait(LONGEST_WAIT_S):
+            elif not self._wakeup.wait(MAX_WAIT_S):
                 if not self._something_waits():
                     return
                 idle += 1

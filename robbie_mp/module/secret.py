@@ -1,8 +1,8 @@
-"""A setting that nobody else may see: a token, a password, a key.
+"""A secret setting: a token, a password, a key.
 
-A profile does not say the secret itself, but where it is kept: `file:PATH` or `environment:NAME`. Only the
-module's own process reads it. Everything that shows, stores or records settings gets the place instead,
-because that is all the text a `Secret` has.
+A profile does not contain the secret itself, but where it is kept: `file:PATH` or `environment:NAME`. Only
+the module's process reads it. Everything that shows, stores or records settings sees only that place, because
+`str` of a `Secret` returns nothing else.
 """
 
 import os
@@ -17,21 +17,21 @@ MAX_SECRET_BYTES = 4096
 
 
 class SecretError(RobbieError, ValueError):
-    """A secret is given in clear text, or cannot be read from where it is kept.
+    """A secret is given in clear text, or cannot be read.
 
     Example scenarios:
-      - `--set operator.operator_token=…` holds the token itself, which every user can read in `ps`
-      - other users may read the file
-      - the environment has no variable of that name
+      - `--set operator.operator_token=…` contains the token itself, which every user can read with `ps`
+      - other users can read the file
+      - the environment has no variable of this name
     """
 
 
 class Secret:
-    """A secret text, which only `reveal` gives away.
+    """A secret text, which only `reveal` returns.
 
     Args:
         text: the secret.
-        source: where it is kept, as a profile says it.
+        source: where it is kept, as written in a profile.
     """
 
     __slots__ = ("_source", "_text")
@@ -52,20 +52,20 @@ class Secret:
 
 
 def reveal(secret: Secret | None) -> str:
-    """Return the text of a secret that may not be set; '' if it is not."""
+    """Return the text of an optional secret; '' if it is None."""
     return "" if secret is None else secret.reveal()
 
 
 def read_secret(value: object, folder: Path | None = None) -> Secret:
-    """Read a secret from where a profile says that it is kept.
+    """Read a secret from the place that a profile names.
 
     Args:
-        value: `file:PATH`, `environment:NAME`, or a Secret that was read already.
-        folder: what a relative path starts from; the current directory by default.
+        value: `file:PATH`, `environment:NAME`, or a Secret that has already been read.
+        folder: relative paths start from this folder; the current directory by default.
 
     Raises:
-        SecretError: it is something else, or nothing that may serve as a secret is there. The error never
-            contains `value` if that may be the secret itself.
+        SecretError: `value` has another form, or there is no usable secret at this place. The error never
+            contains `value` if that could be the secret itself.
     """
     if isinstance(value, Secret):
         return value
@@ -77,15 +77,15 @@ def read_secret(value: object, folder: Path | None = None) -> Secret:
         return _read_environment(place)
     raise SecretError(
         "expected where the secret is kept, as file:PATH or environment:NAME; got something else, which is "
-        "not shown. Others can read profiles and command lines: write the secret to a file that only you can "
-        "read (chmod 600) and name that file"
+        "not shown. Other users can read profiles and command lines: write the secret to a file that only "
+        "you can read (chmod 600) and name that file"
     )
 
 
 def _read_file(place: str, folder: Path | None) -> Secret:
     try:
         path = (folder or Path.cwd()) / Path(place).expanduser()
-    except RuntimeError:  # "~name" of nobody
+    except RuntimeError:  # "~name" of an unknown user
         raise SecretError(f"there is no home folder for {place}") from None
     try:
         fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
@@ -104,20 +104,20 @@ def _read_file(place: str, folder: Path | None) -> Secret:
     try:
         text = content.decode().removesuffix("\n").removesuffix("\r")
     except UnicodeDecodeError:
-        raise SecretError(f"the secret's file {path} is no UTF-8 text") from None
+        raise SecretError(f"the secret's file {path} is not UTF-8 text") from None
     if not text:
         raise SecretError(f"the secret's file {path} is empty")
     return Secret(text, f"{FILE}:{path}")
 
 
 def _file_problem(found: os.stat_result) -> str:
-    """Return why a file may not hold a secret, '' if it may."""
+    """Return why a file may not hold a secret; '' if it may."""
     if not stat.S_ISREG(found.st_mode):
-        return "is no regular file"
+        return "is not a regular file"
     if found.st_uid not in (os.geteuid(), 0):
-        return f"belongs to user {found.st_uid}, who is neither you ({os.geteuid()}) nor root"
+        return f"belongs to user {found.st_uid}, which is neither you ({os.geteuid()}) nor root"
     if found.st_mode & 0o077:
-        return f"has mode {stat.S_IMODE(found.st_mode):04o}, so that others can read it; chmod 600 it"
+        return f"has mode {stat.S_IMODE(found.st_mode):04o}, so other users can read it; run chmod 600 on it"
     return ""
 
 

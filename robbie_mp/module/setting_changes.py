@@ -1,9 +1,9 @@
-"""Settings changed while their module runs: asked for by a message, checked and taken into use by the module.
+"""Changes settings while their module runs.
 
-`robbie param set` publishes a `SettingChange` on the topic that is the module's name. The module handles it
-like any other message, between two others: it checks the value as a profile's, sets the attribute, calls
-`Module.setting_changed`, and answers with a `SettingChanged`. What was changed is also kept in the run's
-folder, so that the module's next incarnation starts with it.
+`robbie param set` publishes a `SettingChange` on a topic with the module's name. The module handles it like
+any other message: it checks the value like one from a profile, sets the attribute, calls
+`Module.setting_changed`, and answers with a `SettingChanged`. It also writes the changed settings to the
+run's folder, so that the module's next incarnation starts with them.
 """
 
 import json
@@ -25,22 +25,22 @@ FOLDER = "settings"
 
 
 class NotChangeable(RobbieError, LookupError):
-    """A module has no such setting, or it cannot be changed while the module runs."""
+    """The module has no such setting, or the setting cannot be changed while the module runs."""
 
 
 class SettingsFile:
-    """A module's changeable settings in the folder of its run: written by the module alone, read by tools.
+    """The file in the run's folder with a module's changeable settings: the module writes it, tools read it.
 
     Args:
         run_folder: the run's folder.
-        module: its name.
+        module: the module's name.
     """
 
     def __init__(self, run_folder: Path, module: str):
         self._path = run_folder / FOLDER / f"{module}.json"
 
     def read(self) -> dict[str, dict[str, Any]]:
-        """Return what is known of each changeable setting; nothing if the module has none, or never ran."""
+        """Return an entry for each changeable setting; empty if the module has none, or never ran."""
         try:
             content: dict[str, dict[str, Any]] = json.loads(self._path.read_text())
         except (OSError, ValueError):
@@ -52,10 +52,10 @@ class SettingsFile:
         return {name: entry["value"] for name, entry in self.read().items() if entry["changed"]}
 
     def write(self, settings: Mapping[str, dict[str, Any]]) -> None:
-        """Replace the whole file; a reader, or a death, sees the old one or the new one.
+        """Replace the file in one step: readers see the old or the new content, even if this process dies.
 
         Raises:
-            OSError: there is no room.
+            OSError: the file cannot be written.
         """
         make_private_folder(self._path.parent)
         unfinished = self._path.with_suffix(f".{os.getpid()}")
@@ -69,7 +69,7 @@ class SettingChanges:
     Args:
         module: the module.
         bus: its bus.
-        file: where its next incarnation finds what was changed; None: nowhere.
+        file: where the module's next incarnation finds the changed settings; None: nowhere.
     """
 
     def __init__(self, module: Module, bus: Bus, file: SettingsFile | None = None):
@@ -81,7 +81,7 @@ class SettingChanges:
         self._log = logging.getLogger(module.name)
 
     def listen(self) -> None:
-        """Have changes asked for handled, if there is anything to change."""
+        """Subscribe to requests for changes, if the module has a changeable setting."""
         if self._settings:
             self._keep()
             self._bus.subscriptions.subscribe(
@@ -89,10 +89,13 @@ class SettingChanges:
             )
 
     def change(self, name: str, value: object) -> Any:
-        """Check a value, set it, and let the module take it into use; return it as its type.
+        """Check a value, set it, and let the module apply it.
+
+        Returns:
+            The value as its declared type.
 
         Raises:
-            NotChangeable: there is no such setting to change.
+            NotChangeable: the module has no changeable setting of this name.
             SettingError: the value does not fit, or the module refuses it; nothing is changed.
         """
         module = self._module
@@ -115,7 +118,7 @@ class SettingChanges:
         return checked
 
     def _on_change(self, asked: SettingChange) -> None:
-        from robbie_mp.profile.reader import read_text  # noqa: PLC0415 - most modules are never asked
+        from robbie_mp.profile.reader import read_text  # noqa: PLC0415 - most modules never get a request
 
         error = ""
         try:
@@ -144,7 +147,7 @@ class SettingChanges:
         try:
             self._file.write(entries)
         except OSError as error:
-            self._log.warning("changed settings will be forgotten at a restart: %s", error)
+            self._log.warning("changed settings will be lost at a restart: %s", error)
 
 
 def changeable_settings(module_class: type[Module]) -> dict[str, Setting]:

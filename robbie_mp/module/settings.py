@@ -1,11 +1,11 @@
-"""Settings: what a profile may set of a module, declared in its class with type, default and meaning.
+"""Settings: values that a profile sets for a module, declared in its class with type, default and meaning.
 
     class Mapping(Module):
         resolution_m: float = setting(0.05, "edge of a grid cell", minimum=0.001)
         map_file: Path = setting(REQUIRED, "where the map is kept")
 
-A relative path starts from the workspace; given on the command line it starts from the current directory.
-A setting of type `Secret` is never given in clear text; see `robbie_mp.module.secret`.
+A relative path in a profile starts from the workspace; on the command line, from the current directory.
+Never give a setting of type `Secret` in clear text; see `robbie_mp.module.secret`.
 """
 
 import inspect
@@ -36,11 +36,11 @@ class Required(Enum):
 
 
 REQUIRED: Final = Required.REQUIRED
-"""In place of a default: the profile must set it."""
+"""Use it in place of a default: the profile must set the setting."""
 
 
 class SettingError(RobbieError, ValueError):
-    """A setting is missing, unknown or not what its class declared.
+    """A setting is missing, unknown or not as its class declares it.
 
     Attributes:
         setting: Name of the setting, or "" if the error is about several or all.
@@ -52,7 +52,7 @@ class SettingError(RobbieError, ValueError):
 
 
 class Setting:
-    """One declared setting; reading it from an instance that has no value yet is an AttributeError."""
+    """One declared setting; reading it before the instance has its value raises AttributeError."""
 
     def __init__(
         self, default: object, description: str, limits: Limits, *, changeable: bool = False
@@ -70,7 +70,7 @@ class Setting:
     def __get__(self, instance: object, owner: type | None = None) -> "Setting":
         if instance is None:
             return self
-        raise AttributeError(f"{self} is read before the settings were applied; read it in setup()")
+        raise AttributeError(f"{self} is read before the settings are applied; read it in setup()")
 
     def __str__(self) -> str:
         return f"{self.owner.__name__}.{self.name}"
@@ -85,7 +85,7 @@ class Setting:
         """The annotated type.
 
         Raises:
-            SettingError: there is no annotation, or it is no type that a profile can express.
+            SettingError: there is no annotation, or a profile cannot express its type.
         """
         for owner in self.owner.__mro__:
             annotation = inspect.get_annotations(owner).get(self.name)
@@ -94,7 +94,7 @@ class Setting:
         raise SettingError(f"{self} needs a type, as in `{self.name}: float = setting(…)`", self.name)
 
     def _resolve(self, annotation: object, owner: type) -> Any:
-        # Only this annotation: others of the class may name things that exist for type checkers alone.
+        # Only this annotation: others in the class may use names that only type checkers see.
         only = {"__annotations__": {self.name: annotation}, "__module__": owner.__module__}
         try:
             declared = get_type_hints(type(owner.__name__, (), only), localns=dict(vars(owner)))[self.name]
@@ -102,7 +102,7 @@ class Setting:
         except (NameError, TypeError, SyntaxError) as error:
             raise SettingError(f"{self}: {error}", self.name) from None
         if self.changeable and holds_secret(declared):
-            # A change is a message, which everybody who attaches to the run can read and record.
+            # A change is a message, which every tool that attaches to the run can read and record.
             raise SettingError(f"{self}: a secret cannot be changeable", self.name)
         return declared
 
@@ -118,7 +118,7 @@ class Setting:
         """Return `value` as the declared type.
 
         Raises:
-            SettingError: it is something else, or outside the declared limits.
+            SettingError: it has another type, or is outside the declared limits.
         """
         try:
             return check_value(self.declared_type, value, self.limits, folder)
@@ -164,14 +164,14 @@ def setting(
     """Declare a setting of a class; the annotation gives its type.
 
     Args:
-        default: Value where the profile gives none; `REQUIRED` if there is no sensible one.
-        description: What it means, in one line, without the type.
-        minimum: Least number allowed (of each element, in a list or map).
-        maximum: Greatest number allowed.
-        choices: All values allowed.
-        must_exist: A path must name an existing file or folder.
+        default: Value if the profile gives none; `REQUIRED` if there is no sensible default.
+        description: The setting's meaning and unit in one line, without its type.
+        minimum: Least allowed number; in a list or map it applies to each element.
+        maximum: Greatest allowed number.
+        choices: All allowed values.
+        must_exist: The path must name an existing file or folder.
         finite: Refuse infinity and not-a-number.
-        changeable: It may be changed while the module runs; see `Module.setting_changed`.
+        changeable: The setting may be changed while the module runs; see `Module.setting_changed`.
     """
     limits = Limits(minimum, maximum, tuple(choices), must_exist, finite)
     return Setting(default, description, limits, changeable=changeable)
@@ -180,7 +180,7 @@ def setting(
 def settings_of(cls: type) -> dict[str, Setting]:
     """Return the settings of a class and its bases, those of the bases first.
 
-    A plain value in a derived class fixes the setting of that name: a profile cannot set it any more.
+    A derived class that assigns a plain value to the name fixes the setting: a profile can no longer set it.
     """
     found: dict[str, Setting] = {}
     for base in reversed(cls.__mro__):
@@ -199,7 +199,7 @@ def examine_settings(
     folder: Path | None = None,
     folder_of: Mapping[str, Path] | None = None,
 ) -> tuple[dict[str, object], list[SettingError]]:
-    """Return what `check_settings` returns, as far as it is right, and everything that is wrong."""
+    """Return the values that are right, as `check_settings` does, and an error for each that is wrong."""
     settings = settings_of(cls)
     checked: dict[str, object] = {}
     errors = [
@@ -230,16 +230,17 @@ def check_settings(
     folder: Path | None = None,
     folder_of: Mapping[str, Path] | None = None,
 ) -> dict[str, object]:
-    """Return the value of every setting of a class: the given ones, and defaults for the others.
+    """Return the value of every setting of a class: the given value, or the default.
 
     Args:
         cls: Any class that declares settings.
-        values: What is given, as YAML or JSON would hold it.
-        folder: What relative paths start from; the current directory by default.
+        values: The given values, as YAML or JSON would hold them.
+        folder: Relative paths start from this folder; the current directory by default.
         folder_of: The same for single settings, by name.
 
     Raises:
-        SettingError: naming class, setting, what was expected and what was found, one line for each error.
+        SettingError: Values are wrong. The text has a line for each: class, setting, what was expected and
+            what was found.
     """
     checked, errors = examine_settings(cls, values, folder=folder, folder_of=folder_of)
     if errors:
@@ -254,7 +255,7 @@ def apply_settings(
     folder: Path | None = None,
     folder_of: Mapping[str, Path] | None = None,
 ) -> None:
-    """Check `values` against the class of `instance` and set every setting as an attribute of it.
+    """Check `values` against the class of `instance`, and set every setting as an attribute of the instance.
 
     Raises:
         SettingError: as `check_settings`; the instance is then unchanged.

@@ -1,4 +1,4 @@
-"""The bus of a module in a process of its own."""
+"""The bus of a module that runs in its own process."""
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
@@ -11,45 +11,45 @@ from robbie_mp.transport.endpoint import Delivery
 
 
 class SharedMemoryBus:
-    """Joins outbox and inbox to what `robbie_mp.module.bus.Bus` asks for.
+    """Implements `robbie_mp.module.bus.Bus` with an outbox and an inbox.
 
     Args:
-        outbox: where messages leave.
-        inbox: where they come in.
-        describe: makes the envelope of a delivery from the tables of core and supervisor.
+        outbox: publishes the module's messages.
+        inbox: receives messages for the module.
+        describe: creates the envelope of a delivery from the tables of the core and the supervisor.
     """
 
     def __init__(self, outbox: Outbox, inbox: Inbox, describe: Callable[[Delivery], Envelope]):
         self._outbox = outbox
         self.publish: Callable[[Message, str], bool] = outbox.publish
-        """Send a message; False if it was refused."""
+        """Publish a message; False if it was refused."""
         self._inbox = inbox
         self.subscriptions = inbox.subscriptions
         self._describe = describe
 
     @property
     def outstanding(self) -> int:
-        """Messages published by this module that somebody still waits for or holds."""
+        """Number of this module's messages that subscribers still wait for or hold."""
         return self._outbox.outstanding
 
     def publish_encoded(
         self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
     ) -> bool:
-        """Send a message given as its bytes; False if it was refused."""
+        """Publish an encoded message; False if it was refused."""
         return self._outbox.publish_encoded(type_name, version, data, topic)
 
     def loan(
         self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
     ) -> AbstractContextManager[MessageType]:
-        """Have a message written in place."""
+        """Lend a message to be filled in place."""
         return self._outbox.loan(message_type, topic, fields)
 
     def wake_after_freed(self, messages: int) -> None:
-        """Wake this module when so many of its messages have been let go by everybody."""
+        """Wake this module when all subscribers have released this number of its messages."""
         self._outbox.wake_after_freed(messages)
 
     def envelope(self) -> Envelope:
-        """What came with the message being handled.
+        """Return the envelope of the message being handled.
 
         Raises:
             LookupError: no message is being handled.

@@ -1,4 +1,4 @@
-"""When a module's `tick()` is due: by the run's clock, or whenever whoever turns it says so."""
+"""Decides when a module's `tick()` is due: by a clock, or when the module that turns the clock grants it."""
 
 import time
 from typing import Protocol
@@ -11,42 +11,42 @@ from robbie_mp.transport.histogram import WorkFigures
 from robbie_mp.transport.records import MessageHandling
 from robbie_mp.transport.words import Words
 
-LONGEST_WAIT_S = 0.5
-"""Even an idle module looks up so often: for arrays that other threads have let go, and for signals."""
-LONGEST_WAIT_BY_RUN_CLOCK_S = 0.02
-"""Of a module that ticks by a clock whose rate may change at any time."""
+MAX_WAIT_S = 0.5
+"""Even an idle module wakes up this often, to release arrays that other threads held, and for signals."""
+MAX_RUN_CLOCK_WAIT_S = 0.02
+"""The same for a module that ticks by a clock whose rate may change at any time."""
 
 
 class TickClock(Protocol):
-    """What ticks are timed by."""
+    """A clock that times ticks."""
 
     @property
     def jumps(self) -> int:
-        """How often the time has been set to another one."""
+        """How often the time has been set."""
 
     def monotonic_ns(self) -> int:
-        """The time."""
+        """Return the time, in ns."""
 
     def machine_s_until(self, monotonic_ns: int) -> float:
-        """How long until it is so late."""
+        """Return the machine's time until this clock reaches `monotonic_ns`, in s."""
 
 
 class TimedTicks:
-    """Ticks every `period_s` of a clock. A time that has been missed altogether is skipped and counted.
+    """Ticks every `period_s` of a clock. Ticks that were missed altogether are skipped and counted.
 
     Args:
-        module: whose ticks they are.
-        clock: what they are timed by.
+        module: the module that ticks.
+        clock: times the ticks.
         words: the module's out segment, for the counters.
-        longest_wait_s: look at the clock so often.
+        max_wait_s: longest time between two looks at the clock.
     """
 
-    def __init__(self, module: Module, clock: TickClock, words: Words, longest_wait_s: float):
+    def __init__(self, module: Module, clock: TickClock, words: Words, max_wait_s: float):
         self._module = module
         self._clock = clock
         self._now_ns = clock.monotonic_ns
         self._words = words
-        self._longest_wait_s = longest_wait_s
+        self._max_wait_s = max_wait_s
         self._figures = WorkFigures(words, layout.OUT_TICK_FIGURES)
         self._ticks = 0
         self._missed = 0
@@ -54,12 +54,12 @@ class TimedTicks:
         self._due_ns = 0
 
     def begin(self) -> None:
-        """Have the first tick at once."""
+        """Make the first tick due now."""
         self._jumps = self._clock.jumps
         self.expedite()
 
     def expedite(self) -> None:
-        """Have the next tick at once."""
+        """Make the next tick due now."""
         self._due_ns = self._now_ns()
 
     def are_due(self) -> bool:
@@ -71,13 +71,13 @@ class TimedTicks:
         return self._now_ns() >= self._due_ns
 
     def wait_s(self) -> float:
-        """How long to wait for messages until then."""
+        """Return how long to wait for messages before the next tick, in s."""
         if self._module.period_s is None:
-            return LONGEST_WAIT_S
-        return min(self._longest_wait_s, self._clock.machine_s_until(self._due_ns))
+            return MAX_WAIT_S
+        return min(self._max_wait_s, self._clock.machine_s_until(self._due_ns))
 
     def run(self) -> None:
-        """Tick, and say when the next one is due."""
+        """Tick, and set when the next tick is due."""
         late_ns, begun_ns = self._now_ns() - self._due_ns, time.monotonic_ns()
         self._module.tick()
         self._figures.record(late_ns, time.monotonic_ns() - begun_ns)
@@ -96,12 +96,12 @@ class TimedTicks:
 
 
 class GrantedTicks:
-    """Ticks that come as messages, from the module that turns the clock; see `robbie_mp.run.lockstep`.
+    """Ticks granted by messages from the module that turns the clock; see `robbie_mp.run.lockstep`.
 
     Args:
-        module: whose ticks they are.
-        words: the module's out segment, where its period is shown.
-        inbox: has the messages of its name handled.
+        module: the module that ticks.
+        words: the module's out segment, which shows its period.
+        inbox: receives the grants.
     """
 
     def __init__(self, module: Module, words: Words, inbox: Inbox):
@@ -109,10 +109,10 @@ class GrantedTicks:
         self._words = words
         self._ticks = 0
         inbox.subscriptions.subscribe(Tick, self._on_tick, MessageHandling.ALWAYS_DELIVER, module.name)
-        inbox.before_release = self.begin  # any handler may have changed it
+        inbox.before_release = self.begin  # any handler may have changed the period
 
     def begin(self) -> None:
-        """Show how often there are to be ticks."""
+        """Show the period of the ticks."""
         period_s = self._module.period_s
         self._words[layout.OUT_TICK_PERIOD_NS] = 0 if period_s is None else round(period_s * 1e9)
 
@@ -123,15 +123,15 @@ class GrantedTicks:
             self._words[layout.OUT_TICKS] = self._ticks
 
     def expedite(self) -> None:
-        """Do nothing: a tick comes when it is granted."""
+        """Do nothing: a tick runs when it is granted."""
 
     def are_due(self) -> bool:
-        """Never by themselves."""
+        """Always False: the message that grants a tick runs it."""
         return False
 
     def wait_s(self) -> float:
-        """How long to wait for messages."""
-        return LONGEST_WAIT_S
+        """Return how long to wait for messages, in s."""
+        return MAX_WAIT_S
 
     def run(self) -> None:
         """Do nothing: see `are_due`."""

@@ -1,4 +1,4 @@
-"""Check a plain value, as YAML or JSON gives it, against a declared type and its limits."""
+"""Checks a plain value, as YAML or JSON holds it, against a declared type and limits."""
 
 import math
 import reprlib
@@ -14,12 +14,12 @@ from robbie_mp.module.secret import Secret, SecretError, read_secret
 
 
 class ValueMismatch(RobbieError, ValueError):
-    """A value is not what was declared; the text says what was expected and what was found."""
+    """A value does not fit its declaration; the text says what was expected and what was found."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a value must satisfy besides its type; in lists and maps, what every element must."""
+    """Limits of a value, besides its type; in lists and maps they apply to every element."""
 
     minimum: float | None = None
     maximum: float | None = None
@@ -27,23 +27,23 @@ class Limits:
     must_exist: bool = False
     """A path must name an existing file or folder."""
     finite: bool = True
-    """Infinity and not-a-number are refused."""
+    """Refuse infinity and not-a-number."""
 
 
 NO_LIMITS = Limits()
 
 
 def check_value(declared: Any, value: object, limits: Limits = NO_LIMITS, folder: Path | None = None) -> Any:
-    """Return `value` as the declared type: an int becomes a float, a text a path; containers are copied.
+    """Return `value` as the declared type: an int becomes a float, a str a path; containers are copied.
 
     Args:
         declared: bool, int, float, str, Path, Secret, a StrEnum, X | None, list[X] or dict[str, X].
-        value: what was written.
-        limits: what the value, or each element of it, must satisfy.
-        folder: what a relative path starts from; the current directory by default.
+        value: the value as written.
+        limits: limits of the value, or of each element.
+        folder: relative paths start from this folder; the current directory by default.
 
     Raises:
-        ValueMismatch: the value is something else, or outside the limits.
+        ValueMismatch: the value has another type, or is outside the limits.
         TypeError: `declared` is none of the types above.
     """
     origin, arguments = get_origin(declared), get_args(declared)
@@ -69,10 +69,10 @@ def check_value(declared: Any, value: object, limits: Limits = NO_LIMITS, folder
 
 
 def describe(declared: Any) -> str:
-    """Return the declared type as words for an error text.
+    """Return the declared type in words, for an error text.
 
     Raises:
-        TypeError: `declared` is no type that a value from YAML can have.
+        TypeError: a value from YAML cannot have the declared type.
     """
     origin, arguments = get_origin(declared), get_args(declared)
     if origin in (Union, UnionType):
@@ -88,22 +88,22 @@ def describe(declared: Any) -> str:
     if declared in _SCALARS:
         return "path" if declared is Path else str(declared.__name__)
     raise TypeError(
-        f"{declared!r} is no type of a setting; use bool, int, float, str, pathlib.Path, Secret, a StrEnum, "
-        f"X | None, list[X] or dict[str, X]"
+        f"a setting cannot have the type {declared!r}; use bool, int, float, str, pathlib.Path, Secret, a "
+        f"StrEnum, X | None, list[X] or dict[str, X]"
     )
 
 
 def holds_secret(declared: Any) -> bool:
-    """Tell whether values of a declared type are, or contain, secrets."""
+    """Return whether values of a declared type are or contain secrets."""
     return declared is Secret or any(map(holds_secret, get_args(declared)))
 
 
 def outline(declared: Any, limits: Limits) -> dict[str, Any]:
-    """Return what a form needs to know of a type and its limits, as plain data.
+    """Return a type and its limits as plain data, for input forms.
 
     Returns:
-        `kind`: bool, int, float, str, path or secret; of a list that of its elements, and "map" of a map.
-        `is_list`: whether it is a list. `choices`: all that it, or each element, may be; [] if not said.
+        `kind`: bool, int, float, str, path, secret or map; for a list, the kind of its elements.
+        `is_list`: whether it is a list. `choices`: all allowed values (of each element); [] for any.
         `minimum`, `maximum`: None if there are none.
     """
     origin, arguments = get_origin(declared), get_args(declared)
@@ -131,7 +131,7 @@ def outline(declared: Any, limits: Limits) -> dict[str, Any]:
 def _without_none(declared: Any) -> Any:
     others = [argument for argument in get_args(declared) if argument is not NoneType]
     if len(others) != 1 or len(get_args(declared)) != 2:
-        raise TypeError(f"{declared!r} is no type of a setting; of unions only X | None can be checked")
+        raise TypeError(f"a setting cannot have the type {declared!r}; the only unions are X | None")
     return others[0]
 
 
@@ -186,14 +186,14 @@ def _check_path(path: Path, limits: Limits, folder: Path | None) -> Path:
 
 
 def _within(value: float, limits: Limits) -> bool:
-    """Tell whether a number is inside the bounds; not-a-number is inside none."""
+    """Return whether a number is inside the bounds; not-a-number is inside none."""
     return (limits.minimum is None or value >= limits.minimum) and (
         limits.maximum is None or value <= limits.maximum
     )
 
 
 def describe_limits(limits: Limits) -> str:
-    """Return limits in words that follow those of a type: "" if there are none."""
+    """Return limits in words, to follow those of a type; "" if there are none."""
     if limits.choices:
         return ", " + _one_of(limits.choices)
     bounds = [f"at least {limits.minimum:.10g}"] if limits.minimum is not None else []

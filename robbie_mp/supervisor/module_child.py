@@ -23,8 +23,8 @@ from robbie_mp.module.setting_changes import SettingChanges, SettingsFile
 from robbie_mp.module.settings import SettingError, check_settings
 from robbie_mp.module.shared_memory_bus import SharedMemoryBus
 from robbie_mp.module.ticks import (
-    LONGEST_WAIT_BY_RUN_CLOCK_S,
-    LONGEST_WAIT_S,
+    MAX_RUN_CLOCK_WAIT_S,
+    MAX_WAIT_S,
     GrantedTicks,
     Ticks,
     TimedTicks,
@@ -101,8 +101,8 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     if plan.clock.lockstep and isinstance(clock, RunClock):
         ticks = GrantedTicks(module, words, inbox)
     else:
-        longest_s = LONGEST_WAIT_BY_RUN_CLOCK_S if isinstance(clock, RunClock) else LONGEST_WAIT_S
-        ticks = TimedTicks(module, clock, words, longest_s)
+        max_wait_s = MAX_RUN_CLOCK_WAIT_S if isinstance(clock, RunClock) else MAX_WAIT_S
+        ticks = TimedTicks(module, clock, words, max_wait_s)
     runner = ModuleRunner(
         module,
         endpoint,
@@ -146,7 +146,7 @@ def run_clock(
         waits = f"waits for the time to begin: {plan.clock.source} has not set it"
         write_text(memory.out.words, layout.OUT_STATUS, LINE_WORDS, waits)
     while not clock.has_begun:
-        memory.wakeup.wait(LONGEST_WAIT_BY_RUN_CLOCK_S)
+        memory.wakeup.wait(MAX_RUN_CLOCK_WAIT_S)
     write_text(memory.out.words, layout.OUT_STATUS, LINE_WORDS, "")
     return clock
 

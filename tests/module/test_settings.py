@@ -182,7 +182,7 @@ def test_applying_wrong_values_changes_nothing() -> None:
 
 
 def test_reading_a_setting_too_early_says_so() -> None:
-    with pytest.raises(AttributeError, match=r"Mapper\.threads is read before the settings were applied"):
+    with pytest.raises(AttributeError, match=r"Mapper\.threads is read before the settings are applied"):
         _ = Mapper().threads
 
 
@@ -208,7 +208,7 @@ def test_a_declaration_that_makes_no_sense_is_refused() -> None:
         x: int = setting(0, "outside", minimum=1)
 
     assert refusal(Untyped) == "Untyped.x needs a type, as in `x: float = setting(…)`"
-    assert "is no type of a setting" in refusal(Wrong)
+    assert "a setting cannot have the type" in refusal(Wrong)
     assert "only X | None" in refusal(Ambiguous)
     assert refusal(BadDefault) == "BadDefault.x: expected int, at least 1; got 0 (int)"
 

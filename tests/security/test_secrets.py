@@ -146,9 +146,9 @@ def test_variable_that_is_not_set_is_named() -> None:
 def test_file_that_cannot_hold_a_secret_is_refused_and_says_why(tmp_path: Path) -> None:
     key = tmp_path / "key"
     assert "No such file" in refusal({"key": "file:key"}, tmp_path)
-    assert "is no regular file" in refusal({"key": "file:."}, tmp_path)
+    assert "is not a regular file" in refusal({"key": "file:."}, tmp_path)
     os.mkfifo(key)  # opening one would wait for ever
-    assert "is no regular file" in refusal({"key": "file:key"}, tmp_path)
+    assert "is not a regular file" in refusal({"key": "file:key"}, tmp_path)
     key.unlink()
     key.touch(0o600)
     assert "is empty" in refusal({"key": "file:key"}, tmp_path)
@@ -158,7 +158,7 @@ def test_file_that_cannot_hold_a_secret_is_refused_and_says_why(tmp_path: Path) 
         assert "chmod 600" in refusal({"key": "file:key"}, tmp_path)
     key.chmod(0o600)
     key.write_bytes(b"\xff\xfe")
-    assert "is no UTF-8 text" in refusal({"key": "file:key"}, tmp_path)
+    assert "is not UTF-8 text" in refusal({"key": "file:key"}, tmp_path)
     key.write_text("x" * (MAX_SECRET_BYTES + 1))
     assert "longer than 4096 bytes" in refusal({"key": "file:key"}, tmp_path)
 

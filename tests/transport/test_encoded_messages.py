@@ -90,7 +90,7 @@ def test_view_of_an_encoded_message_that_is_kept_pins_it(
         pair.pass_on()
     assert bytes(kept[0]) == before  # type: ignore[call-overload]
     kept.clear()
-    pair.inbox.release_let_go()
+    pair.inbox.release_unreferenced()
     pair.run.run_core()
     assert (pair.receiver_words[layout.OUT_PINNED], pair.outbox.outstanding) == (0, 0)
 

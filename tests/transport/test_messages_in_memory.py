@@ -60,7 +60,7 @@ def test_block_is_pinned_until_the_last_array_dies(pair: Pair) -> None:
     assert kept[0].tolist() == [7] * 5
     assert pair.outbox.outstanding == 1
     kept.clear()
-    pair.inbox.release_let_go()
+    pair.inbox.release_unreferenced()
     pair.run.run_core()
     assert pair.receiver_words[layout.OUT_PINNED] == 0
     assert pair.outbox.outstanding == 0
@@ -74,7 +74,7 @@ def test_message_let_go_in_another_thread_is_released(pair: Pair) -> None:
     thread = threading.Thread(target=kept.clear)
     thread.start()
     thread.join()
-    pair.inbox.release_let_go()
+    pair.inbox.release_unreferenced()
     pair.run.run_core()
     assert pair.outbox.outstanding == 0
 
@@ -119,7 +119,7 @@ def test_message_let_go_by_a_thread_in_the_moment_its_handler_ends_is_released(p
     inbox.handle(delivery)
     handled.set()
     thread.join()
-    inbox.release_let_go()
+    inbox.release_unreferenced()
     pair.run.run_core()
     assert pair.outbox.outstanding == 0
 
@@ -133,7 +133,7 @@ def test_message_in_a_reference_cycle_is_released_by_the_garbage_collector(pair:
     pair.outbox.publish(picture(7), "")
     pair.pass_on()
     gc.collect()
-    pair.inbox.release_let_go()
+    pair.inbox.release_unreferenced()
     pair.run.run_core()
     assert pair.outbox.outstanding == 0
 
@@ -308,7 +308,7 @@ def test_what_a_hoarder_keeps_beyond_its_share_is_a_copy(pair: Pair) -> None:
     assert pair.receiver_words[layout.OUT_COPIED] > 100
     assert 0 < pair.receiver_words[layout.OUT_PINNED] == pair.outbox.outstanding < 10
     kept.clear()
-    pair.inbox.release_let_go()
+    pair.inbox.release_unreferenced()
     pair.run.run_core()
     assert pair.outbox.outstanding == 0
 

@@ -42,7 +42,7 @@ class Pair:
         self.run.run_core()
         while (delivery := self.inbox.take()) is not None:
             self.inbox.handle(delivery)
-            self.inbox.release_let_go()
+            self.inbox.release_unreferenced()
             self.run.run_core()
 
     def _handle(self, image: Image) -> None:
