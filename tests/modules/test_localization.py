@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hw.pose import Pose as PlanarPose
 from modules.localization import MonteCarloLocalization
 from robbie_mp import Header, ModuleHarness, Time
 from robbie_mp.messages import (
@@ -21,6 +22,7 @@ from robbie_mp.messages import (
     Quaternion,
     TimeJump,
 )
+from tests._support.present import present
 from tools.localization_trials import RESOLUTION_M, Conditions, Drive
 from tools.random_rooms import drawn_map
 from workers.maps.map_file import write_map
@@ -44,7 +46,7 @@ def pose_of(x_m: float, y_m: float, heading_rad: float) -> Pose:
     return Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(heading_rad))
 
 
-def along(drive: Drive, harness: Harness, way_m: float) -> Iterator[Pose]:
+def along(drive: Drive, harness: Harness, way_m: float) -> Iterator[PlanarPose]:
     """Drive, and send the module what the robot's devices would say; yields the true poses."""
     for truth in drive.steps(way_m):
         wheels = drive.drive.read()
@@ -64,7 +66,7 @@ def along(drive: Drive, harness: Harness, way_m: float) -> Iterator[Pose]:
         yield truth
 
 
-def off_m(pose: PoseStamped, truth: Pose) -> float:
+def off_m(pose: PoseStamped, truth: PlanarPose) -> float:
     return float(np.hypot(pose.pose.position.x - truth[0], pose.pose.position.y - truth[1]))
 
 
@@ -86,9 +88,9 @@ def test_pose_is_published_once_it_is_sure_and_survives_a_restart(drive: Drive, 
 def test_robot_is_looked_for_anew_when_time_jumps(drive: Drive, map_file: Path) -> None:
     with ModuleHarness(MonteCarloLocalization, {"map_file": str(map_file)}) as harness:
         list(along(drive, harness, 2.0))
-        assert harness.module.localizer.newest.converged
+        assert present(present(harness.module.localizer).newest).converged
         harness.send(TimeJump(reason="loop"))
-        assert harness.module.localizer.pose is None
+        assert present(harness.module.localizer).pose is None
         *_, truth = along(drive, harness, 0.3)
         assert off_m(harness.take(PoseStamped, "map_pose_guess")[-1], truth) < 0.5
 
@@ -99,7 +101,7 @@ def test_map_and_first_pose_come_as_messages(drive: Drive) -> None:
         resolution=RESOLUTION_M,
         width=cells.shape[1],
         height=cells.shape[0],
-        origin=pose_of(*corner.tolist(), 0.0),
+        origin=pose_of(float(corner[0]), float(corner[1]), 0.0),
     )
     with ModuleHarness(MonteCarloLocalization) as harness:
         assert harness.module.status == "waits for the map"

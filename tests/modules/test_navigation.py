@@ -49,7 +49,7 @@ class Robot:
         self.laser = SimulatedLaser(ARENA)
         self.has_laser = True
         height, width = CELLS.shape
-        origin = pose_of(*CORNER.tolist(), 0.0)
+        origin = pose_of(float(CORNER[0]), float(CORNER[1]), 0.0)
         info = MapMetaData(resolution=0.05, width=width, height=height, origin=origin)
         harness.send(OccupancyGrid(info=info, data=CELLS.ravel()))
 

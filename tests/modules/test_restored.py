@@ -29,6 +29,7 @@ from robbie_mp.messages import (
     Vector3,
 )
 from tests._support.places import ARENAS
+from tests._support.present import present
 from tests.checkpoint._support.states import same
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
 
@@ -174,7 +175,12 @@ def see(harness: ModuleHarness[Exploration], x_m: float, known_m: float = 5.0) -
     cells[: round(known_m / 0.05)] = 0
     cells[[0, -1]] = cells[:, [0, -1]] = 100
     scan = LaserScan(
-        angle_min=-2.0, angle_max=2.0, angle_increment=0.1, range_min=0.1, range_max=10.0, ranges=[2.0] * 41
+        angle_min=-2.0,
+        angle_max=2.0,
+        angle_increment=0.1,
+        range_min=0.1,
+        range_max=10.0,
+        ranges=np.full(41, 2.0, np.float32),
     )
     harness.send(scan)
     harness.send(OccupancyGrid(info=info, data=cells.ravel()))
@@ -192,8 +198,8 @@ def test_restarted_exploration_still_knows_home_and_its_time() -> None:
     assert state["used_s"] == pytest.approx(3.0, abs=0.2)
     with ModuleHarness(Exploration, settings, restored=state) as restarted:
         see(restarted, 1.5)
-        assert restarted.module.explorer.home_xy_m.tolist() == [0.5, 0.0]
-        assert restarted.module.explorer.settings.time_limit_s == pytest.approx(7.0, abs=0.2)
+        assert present(present(restarted.module.explorer).home_xy_m).tolist() == [0.5, 0.0]
+        assert present(restarted.module.explorer).settings.time_limit_s == pytest.approx(7.0, abs=0.2)
         restarted.advance(0.06)
         assert restarted.checkpoint["used_s"] > state["used_s"]
 
@@ -209,4 +215,4 @@ def test_exploration_that_was_on_its_way_home_goes_on_home() -> None:
         for _ in range(3):
             see(restarted, 1.5)
             restarted.advance(0.06)
-        assert restarted.module.explorer.state == "drives home"
+        assert present(restarted.module.explorer).state == "drives home"

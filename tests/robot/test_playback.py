@@ -27,7 +27,8 @@ def results(folder: Path) -> dict[str, str]:
 
 
 def counted(folder: Path) -> dict[str, Any]:
-    return json.loads((folder / "mapping.json").read_text())
+    counted: dict[str, Any] = json.loads((folder / "mapping.json").read_text())
+    return counted
 
 
 def for_mapping(log: Path) -> list[LoggedMessage]:

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from PIL import Image
@@ -28,7 +29,7 @@ needs_intel = pytest.mark.skipif(not INTEL.exists(), reason=f"the Intel log is n
 class StockRobot:
     """Runs profiles of the project, with everything they write in a temporary folder."""
 
-    def __init__(self, folder: Path, workspace: Path = PROJECT):
+    def __init__(self, folder: Path, workspace: Path = PROJECT) -> None:
         self.output = folder / "out"
         self._workspace = workspace
         self._environment = dict(os.environ, XDG_RUNTIME_DIR=str(folder), PYTHONPATH=str(PROJECT))
@@ -44,24 +45,24 @@ class StockRobot:
             text=True,
         )
 
-    def wait(self, timeout_s: float) -> tuple[int, dict[str, dict], str]:
+    def wait(self, timeout_s: float) -> tuple[int, dict[str, dict[str, Any]], str]:
         """Exit code, modules of the summary, standard error."""
         assert self._process is not None
         stdout, stderr = self._process.communicate(timeout=timeout_s)
         summary = json.loads(stdout) if stdout else {"modules": []}
         return self._process.returncode, {module["name"]: module for module in summary["modules"]}, stderr
 
-    def run(self, *arguments: str, timeout_s: float = 120.0) -> tuple[int, dict[str, dict], str]:
+    def run(self, *arguments: str, timeout_s: float = 120.0) -> tuple[int, dict[str, dict[str, Any]], str]:
         self.start(*arguments)
         return self.wait(timeout_s)
 
-    def play(self, log: Path, *arguments: str) -> tuple[int, dict[str, dict], str]:
+    def play(self, log: Path, *arguments: str) -> tuple[int, dict[str, dict[str, Any]], str]:
         """Play a log; the output is in another folder then."""
         self.output = self.output.with_name(f"{log.stem}-{arguments[0]}")
         self.start(str(log), *arguments, command="play")
         return self.wait(300.0)
 
-    def top(self) -> dict[str, dict]:
+    def top(self) -> dict[str, dict[str, Any]]:
         answer = subprocess.run(
             [*COMMAND, "top", "--once", "--json"],
             env=self._environment,

@@ -6,11 +6,13 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
 import yaml
 
+from tests._support.present import present
 from tools.bench.__main__ import main
 from tools.bench.contender import PeerContender, Trouble, wait_for_end
 from tools.bench.load import Bus, measure_bus
@@ -35,7 +37,7 @@ class Broken(Peer):
     title = "broken"
     how = "its daemon does not run"
 
-    def commands(self, name, work, work_file):
+    def commands(self, name: str, work: Work, work_file: Path) -> list[list[str]]:
         return [[sys.executable, "-c", "import sys; print('started'); sys.exit('the daemon does not run')"]]
 
 
@@ -43,20 +45,21 @@ class Hanging(Peer):
     title = "hanging"
     how = "it starts a child and waits for ever"
 
-    def commands(self, name, work, work_file):
+    def commands(self, name: str, work: Work, work_file: Path) -> list[list[str]]:
         child = "import signal; signal.pause()"
         parent = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {child!r}])"
         return [[sys.executable, "-c", parent]]
 
 
-def measure(tmp_path, *arguments):
+def measure(tmp_path: Path, *arguments: str) -> dict[str, Any]:
     """Run the command line; return its results."""
     file = tmp_path / "results.json"
     assert main([*arguments, "--json", str(file), "--rounds=1"]) == 0
-    return json.loads(file.read_text())
+    results: dict[str, Any] = json.loads(file.read_text())
+    return results
 
 
-def test_latency_of_robbie_and_others_in_one_run(tmp_path, capsys):
+def test_latency_of_robbie_and_others_in_one_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = measure(tmp_path, "latency", "--only=floor,robbie,queue,rospy", "--count=40")
     floor, robbie, rospy, queue = run["results"][0]["contenders"]
     for row in (floor, robbie, queue):
@@ -69,7 +72,7 @@ def test_latency_of_robbie_and_others_in_one_run(tmp_path, capsys):
     assert run["machine"]["cores"] > 0
 
 
-def test_ways_to_wake_a_process_are_measured_beside_one_another(tmp_path):
+def test_ways_to_wake_a_process_are_measured_beside_one_another(tmp_path: Path) -> None:
     floors = "floor,floor_futex,floor_eventfd,floor_fifo,floor_datagram"
     run = measure(tmp_path, "wake", f"--only={floors}", "--count=20")
     rows = run["results"][0]["contenders"]
@@ -78,7 +81,7 @@ def test_ways_to_wake_a_process_are_measured_beside_one_another(tmp_path):
     assert all((row["lost"], row["wanted"]) == ([0], [20]) for row in rows)
 
 
-def test_all_processes_run_where_the_work_says(tmp_path):
+def test_all_processes_run_where_the_work_says(tmp_path: Path) -> None:
     cpu = min(os.sched_getaffinity(0))
     RobbieContender().write_workspace(tmp_path, {"one": {}}, (cpu,))
     profile = yaml.safe_load((tmp_path / "profiles" / "bench.yaml").read_text())
@@ -86,7 +89,7 @@ def test_all_processes_run_where_the_work_says(tmp_path):
     assert profile["modules"]["one"]["scheduling"] == {"cpus": [cpu]}
 
 
-def test_arrays_copied_and_filled_in_place_reach_the_last_subscriber(tmp_path):
+def test_arrays_copied_and_filled_in_place_reach_the_last_subscriber(tmp_path: Path) -> None:
     run = measure(tmp_path, "fanout", "--only=robbie,queue", "--count=3", "--modules=2")
     rows = {row["name"]: row for row in run["results"][0]["contenders"]}
     assert set(rows) == {"robbie in place", "robbie", "queue"}
@@ -94,20 +97,20 @@ def test_arrays_copied_and_filled_in_place_reach_the_last_subscriber(tmp_path):
     assert rows["robbie"]["lost"] == rows["robbie in place"]["lost"] == [0]
 
 
-def test_throughput_loses_nothing_of_robbies(tmp_path):
+def test_throughput_loses_nothing_of_robbies(tmp_path: Path) -> None:
     run = measure(tmp_path, "throughput", "--only=robbie", "--count=3000")
     (row,) = run["results"][0]["contenders"]
     assert (row["sent"], row["lost"]) == ([3000], [0])
     assert row["received_per_s"][0] > 0
 
 
-def test_idle_modules_take_processor_time(tmp_path):
+def test_idle_modules_take_processor_time(tmp_path: Path) -> None:
     run = measure(tmp_path, "idle", "--only=robbie", "--modules=2", "--seconds=0.6")
     (row,) = run["results"][0]["contenders"]
     assert 0 < row["cpu_percent"][0] < 200
 
 
-def test_variant_changes_the_profile_that_is_measured(tmp_path):
+def test_variant_changes_the_profile_that_is_measured(tmp_path: Path) -> None:
     file = tmp_path / "few.yaml"
     file.write_text("core: {credits: 2}\nmodule: {queue: {messages: 5}}")
     usual, few = Options(variants=dict([read_variant(f"few={file}")])).robbies()
@@ -121,7 +124,7 @@ def test_variant_changes_the_profile_that_is_measured(tmp_path):
     assert "credits" in few.how and "credits" not in usual.how
 
 
-def test_cost_of_a_message_beside_idle_modules_and_watched_by_top():
+def test_cost_of_a_message_beside_idle_modules_and_watched_by_top() -> None:
     watched = RobbieContender(with_top=True)
     figures = measure_bus(watched, Bus("3 modules", pairs=1, idle=1, rate_hz=200.0), window_s=0.3)
     assert 0 < figures["core_us_per_message"] < figures["robot_us_per_message"]
@@ -129,7 +132,7 @@ def test_cost_of_a_message_beside_idle_modules_and_watched_by_top():
     assert figures["messages_per_s"] < 250
 
 
-def test_who_is_absent_or_broken_is_reported_and_the_others_are_measured():
+def test_who_is_absent_or_broken_is_reported_and_the_others_are_measured() -> None:
     series = [Series(PeerContender(one.title, one)) for one in (Missing(), Broken())]
     series.append(Series(peer("memcpy"), {"size_bytes": 4096}))
     missing, broken, memcpy = run_work(series, WORK, rounds=2)
@@ -138,14 +141,14 @@ def test_who_is_absent_or_broken_is_reported_and_the_others_are_measured():
     assert memcpy["lost"] == [0, 0]
 
 
-def test_each_round_begins_with_another_one():
+def test_each_round_begins_with_another_one() -> None:
     series = [Series(PeerContender(name, Broken())) for name in "abc"]
     order = []
     run_rounds(series, lambda one: order.append(one.contender.name), rounds=3)
     assert "".join(order) == "abcbcacab"
 
 
-def test_what_hangs_is_killed_with_its_children(tmp_path):
+def test_what_hangs_is_killed_with_its_children(tmp_path: Path) -> None:
     contender = PeerContender("hanging", Hanging())
     work = replace(WORK, folder=tmp_path)
     with pytest.raises(Trouble, match="did not end within"), contender.started(work) as processes:
@@ -157,7 +160,7 @@ def test_what_hangs_is_killed_with_its_children(tmp_path):
     assert not any(child.is_running() for child in [parent, *children])
 
 
-def test_only_shared_memory_that_nobody_has_is_removed():
+def test_only_shared_memory_that_nobody_has_is_removed() -> None:
     name = Path("/dev/shm/robbie-bench-test-of-names")
     name.write_bytes(bytes(4096))
     code = (
@@ -168,10 +171,10 @@ def test_only_shared_memory_that_nobody_has_is_removed():
         [sys.executable, "-c", code, str(name)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )
     with holder:
-        holder.stdout.readline()
+        present(holder.stdout).readline()
         assert mapped_names([holder.pid]) == {name}
         remove_unmapped([name])
         assert name.exists()
-        holder.stdin.close()
+        present(holder.stdin).close()
     remove_unmapped([name])
     assert not name.exists()

@@ -3,6 +3,9 @@
 import json
 import subprocess
 import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,7 +14,7 @@ from tools.bench.goals import goal_table
 from tools.bench.table import middle, ratio, table
 
 
-def row(name, p50_us, title="", **others):
+def row(name: str, p50_us: Sequence[float | None], title: str = "", **others: Any) -> dict[str, Any]:
     return {
         "name": name,
         "title": title or name,
@@ -28,8 +31,15 @@ def row(name, p50_us, title="", **others):
     }
 
 
-ABSENT = {"name": "lcm", "title": "LCM", "version": "", "how": "", "trouble": "not installed", "rounds": []}
-LATENCY = {
+ABSENT: dict[str, Any] = {
+    "name": "lcm",
+    "title": "LCM",
+    "version": "",
+    "how": "",
+    "trouble": "not installed",
+    "rounds": [],
+}
+LATENCY: dict[str, Any] = {
     "benchmark": "latency",
     "title": "64 bytes",
     "kind": "latency",
@@ -53,7 +63,7 @@ MACHINE = {
 RUN = {"machine": MACHINE, "command": "python -m tools.bench", "results": [LATENCY]}
 
 
-def test_ratios_are_taken_within_each_round():
+def test_ratios_are_taken_within_each_round() -> None:
     floor, robbie, *_ = LATENCY["contenders"]
     assert ratio(robbie, floor, "p50_us") == pytest.approx((50 / 40 + 96 / 80) / 2)
     assert ratio(robbie, ABSENT, "p50_us") is None
@@ -61,30 +71,30 @@ def test_ratios_are_taken_within_each_round():
     assert ratio(robbie, later, "p50_us") == 96 / 24
 
 
-def test_rounds_in_which_nothing_arrived_do_not_count():
+def test_rounds_in_which_nothing_arrived_do_not_count() -> None:
     assert middle([None, 3.0, 5.0]) == 4.0
     assert middle([None]) is None
 
 
-def test_table_has_who_is_absent_and_why():
+def test_table_has_who_is_absent_and_why() -> None:
     lines = table(LATENCY).splitlines()
     assert len({len(line) for line in lines}) == 1
     assert lines[2].split("|")[2].strip() == "60.0"
     assert "LCM: not installed" in lines[-1]
 
 
-def test_goals_compare_with_the_floor_and_the_best_peer():
+def test_goals_compare_with_the_floor_and_the_best_peer() -> None:
     text = goal_table([LATENCY])
     floor, peer = (line.split("|") for line in text.splitlines()[2:4])
     assert (floor[3].strip(), floor[5].strip()) == ("1.23", "yes")
     assert (peer[3].strip(), peer[4].strip(), peer[5].strip()) == ("0.97", "zeromq", "yes")
 
 
-def test_goals_that_were_not_measured_are_left_out():
+def test_goals_that_were_not_measured_are_left_out() -> None:
     assert "flat out" not in goal_table([LATENCY])
 
 
-def test_report_replaces_what_is_between_the_marks(tmp_path, monkeypatch):
+def test_report_replaces_what_is_between_the_marks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = []
     monkeypatch.setattr(report, "draw", lambda results, file: drawn.append(file))
     page = tmp_path / "benchmarks.md"
@@ -99,14 +109,14 @@ def test_report_replaces_what_is_between_the_marks(tmp_path, monkeypatch):
     assert drawn[0] == tmp_path / "images" / "benchmarks.png"
 
 
-def test_page_without_marks_is_left_as_it_is(tmp_path):
+def test_page_without_marks_is_left_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "benchmarks.md").write_text("nothing")
     with pytest.raises(report.NoPlaceForResults):
         report.write_report(RUN, tmp_path)
     assert (tmp_path / "benchmarks.md").read_text() == "nothing"
 
 
-def test_page_and_picture_are_written_from_results_that_were_kept(tmp_path):
+def test_page_and_picture_are_written_from_results_that_were_kept(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     rates = {
         "benchmark": "throughput",

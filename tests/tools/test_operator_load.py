@@ -13,8 +13,8 @@ LIMIT_S = 60.0
 
 
 def test_pages_are_counted_by_what_they_show() -> None:
-    before = [{"view": 10, "map": 0, "frames": 7}, {"view": 0, "map": 5, "frames": 0}]
-    now = [{"view": 40, "map": 0, "frames": 27}, {"view": 0, "map": 25, "frames": 0}]
+    before: list[dict[str, float]] = [{"view": 10, "map": 0, "frames": 7}, {"view": 0, "map": 5, "frames": 0}]
+    now: list[dict[str, float]] = [{"view": 40, "map": 0, "frames": 27}, {"view": 0, "map": 25, "frames": 0}]
     assert drawn(("view", "map"), before, now, 2.0) == [
         {"tab": "view", "view": 15.0, "frames": 10.0},
         {"tab": "map", "map": 10.0},

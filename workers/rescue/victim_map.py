@@ -1,7 +1,7 @@
 """What is known of victims: where they are, fused over all views, and what the operator said of them."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
@@ -146,7 +146,7 @@ class VictimMap:
         """Return all of it as plain data."""
         return [{**vars(victim), "state": int(victim.state)} for victim in self.victims.values()]
 
-    def restore(self, state: list[Mapping[str, Any]]) -> None:
+    def restore(self, state: Sequence[Mapping[str, Any]]) -> None:
         """Take over what `state` returned."""
         for entry in state:
             victim = Victim(**{**entry, "state": VictimState(entry["state"])})

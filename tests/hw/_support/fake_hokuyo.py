@@ -45,7 +45,7 @@ class FakeHokuyo:
     The greeting comes before the first answer, like the rest of a stream.
     """
 
-    def __init__(self, parameters: dict[str, str] = PARAMETERS, greeting: str = ""):
+    def __init__(self, parameters: dict[str, str] = PARAMETERS, greeting: str = "") -> None:
         self.parameters = parameters
         self.to_send: list[str] = []
         self.heard: list[str] = []

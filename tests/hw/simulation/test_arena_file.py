@@ -8,6 +8,7 @@ import pytest
 from scipy import ndimage
 
 from hw.pose import Pose
+from hw.simulation.arena import Arena
 from hw.simulation.arena_contents import HazardSign, SignKind, Victim, VictimKind, WallSpot
 from hw.simulation.arena_file import ArenaError, read_arena
 from tests._support.places import ARENAS
@@ -24,13 +25,13 @@ drawing: |
 """
 
 
-def arena(tmp_path: Path, text: str):
+def arena(tmp_path: Path, text: str) -> Arena:
     path = tmp_path / "room.yaml"
     path.write_text(text)
     return read_arena(path)
 
 
-def test_drawing_becomes_walls_obstacles_and_a_start(tmp_path):
+def test_drawing_becomes_walls_obstacles_and_a_start(tmp_path: Path) -> None:
     room = arena(tmp_path, ROOM)
     assert (room.width_m, room.height_m) == (3.0, 2.0)
     assert room.start == Pose(0.75, 0.75, 0.0)
@@ -40,7 +41,7 @@ def test_drawing_becomes_walls_obstacles_and_a_start(tmp_path):
     assert {0.0, 0.5, 1.5, 2.0} == set(room.segments[:, 1]) | set(room.segments[:, 3])
 
 
-def test_shapes_in_metres_join_the_drawing(tmp_path):
+def test_shapes_in_metres_join_the_drawing(tmp_path: Path) -> None:
     shapes = "segments: [[1.0, 0.5, 1.0, 1.0]]\nboxes: [[2.0, 0.6, 2.2, 0.9]]\ncircles: [[1.5, 0.8, 0.1]]\n"
     room = arena(tmp_path, ROOM + shapes + "start_heading_rad: 1.5\n")
     assert len(room.segments) == 8 + 1 + 4
@@ -48,12 +49,12 @@ def test_shapes_in_metres_join_the_drawing(tmp_path):
     assert room.start.heading_rad == 1.5
 
 
-def test_space_and_dot_are_both_free(tmp_path):
+def test_space_and_dot_are_both_free(tmp_path: Path) -> None:
     spaced = arena(tmp_path, ROOM.replace("R...", "R  ."))
     np.testing.assert_array_equal(spaced.segments, arena(tmp_path, ROOM).segments)
 
 
-def test_every_room_of_the_demo_arena_has_a_doorway_of_90_cm():
+def test_every_room_of_the_demo_arena_has_a_doorway_of_90_cm() -> None:
     demo = read_arena(DEMO)
     y, x = np.mgrid[0 : demo.height_m : 0.05, 0 : demo.width_m : 0.05]
     passable, _ = ndimage.label(demo.clearance_m(np.stack([x, y], axis=-1)) > 0.45)
@@ -63,7 +64,7 @@ def test_every_room_of_the_demo_arena_has_a_doorway_of_90_cm():
     assert set(at.values()) == {passable[round(demo.start.y_m / 0.05), round(demo.start.x_m / 0.05)]} != {0}
 
 
-def test_victims_signs_and_obstacles_that_come_are_read(tmp_path):
+def test_victims_signs_and_obstacles_that_come_are_read(tmp_path: Path) -> None:
     room = arena(
         tmp_path,
         ROOM
@@ -134,7 +135,7 @@ VICTIM = "victims:\n  - {tag: 7, x_m: 0.5, y_m: 0.75, facing_rad: 0.0}\n"
         ("", 1, "an arena is a map"),
     ],
 )
-def test_error_names_file_and_line(tmp_path, text, line, what):
+def test_error_names_file_and_line(tmp_path: Path, text: str, line: int, what: str) -> None:
     with pytest.raises(ArenaError) as caught:
         arena(tmp_path, text)
     message = str(caught.value)

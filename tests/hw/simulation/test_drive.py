@@ -23,7 +23,7 @@ HALL = Arena(WALLS, np.empty((0, 3)), Pose(10.0, 10.0, 0.0), 20.0, 20.0)
 class Clock:
     """Time that the test sets."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.now_s = 100.0
 
     def __call__(self) -> float:
@@ -35,7 +35,7 @@ def clock() -> Clock:
     return Clock()
 
 
-def drive_for(drive, clock, seconds, linear, angular):
+def drive_for(drive: SimulatedDrive, clock: Clock, seconds: float, linear: float, angular: float) -> None:
     """Command at 10 Hz."""
     for _ in range(round(seconds * 10)):
         drive.command(linear, angular, 0.3)
@@ -43,14 +43,14 @@ def drive_for(drive, clock, seconds, linear, angular):
         drive.read()
 
 
-def test_drive_stands_until_commanded(clock):
+def test_drive_stands_until_commanded(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock)
     clock.now_s += 10.0
     assert drive.ground_truth().pose == HALL.start
     assert drive.read().stamp_s == pytest.approx(clock.now_s)
 
 
-def test_drive_goes_as_far_as_speed_and_acceleration_say(clock):
+def test_drive_goes_as_far_as_speed_and_acceleration_say(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock)
     drive_for(drive, clock, 4.0, 0.5, 0.0)
     # 0.5 s to speed up at 1 m/s2, so half of 0.25 m is missing.
@@ -58,7 +58,7 @@ def test_drive_goes_as_far_as_speed_and_acceleration_say(clock):
     assert drive.ground_truth().linear_m_per_s == pytest.approx(0.5)
 
 
-def test_drive_stops_when_commands_stop_coming(clock):
+def test_drive_stops_when_commands_stop_coming(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock)
     drive_for(drive, clock, 2.0, 0.5, 0.3)
     begin = drive.ground_truth().pose
@@ -70,7 +70,7 @@ def test_drive_stops_when_commands_stop_coming(clock):
     assert math.dist(begin[:2], drive.ground_truth().pose[:2]) == pytest.approx(way_m, abs=0.01)
 
 
-def test_drive_does_not_depend_on_how_often_it_is_read(clock):
+def test_drive_does_not_depend_on_how_often_it_is_read(clock: Clock) -> None:
     often, seldom = Clock(), Clock()
     drives = [SimulatedDrive(HALL, often, seed=3), SimulatedDrive(HALL, seldom, seed=3)]
     for drive in drives:
@@ -82,7 +82,7 @@ def test_drive_does_not_depend_on_how_often_it_is_read(clock):
     assert drives[0].read().pose == pytest.approx(drives[1].read().pose, abs=0.01)
 
 
-def test_command_of_standing_does_not_expire(clock):
+def test_command_of_standing_does_not_expire(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock)
     drive.command(0.0, 0.0, 0.1)
     clock.now_s += 1.0
@@ -90,7 +90,7 @@ def test_command_of_standing_does_not_expire(clock):
     assert drive.expired_commands == 0
 
 
-def test_stop_brakes_to_a_halt(clock):
+def test_stop_brakes_to_a_halt(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock)
     drive_for(drive, clock, 2.0, 0.5, 0.0)
     drive.stop()
@@ -101,7 +101,7 @@ def test_stop_brakes_to_a_halt(clock):
     assert drive.expired_commands == 0
 
 
-def test_speeds_are_limited_and_keep_their_curve(clock):
+def test_speeds_are_limited_and_keep_their_curve(clock: Clock) -> None:
     body = DifferentialDrive()
     drive = SimulatedDrive(HALL, clock, body=body)
     drive_for(drive, clock, 3.0, 50.0, 50.0)
@@ -122,7 +122,9 @@ def test_speeds_are_limited_and_keep_their_curve(clock):
         ((0.1, 0.0, -1.0), "valid_for_s"),
     ],
 )
-def test_command_that_makes_no_sense_is_refused_and_changes_nothing(clock, command, named):
+def test_command_that_makes_no_sense_is_refused_and_changes_nothing(
+    clock: Clock, command: tuple[float, float, float], named: str
+) -> None:
     drive = SimulatedDrive(HALL, clock)
     with pytest.raises(DriveCommandError, match=named):
         drive.command(*command)
@@ -130,7 +132,7 @@ def test_command_that_makes_no_sense_is_refused_and_changes_nothing(clock, comma
     assert drive.ground_truth().pose == HALL.start
 
 
-def test_wall_stops_the_robot_and_is_counted_once(clock):
+def test_wall_stops_the_robot_and_is_counted_once(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock, resumed=WorldState(Pose(19.0, 10.0, 0.0)))
     drive_for(drive, clock, 5.0, 0.5, 0.0)
     assert drive.collisions == 1
@@ -138,7 +140,7 @@ def test_wall_stops_the_robot_and_is_counted_once(clock):
     assert drive.read().linear_m_per_s == 0.0
 
 
-def test_robot_can_leave_a_wall_and_touch_it_again(clock):
+def test_robot_can_leave_a_wall_and_touch_it_again(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock, resumed=WorldState(Pose(19.5, 10.0, 0.0)))
     drive_for(drive, clock, 2.0, 0.5, 0.0)
     drive_for(drive, clock, 1.0, -0.5, 0.0)
@@ -147,20 +149,20 @@ def test_robot_can_leave_a_wall_and_touch_it_again(clock):
     assert drive.collisions == 2
 
 
-def test_robot_can_turn_on_the_spot_at_a_wall(clock):
+def test_robot_can_turn_on_the_spot_at_a_wall(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock, resumed=WorldState(Pose(19.79, 10.0, 0.0)))
     drive_for(drive, clock, 2.0, 0.0, 1.0)
     assert drive.collisions == 0
     assert drive.ground_truth().pose.heading_rad > 1.5
 
 
-def test_exact_wheels_tell_the_truth(clock):
+def test_exact_wheels_tell_the_truth(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock, errors=EXACT)
     drive_for(drive, clock, 20.0, 0.4, 0.3)
     assert HALL.start.plus(drive.read().pose) == pytest.approx(drive.ground_truth().pose, abs=0.005)
 
 
-def test_odometry_drifts_by_decimetres_and_degrees_in_a_minute(clock):
+def test_odometry_drifts_by_decimetres_and_degrees_in_a_minute(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock)
     drive_for(drive, clock, 60.0, 0.4, 0.2)
     told, true = HALL.start.plus(drive.read().pose), drive.ground_truth().pose
@@ -168,8 +170,8 @@ def test_odometry_drifts_by_decimetres_and_degrees_in_a_minute(clock):
     assert 3 < math.degrees(abs(math.remainder(told.heading_rad - true.heading_rad, math.tau))) < 45
 
 
-def test_same_seed_drifts_the_same_and_another_does_not():
-    def odometry(seed):
+def test_same_seed_drifts_the_same_and_another_does_not() -> None:
+    def odometry(seed: int) -> Pose:
         clock = Clock()
         drive = SimulatedDrive(HALL, clock, seed)
         drive_for(drive, clock, 5.0, 0.4, 0.2)
@@ -179,7 +181,7 @@ def test_same_seed_drifts_the_same_and_another_does_not():
     assert odometry(7) != odometry(8)
 
 
-def test_replaced_drive_goes_on_where_the_last_one_was(clock):
+def test_replaced_drive_goes_on_where_the_last_one_was(clock: Clock) -> None:
     first = SimulatedDrive(HALL, clock)
     drive_for(first, clock, 3.0, 0.4, 0.2)
     world = first.world_state()
@@ -189,7 +191,7 @@ def test_replaced_drive_goes_on_where_the_last_one_was(clock):
     assert second.read().linear_m_per_s == 0.0
 
 
-def test_emergency_stop_brakes_harder_and_latches_until_released(clock):
+def test_emergency_stop_brakes_harder_and_latches_until_released(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock)
     drive_for(drive, clock, 2.0, 0.6, 0.0)
     begin = drive.ground_truth().pose
@@ -205,7 +207,7 @@ def test_emergency_stop_brakes_harder_and_latches_until_released(clock):
     assert drive.read().linear_m_per_s == pytest.approx(0.6)
 
 
-def test_emergency_stop_outlives_the_process_that_simulates(clock):
+def test_emergency_stop_outlives_the_process_that_simulates(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock)
     drive.stop_for_emergency()
     drive = SimulatedDrive(HALL, clock, resumed=drive.world_state())
@@ -213,24 +215,24 @@ def test_emergency_stop_outlives_the_process_that_simulates(clock):
     assert drive.ground_truth().pose == HALL.start
 
 
-def test_obstacle_comes_stops_the_robot_and_goes(clock):
+def test_obstacle_comes_stops_the_robot_and_goes(clock: Clock) -> None:
     wall = AppearingObstacle((12.0, 9.0, 12.2, 11.0), from_s=1.0, until_s=9.0)
     drive = SimulatedDrive(replace(HALL, appearing=(wall,)), clock)
     drive_for(drive, clock, 6.0, 0.6, 0.0)
     assert drive.ground_truth().pose.x_m == pytest.approx(11.8, abs=0.01)
     assert (drive.obstacles, drive.collisions) == ((0,), 1)
     drive = SimulatedDrive(replace(HALL, appearing=(wall,)), clock, resumed=drive.world_state())
-    assert drive.obstacles == (0,)
+    before = drive.obstacles
     drive_for(drive, clock, 4.0, 0.6, 0.0)
-    assert drive.obstacles == ()
+    assert (before, drive.obstacles) == ((0,), ())
     assert drive.ground_truth().pose.x_m > 12.0
 
 
-def test_obstacle_does_not_come_where_the_robot_stands(clock):
+def test_obstacle_does_not_come_where_the_robot_stands(clock: Clock) -> None:
     person = AppearingObstacle((10.1, 10.0, 0.25), from_s=0.5)
     drive = SimulatedDrive(replace(HALL, appearing=(person,)), clock)
     clock.now_s += 2.0
     drive.read()
-    assert drive.obstacles == ()
+    before = drive.obstacles
     drive_for(drive, clock, 5.0, -0.6, 0.0)
-    assert (drive.obstacles, drive.collisions) == ((0,), 0)
+    assert (before, drive.obstacles, drive.collisions) == ((), (0,), 0)

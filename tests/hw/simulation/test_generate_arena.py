@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hw.simulation.arena import Arena
+from hw.simulation.arena_contents import WallSpot
 from hw.simulation.arena_file import read_arena
 from hw.simulation.arena_generator import ArenaWishes, CannotBeArranged
 from hw.simulation.generate_arena import generate_arena, main
@@ -21,6 +22,10 @@ def arena(tmp_path: Path, text: str) -> Arena:
     return read_arena(tmp_path / "made.yaml")
 
 
+def spots_of(there: Arena) -> list[WallSpot]:
+    return [*(victim.spot for victim in there.victims), *(sign.spot for sign in there.signs)]
+
+
 def check_reachable(there: Arena, cell_m: float = 0.05) -> None:
     """A robot that keeps 0.3 m from everything gets wherever there is room for it, and to every victim."""
     area = reachable_area(there, body_radius_m=0.3, resolution_m=cell_m)
@@ -28,21 +33,20 @@ def check_reachable(there: Arena, cell_m: float = 0.05) -> None:
     grid = np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), -1) * cell_m
     roomy = area.free & (there.clearance_m(grid) >= 0.3)
     assert area.drivable.sum() >= 0.99 * roomy.sum()
-    for thing in (*there.victims, *there.signs):
-        spot = thing.spot
+    for spot in spots_of(there):
         x, y = spot.x_m + 0.8 * math.cos(spot.facing_rad), spot.y_m + 0.8 * math.sin(spot.facing_rad)
         row, column = int(y / cell_m), int(x / cell_m)
-        assert area.drivable[row - 1 : row + 2, column - 1 : column + 2].any(), thing
+        assert area.drivable[row - 1 : row + 2, column - 1 : column + 2].any(), spot
         # Nothing is between: a ray from there ends at the spot.
         assert there.ranges_m(x, y, np.array([spot.facing_rad + math.pi]))[0] == pytest.approx(0.8, abs=0.01)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_random_arena_has_what_was_wished_and_all_can_be_reached(seed, tmp_path):
+def test_random_arena_has_what_was_wished_and_all_can_be_reached(seed: int, tmp_path: Path) -> None:
     made = arena(tmp_path, generate_arena(seed, FULL))
     assert (made.width_m, made.height_m) == (10.0, 8.0)
     assert (len(made.victims), len(made.signs), len(made.appearing)) == (6, 3, 2)
-    spots = np.array([(thing.spot.x_m, thing.spot.y_m) for thing in (*made.victims, *made.signs)])
+    spots = np.array([(spot.x_m, spot.y_m) for spot in spots_of(made)])
     apart = np.hypot(*(spots[:, None] - spots[None]).transpose(2, 0, 1)) + 9 * np.eye(len(spots))
     assert apart.min() > 1.0
     assert made.clearance_m(np.array(made.start[:2])) > 0.35
@@ -51,17 +55,17 @@ def test_random_arena_has_what_was_wished_and_all_can_be_reached(seed, tmp_path)
 
 
 @pytest.mark.parametrize("name", ["rescue_maze", "office", "hall"])
-def test_everything_in_the_stock_arenas_can_be_reached(name):
+def test_everything_in_the_stock_arenas_can_be_reached(name: str) -> None:
     there = read_arena(ARENAS / f"{name}.yaml")
     assert len(there.victims) >= 5 and len(there.signs) >= 2
     check_reachable(there, 0.1)
 
 
-def test_same_seed_makes_the_same_arena_and_another_does_not():
+def test_same_seed_makes_the_same_arena_and_another_does_not() -> None:
     assert generate_arena(3) == generate_arena(3) != generate_arena(4)
 
 
-def test_reachable_area_of_a_room_is_that_of_geometry(tmp_path):
+def test_reachable_area_of_a_room_is_that_of_geometry(tmp_path: Path) -> None:
     room = arena(tmp_path, "cell_m: 1\ndrawing: |\n  ######\n  #R..##\n  ######\n")
     area = reachable_area(room, body_radius_m=0.2)
     assert area.free_m2 == pytest.approx(3.0, abs=0.01)
@@ -72,12 +76,12 @@ def test_reachable_area_of_a_room_is_that_of_geometry(tmp_path):
 @pytest.mark.parametrize(
     "wishes", [ArenaWishes(width_m=1.0), ArenaWishes(victims=51), ArenaWishes(3.0, 3.0, victims=30)]
 )
-def test_wish_that_cannot_be_met_is_refused(wishes):
+def test_wish_that_cannot_be_met_is_refused(wishes: ArenaWishes) -> None:
     with pytest.raises(CannotBeArranged):
         generate_arena(0, wishes)
 
 
-def test_command_writes_the_arena_or_says_what_is_wrong(capsys):
+def test_command_writes_the_arena_or_says_what_is_wrong(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--seed", "3", "--victims", "2", "--width_m", "9"]) == 0
     assert capsys.readouterr().out == generate_arena(3, ArenaWishes(width_m=9.0, victims=2))
     with pytest.raises(SystemExit, match="2"):

@@ -22,49 +22,49 @@ def exact(geometry: LaserGeometry | None = None) -> SimulatedLaser:
     return SimulatedLaser(ROOM, geometry, noise_m=0.0, missing=0.0)
 
 
-def test_laser_that_was_not_placed_says_so():
+def test_laser_that_was_not_placed_says_so() -> None:
     with pytest.raises(LaserNotPlaced, match="place"):
         SimulatedLaser(ROOM).scan()
 
 
-def test_sweep_bears_the_stamp_of_its_pose():
+def test_sweep_bears_the_stamp_of_its_pose() -> None:
     laser = exact()
     laser.place(MIDDLE, 12.5)
     assert laser.scan().stamp_s == 12.5
 
 
-def test_beams_go_where_the_geometry_says():
+def test_beams_go_where_the_geometry_says() -> None:
     laser = exact(LaserGeometry(angle_min_rad=-np.pi / 2, angle_increment_rad=np.pi / 2, beams=3))
     np.testing.assert_allclose(sweep(laser, Pose(1.0, 1.5, 0.0)), [1.5, 3.0, 2.5])
     np.testing.assert_allclose(sweep(laser, Pose(1.0, 1.5, np.pi / 2)), [3.0, 2.5, 1.0], rtol=1e-6)
     assert laser.geometry.angle_max_rad == pytest.approx(np.pi / 2)
 
 
-def test_mounted_laser_measures_from_its_mount():
+def test_mounted_laser_measures_from_its_mount() -> None:
     ahead = LaserGeometry(angle_min_rad=0.0, beams=1, mount=Pose(0.2, 0.1, np.pi / 2))
     # Robot looks along y: the laser is 0.2 m up, 0.1 m left, and looks left.
     np.testing.assert_allclose(sweep(exact(ahead), Pose(2.0, 2.0, np.pi / 2)), [1.9], rtol=1e-6)
 
 
-def test_too_far_is_plus_infinite_and_too_near_is_minus_infinite():
+def test_too_far_is_plus_infinite_and_too_near_is_minus_infinite() -> None:
     geometry = LaserGeometry(0.0, np.pi, 2, range_min_m=0.5, range_max_m=3.0)
     assert sweep(exact(geometry), Pose(0.3, 2.0, 0.0)).tolist() == [np.inf, -np.inf]
 
 
-def test_noise_has_its_standard_deviation_and_no_bias():
+def test_noise_has_its_standard_deviation_and_no_bias() -> None:
     laser = SimulatedLaser(ROOM, LaserGeometry(0.0, 0.0, 360), noise_m=0.02, missing=0.0)
     ranges = np.concatenate([sweep(laser) for _ in range(50)])
     assert ranges.mean() == pytest.approx(2.0, abs=0.001)
     assert ranges.std() == pytest.approx(0.02, rel=0.05)
 
 
-def test_some_beams_do_not_come_back():
+def test_some_beams_do_not_come_back() -> None:
     laser = SimulatedLaser(ROOM, missing=0.05)
     lost = np.mean([np.isposinf(sweep(laser)) for _ in range(30)])
     assert lost == pytest.approx(0.05, abs=0.01)
 
 
-def test_same_seed_gives_the_same_sweeps_and_another_does_not():
+def test_same_seed_gives_the_same_sweeps_and_another_does_not() -> None:
     first, second, other = (SimulatedLaser(ROOM, seed=seed) for seed in (4, 4, 5))
     for _ in range(3):
         ranges = sweep(first)
@@ -72,6 +72,7 @@ def test_same_seed_gives_the_same_sweeps_and_another_does_not():
         assert not np.array_equal(ranges, sweep(other))
 
 
-def test_ranges_are_float32_one_per_beam():
+def test_ranges_are_float32_one_per_beam() -> None:
     ranges = sweep(SimulatedLaser(ROOM))
-    assert (ranges.dtype, ranges.shape) == (np.float32, (360,))
+    assert ranges.dtype == np.float32
+    assert ranges.shape == (360,)

@@ -20,7 +20,7 @@ def clock() -> Clock:
     return Clock()
 
 
-def test_joints_move_at_their_rate_and_stop_at_the_target(clock):
+def test_joints_move_at_their_rate_and_stop_at_the_target(clock: Clock) -> None:
     unit = SimulatedPanTilt(clock, PanTiltLimits(rate_rad_per_s=0.5))
     unit.look(1.0, -0.2)
     clock.now_s += 0.3
@@ -34,7 +34,7 @@ def test_joints_move_at_their_rate_and_stop_at_the_target(clock):
     assert (state.pan_rad, state.pan_rad_per_s, state.tilt_rad_per_s) == (1.0, 0.0, 0.0)
 
 
-def test_new_target_begins_where_the_unit_is(clock):
+def test_new_target_begins_where_the_unit_is(clock: Clock) -> None:
     unit = SimulatedPanTilt(clock, PanTiltLimits(rate_rad_per_s=1.0))
     unit.look(1.0, 0.0)
     clock.now_s += 0.6
@@ -44,7 +44,7 @@ def test_new_target_begins_where_the_unit_is(clock):
     assert unit.read().pan_rad == pytest.approx(0.4)
 
 
-def test_target_beyond_the_limits_is_the_nearest_within(clock):
+def test_target_beyond_the_limits_is_the_nearest_within(clock: Clock) -> None:
     limits = PanTiltLimits(pan_rad=2.0, tilt_up_rad=0.5, tilt_down_rad=0.7)
     unit = SimulatedPanTilt(clock, limits)
     unit.look(-9.0, 9.0)
@@ -56,7 +56,9 @@ def test_target_beyond_the_limits_is_the_nearest_within(clock):
 
 
 @pytest.mark.parametrize("direction", [(math.nan, 0.0), (0.0, math.inf)])
-def test_direction_that_makes_no_sense_is_refused_and_changes_nothing(clock, direction):
+def test_direction_that_makes_no_sense_is_refused_and_changes_nothing(
+    clock: Clock, direction: tuple[float, float]
+) -> None:
     unit = SimulatedPanTilt(clock)
     unit.look(1.0, 0.0)
     with pytest.raises(PanTiltError, match="finite"):
@@ -65,5 +67,5 @@ def test_direction_that_makes_no_sense_is_refused_and_changes_nothing(clock, dir
     assert unit.read().pan_rad == 1.0
 
 
-def test_unit_in_a_new_process_looks_where_the_last_one_did(clock):
+def test_unit_in_a_new_process_looks_where_the_last_one_did(clock: Clock) -> None:
     assert SimulatedPanTilt(clock, direction=(0.3, 0.1)).read().pan_rad == 0.3

@@ -33,4 +33,5 @@ def test_sweep_is_published_and_the_laser_switched_off_at_the_end(device: FakeHo
     np.testing.assert_allclose(scan.ranges, np.array(ranges) / 1000, rtol=1e-6)
     assert scan.angle_min == pytest.approx((44 - 384) * 2 * math.pi / 1024)
     assert scan.angle_max == pytest.approx((725 - 384) * 2 * math.pi / 1024)
-    assert (scan.scan_time, scan.header.frame_id) == (pytest.approx(0.1), "laser")
+    assert scan.scan_time == pytest.approx(0.1)
+    assert scan.header.frame_id == "laser"

@@ -19,7 +19,7 @@ from modules.devices.camera import SimulatedCameraModule, SimulatedThermalCamera
 from modules.devices.imu import SimulatedImuModule
 from modules.devices.laser import SimulatedLaserRangeFinder
 from modules.devices.pan_tilt import SimulatedPanTiltModule
-from robbie_mp import Duration, Header, ModuleHarness, SettingError, Time
+from robbie_mp import Duration, Header, Module, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
     BatteryState,
     Bumper,
@@ -77,7 +77,9 @@ def tell(base: ModuleHarness[SimulatedBase], *devices: ModuleHarness[Any]) -> Od
     return next(m for m, _ in reversed(told) if isinstance(m, Odometry))
 
 
-def test_imu_has_a_sample_for_each_pose_and_its_turns_add_up(base, settings):
+def test_imu_has_a_sample_for_each_pose_and_its_turns_add_up(
+    base: ModuleHarness[SimulatedBase], settings: dict[str, object]
+) -> None:
     with ModuleHarness(SimulatedImuModule, settings) as imu:
         drive(base, 2.0, 0.2, 0.5)
         truth = tell(base, imu)
@@ -90,7 +92,9 @@ def test_imu_has_a_sample_for_each_pose_and_its_turns_add_up(base, settings):
     assert samples[-1].orientation_covariance[0] == -1.0
 
 
-def test_battery_is_drained_and_a_restarted_one_holds_what_it_held(base, settings):
+def test_battery_is_drained_and_a_restarted_one_holds_what_it_held(
+    base: ModuleHarness[SimulatedBase], settings: dict[str, object]
+) -> None:
     settings |= {"capacity_ah": 0.02}
     with ModuleHarness(SimulatedBatteryModule, settings) as battery:
         battery.advance(0.0)
@@ -110,13 +114,15 @@ def test_battery_is_drained_and_a_restarted_one_holds_what_it_held(base, setting
         assert again.take(BatteryState)[-1].percentage < state.percentage
 
 
-def test_base_stands_when_the_battery_is_empty(base):
+def test_base_stands_when_the_battery_is_empty(base: ModuleHarness[SimulatedBase]) -> None:
     base.send(BatteryState(percentage=0.0), topic="battery")
     drive(base, 1.0, 0.3)
     assert tell(base).pose.pose.position.x == 0.0
 
 
-def test_emergency_stop_is_confirmed_and_kept_before_anything_else_happens(base, settings):
+def test_emergency_stop_is_confirmed_and_kept_before_anything_else_happens(
+    base: ModuleHarness[SimulatedBase], settings: dict[str, object]
+) -> None:
     base.take(EmergencyStop)
     base.send(EmergencyStop(engaged=True), topic="emergency_stop")
     assert base.take(EmergencyStop, "emergency_stop_state")[-1].engaged
@@ -124,7 +130,9 @@ def test_emergency_stop_is_confirmed_and_kept_before_anything_else_happens(base,
         assert again.module.drive.is_emergency_stopped
 
 
-def test_emergency_stop_latches_is_told_and_outlives_the_base(base, settings):
+def test_emergency_stop_latches_is_told_and_outlives_the_base(
+    base: ModuleHarness[SimulatedBase], settings: dict[str, object]
+) -> None:
     base.send(EmergencyStop(engaged=True, reason="somebody pressed the button"), topic="emergency_stop")
     drive(base, 1.0, 0.3)
     state = base.take(EmergencyStop, "emergency_stop_state")[-1]
@@ -140,7 +148,9 @@ def test_emergency_stop_latches_is_told_and_outlives_the_base(base, settings):
         assert tell(again).pose.pose.position.x > 0.2
 
 
-def test_box_that_comes_stops_the_robot_and_laser_bumper_and_camera_notice(base, settings):
+def test_box_that_comes_stops_the_robot_and_laser_bumper_and_camera_notice(
+    base: ModuleHarness[SimulatedBase], settings: dict[str, object]
+) -> None:
     with (
         ModuleHarness(SimulatedLaserRangeFinder, settings | {"noise_m": 0.0}) as laser,
         ModuleHarness(SimulatedBumperModule, settings) as bumper,
@@ -171,13 +181,15 @@ def test_box_that_comes_stops_the_robot_and_laser_bumper_and_camera_notice(base,
 @pytest.mark.parametrize(
     "module", [SimulatedBase, SimulatedLaserRangeFinder, SimulatedCameraModule, SimulatedBatteryModule]
 )
-def test_mistake_in_the_arena_is_found_before_anything_starts(module, tmp_path):
+def test_mistake_in_the_arena_is_found_before_anything_starts(module: type[Module], tmp_path: Path) -> None:
     (tmp_path / "broken.yaml").write_text(ARENA.replace("tag: 5", "tag: 99"))
     with pytest.raises(SettingError, match=r"broken\.yaml:6: tag must be"):
         ModuleHarness(module, {"arena": tmp_path / "broken.yaml"})
 
 
-def test_base_tells_of_obstacles_only_where_there_are_any(base, tmp_path):
+def test_base_tells_of_obstacles_only_where_there_are_any(
+    base: ModuleHarness[SimulatedBase], tmp_path: Path
+) -> None:
     base.advance(0.1)
     assert base.take(SimulatedWorld, "ground_truth")
     (tmp_path / "plain.yaml").write_text(ARENA[: ARENA.index("appearing")])
@@ -186,7 +198,9 @@ def test_base_tells_of_obstacles_only_where_there_are_any(base, tmp_path):
         assert not plain.take(SimulatedWorld)
 
 
-def test_cameras_follow_the_pan_tilt_unit_and_tell_their_projection(base, settings):
+def test_cameras_follow_the_pan_tilt_unit_and_tell_their_projection(
+    base: ModuleHarness[SimulatedBase], settings: dict[str, object]
+) -> None:
     with (
         ModuleHarness(SimulatedCameraModule, settings) as camera,
         ModuleHarness(SimulatedThermalCameraModule, settings) as thermal,
@@ -227,30 +241,40 @@ def test_cameras_follow_the_pan_tilt_unit_and_tell_their_projection(base, settin
     ],
     ids=["between", "turning on", "long ago", "at rest"],
 )
-def test_image_is_taken_in_the_direction_of_its_stamp(base, settings, told, pan):
+def test_image_is_taken_in_the_direction_of_its_stamp(
+    base: ModuleHarness[SimulatedBase],
+    settings: dict[str, object],
+    told: list[tuple[float, float, float]],
+    pan: float,
+) -> None:
     base.advance(0.1)
     with ModuleHarness(SimulatedCameraModule, settings | {"noise": 0.0}) as camera:
         truth = tell(base, camera)
         for after_s, position, rate in told:
             stamp = Time.from_nanoseconds(truth.header.stamp.nanoseconds + round(after_s * 1e9))
-            at = {"position": [0.0, position], "velocity": [0.0, rate]}
-            camera.send(JointState(header=Header(stamp=stamp), name=["tilt", "pan"], **at), topic="pan_tilt")
-        for name, position in [
+            joints = JointState(
+                header=Header(stamp=stamp),
+                name=["tilt", "pan"],
+                position=np.array([0.0, position]),
+                velocity=np.array([0.0, rate]),
+            )
+            camera.send(joints, topic="pan_tilt")
+        for name, angles in [
             (["wheel"], [1.0]),
             (["pan", "tilt"], [math.nan, 0.0]),
             (["pan", "tilt"], [1.0]),
         ]:
-            camera.send(JointState(name=name, position=position), topic="pan_tilt")
+            camera.send(JointState(name=name, position=np.array(angles)), topic="pan_tilt")
         camera.advance(0.0)
         (image,) = camera.take(Image, "camera")
-    there = SimulatedCamera(read_arena(settings["arena"]), CameraGeometry(320, 240, 1.047), noise=0.0)
+    there = SimulatedCamera(read_arena(str(settings["arena"])), CameraGeometry(320, 240, 1.047), noise=0.0)
     there.look(pan, 0.0)
     there.place(Pose(0.75, 0.75, 0.0), 0.0)
     difference = np.abs(there.capture().pixels.ravel().astype(int) - image.data)
     assert (difference > 0).mean() < 0.01
 
 
-def test_restarted_pan_tilt_unit_looks_where_it_looked():
+def test_restarted_pan_tilt_unit_looks_where_it_looked() -> None:
     with ModuleHarness(SimulatedPanTiltModule) as unit:
         unit.send(PanTiltCommand(pan_rad=0.5, tilt_rad=math.nan))
         unit.send(PanTiltCommand(pan_rad=0.5, tilt_rad=-0.1))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,7 +67,7 @@ class Watching:
         )
         self.tell_places("tf_static", ("camera", "camera_optical", (0.0, 0.0, 0.0), OPTICAL))
 
-    def tell_places(self, topic: str, *places: tuple) -> None:
+    def tell_places(self, topic: str, *places: tuple[Any, ...]) -> None:
         now = Time.from_nanoseconds(self.harness.clock.now_ns())
         transforms = [
             TransformStamped(
@@ -177,7 +178,9 @@ def test_who_does_not_answer_is_asked_again_later_but_not_for_ever(watching: Wat
     assert states[-1] == VictimFound.SUSPECTED
 
 
-def test_answer_about_a_victim_nobody_knows_is_refused(watching: Watching, caplog) -> None:
+def test_answer_about_a_victim_nobody_knows_is_refused(
+    watching: Watching, caplog: pytest.LogCaptureFixture
+) -> None:
     watching.harness.send(VictimConfirmation(id=33, answer=VictimConfirmation.YES))
     assert "victim 33 is none to any question" in caplog.text
 

@@ -1,6 +1,10 @@
 """A world for the exploration's tests: rooms drawn with characters, and a map that knows the true poses."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from workers.maps.navigation_grid import NavigationGrid
 
@@ -16,19 +20,21 @@ def drawn_cells(drawing: str, cells_per_character: int = 5) -> np.ndarray:
     return np.kron(small, np.ones((cells_per_character,) * 2, dtype=np.int8))
 
 
-def drawn_grid(drawing: str, corner_xy_m=(0.0, 0.0)) -> NavigationGrid:
+def drawn_grid(drawing: str, corner_xy_m: ArrayLike = (0.0, 0.0)) -> NavigationGrid:
     return NavigationGrid(drawn_cells(drawing), RESOLUTION_M, corner_xy_m, CLEARANCE_M)
 
 
 class TruePoseMap:
     """A map from sweeps at true poses: what beams pass is free, what they hit stays a wall."""
 
-    def __init__(self, width_m: float, height_m: float, margin_m: float = 0.5):
+    def __init__(self, width_m: float, height_m: float, margin_m: float = 0.5) -> None:
         shape = np.round((np.array([height_m, width_m]) + 2 * margin_m) / RESOLUTION_M).astype(int)
         self.cells = np.full(shape, -1, dtype=np.int8)
         self.corner_xy_m = np.full(2, -margin_m)
 
-    def add(self, pose, ranges_m, angles_rad):
+    def add(
+        self, pose: Sequence[float], ranges_m: NDArray[np.floating[Any]], angles_rad: NDArray[np.float64]
+    ) -> None:
         returned = np.isfinite(ranges_m)
         ranges, angles = ranges_m[returned], angles_rad[returned] + pose[2]
         directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -41,7 +47,7 @@ class TruePoseMap:
         self.cells[walls] = 100
         self.cells[hit] = 100
 
-    def _index(self, points):
+    def _index(self, points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         columns, rows = np.floor((points - self.corner_xy_m) / RESOLUTION_M).astype(int).T
         inside = (rows >= 0) & (columns >= 0) & (rows < self.cells.shape[0]) & (columns < self.cells.shape[1])
         return rows[inside], columns[inside]

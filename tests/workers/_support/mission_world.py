@@ -1,9 +1,11 @@
 """A mission whose robot is moved by the test."""
 
+from typing import Any
+
 import numpy as np
 
 from tests.workers._support.exploration_world import RESOLUTION_M, drawn_cells
-from workers.rescue.mission import Mission
+from workers.rescue.mission import Mission, Orders
 from workers.rescue.mission_states import MissionSettings, MissionState
 from workers.rescue.mission_targets import SearchedGrid
 from workers.rescue.mission_victims import VictimReport
@@ -27,7 +29,7 @@ START = (1.0, 0.8, 0.0)
 class Rescue:
     """A mission whose inputs are given by hand."""
 
-    def __init__(self, drawing: str = HALL, **settings: float | bool) -> None:
+    def __init__(self, drawing: str = HALL, **settings: Any) -> None:
         self.now_s = 100.0
         self.mission = Mission(lambda: self.now_s, MissionSettings(**settings))
         self.pose = np.array(START)
@@ -35,11 +37,10 @@ class Rescue:
         self.memory = WallMemory()
         self.camera_works = True
 
-    @property
     def state(self) -> MissionState:
         return self.mission.state
 
-    def step(self, seconds: float = 1.0):
+    def step(self, seconds: float = 1.0) -> Orders:
         """Let time pass, with all that the robot hears in it."""
         self.now_s += seconds
         self.mission.see_pose(self.pose)
@@ -50,7 +51,7 @@ class Rescue:
         self.mission.see_searched(SearchedGrid(grid, RESOLUTION_M, (0.0, 0.0)))
         return self.mission.step()
 
-    def begin(self):
+    def begin(self) -> Orders:
         self.mission.see_stopped(None)
         return self.step()
 
@@ -64,12 +65,12 @@ class Rescue:
 
     def drive(self, limit: int = 400) -> list[MissionState]:
         """Reach each goal at once and search what is looked at, until the mission has ended."""
-        states = []
+        states: list[MissionState] = []
         for _ in range(limit):
             orders = self.step()
-            if not states or states[-1] is not self.state:
-                states.append(self.state)
-            if self.state is S.DONE:
+            if not states or states[-1] is not self.state():
+                states.append(self.state())
+            if self.state() is S.DONE:
                 return states
             if orders.goal is not None:
                 self.pose = orders.goal

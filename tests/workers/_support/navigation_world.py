@@ -1,5 +1,7 @@
 """A simulated robot that drives to goals, in simulated time: arena, laser, drive and navigator."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from hw.simulation.arena import Arena
@@ -25,7 +27,9 @@ def demo_arena() -> Arena:
 class NavigationWorld:
     """A robot in an arena, with the map of `mapped`; a step is a sweep and a command, 0.1 s."""
 
-    def __init__(self, mapped: Arena, arena: Arena | None = None, settings: NavigatorSettings | None = None):
+    def __init__(
+        self, mapped: Arena, arena: Arena | None = None, settings: NavigatorSettings | None = None
+    ) -> None:
         self.now_s = 0.0
         arena = arena or mapped
         self.drive = SimulatedDrive(arena, lambda: self.now_s, seed=1)
@@ -64,5 +68,5 @@ class NavigationWorld:
         if not self.states or self.states[-1] != self.navigator.state.name:
             self.states.append(self.navigator.state.name)
 
-    def off_m(self, goal) -> float:
+    def off_m(self, goal: Sequence[float]) -> float:
         return float(np.hypot(*(np.array(self.drive.ground_truth().pose[:2]) - goal[:2])))

@@ -8,14 +8,16 @@ from numpy.typing import NDArray
 
 from workers.planar_pose import compose, relative
 
-CORNERS = {
+CORNERS: dict[str, list[tuple[float, float]]] = {
     "walls": [(0, 0), (8, 0), (8, 6), (0, 6), (0, 0)],
     "pillar": [(3.5, 2.5), (4.5, 2.5), (4.5, 3.2), (3.5, 3.2), (3.5, 2.5)],
     "shelf": [(0, 4.2), (1.1, 4.2), (1.1, 4.8), (0, 4.8)],
     "door": [(6.2, 6), (6.2, 5.3), (6.9, 5.3), (6.9, 6)],
     "screen": [(5.5, 0), (5.9, 1.1)],
 }
-SEGMENTS = np.array([[*a, *b] for line in CORNERS.values() for a, b in pairwise(line)], float)
+SEGMENTS: NDArray[np.float64] = np.array(
+    [[*a, *b] for line in CORNERS.values() for a, b in pairwise(line)], np.float64
+)
 ANGLE_MIN_RAD, BEAMS = -np.pi / 2, 180
 INCREMENT_RAD = np.pi / BEAMS
 RANGE_MAX_M = 12.0
@@ -34,7 +36,8 @@ def measure(
         share = (begin[:, 0] * ray[..., 1] - begin[:, 1] * ray[..., 0]) / across
     hit = (distance > 0) & (share >= 0) & (share <= 1)
     ranges = np.where(hit, distance, np.inf).min(axis=1)
-    return (ranges + noise_m * random.standard_normal(BEAMS)).astype(np.float32)
+    noisy: NDArray[np.float64] = ranges + noise_m * random.standard_normal(BEAMS)
+    return noisy.astype(np.float32)
 
 
 @dataclass(frozen=True)

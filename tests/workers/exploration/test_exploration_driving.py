@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from workers.navigation.collision_guard import CollisionGuard, GuardSettings
-from workers.navigation.path_follower import HALT, FollowerSettings, PathFollower
+from workers.navigation.path_follower import HALT, FollowerSettings, PathFollower, Velocity
 from workers.navigation.progress_watch import ProgressWatch
 
 ANGLES = np.radians(np.arange(-180, 180))
@@ -14,18 +15,20 @@ GUARD = GuardSettings()
 STRAIGHT = np.column_stack([np.linspace(0, 3, 61), np.zeros(61)])
 
 
-def sweep(distance_m=np.inf, at_deg=0, width_deg=1) -> np.ndarray:
+def sweep(distance_m: float = np.inf, at_deg: int = 0, width_deg: int = 1) -> np.ndarray:
     """Ranges of a sweep that sees one thing, or nothing."""
     ranges = np.full(360, np.inf)
     ranges[np.arange(at_deg, at_deg + width_deg) + 180 - width_deg // 2] = distance_m
     return ranges
 
 
-def checked(ranges, linear=0.5, angular=0.0):
+def checked(ranges: NDArray[np.float64], linear: float = 0.5, angular: float = 0.0) -> Velocity:
     return CollisionGuard(ANGLES).checked(ranges, (linear, angular))
 
 
-def drive_along(follower, pose, seconds, step_s=0.05):
+def drive_along(
+    follower: PathFollower, pose: tuple[float, float, float], seconds: float, step_s: float = 0.05
+) -> NDArray[np.float64]:
     """Return the poses of a robot that obeys at once."""
     poses = [pose]
     for _ in range(round(seconds / step_s)):
@@ -40,20 +43,20 @@ def drive_along(follower, pose, seconds, step_s=0.05):
     return np.array(poses)
 
 
-def test_follower_without_a_path_halts():
+def test_follower_without_a_path_halts() -> None:
     follower = PathFollower()
     assert follower.velocity((0, 0, 0)) == HALT
     assert not follower.is_arrived((0, 0, 0))
 
 
-def test_follower_drives_straight_on_a_straight_path():
+def test_follower_drives_straight_on_a_straight_path() -> None:
     follower = PathFollower()
     follower.follow(STRAIGHT)
     assert follower.velocity((0, 0, 0)) == pytest.approx((FollowerSettings().max_linear_m_per_s, 0.0))
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_follower_turns_on_the_spot_towards_a_path_behind_it(side):
+def test_follower_turns_on_the_spot_towards_a_path_behind_it(side: int) -> None:
     follower = PathFollower()
     follower.follow(STRAIGHT)
     linear, angular = follower.velocity((0, 0, side * 2.5))
@@ -63,7 +66,7 @@ def test_follower_turns_on_the_spot_towards_a_path_behind_it(side):
 
 
 @pytest.mark.parametrize("pose", [(0.0, 0.3, 0.0), (0.0, -0.3, 2.0), (-0.2, 0.0, -3.0)])
-def test_follower_reaches_the_end_from_beside_the_path(pose):
+def test_follower_reaches_the_end_from_beside_the_path(pose: tuple[float, float, float]) -> None:
     follower = PathFollower()
     follower.follow(STRAIGHT)
     poses = drive_along(follower, pose, 12.0)
@@ -73,7 +76,7 @@ def test_follower_reaches_the_end_from_beside_the_path(pose):
     assert np.abs(on_the_way[:, 1]).max() < 0.1
 
 
-def test_follower_goes_on_after_the_pose_has_jumped():
+def test_follower_goes_on_after_the_pose_has_jumped() -> None:
     follower = PathFollower()
     follower.follow(STRAIGHT)
     pose = drive_along(follower, (0, 0, 0), 2.0)[-1]
@@ -81,7 +84,7 @@ def test_follower_goes_on_after_the_pose_has_jumped():
     assert follower.is_arrived(poses[-1])
 
 
-def test_follower_keeps_its_limits():
+def test_follower_keeps_its_limits() -> None:
     follower = PathFollower()
     follower.follow([(0, 0), (0.2, 0.2), (0.0, 0.4), (0.2, 0.6)])
     limits = FollowerSettings()
@@ -91,74 +94,74 @@ def test_follower_keeps_its_limits():
         assert abs(angular) <= limits.max_angular_rad_per_s + 1e-9
 
 
-def test_guard_lets_the_robot_drive_where_nothing_is():
+def test_guard_lets_the_robot_drive_where_nothing_is() -> None:
     assert checked(sweep(), 0.5, 0.3) == (0.5, 0.3)
 
 
-def test_guard_halts_before_an_obstacle():
+def test_guard_halts_before_an_obstacle() -> None:
     assert checked(sweep(0.26)) == (0.0, 0.0)
 
 
-def test_guard_leaves_room_to_stop_at_every_distance():
+def test_guard_leaves_room_to_stop_at_every_distance() -> None:
     for distance_m in np.linspace(0.26, 1.5, 60):
         linear, _ = checked(sweep(distance_m))
         way_m = linear * GUARD.reaction_s + linear**2 / (2 * GUARD.deceleration_m_per_s2)
         assert way_m <= distance_m - GUARD.body_radius_m - GUARD.margin_m + 1e-9
 
 
-def test_guard_slows_down_the_more_the_nearer():
+def test_guard_slows_down_the_more_the_nearer() -> None:
     speeds = [checked(sweep(distance_m))[0] for distance_m in (0.3, 0.4, 0.5, 1.2)]
     assert speeds == sorted(speeds)
     assert len(set(speeds)) == len(speeds)
 
 
-def test_guard_keeps_the_arc_when_it_slows_down():
+def test_guard_keeps_the_arc_when_it_slows_down() -> None:
     linear, angular = checked(sweep(0.42), 0.5, 0.2)
     assert 0.0 < linear < 0.5
     assert angular / linear == pytest.approx(0.4)
 
 
-def test_guard_allows_turning_where_driving_is_blocked():
+def test_guard_allows_turning_where_driving_is_blocked() -> None:
     assert checked(sweep(0.22), 0.5, 0.7) == (0.0, 0.7)
     assert checked(sweep(0.22), 0.0, 0.7) == (0.0, 0.7)
 
 
-def test_guard_looks_along_the_arc_and_not_only_ahead():
+def test_guard_looks_along_the_arc_and_not_only_ahead() -> None:
     left = sweep(0.6, at_deg=45, width_deg=5)
     guard = CollisionGuard(ANGLES)
     assert guard.free_way_m(left, 0.5, 0.0) == GUARD.look_m
     assert guard.free_way_m(left, 0.5, 1.0) < 0.5
 
 
-def test_guard_looks_back_when_driving_backwards():
+def test_guard_looks_back_when_driving_backwards() -> None:
     assert checked(sweep(0.26, at_deg=-180), -0.2) == (0.0, 0.0)
     assert checked(sweep(0.26, at_deg=0), -0.2)[0] < 0.0
 
 
-def test_robot_that_is_too_near_may_drive_away_only():
+def test_robot_that_is_too_near_may_drive_away_only() -> None:
     too_near = sweep(0.22, at_deg=0)
     assert checked(too_near, 0.2)[0] == 0.0
     assert checked(too_near, -0.2)[0] < 0.0
 
 
-def test_guard_halts_for_what_is_too_near_to_measure():
+def test_guard_halts_for_what_is_too_near_to_measure() -> None:
     assert checked(sweep(-np.inf)) == (0.0, 0.0)
 
 
-def test_guard_is_not_afraid_of_missing_returns():
+def test_guard_is_not_afraid_of_missing_returns() -> None:
     ranges = sweep()
     ranges[::2] = np.nan
     assert checked(ranges) == (0.5, 0.0)
 
 
-def test_guard_knows_where_the_laser_is_mounted():
+def test_guard_knows_where_the_laser_is_mounted() -> None:
     ahead = CollisionGuard(ANGLES, mount=(0.15, 0.0, 0.0))
     assert ahead.free_way_m(sweep(0.4), 0.5, 0.0) == pytest.approx(0.4 + 0.15 - 0.25, abs=0.031)
     turned = CollisionGuard(ANGLES, mount=(0.0, 0.0, math.pi))
     assert turned.free_way_m(sweep(0.4, at_deg=-180), 0.5, 0.0) == pytest.approx(0.4 - 0.25, abs=0.031)
 
 
-def test_progress_is_a_shorter_way_to_the_same_goal():
+def test_progress_is_a_shorter_way_to_the_same_goal() -> None:
     watch = ProgressWatch(step_m=0.1)
     assert watch.idle_s((1, 1), 3.0, 10.0) == 0.0
     assert watch.idle_s((1, 1), 2.95, 12.0) == 2.0
@@ -166,7 +169,7 @@ def test_progress_is_a_shorter_way_to_the_same_goal():
     assert watch.idle_s((1, 1), 4.0, 15.0) == 2.0
 
 
-def test_new_goal_begins_anew():
+def test_new_goal_begins_anew() -> None:
     watch = ProgressWatch()
     watch.idle_s((1, 1), 1.0, 10.0)
     assert watch.idle_s((5, 1), 9.0, 15.0) == 0.0

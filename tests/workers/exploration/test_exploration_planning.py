@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests._support.present import present
 from tests.workers._support.exploration_world import CLEARANCE_M, RESOLUTION_M, drawn_cells, drawn_grid
 from workers.exploration.exploration import ExplorationSettings, FrontierExploration, PlanResult
 from workers.exploration.frontiers import find_frontiers
@@ -25,10 +26,10 @@ LEFT, RIGHT = (0.825, 1.025, 0.0), (3.225, 1.025, 0.0)
 
 
 def nearest_wall_m(grid: NavigationGrid, path: np.ndarray) -> float:
-    return min(grid.obstacle_distance_m[grid.cell(point)] for point in path)
+    return min(float(grid.obstacle_distance_m[grid.cell(point)]) for point in path)
 
 
-def test_frontiers_lie_between_free_and_unknown():
+def test_frontiers_lie_between_free_and_unknown() -> None:
     frontiers = find_frontiers(drawn_grid(TWO_WAYS_ON), 0.4)
     assert [round(frontier.length_m, 2) for frontier in frontiers] == [1.5, 1.0]
     right, upper = (frontier.middle_xy_m for frontier in frontiers)
@@ -36,11 +37,11 @@ def test_frontiers_lie_between_free_and_unknown():
     assert upper == pytest.approx([1.25, 1.725], abs=0.05)
 
 
-def test_known_room_has_no_frontier():
+def test_known_room_has_no_frontier() -> None:
     assert find_frontiers(drawn_grid(CLOSED), 0.1) == []
 
 
-def test_gaps_between_beams_are_no_frontier():
+def test_gaps_between_beams_are_no_frontier() -> None:
     cells = drawn_cells(CLOSED)
     cells[10:30, 30:32] = -1
     assert find_frontiers(NavigationGrid(cells, RESOLUTION_M, (0, 0), CLEARANCE_M), 0.1) == []
@@ -48,18 +49,18 @@ def test_gaps_between_beams_are_no_frontier():
     assert find_frontiers(NavigationGrid(cells, RESOLUTION_M, (0, 0), CLEARANCE_M), 0.1) != []
 
 
-def test_short_frontiers_are_left_out():
+def test_short_frontiers_are_left_out() -> None:
     assert len(find_frontiers(drawn_grid(TWO_WAYS_ON), 1.2)) == 1
 
 
 @pytest.mark.parametrize(("pose", "goal"), [(LEFT, (1.25, 1.5)), (RIGHT, (3.7, 1.0))])
-def test_near_frontier_is_the_goal(pose, goal):
+def test_near_frontier_is_the_goal(pose: tuple[float, float, float], goal: tuple[float, float]) -> None:
     plan = FrontierExploration().plan_exploration(drawn_grid(TWO_WAYS_ON), pose)
     assert plan.result is PlanResult.GO
-    assert np.hypot(*(plan.goal_xy_m - goal)) < 0.35
+    assert np.hypot(*(present(plan.goal_xy_m) - goal)) < 0.35
 
 
-def test_path_begins_at_the_robot_and_keeps_its_clearance():
+def test_path_begins_at_the_robot_and_keeps_its_clearance() -> None:
     grid = drawn_grid(TWO_WAYS_ON)
     plan = FrontierExploration().plan_exploration(grid, RIGHT)
     assert np.hypot(*(plan.path[0] - RIGHT[:2])) < RESOLUTION_M
@@ -67,7 +68,7 @@ def test_path_begins_at_the_robot_and_keeps_its_clearance():
     assert nearest_wall_m(grid, plan.path) >= CLEARANCE_M
 
 
-def test_shortest_way_in_the_open_is_as_long_as_eight_neighbours_allow():
+def test_shortest_way_in_the_open_is_as_long_as_eight_neighbours_allow() -> None:
     grid = NavigationGrid(np.zeros((101, 101), dtype=np.int8), RESOLUTION_M, (0, 0), CLEARANCE_M)
     start = grid.cell((0.525, 0.525))
     ways = PathField(grid, start)
@@ -76,7 +77,7 @@ def test_shortest_way_in_the_open_is_as_long_as_eight_neighbours_allow():
     assert ways.cost_m[grid.cell((2.525, 4.525))] == pytest.approx(2.0 * np.sqrt(2) + 2.0)
 
 
-def test_way_leads_around_a_wall_through_its_door():
+def test_way_leads_around_a_wall_through_its_door() -> None:
     cells = np.zeros((100, 100), dtype=np.int8)
     cells[50, :80] = 100
     grid = NavigationGrid(cells, RESOLUTION_M, (0, 0), CLEARANCE_M)
@@ -85,7 +86,7 @@ def test_way_leads_around_a_wall_through_its_door():
     assert nearest_wall_m(grid, path) >= CLEARANCE_M
 
 
-def test_door_too_narrow_for_the_robot_leads_nowhere():
+def test_door_too_narrow_for_the_robot_leads_nowhere() -> None:
     cells = np.zeros((100, 100), dtype=np.int8)
     cells[50] = 100
     cells[50, 45:54] = 0  # 0.45 m
@@ -97,23 +98,23 @@ def test_door_too_narrow_for_the_robot_leads_nowhere():
         ways.path(beyond)
 
 
-def test_robot_slightly_inside_the_clearance_still_finds_a_way():
+def test_robot_slightly_inside_the_clearance_still_finds_a_way() -> None:
     plan = FrontierExploration().plan_exploration(drawn_grid(TWO_WAYS_ON), (0.4, 0.4, 0.0))
     assert plan.result is PlanResult.GO
 
 
-def test_robot_far_from_every_drivable_place_has_no_way():
+def test_robot_far_from_every_drivable_place_has_no_way() -> None:
     plan = FrontierExploration().plan_exploration(drawn_grid(TWO_WAYS_ON), (9.0, 9.0, 0.0))
     assert plan.result is PlanResult.NO_WAY
 
 
-def test_room_without_frontiers_is_explored():
+def test_room_without_frontiers_is_explored() -> None:
     plan = FrontierExploration().plan_exploration(drawn_grid(CLOSED), LEFT)
     assert plan.result is PlanResult.EXPLORED
     assert plan.goal_xy_m is None
 
 
-def test_frontier_behind_a_window_does_not_keep_the_robot_busy():
+def test_frontier_behind_a_window_does_not_keep_the_robot_busy() -> None:
     """The robot sees through a gap of 0.25 m it can never pass."""
     window = CLOSED.replace("####", "# ##", 1)
     grid = drawn_grid(window)
@@ -122,18 +123,18 @@ def test_frontier_behind_a_window_does_not_keep_the_robot_busy():
     assert FrontierExploration(settings).plan_exploration(grid, LEFT).result is PlanResult.EXPLORED
 
 
-def test_goal_given_up_is_not_chosen_again():
+def test_goal_given_up_is_not_chosen_again() -> None:
     grid = drawn_grid(TWO_WAYS_ON)
     exploration = FrontierExploration()
-    first = exploration.plan_exploration(grid, LEFT).goal_xy_m
+    first = present(exploration.plan_exploration(grid, LEFT).goal_xy_m)
     exploration.give_up_goal()
-    second = exploration.plan_exploration(grid, LEFT).goal_xy_m
+    second = present(exploration.plan_exploration(grid, LEFT).goal_xy_m)
     assert np.hypot(*(first - second)) > 1.0
     exploration.give_up_goal()
     assert exploration.plan_exploration(grid, LEFT).result is PlanResult.EXPLORED
 
 
-def test_goals_given_up_are_bounded():
+def test_goals_given_up_are_bounded() -> None:
     exploration = FrontierExploration(ExplorationSettings(max_avoided=1))
     grid = drawn_grid(TWO_WAYS_ON)
     for _ in range(5):
@@ -142,18 +143,18 @@ def test_goals_given_up_are_bounded():
     assert len(exploration.avoided_xy_m) == 1
 
 
-def test_goal_is_kept_while_another_is_only_a_little_better():
+def test_goal_is_kept_while_another_is_only_a_little_better() -> None:
     grid = drawn_grid(TWO_WAYS_ON)
     left_first, right_first = FrontierExploration(), FrontierExploration()
     left_first.plan_exploration(grid, LEFT)
     right_first.plan_exploration(grid, RIGHT)
     # From one place in between, both go on to where they were going.
     between = (2.3, 1.0, 1.6)
-    kept = [e.plan_exploration(grid, between).goal_xy_m[0] for e in (left_first, right_first)]
+    kept = [present(e.plan_exploration(grid, between).goal_xy_m)[0] for e in (left_first, right_first)]
     assert kept[0] < 2.0 < kept[1]
 
 
-def test_map_may_grow_and_its_corner_move():
+def test_map_may_grow_and_its_corner_move() -> None:
     exploration = FrontierExploration()
     plain = exploration.plan_exploration(drawn_grid(TWO_WAYS_ON), LEFT).path
     cells = np.pad(drawn_cells(TWO_WAYS_ON), 40, constant_values=-1)
@@ -161,12 +162,12 @@ def test_map_may_grow_and_its_corner_move():
     np.testing.assert_allclose(exploration.plan_exploration(moved, LEFT).path, plain)
 
 
-def test_unknown_map_gives_no_way_and_no_error():
+def test_unknown_map_gives_no_way_and_no_error() -> None:
     nothing = NavigationGrid(np.full((50, 50), -1, dtype=np.int8), RESOLUTION_M, (0, 0), CLEARANCE_M)
     assert FrontierExploration().plan_exploration(nothing, LEFT).result is PlanResult.NO_WAY
 
 
-def test_way_home_ends_at_home():
+def test_way_home_ends_at_home() -> None:
     plan = FrontierExploration().plan_way_to(drawn_grid(TWO_WAYS_ON), RIGHT, LEFT[:2])
-    assert np.hypot(*(plan.goal_xy_m - LEFT[:2])) < RESOLUTION_M
+    assert np.hypot(*(present(plan.goal_xy_m) - LEFT[:2])) < RESOLUTION_M
     assert plan.cost_m >= 2.4

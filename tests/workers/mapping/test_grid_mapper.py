@@ -1,9 +1,11 @@
 """The mapper is better than its odometry, keeps within its limits, and goes on from a checkpoint."""
 
 from copy import deepcopy
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike, NDArray
 
 from tests.workers._support.synthetic_room import (
     ANGLE_MIN_RAD,
@@ -20,7 +22,13 @@ BEAMS = (ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
 LAP_S = 2 * np.pi / 0.35
 
 
-def run(mapper: GridMapper, drive: Drive, laser_pose=(0, 0, 0), begin=0, end=None) -> GridMapper:
+def run(
+    mapper: GridMapper,
+    drive: Drive,
+    laser_pose: ArrayLike = (0, 0, 0),
+    begin: int = 0,
+    end: int | None = None,
+) -> GridMapper:
     """Drive: a sweep with every fifth odometry message, stamped 7 ms after it and sent at once."""
     for number in range(begin, len(drive.odometry) if end is None else end):
         stamp = drive.odometry[number, 0]
@@ -32,7 +40,7 @@ def run(mapper: GridMapper, drive: Drive, laser_pose=(0, 0, 0), begin=0, end=Non
     return mapper
 
 
-def errors(drive: Drive, poses):
+def errors(drive: Drive, poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     error = relative(drive.true[:, 1:], poses)
     return np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
 
@@ -47,7 +55,7 @@ def mapped(drive: Drive) -> GridMapper:
     return run(GridMapper(), drive)
 
 
-def test_the_trajectory_is_better_than_odometry(drive, mapped):
+def test_the_trajectory_is_better_than_odometry(drive: Drive, mapped: GridMapper) -> None:
     distance_m, angle_rad = errors(drive, mapped.trajectory()[:, 1:])
     by_odometry_m, _ = errors(drive, drive.odometry[:, 1:])
     assert by_odometry_m.max() > 0.8
@@ -56,17 +64,17 @@ def test_the_trajectory_is_better_than_odometry(drive, mapped):
     assert angle_rad.max() < np.radians(1.5)
 
 
-def test_the_trajectory_has_a_row_for_every_odometry_message(drive, mapped):
+def test_the_trajectory_has_a_row_for_every_odometry_message(drive: Drive, mapped: GridMapper) -> None:
     trajectory = mapped.trajectory()
     assert np.array_equal(trajectory[:, 0], drive.odometry[:, 0])
     assert mapped.pose == pytest.approx(trajectory[-1, 1:], abs=0.02)
 
 
-def test_loops_are_closed(mapped):
+def test_loops_are_closed(mapped: GridMapper) -> None:
     assert mapped.loops_closed > 5
 
 
-def test_the_map_has_walls_where_the_room_has(mapped):
+def test_the_map_has_walls_where_the_room_has(mapped: GridMapper) -> None:
     cells, corner, resolution_m = mapped.grid()
     middles = (SEGMENTS[:, :2] + SEGMENTS[:, 2:]) / 2
     for x, y in middles[[0, 1, 2, 4, 5, 6, 7]]:
@@ -78,20 +86,20 @@ def test_the_map_has_walls_where_the_room_has(mapped):
     assert np.quantile([_to_walls(point) for point in occupied], 0.95) < 0.08
 
 
-def _to_walls(point):
+def _to_walls(point: NDArray[np.float64]) -> float:
     begin, along = SEGMENTS[:, :2], SEGMENTS[:, 2:] - SEGMENTS[:, :2]
     share = np.clip(((point - begin) * along).sum(1) / (along**2).sum(1), 0, 1)
-    return np.hypot(*(begin + share[:, None] * along - point).T).min()
+    return float(np.hypot(*(begin + share[:, None] * along - point).T).min())
 
 
-def test_a_laser_beside_the_middle_of_the_robot_is_allowed_for(drive):
+def test_a_laser_beside_the_middle_of_the_robot_is_allowed_for(drive: Drive) -> None:
     mount = (0.2, -0.1, 0.3)
     mapper = run(GridMapper(laser_pose=mount), drive, mount, end=900)
     error = relative(drive.true[:900, 1:], mapper.trajectory()[:, 1:])
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.06
 
 
-def test_a_mapper_made_from_its_state_goes_on_exactly_the_same(drive):
+def test_a_mapper_made_from_its_state_goes_on_exactly_the_same(drive: Drive) -> None:
     straight = run(GridMapper(), drive, end=1001)  # a sweep is waiting for its odometry
     straight.grid()
     state = deepcopy(straight.state())
@@ -108,7 +116,7 @@ def test_a_mapper_made_from_its_state_goes_on_exactly_the_same(drive):
     assert np.array_equal(second.grid()[0], straight.grid()[0])
 
 
-def assert_same(left, right, where="state"):
+def assert_same(left: Any, right: Any, where: str = "state") -> None:
     """Equal to the last bit; NaN equals NaN."""
     if isinstance(left, dict):
         assert left.keys() == right.keys(), where
@@ -124,12 +132,12 @@ def assert_same(left, right, where="state"):
         assert left == right, where
 
 
-def test_a_mapper_that_has_seen_nothing_goes_on_from_its_state(drive):
+def test_a_mapper_that_has_seen_nothing_goes_on_from_its_state(drive: Drive) -> None:
     second = GridMapper.from_state(GridMapper().state())
     assert_same(run(second, drive, end=100).state(), run(GridMapper(), drive, end=100).state())
 
 
-def test_a_standing_robot_adds_nothing(drive):
+def test_a_standing_robot_adds_nothing(drive: Drive) -> None:
     mapper = GridMapper()
     ranges = measure(drive.true[0, 1:], np.random.default_rng(0))
     for number in range(50):
@@ -138,14 +146,14 @@ def test_a_standing_robot_adds_nothing(drive):
     assert len(mapper.state()["keys"]["beams"]) == 1
 
 
-def test_key_sweeps_beyond_the_limit_are_refused_and_counted(drive):
+def test_key_sweeps_beyond_the_limit_are_refused_and_counted(drive: Drive) -> None:
     mapper = run(GridMapper(limits=Limits(key_sweeps=5)), drive, end=600)
     assert len(mapper.state()["keys"]["beams"]) == 5
     assert mapper.refused["sweeps beyond the limit of key sweeps"] > 5
     assert np.isfinite(mapper.trajectory()).all()
 
 
-def test_endless_drive_in_a_room_keeps_its_memory_and_its_accuracy():
+def test_endless_drive_in_a_room_keeps_its_memory_and_its_accuracy() -> None:
     drive = Drive.around_the_pillar(3.4 * LAP_S)
     mapper = GridMapper(limits=Limits(key_sweeps=90))
     sizes = []
@@ -167,13 +175,13 @@ def test_endless_drive_in_a_room_keeps_its_memory_and_its_accuracy():
     assert np.array_equal(second.trajectory(), mapper.trajectory())
 
 
-def test_sweeps_beyond_the_grid_are_left_out_and_counted(drive):
+def test_sweeps_beyond_the_grid_are_left_out_and_counted(drive: Drive) -> None:
     mapper = run(GridMapper(limits=Limits(cells=1000)), drive, end=300)
     assert mapper.grid()[0].size <= 1000
     assert mapper.refused["sweeps beyond the grid"] > 0
 
 
-def test_sweeps_without_odometry_are_refused_and_counted(drive):
+def test_sweeps_without_odometry_are_refused_and_counted(drive: Drive) -> None:
     mapper = GridMapper()
     ranges = measure(drive.true[0, 1:], np.random.default_rng(0))
     for number in range(15):
@@ -184,7 +192,7 @@ def test_sweeps_without_odometry_are_refused_and_counted(drive):
     assert mapper.grid()[0].size == 0
 
 
-def test_sweeps_without_returns_are_refused_and_counted():
+def test_sweeps_without_returns_are_refused_and_counted() -> None:
     mapper = GridMapper()
     mapper.add_odometry(0.0, (0, 0, 0))
     for nothing in (np.inf, np.nan, 0.0, 99.0, -1.0):
@@ -192,7 +200,7 @@ def test_sweeps_without_returns_are_refused_and_counted():
     assert mapper.refused["sweeps with too few returns"] == 5
 
 
-def test_a_sweep_whose_stamp_odometry_never_has_is_used_where_it_came(drive):
+def test_a_sweep_whose_stamp_odometry_never_has_is_used_where_it_came(drive: Drive) -> None:
     mapper = GridMapper()
     ranges = measure(drive.true[0, 1:], np.random.default_rng(0))
     mapper.add_odometry(1.0, drive.true[0, 1:])

@@ -10,13 +10,13 @@ from workers.mapping.occupancy_grid import GridFull, OccupancyGrid
 WALL = np.column_stack([np.full(41, 2.03), np.linspace(-1, 1, 41)])
 
 
-def at(grid, x, y):
+def at(grid: OccupancyGrid, x: float, y: float) -> int:
     cells, corner = grid.cells()
     column, row = np.floor((np.array([x, y]) - corner) / grid.resolution_m).astype(int)
-    return cells[row, column]
+    return int(cells[row, column])
 
 
-def test_beams_free_what_they_pass_and_occupy_where_they_end():
+def test_beams_free_what_they_pass_and_occupy_where_they_end() -> None:
     grid = OccupancyGrid(0.05)
     for _ in range(3):
         grid.add((0.01, 0.01), WALL)
@@ -26,7 +26,7 @@ def test_beams_free_what_they_pass_and_occupy_where_they_end():
     assert at(grid, 0.5, 0.9) == -1
 
 
-def test_a_sweep_taken_out_leaves_no_trace():
+def test_a_sweep_taken_out_leaves_no_trace() -> None:
     grid = OccupancyGrid(0.05)
     grid.add((0, 0), WALL)
     before, corner = grid.cells()
@@ -38,7 +38,7 @@ def test_a_sweep_taken_out_leaves_no_trace():
     assert (after >= 0).sum() == (before >= 0).sum()
 
 
-def test_growing_keeps_what_was_there_in_its_place():
+def test_growing_keeps_what_was_there_in_its_place() -> None:
     grid = OccupancyGrid(0.05)
     grid.add((0, 0), WALL)
     seen = at(grid, 2.03, 0.5)
@@ -47,7 +47,7 @@ def test_growing_keeps_what_was_there_in_its_place():
     assert at(grid, -7.97, -9.5) > 50
 
 
-def test_a_grid_at_its_limit_refuses_and_stays_as_it_was():
+def test_a_grid_at_its_limit_refuses_and_stays_as_it_was() -> None:
     grid = OccupancyGrid(0.05, max_cells=10_000)
     grid.add((0, 0), WALL)
     before = grid.cells()[0].copy()
@@ -62,7 +62,9 @@ COORDINATES = st.integers(-300, 300).map(lambda hundredth: hundredth / 100 + 0.0
 
 @given(st.lists(st.tuples(COORDINATES, COORDINATES), max_size=30), COORDINATES, COORDINATES)
 @settings(max_examples=50)
-def test_every_point_hit_is_occupied_and_nothing_else(points, x, y):
+def test_every_point_hit_is_occupied_and_nothing_else(
+    points: list[tuple[float, float]], x: float, y: float
+) -> None:
     grid = OccupancyGrid(0.1)
     grid.add((x, y), np.array(points).reshape(-1, 2))
     assert all(at(grid, *point) > 50 for point in points)

@@ -1,7 +1,10 @@
 """A pose graph closes loops, and a false loop does not bend it."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from workers.mapping.pose_graph import PoseGraph
 from workers.planar_pose import compose, relative
@@ -9,7 +12,7 @@ from workers.planar_pose import compose, relative
 CERTAIN = np.diag([1e4, 1e4, 1e5])
 
 
-def square(steps_per_side=10):
+def square(steps_per_side: int = 10) -> NDArray[np.float64]:
     """Poses round a square of 10 m, beginning and ending in one place."""
     step, poses = [10 / steps_per_side, 0, 0], [np.zeros(3)]
     for number in range(4 * steps_per_side):
@@ -18,7 +21,7 @@ def square(steps_per_side=10):
     return np.array(poses)
 
 
-def drifting(true, turn_rad=0.01):
+def drifting(true: NDArray[np.float64], turn_rad: float = 0.01) -> PoseGraph:
     graph = PoseGraph()
     graph.add_pose(true[0])
     for number, measured in enumerate(relative(true[:-1], true[1:])):
@@ -28,11 +31,11 @@ def drifting(true, turn_rad=0.01):
     return graph
 
 
-def farthest_off(graph, true):
-    return np.hypot(*(graph.poses - true)[:, :2].T).max()
+def farthest_off(graph: PoseGraph, true: NDArray[np.float64]) -> float:
+    return float(np.hypot(*(graph.poses - true)[:, :2].T).max())
 
 
-def test_a_closed_loop_takes_the_drift_out():
+def test_a_closed_loop_takes_the_drift_out() -> None:
     true = square()
     graph = drifting(true)
     before = farthest_off(graph, true)
@@ -44,7 +47,7 @@ def test_a_closed_loop_takes_the_drift_out():
     assert moved > 1.0
 
 
-def test_edges_that_agree_are_met_exactly():
+def test_edges_that_agree_are_met_exactly() -> None:
     true = square()
     graph = drifting(true)
     graph.poses[5:, :2] += 0.3
@@ -53,7 +56,7 @@ def test_edges_that_agree_are_met_exactly():
     assert relative(graph.poses[:-1], graph.poses[1:]) == pytest.approx(measured, abs=1e-6)
 
 
-def two_laps(false_edges=()):
+def two_laps(false_edges: Sequence[tuple[int, int, list[float]]] = ()) -> NDArray[np.float64]:
     lap = square()
     graph = drifting(np.concatenate([lap, lap[1:]]))
     for old in range(0, 40, 5):
@@ -64,12 +67,12 @@ def two_laps(false_edges=()):
     return graph.poses
 
 
-def test_a_false_loop_among_true_ones_does_not_bend_the_map():
+def test_a_false_loop_among_true_ones_does_not_bend_the_map() -> None:
     honest, misled = two_laps(), two_laps([(5, 25, [0.5, 0.0, 1.0])])
     assert np.hypot(*(honest - misled)[:, :2].T).max() < 0.1
 
 
-def test_a_false_loop_found_later_does_not_bend_the_map():
+def test_a_false_loop_found_later_does_not_bend_the_map() -> None:
     lap = square()
     graph = drifting(lap)
     for old in range(5):
@@ -82,14 +85,14 @@ def test_a_false_loop_found_later_does_not_bend_the_map():
     assert np.hypot(*(honest - graph.poses)[:, :2].T).max() < 0.1
 
 
-def test_a_graph_without_edges_stays():
+def test_a_graph_without_edges_stays() -> None:
     graph = PoseGraph()
     graph.add_pose([1, 2, 3])
     assert graph.optimise() == 0.0
     assert graph.poses.tolist() == [[1, 2, 3]]
 
 
-def test_distances_follow_the_shortest_way_along_edges():
+def test_distances_follow_the_shortest_way_along_edges() -> None:
     true = square()
     graph = drifting(true)
     assert graph.distances_m(0)[-1] == pytest.approx(40.4, abs=0.01)
@@ -97,7 +100,7 @@ def test_distances_follow_the_shortest_way_along_edges():
     assert graph.distances_m(0)[-2] == pytest.approx(1.01, abs=0.01)
 
 
-def test_a_graph_made_from_its_state_goes_on_the_same():
+def test_a_graph_made_from_its_state_goes_on_the_same() -> None:
     graph = drifting(square())
     graph.add_edge(0, 40, [0, 0, 0], CERTAIN, closes_loop=True)
     copy = PoseGraph.from_state(graph.state())

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
+from tests._support.present import present
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, measure
 from workers.laser.laser_sweep import LaserSweep
 from workers.laser.surface_points import SurfacePoints
@@ -14,7 +16,7 @@ HERE = np.array([2.5, 1.5, 0.4])
 OFFSETS = [(0.25, -0.2, 0.15), (-0.3, 0.1, -0.3), (0.0, 0.0, 0.0), (0.1, 0.3, 0.35)]
 
 
-def sweep_at(pose, seed=0, noise_m=0.01):
+def sweep_at(pose: ArrayLike, seed: int = 0, noise_m: float = 0.01) -> LaserSweep:
     ranges = measure(np.asarray(pose, float), np.random.default_rng(seed), noise_m)
     return LaserSweep.from_ranges(ranges, ANGLE_MIN_RAD, INCREMENT_RAD, 0.05, RANGE_MAX_M)
 
@@ -26,21 +28,25 @@ def reference() -> SurfacePoints:
 
 
 @pytest.mark.parametrize("offset", OFFSETS)
-def test_search_finds_the_pose_to_a_cell(reference, offset):
+def test_search_finds_the_pose_to_a_cell(
+    reference: SurfacePoints, offset: tuple[float, float, float]
+) -> None:
     true = compose(HERE, [0.2, 0.1, 0.1])
     field = ScoreField(reference.points, 0.1, 0.1, reach_m=0.5)
-    found = search(field, sweep_at(true, 7).hits.points, true + offset, Window(0.5, 0.5))
+    found = present(search(field, sweep_at(true, 7).hits.points, true + offset, Window(0.5, 0.5)))
     assert np.abs(relative(true, found.pose)[:2]).max() < 0.1
     assert abs(relative(true, found.pose)[2]) < 0.05
     assert found.score > 0.7
 
 
 @pytest.mark.parametrize("offset", OFFSETS)
-def test_search_and_refinement_find_the_pose_to_a_centimetre(reference, offset):
+def test_search_and_refinement_find_the_pose_to_a_centimetre(
+    reference: SurfacePoints, offset: tuple[float, float, float]
+) -> None:
     true = compose(HERE, [0.2, 0.1, 0.1])
     hits = sweep_at(true, 7).hits
     field = ScoreField(reference.points, 0.1, 0.1, reach_m=0.5)
-    start = search(field, hits.points, true + offset, Window(0.5, 0.5))
+    start = present(search(field, hits.points, true + offset, Window(0.5, 0.5)))
     match = ScanMatcher(reference).refine(hits, start.pose)
     error = relative(true, match.pose)
     assert np.hypot(error[0], error[1]) < 0.01
@@ -48,12 +54,12 @@ def test_search_and_refinement_find_the_pose_to_a_centimetre(reference, offset):
     assert match.on_surface.mean() > 0.9
 
 
-def test_search_finds_the_same_as_trying_every_pose(reference):
+def test_search_finds_the_same_as_trying_every_pose(reference: SurfacePoints) -> None:
     true = compose(HERE, [0.2, 0.1, 0.1])
     points, guess = sweep_at(true, 3).hits.points[::6], true + np.array([0.2, -0.3, 0.1])
     window = Window(0.4, 0.2, doubt_per_m2=0.5, doubt_per_rad2=1.0)
     field = ScoreField(reference.points, 0.1, 0.1, reach_m=0.4)
-    found = search(field, points, guess, window)
+    found = present(search(field, points, guess, window))
     farthest = np.percentile(np.hypot(*points.T), 90)
     turns = np.linspace(-0.2, 0.2, 2 * int(np.ceil(0.2 / (0.1 / farthest))) + 1)
     best = -np.inf
@@ -67,13 +73,13 @@ def test_search_finds_the_same_as_trying_every_pose(reference):
     assert found.score == pytest.approx(best, abs=1e-6)
 
 
-def test_search_finds_nothing_where_nothing_fits(reference):
+def test_search_finds_nothing_where_nothing_fits(reference: SurfacePoints) -> None:
     field = ScoreField(reference.points, 0.1, 0.1, reach_m=0.3)
     away = np.column_stack([np.linspace(30, 40, 50), np.zeros(50)])
     assert search(field, away, HERE, Window(0.3, 0.2), least_score=0.1) is None
 
 
-def test_a_corridor_leaves_the_way_along_it_open():
+def test_a_corridor_leaves_the_way_along_it_open() -> None:
     along = np.linspace(-10, 10, 400)
     walls = [np.column_stack([along, np.full(400, side)]) for side in (-1.0, 1.0)]
     facing = [np.tile([0.0, -np.sign(wall[0, 1])], (400, 1)) for wall in walls]
@@ -84,7 +90,7 @@ def test_a_corridor_leaves_the_way_along_it_open():
     assert match.information[0, 0] < 1e-3 * match.information[1, 1]
 
 
-def test_odometry_decides_what_the_walls_leave_open():
+def test_odometry_decides_what_the_walls_leave_open() -> None:
     along = np.linspace(-10, 10, 400)
     corridor = SurfacePoints(np.column_stack([along, np.ones(400)]), np.tile([0.0, -1.0], (400, 1)))
     hits = SurfacePoints(corridor.points[100:300:5], corridor.normals[100:300:5])
@@ -93,7 +99,7 @@ def test_odometry_decides_what_the_walls_leave_open():
     assert match.pose == pytest.approx([0.5, 0.0, 0.0], abs=0.005)
 
 
-def test_what_a_sweep_looked_through_is_free_and_what_it_hit_is_not():
+def test_what_a_sweep_looked_through_is_free_and_what_it_hit_is_not() -> None:
     sweep = sweep_at((2.0, 1.0, 0.0), noise_m=0.0)
     in_front, behind_the_wall, out_of_view = [1.0, 0.0], [3.0, -1.5], [-1.0, 0.0]
     assert sweep.looked_through([in_front, behind_the_wall, out_of_view]).tolist() == [True, False, False]

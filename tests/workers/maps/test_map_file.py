@@ -1,5 +1,7 @@
 """Maps as files in the format of ROS's map_server."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -9,7 +11,7 @@ from workers.maps.map_file import MapFileError, read_map, write_map
 CELLS = np.array([[0, 10, 100], [-1, 49, 50]], dtype=np.int8)
 
 
-def test_map_is_read_as_it_was_written(tmp_path):
+def test_map_is_read_as_it_was_written(tmp_path: Path) -> None:
     write_map(tmp_path / "map.yaml", CELLS, 0.05, (-1.5, 2.0))
     read = read_map(tmp_path / "map.yaml")
     assert read.cells.tolist() == [[0, 0, 100], [-1, 0, 100]]
@@ -17,17 +19,17 @@ def test_map_is_read_as_it_was_written(tmp_path):
     assert read.corner_xy_m.tolist() == [-1.5, 2.0]
 
 
-def test_image_has_its_uppermost_row_first(tmp_path):
+def test_image_has_its_uppermost_row_first(tmp_path: Path) -> None:
     write_map(tmp_path / "map.yaml", CELLS, 0.05, (0, 0))
     assert np.asarray(Image.open(tmp_path / "map.pgm"))[0].tolist() == [205, 254, 0]
 
 
-def test_empty_map_is_written_as_one_unknown_cell(tmp_path):
+def test_empty_map_is_written_as_one_unknown_cell(tmp_path: Path) -> None:
     write_map(tmp_path / "map.yaml", np.zeros((0, 0), dtype=np.int8), 0.05, (0, 0))
     assert read_map(tmp_path / "map.yaml").cells.tolist() == [[-1]]
 
 
-def test_negated_map_is_read(tmp_path):
+def test_negated_map_is_read(tmp_path: Path) -> None:
     write_map(tmp_path / "map.yaml", CELLS, 0.05, (0, 0))
     text = (tmp_path / "map.yaml").read_text()
     (tmp_path / "map.yaml").write_text(text.replace("negate: 0", "negate: 1"))
@@ -45,7 +47,7 @@ def test_negated_map_is_read(tmp_path):
         ("image: map.pgm", "image: [", "cannot be read as YAML"),
     ],
 )
-def test_what_is_wrong_with_a_map_file_is_said(tmp_path, old, new, complaint):
+def test_what_is_wrong_with_a_map_file_is_said(tmp_path: Path, old: str, new: str, complaint: str) -> None:
     path = tmp_path / "map.yaml"
     write_map(path, CELLS, 0.05, (0, 0))
     text = path.read_text()
@@ -56,7 +58,7 @@ def test_what_is_wrong_with_a_map_file_is_said(tmp_path, old, new, complaint):
     assert str(path) in str(caught.value)
 
 
-def test_missing_file_and_other_yaml_are_refused(tmp_path):
+def test_missing_file_and_other_yaml_are_refused(tmp_path: Path) -> None:
     with pytest.raises(MapFileError):
         read_map(tmp_path / "none.yaml")
     (tmp_path / "list.yaml").write_text("[1, 2]")

@@ -1,20 +1,23 @@
 """The picture shows free, occupied and unknown, and the paths where they are."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from workers.maps.map_picture import ESTIMATED, TRUE, UNKNOWN, draw_map
 
 
-def picture(tmp_path, cells, **paths):
+def picture(tmp_path: Path, cells: NDArray[np.int8], **paths: ArrayLike) -> NDArray[np.uint8]:
     draw_map(tmp_path / "map.png", cells, (0.0, 0.0), 0.1, **paths)
     with Image.open(tmp_path / "map.png") as image:
         return np.array(image.convert("RGB"))
 
 
 @pytest.fixture
-def cells():
+def cells() -> NDArray[np.int8]:
     """A map of 6 m x 4 m: free, a wall along the top, the right third unknown."""
     cells = np.zeros((40, 60), np.int8)
     cells[35:] = 100
@@ -22,7 +25,7 @@ def cells():
     return cells
 
 
-def test_free_is_white_occupied_black_unknown_grey(tmp_path, cells):
+def test_free_is_white_occupied_black_unknown_grey(tmp_path: Path, cells: NDArray[np.int8]) -> None:
     image = picture(tmp_path, cells)
     px_per_m = image.shape[1] / 5.0  # 4 m are known, and 0.5 m on each side
     shade = {name: image[int(y * px_per_m), int(x * px_per_m)].tolist() for name, x, y in
@@ -30,7 +33,9 @@ def test_free_is_white_occupied_black_unknown_grey(tmp_path, cells):
     assert shade == {"wall": [0, 0, 0], "free": [255] * 3, "unknown": [UNKNOWN] * 3}
 
 
-def test_paths_are_drawn_in_their_colours_and_the_estimate_on_top(tmp_path, cells):
+def test_paths_are_drawn_in_their_colours_and_the_estimate_on_top(
+    tmp_path: Path, cells: NDArray[np.int8]
+) -> None:
     image = picture(tmp_path, cells, estimated_path=[(1, 1), (1, 3)], true_path=[(0.5, 2), (3, 2)])
     px_per_m = image.shape[1] / 5.0
     row = image[int((0.5 + 4.0 - 2.0) * px_per_m)]
@@ -38,12 +43,12 @@ def test_paths_are_drawn_in_their_colours_and_the_estimate_on_top(tmp_path, cell
     assert tuple(row[int(2.5 * px_per_m)]) == TRUE
 
 
-def test_an_empty_map_is_a_picture_too(tmp_path):
+def test_an_empty_map_is_a_picture_too(tmp_path: Path) -> None:
     assert picture(tmp_path, np.zeros((0, 0), np.int8)).shape[2] == 3
     assert picture(tmp_path, np.full((5, 5), -1, np.int8), estimated_path=[(0, 0)]).shape[2] == 3
 
 
-def test_a_thin_wall_of_a_large_map_stays_visible(tmp_path):
+def test_a_thin_wall_of_a_large_map_stays_visible(tmp_path: Path) -> None:
     cells = np.zeros((200, 6000), np.int8)
     cells[100] = 100
     image = picture(tmp_path, cells)

@@ -41,33 +41,33 @@ def seen(fronts: WallFronts, *eye: float) -> np.ndarray:
     return fronts.seen_from(eye, HALF_WIDTH_RAD, CameraView())
 
 
-def test_fronts_are_free_and_face_into_the_room(fronts):
+def test_fronts_are_free_and_face_into_the_room(fronts: WallFronts) -> None:
     left, top = at(fronts, 0.275, 1.0), at(fronts, 2.0, 1.975)
     assert fronts.normals[left] == pytest.approx([1.0, 0.0], abs=0.05)
     assert fronts.normals[top] == pytest.approx([0.0, -1.0], abs=0.05)
 
 
-def test_wall_ahead_is_seen_and_walls_behind_and_beside_are_not(fronts):
+def test_wall_ahead_is_seen_and_walls_behind_and_beside_are_not(fronts: WallFronts) -> None:
     visible = seen(fronts, 1.5, 0.6, math.pi)
     assert visible[at(fronts, 0.275, 0.6)]
     assert not visible[at(fronts, 3.725, 0.6)]  # behind
     assert not visible[at(fronts, 1.5, 0.275)]  # too far aside in the image
 
 
-def test_wall_seen_at_a_slant_does_not_count(fronts):
+def test_wall_seen_at_a_slant_does_not_count(fronts: WallFronts) -> None:
     assert not seen(fronts, 0.4, 1.8, -math.pi / 2 - 0.1)[at(fronts, 0.275, 0.5)]
 
 
-def test_wall_behind_an_obstacle_is_not_seen(fronts):
+def test_wall_behind_an_obstacle_is_not_seen(fronts: WallFronts) -> None:
     assert not seen(fronts, 2.0, 0.4, math.pi / 2)[at(fronts, 2.0, 1.975)]
     assert seen(fronts, 1.0, 0.4, math.pi / 2)[at(fronts, 1.0, 1.975)]
 
 
-def test_wall_too_far_away_is_not_seen(fronts):
+def test_wall_too_far_away_is_not_seen(fronts: WallFronts) -> None:
     assert not seen(fronts, 3.4, 0.6, math.pi)[at(fronts, 0.275, 0.6)]
 
 
-def test_what_was_searched_stays_so_on_a_map_that_has_grown_and_after_a_restart(fronts):
+def test_what_was_searched_stays_so_on_a_map_that_has_grown_and_after_a_restart(fronts: WallFronts) -> None:
     memory = WallMemory()
     memory.look(fronts, (1.5, 0.6, math.pi), HALF_WIDTH_RAD)
     grid = memory.grid(fronts)
@@ -78,7 +78,7 @@ def test_what_was_searched_stays_so_on_a_map_that_has_grown_and_after_a_restart(
     assert (again.grid(grown)[10:-10, 10:-10] == grid).all()
 
 
-def test_views_lead_to_drivable_places_from_which_each_unsearched_wall_is_seen(fronts):
+def test_views_lead_to_drivable_places_from_which_each_unsearched_wall_is_seen(fronts: WallFronts) -> None:
     grid = drawn_grid(ROOM)
     ways = PathField(grid, grid.cell((1.0, 0.6)))
     todo = fronts.middles_m[:, 0] > 3.7  # the wall to the right
@@ -91,7 +91,7 @@ def test_views_lead_to_drivable_places_from_which_each_unsearched_wall_is_seen(f
     assert seen(fronts, *place, heading)[at(fronts, *view.look_at_xy_m)]
 
 
-def test_short_pieces_of_wall_are_left_out(fronts):
+def test_short_pieces_of_wall_are_left_out(fronts: WallFronts) -> None:
     grid = drawn_grid(ROOM)
     ways = PathField(grid, grid.cell((1.0, 0.6)))
     todo = (fronts.middles_m[:, 0] > 3.7) & (np.abs(fronts.middles_m[:, 1] - 1.0) < 0.1)

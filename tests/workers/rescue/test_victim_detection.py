@@ -33,11 +33,11 @@ def seen_from(distance_m: float, aside_rad: float) -> list[victim_detection.TagS
     camera = SimulatedCamera(arena, GEOMETRY)
     x, y = WALL_X_M - distance_m * math.cos(aside_rad), 3.0 + distance_m * math.sin(aside_rad)
     camera.place(Pose(x, y, -aside_rad).plus(Pose(-GEOMETRY.mount_m[0], 0.0, 0.0)), 0.0)
-    return VictimDetector().detect(camera.capture().pixels, PROJECTION)
+    return VictimDetector().detect(camera.capture().pixels.astype(np.uint8), PROJECTION)
 
 
 @pytest.mark.parametrize(("distance_m", "aside_rad"), [(0.6, 0.0), (1.2, 0.9), (2.0, 0.5), (2.4, 0.0)])
-def test_victim_is_placed_by_the_size_of_its_tag(distance_m, aside_rad):
+def test_victim_is_placed_by_the_size_of_its_tag(distance_m: float, aside_rad: float) -> None:
     (sighting,) = seen_from(distance_m, aside_rad)
     assert sighting.tag == TAG
     assert sighting.position_m == pytest.approx([0.0, 0.0, distance_m], abs=0.12)
@@ -45,17 +45,17 @@ def test_victim_is_placed_by_the_size_of_its_tag(distance_m, aside_rad):
     assert sighting.normal[2] == pytest.approx(-math.cos(aside_rad), abs=0.25)
 
 
-def test_patch_shows_the_tag_and_what_is_around_it():
+def test_patch_shows_the_tag_and_what_is_around_it() -> None:
     (sighting,) = seen_from(1.0, 0.0)
     assert sighting.patch.shape[0] == pytest.approx(2 * sighting.edge_px, abs=4)
     assert sighting.patch.std() > 40  # black and white
 
 
-def test_tag_too_small_to_be_trusted_is_left_out():
+def test_tag_too_small_to_be_trusted_is_left_out() -> None:
     assert seen_from(7.0, 0.0) == []
 
 
-def test_without_opencv_it_says_what_to_install(monkeypatch):
+def test_without_opencv_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str) -> None:
         raise ImportError(name)
 
