@@ -1,7 +1,7 @@
 """Between messages and what planar workers take."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,12 +10,11 @@ from robbie_mp import Header
 from robbie_mp.messages import (
     Frontiers,
     LaserScan,
-    OccupancyGrid,
+    MapMetaData,
     Point,
     Pose,
     PoseStamped,
     Quaternion,
-    SearchedWalls,
     TFMessage,
 )
 from workers.exploration.frontiers import Frontier
@@ -27,6 +26,18 @@ class MapCells(NamedTuple):
     cells: NDArray[np.int8]
     resolution_m: float
     corner_xy_m: tuple[float, float]
+
+
+class GridMessage(Protocol):
+    """A message that holds a grid in the map frame, as OccupancyGrid does."""
+
+    @property
+    def info(self) -> MapMetaData:
+        """Size, resolution and place of the grid."""
+
+    @property
+    def data(self) -> NDArray[np.int8]:
+        """`(height * width,)`, row by row."""
 
 
 def planar(pose: Pose) -> tuple[float, float, float]:
@@ -41,7 +52,7 @@ def pose_stamped(pose: ArrayLike, header: Header) -> PoseStamped:
     return PoseStamped(header=header, pose=place)
 
 
-def map_cells(grid: OccupancyGrid | SearchedWalls) -> MapCells:
+def map_cells(grid: GridMessage) -> MapCells:
     """Return the cells of a map and where they lie."""
     corner = grid.info.origin.position
     cells = grid.data.reshape(grid.info.height, grid.info.width)

@@ -6,21 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modules.planar_messages import frontiers_message, map_cells, planar, pose_stamped
+from modules.rescue.messages import MissionOrder, MissionStatus, SearchedWalls, VictimFound
 from robbie_mp import Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
     BatteryState,
     CameraInfo,
     CancelGoal,
-    MissionOrder,
-    MissionStatus,
     NavigationState,
     OccupancyGrid,
     PanTiltCommand,
     PointOfInterest,
     PointsOfInterest,
     PoseStamped,
-    SearchedWalls,
-    VictimFound,
 )
 from workers.rescue.look_around import LookAround
 from workers.rescue.mission import Mission

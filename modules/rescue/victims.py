@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from modules.planar_messages import map_cells
+from modules.rescue.messages import SearchedWalls, VictimConfirmation, VictimFound
 from robbie_mp import Header, MessageHandling, Module, SettingError, Time, setting
 from robbie_mp.messages import (
     BoundingBox2D,
@@ -22,9 +23,6 @@ from robbie_mp.messages import (
     Pose,
     Pose2D,
     Quaternion,
-    SearchedWalls,
-    VictimConfirmation,
-    VictimFound,
 )
 from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew
 from workers.rescue.searched_walls import CameraView, WallFronts, WallMemory

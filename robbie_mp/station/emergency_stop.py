@@ -10,13 +10,12 @@ from nicegui.element import Element
 
 from robbie_mp.messages import EmergencyStop
 from robbie_mp.station.access import Role
-from robbie_mp.station.sending import header_of_now
+from robbie_mp.station.context import header_of_now
 from robbie_mp.station.stop_connection import StopService
 from robbie_mp.station.stop_requests import StopRequests
 
 if TYPE_CHECKING:
-    from robbie_mp.station.panel import Page
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import Page, StationContext
 
 REQUEST_TOPIC = "emergency_stop"
 STATE_TOPIC = "emergency_stop_state"
@@ -36,7 +35,7 @@ class EmergencyStopControl:
         service: answers the buttons of all pages.
     """
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         self._station = station
         self._state = station.newest(EmergencyStop, STATE_TOPIC)
         self._requests = StopRequests(self._send)

@@ -1,11 +1,11 @@
-"""The newest message of a kind, for who looks when it suits him."""
+"""The newest message of a kind, for panels that look at their own pace, and how to get it."""
 
 import threading
 import time
 from collections.abc import Callable
-from typing import Generic
+from typing import Generic, Protocol
 
-from robbie_mp.module.bus import MessageType
+from robbie_mp.module.bus import Envelope, MessageType
 
 
 class Latest(Generic[MessageType]):
@@ -45,3 +45,33 @@ class Latest(Generic[MessageType]):
         """Stop calling it."""
         with self._lock:
             self._listeners = tuple(one for one in self._listeners if one is not listener)
+
+
+class MessageSource(Protocol):
+    """Where the messages come from that pages show: the operator station."""
+
+    @property
+    def envelope(self) -> Envelope:
+        """Of the message that is being handled: its topic, sender and times."""
+
+    def newest(self, message_type: type[MessageType], topic: str = "") -> Latest[MessageType]:
+        """Return what holds the newest message of a type and topic; in the module's thread."""
+
+    def hear(
+        self, message_type: type[MessageType], handler: Callable[[MessageType], None], topic: str = ""
+    ) -> None:
+        """Have every message of a type and topic handled; in the module's thread."""
+
+
+def silence(age_s: float | None, after_s: float) -> str:
+    """Return how long a source has been silent, for people; '' if that is not longer than it may be.
+
+    Args:
+        age_s: of the newest that came; None: nothing has come yet.
+        after_s: a source that lives has told something within this time.
+    """
+    if age_s is None or age_s <= after_s:
+        return ""
+    if age_s < 120:
+        return f"{age_s:.0f} s"
+    return f"{age_s / 60:.0f} min" if age_s < 7200 else f"{age_s / 3600:.0f} h"

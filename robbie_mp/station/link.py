@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from robbie_mp.station.panel import Link
+from robbie_mp.station.context import Link
 
 LONGEST_QUEUE = 4
 """Packets that may wait for a browser. With as many waiting, its page is not changed any further."""

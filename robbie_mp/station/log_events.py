@@ -1,24 +1,57 @@
-"""What somebody may look for in a log that plays: crashes, marks and victims."""
+"""Events in a log that plays, shown above the playback's bar: crashes, marks, and what panels add."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.messages import Mark, ModuleState, VictimFound
+from robbie_mp.messages import Mark, Message, ModuleState
 from robbie_mp.recording.reader import LoggedMessage, open_log
-from robbie_mp.station.victim_watch import STATES
 
 CRASHED = ("BACKOFF", "FAILED")
-TYPES = {(one.type_name, one.version) for one in (Mark, ModuleState, VictimFound)}
-MOST_EVENTS = 300
-AT_ONCE = 100
-"""Messages that are looked at before others may go on: the pages come first."""
+MAX_EVENTS = 300
+MESSAGES_PER_TURN = 100
+"""Messages that are read before other threads get the processor; serving pages comes first."""
+
+
+@dataclass(frozen=True)
+class EventKind:
+    """Events that the messages of one type tell of.
+
+    Attributes:
+        name: of the kind, such as "crash"; unique.
+        message_type: the messages.
+        make_reader: makes the function that reads one log. It gets every message in order, and returns what
+            happened, for people, or None if nothing did.
+        icon: a name of the Material Icons.
+        colour: of Quasar's, such as "red-3".
+    """
+
+    name: str
+    message_type: type[Message]
+    make_reader: Callable[[], Callable[[Any], str | None]]
+    icon: str
+    colour: str
+
+
+def crash_of(state: ModuleState) -> str | None:
+    """Return which module crashed; None if none did."""
+    return f"{state.module} is {state.state}: {state.reason}" if state.state in CRASHED else None
+
+
+def mark_of(mark: Mark) -> str:
+    """Return the text of a mark."""
+    return mark.text or "mark"
+
+
+CRASH = EventKind("crash", ModuleState, lambda: crash_of, "heart_broken", "red-3")
+MARK = EventKind("mark", Mark, lambda: mark_of, "bookmark", "amber-3")
 
 
 @dataclass(frozen=True)
@@ -26,26 +59,29 @@ class LogEvent:
     """Something that happened at a moment of a log."""
 
     time_ns: int
-    kind: str
-    """"crash", "mark" or "victim"."""
+    kind: EventKind
     text: str
 
 
 class LogEvents:
     """Reads a log through, once, in a thread of its own.
 
+    Args:
+        kinds: the events to find, besides crashes and marks.
+
     Attributes:
-        found: the first events, by time; replaced and never changed, for pages look at it meanwhile.
+        found: the first events, by time; the tuple is replaced and never changed, since pages read it.
         error: why there are none; '' if that is not known.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, kinds: Iterable[EventKind] = ()) -> None:
         self.found: tuple[LogEvent, ...] = ()
         self.error = ""
+        self._kinds = (CRASH, MARK, *kinds)
         self._file = ""
 
     def read(self, file: str) -> None:
-        """Begin to read a log, if it is another one than before; always called by the same thread."""
+        """Start reading a log, unless it is the one read last; always called by the same thread."""
         if file != self._file:
             self._file, self.found, self.error = file, (), ""
             threading.Thread(target=self._read, args=(file,), name="events of a log", daemon=True).start()
@@ -55,38 +91,29 @@ class LogEvents:
         error = ""
         try:
             with open_log(Path(file)) as log:
-                channels = [one for one in log.channels if (one.type_name, one.version) in TYPES]
-                events = events_of(_in_peace(log.messages(channels=channels)))
-                found = tuple(islice(events, MOST_EVENTS))
+                wanted = {(one.message_type.type_name, one.message_type.version) for one in self._kinds}
+                channels = [one for one in log.channels if (one.type_name, one.version) in wanted]
+                events = events_of(_pausing(log.messages(channels=channels)), self._kinds)
+                found = tuple(islice(events, MAX_EVENTS))
         except (RobbieError, OSError) as unreadable:
             error = str(unreadable)
         if file == self._file:
             self.found, self.error = found, error
 
 
-def _in_peace(messages: Iterable[LoggedMessage]) -> Iterator[LoggedMessage]:
+def _pausing(messages: Iterable[LoggedMessage]) -> Iterator[LoggedMessage]:
     for count, message in enumerate(messages):
-        if count % AT_ONCE == 0:
+        if count % MESSAGES_PER_TURN == 0:
             time.sleep(0.001)
         yield message
 
 
-def events_of(messages: Iterable[LoggedMessage]) -> Iterator[LogEvent]:
-    """Yield what happened: marks, modules that crashed, and victims whenever their state was another one."""
-    states: dict[int, int] = {}
+def events_of(messages: Iterable[LoggedMessage], kinds: Sequence[EventKind]) -> Iterator[LogEvent]:
+    """Yield what happened, in the order of the messages."""
+    readers = [(kind, kind.make_reader()) for kind in kinds]
     for message in messages:
-        name = message.channel.type_name
-        if name == Mark.type_name:
-            mark = Mark.decode(message.data)
-            yield LogEvent(message.time_ns, "mark", mark.text or "mark")
-        elif name == ModuleState.type_name:
-            state = ModuleState.decode(message.data)
-            if state.state in CRASHED:
-                text = f"{state.module} is {state.state}: {state.reason}"
-                yield LogEvent(message.time_ns, "crash", text)
-        else:
-            victim = VictimFound.decode(message.data)
-            if states.get(victim.id) != victim.state:
-                states[victim.id] = victim.state
-                text = f"{victim.name or victim.id} {STATES.get(victim.state, victim.state)}"
-                yield LogEvent(message.time_ns, "victim", text)
+        for kind, describe in readers:
+            if kind.message_type.type_name == message.channel.type_name:
+                text = describe(kind.message_type.decode(message.data))
+                if text is not None:
+                    yield LogEvent(message.time_ns, kind, text)

@@ -9,17 +9,16 @@ from nicegui import ui
 
 from robbie_mp.messages import Mark
 from robbie_mp.station.access import Role
-from robbie_mp.station.sending import header_of_now
+from robbie_mp.station.context import header_of_now
 
 if TYPE_CHECKING:
-    from robbie_mp.station.panel import Page
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import Page, StationContext
 
 
 class MomentMarker:
     """A button at the top of the page. It marks at once: a text would come too late, and has its own ways."""
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         self._station = station
         self._numbers = count(1)
 

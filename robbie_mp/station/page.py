@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 from nicegui import core, ui
 
 from robbie_mp.station.access import Role
+from robbie_mp.station.context import Page
 from robbie_mp.station.gate import SESSION
 from robbie_mp.station.link import BrowserLink
-from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.panel import Panel
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
 
 TAB = "tab"
 LOG_OUT = "() => fetch('/logout', {method: 'POST'}).then(() => window.location.assign('/login'))"
@@ -22,7 +23,7 @@ RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnect
 
 
 def build_page(
-    station: OperatorStation,
+    station: StationContext,
     tools: Sequence[Callable[[Page], None]],
     bars: Sequence[Callable[[Page], None]],
     panels: Sequence[tuple[Panel, str]],

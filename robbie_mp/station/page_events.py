@@ -21,7 +21,7 @@ from starlette.types import Message, Receive, Scope, Send
 from robbie_mp.station.gate import SESSION, App
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
 
 NAMESPACE = "/"
 LOAD_ANEW = "Implicit handshake failed"
@@ -58,7 +58,7 @@ class PageEvents:
         station: knows whose page is whose.
     """
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         self._station = station
         handlers = dict(core.sio.handlers[NAMESPACE])
         unknown = handlers.keys() - FORMS.keys() - {"connect", "disconnect"}

@@ -14,8 +14,7 @@ from starlette.types import Receive, Scope, Send
 from robbie_mp.station.gate import SESSION, App
 
 if TYPE_CHECKING:
-    from robbie_mp.station.panel import Page
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import Page, StationContext
 
 MAX_PAGES = 16
 """Of all operators; and as many of all observers, who so keep no operator out."""
@@ -25,7 +24,7 @@ CONNECT_LIMIT_S = 10.0
 """A page that was loaded so long ago, and is not connected, makes room for another."""
 
 
-def with_page_limit(app: App, station: OperatorStation) -> App:
+def with_page_limit(app: App, station: StationContext) -> App:
     """Return an application that loads a page only if there is room for one more."""
     limit = PageLimit(station)
 
@@ -51,7 +50,7 @@ class PageLimit:
         station: whose pages they are.
     """
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         self._station = station
         self._being_made: list[str] = []
 

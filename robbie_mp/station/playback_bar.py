@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import secrets
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from nicegui import ui
@@ -11,29 +12,27 @@ from nicegui.events import GenericEventArguments
 
 from robbie_mp.messages import PlaybackControl, PlaybackState
 from robbie_mp.station.access import Role
-from robbie_mp.station.log_events import LogEvent, LogEvents
+from robbie_mp.station.log_events import EventKind, LogEvent, LogEvents
 from robbie_mp.views.message_text import describe_playback
 
 if TYPE_CHECKING:
-    from robbie_mp.station.panel import Page
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import Page, StationContext
 
 RATES = {0.25: "¼", 0.5: "½", 1.0: "1", 2.0: "2", 4.0: "4", 10.0: "10", math.inf: "max"}
 """Times real time."""
-LOOKS = {
-    "crash": ("heart_broken", "red-3"),
-    "mark": ("bookmark", "amber-3"),
-    "victim": ("hail", "light-green-3"),
-}
-"""Icon and colour by the kind of an event."""
 
 
 class PlaybackBar:
-    """Not to be seen unless there is a playback in the run."""
+    """Hidden unless there is a playback in the run.
 
-    def __init__(self, station: OperatorStation):
+    Args:
+        station: publishes the orders.
+        kinds: the events to show, besides crashes and marks.
+    """
+
+    def __init__(self, station: StationContext, kinds: Iterable[EventKind] = ()):
         self._state = station.newest(PlaybackState)
-        self.events = LogEvents()
+        self.events = LogEvents(kinds)
 
     def order(self, page: Page, command: str, value: float = 0.0) -> None:
         """Steer the playback."""
@@ -128,8 +127,7 @@ class EventMarks:
                 ui.label(f"its events cannot be shown: {events.error}").classes("text-xs")
 
     def _add(self, event: LogEvent, at_s: float, share: float) -> None:
-        icon, colour = LOOKS[event.kind]
-        button = ui.button(icon=icon, color=colour)
+        button = ui.button(icon=event.kind.icon, color=event.kind.colour)
         button.on_click(lambda: self._bar.order(self._page, "seek", at_s))
         button.props(f"flat dense round size=sm data-at={at_s:.3f}")
         button.set_enabled(self._page.role is Role.OPERATOR)

@@ -24,29 +24,15 @@ from robbie_mp.station.latest import Latest
 from robbie_mp.station.listening import AddressUnusable, listen
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.log_limit import limited
-from robbie_mp.station.places_watch import PlacesWatch
+from robbie_mp.station.map_marks import MapMarks, PlacesWatch
+from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels
 from robbie_mp.station.run_watch import RunWatch
 from robbie_mp.station.settings_watch import SettingsWatch
 
 if TYPE_CHECKING:
-    from robbie_mp.station.panel import Page
-    from robbie_mp.station.victim_watch import VictimWatch
+    from robbie_mp.station.context import Page
     from robbie_mp.station.website import Website
 
-PANEL_NAMES = (
-    "drive",
-    "view",
-    "map",
-    "cameras",
-    "mission",
-    "speech",
-    "system",
-    "parameters",
-    "devices",
-    "plots",
-    "trace",
-    "messages",
-)
 MODEL_SUFFIXES = (".stl", ".glb", ".gltf")
 """Of files with a robot's shape."""
 
@@ -70,6 +56,17 @@ def load_website() -> type[Website]:
     return Website
 
 
+def _check_panels(class_paths: list[str], tabs: dict[str, str]) -> None:
+    """See that all panels exist, and that every tab is one of them."""
+    try:
+        known = [*FRAMEWORK_PANELS, *load_panels(class_paths)]
+    except ModuleNotFoundError:
+        return  # without the extra `gui` there is no page; `setup` says what is missing
+    for name in tabs:
+        if name not in known:
+            raise SettingError(f"there is no panel {name!r}; expected one of {', '.join(known)}", "tabs")
+
+
 class OperatorStation(Module):
     """Serves the page of this robot.
 
@@ -84,8 +81,11 @@ class OperatorStation(Module):
         None, "what an operator logs in with; null: a new one for each run, in the link that is printed"
     )
     observer_token: Secret | None = setting(None, "what an observer logs in with; null: there are none")
+    panels: list[str] = setting(
+        [], "your robot's own panels, each package.module:Class, besides the framework's"
+    )
     tabs: dict[str, str] = setting(
-        {}, "which panels to show, in this order, and their titles ('': its own); {}: all of use"
+        {}, "which panels to show, in this order, and their titles ('': the panel's); {}: all that are useful"
     )
     max_linear_m_per_s: float = setting(0.7, "fastest that may be driven by hand", minimum=0.05)
     max_angular_rad_per_s: float = setting(1.5, "fastest that may be turned by hand", minimum=0.1)
@@ -102,7 +102,7 @@ class OperatorStation(Module):
 
     @classmethod
     def check(cls, settings: dict[str, Any]) -> None:
-        """See that nobody can steer the robot who should not, and that every tab is a panel."""
+        """See that only authorized people can steer the robot, and that every tab is a panel."""
         for name in ("operator_token", "observer_token"):
             if settings[name] is not None and len(settings[name].reveal()) < SHORTEST_TOKEN:
                 raise SettingError(f"expected at least {SHORTEST_TOKEN} characters; got fewer", name)
@@ -118,10 +118,7 @@ class OperatorStation(Module):
         if model is not None and model.suffix.lower() not in MODEL_SUFFIXES:
             expected = " or ".join(MODEL_SUFFIXES)
             raise SettingError(f"expected a file {expected}; got {model.name}", "robot_model")
-        for name in settings["tabs"]:
-            if name not in PANEL_NAMES:
-                known = ", ".join(PANEL_NAMES)
-                raise SettingError(f"there is no panel {name!r}; expected one of {known}", "tabs")
+        _check_panels(settings["panels"], settings["tabs"])
 
     def setup(self) -> None:
         """Subscribe to what the panels show, and begin to serve."""
@@ -148,8 +145,9 @@ class OperatorStation(Module):
         self.scene = SceneGraphListener(self, hears_time_jumps=False)
         self.hear(TimeJump, lambda _jump: self.scene.forget())
         self.live = LiveParts()
+        self.map_marks = MapMarks()
         self.places_watch = PlacesWatch(self)
-        self.settings_watch = SettingsWatch(self)
+        self.settings_watch = SettingsWatch(self, folder)
         listener = self._listen(before["port"])
         self._website = website(self, listener)
         self._website.start()
@@ -172,12 +170,6 @@ class OperatorStation(Module):
         """Keep what a restarted station needs for browsers to go on without asking anybody."""
         self._remembered = self.access.sessions
         self.checkpoint({"port": self._port, "sessions": self._remembered})
-
-    @property
-    def victim_watch(self) -> VictimWatch:
-        """What is known of victims; panels may ask when they are looked at."""
-        assert self._website is not None
-        return self._website.victim_watch
 
     def newest(self, message_type: type[MessageType], topic: str = "") -> Latest[MessageType]:
         """Return what holds the newest message of a type and topic, which all panels share.

@@ -20,14 +20,13 @@ from robbie_mp.station.moment_marker import MomentMarker
 from robbie_mp.station.page import build_page
 from robbie_mp.station.page_events import PageEvents, with_known_packets
 from robbie_mp.station.page_limit import with_page_limit
-from robbie_mp.station.panels import PANELS
+from robbie_mp.station.panel_classes import load_panels, panels_in_order
 from robbie_mp.station.playback_bar import PlaybackBar
 from robbie_mp.station.server import PageServer
-from robbie_mp.station.victim_question import VictimQuestion
-from robbie_mp.station.victim_watch import VictimWatch
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
+    from robbie_mp.station.panel import Panel
 
 LIBRARIES = ("nicegui", "asyncio", "uvicorn.error", "engineio.server", "socketio.server")
 """Loggers of those who complain of what visitors send: they have a limit."""
@@ -41,27 +40,38 @@ def answer_plainly(_request: Request, error: Exception) -> Response:
     return PlainTextResponse("there is no such thing here\n" if status == 404 else "failed\n", status)
 
 
+def made_panels(station: StationContext) -> tuple[dict[str, Panel], dict[str, str]]:
+    """Make the panels of a station.
+
+    Returns:
+        The panels by name, and the names and titles of the tabs in their order. The robot's own panels are
+        made even if no tab shows them: they may have something to show on every tab, and on the map.
+    """
+    own = load_panels(station.panels)
+    classes = panels_in_order(own)
+    wanted = [name for name, panel in classes.items() if panel.is_wanted(station)]
+    titles = station.tabs or dict.fromkeys(wanted, "")
+    return {name: made(station) for name, made in classes.items() if name in titles or name in own}, titles
+
+
 class Website:
     """The page of a station, and what serves it.
 
     Args:
         station: the module; it is just being set up.
         listener: the socket on which it is asked for the page.
-
-    Attributes:
-        victim_watch: what is known of victims.
     """
 
-    def __init__(self, station: OperatorStation, listener: socket.socket):
-        self.victim_watch = VictimWatch(station)
+    def __init__(self, station: StationContext, listener: socket.socket):
         self._map = LiveMap(station)
-        wanted = [name for name, panel in PANELS.items() if panel.is_wanted(station)]
-        titles = station.tabs or dict.fromkeys(wanted, "")
-        self._panels = [PANELS[name](station) for name in titles]
-        titled = [(panel, titles[panel.name] or panel.title) for panel in self._panels]
+        panels, titles = made_panels(station)
+        self._panels = [*panels.values()]
+        titled = [(panels[name], title or panels[name].title) for name, title in titles.items()]
         self._emergency_stop = EmergencyStopControl(station)
         tools = [self._emergency_stop.build, MomentMarker(station).build]
-        bars = [PlaybackBar(station).build, VictimQuestion(station).build]
+        event_kinds = [kind for panel in self._panels for kind in panel.log_events]
+        playback_bar = PlaybackBar(station, event_kinds)
+        bars = [playback_bar.build, *(panel.build_on_every_tab for panel in self._panels)]
         page = ui.page("/", title="Robbie", response_timeout=10)
         page(lambda: build_page(station, tools, bars, titled))
         application = FastAPI(openapi_url=None)

@@ -21,10 +21,10 @@ from robbie_mp.station.gate import (
     paced,
 )
 from robbie_mp.station.listening import AddressUnusable, listen
-from robbie_mp.station.panels import PANELS
-from robbie_mp.station.station import PANEL_NAMES
+from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, panels_in_order
 
 OPERATOR, OBSERVER = "correct-horse-battery", "only-looking-please"
+OWN_PANEL = "tests.station._support.own_panel"
 
 
 PEER = ("192.0.2.7", 1234)
@@ -151,6 +151,16 @@ def test_one_page_drives_until_another_takes_over_on_purpose() -> None:
         ({"host": "0.0.0.0"}, "set operator_token"),
         ({"operator_token": Secret("short")}, "at least 16 characters"),
         ({"tabs": {"sistem": ""}}, "there is no panel 'sistem'"),
+        ({"panels": ["map"]}, "expected package.module:Class; got 'map'"),
+        ({"panels": [f"{OWN_PANEL}s:FriendsPanel"]}, "no Python module .*did you mean .*own_panel'"),
+        ({"panels": [f"{OWN_PANEL}:FriendPanel"]}, "no class 'FriendPanel'; did you mean 'FriendsPanel'"),
+        ({"panels": ["pathlib:Path"]}, "pathlib:Path is not derived from robbie_mp.station.panel.Panel"),
+        ({"panels": ["robbie_mp.station.panel:Panel"]}, "robbie_mp.station.panel:Panel has no name"),
+        ({"panels": [f"{OWN_PANEL}:FriendsPanel"] * 2}, "FriendsPanel is called 'friends' already"),
+        (
+            {"panels": ["robbie_mp.station.panels.map:MapPanel"]},
+            ":MapPanel is called 'map' already",
+        ),
     ],
 )
 def test_unsafe_or_wrong_settings_are_errors_before_anything_starts(
@@ -209,4 +219,10 @@ def test_messages_of_a_page_beyond_their_rate_wait(monkeypatch: pytest.MonkeyPat
 
 
 def test_every_panel_can_be_named_in_a_profile() -> None:
-    assert tuple(PANELS) == PANEL_NAMES
+    panels = panels_in_order({})
+    assert [panel.name for panel in panels.values()] == [*FRAMEWORK_PANELS]
+
+
+def test_robots_own_panel_can_be_named_among_the_tabs() -> None:
+    settings = {"panels": [f"{OWN_PANEL}:FriendsPanel"], "tabs": {"friends": "", "map": "Where am I"}}
+    ModuleHarness(OperatorStation, settings)

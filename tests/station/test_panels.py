@@ -10,7 +10,7 @@ from playwright.sync_api import Page
 
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import Mark
-from robbie_mp.station.station import PANEL_NAMES
+from robbie_mp.station.panel_classes import FRAMEWORK_PANELS
 from robbie_mp.trace.kinds import Kind, read_recorded
 from tests.recording._support.logs import LogFile
 from tests.run._support.robot import Robot, wait_until
@@ -19,7 +19,6 @@ from tests.station._support.known_robot import FRONTIERS
 from tests.station.test_page import address_of
 
 pytestmark = [needs_chromium, pytest.mark.timeout(600)]
-MISSION = ("#mission-start", "#mission-pause", "#mission-return", "#mission-abort")
 HERE = Path(__file__).parent
 PROFILE = """
 modules:
@@ -94,12 +93,9 @@ def test_panels_show_what_the_robot_has_and_the_robot_hears_what_is_said_there(
             nothing_is_shown_without_a_token(other, address)
             log_in(other, "opens-all-our-eyes")
             observer_sees_and_does_not_steer(other)
-        victim_is_confirmed(page, told)
         playback_is_steered(page, told)
         map_is_shown_and_goal_is_set(page, told)
         cameras_are_shown(page, address)
-        mission_is_steered(page, told)
-        states_and_victims_are_listed(page)
         commands_of_the_profile_are_given(page, told)
         trace_is_filtered_and_what_is_recorded_is_chosen(page, robot)
         messages_are_shown_and_composed(page, told)
@@ -121,9 +117,9 @@ def log_in(page: Page, token: str) -> None:
 
 
 def everything_is_reached_by_keys(page: Page) -> None:
-    """What stops, drives, answers and leads to the other panels."""
-    page.wait_for_selector("#victim-question")
-    wanted = {"emergency-stop", "tab-drive", "drive-pad", "linear-limit", "angular-limit", "victim-yes"}
+    """What stops, drives and leads to the other panels."""
+    page.wait_for_selector("#drive-pad")
+    wanted = {"emergency-stop", "tab-drive", "drive-pad", "linear-limit", "angular-limit"}
     for _ in range(50):
         page.keyboard.press("Tab")
         wanted.discard(page.evaluate("document.activeElement.closest('[id]')?.id"))
@@ -139,7 +135,7 @@ def everything_is_reached_by_keys(page: Page) -> None:
 
 def everything_fits(page: Page) -> None:
     """No panel is wider than the page, and nothing hides the emergency stop."""
-    for name in PANEL_NAMES:
+    for name in FRAMEWORK_PANELS:
         page.click(f"#tab-{name}")
         page.wait_for_selector(f"#panel-{name}", state="visible")
         page.wait_for_function(FITS, arg=f"panel-{name}")
@@ -147,34 +143,19 @@ def everything_fits(page: Page) -> None:
 
 
 def nothing_is_shown_without_a_token(page: Page, address: str) -> None:
-    for path in ("live/map", "pictures/camera/eye", "pictures/victim/7"):
+    for path in ("live/map", "pictures/camera/eye"):
         assert page.request.get(address + path).status == 401
 
 
 def observer_sees_and_does_not_steer(page: Page) -> None:
     page.wait_for_selector("#role:text-is('observer')")
-    page.wait_for_selector("#victim-question:has-text('tag 7, at 4.00 m, 4.00 m')")
     page.wait_for_selector("#playback-text:has-text('PLAYBACK of old.mcap')")
     page.click("#tab-map")
     page.wait_for_selector("#map-text:has-text('robot at 1.50 m')")
-    page.click("#tab-mission")
-    page.wait_for_selector("#mission-text:has-text('drives about')")
-    assert not any(page.locator(button).count() for button in MISSION)
     page.click("#tab-messages")
     page.wait_for_selector("#messages-topics tr:has-text('map_pose')")
-    for steers in ("#map-mode", "#victim-yes", "#playback-pause", "#messages-compose", "#drive-pad", "#mark"):
+    for steers in ("#map-mode", "#playback-pause", "#messages-compose", "#drive-pad", "#mark"):
         assert not page.locator(steers).is_visible(), steers
-
-
-def victim_is_confirmed(page: Page, told: Told) -> None:
-    page.wait_for_selector("#victim-question:has-text('tag 7, at 4.00 m, 4.00 m')")
-    page.wait_for_selector("#victim-time-left:has-text('s left to answer; 75% sure')")
-    left_s = int(page.inner_text("#victim-time-left").split()[0])
-    assert 600 < left_s <= 900
-    page.wait_for_function("document.querySelector('#victim-question img').naturalWidth == 2")
-    page.click("#victim-yes")
-    assert told.waits_for("answer") == ["7", "1"]
-    page.wait_for_selector("#victim-question", state="hidden")
 
 
 def playback_is_steered(page: Page, told: Told) -> None:
@@ -206,7 +187,7 @@ def playback_is_steered(page: Page, told: Told) -> None:
 def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
     page.click("#tab-map")
     page.wait_for_selector("#map-text:has-text('12 x 8 cells of 0.5 m; robot at 1.50 m, 3.25 m, 90°')")
-    assert "path of 1201 points; 2 frontiers; 1 victims; home" in page.inner_text("#map-text")
+    assert "path of 1201 points; 2 frontiers; home" in page.inner_text("#map-text")
     page.click("#map-mode >> text=Set goal")
     page.wait_for_selector("#map-view[data-placing=goal][data-map=whole]")
     page.click("#map-view")  # its middle, which is the map's
@@ -287,37 +268,6 @@ def image_of_a_silent_camera_shows_its_age(page: Page, robot: Robot) -> None:
     robot.command("module", "stop", "known", "--run", robot.known_run().run_id)
     page.wait_for_selector("#panel-cameras .camera-silent:text-matches('silent: this image is [0-9]+ s old')")
     page.wait_for_selector("#panel-cameras img.grayscale")
-
-
-def mission_is_steered(page: Page, told: Told) -> None:
-    page.click("#tab-mission")
-    page.wait_for_selector("#mission-state:has-text('EXPLORE')")
-    can_press(page, "#mission-pause")
-    page.click("#mission-pause")
-    told.waits_for("order", "1")
-    page.wait_for_selector("#mission-state:has-text('PAUSE')")
-    can_press(page, "#mission-start", "#mission-return", "#mission-abort")
-    assert page.inner_text("#mission-refusal") == ""
-    page.click("#mission-return")
-    told.waits_for("order", "3")
-    page.wait_for_selector("#mission-refusal:has-text('Refused: no 3 today')")
-    page.click("#mission-abort")
-    page.click("#confirm-abort")
-    told.waits_for("order", "2")
-
-
-def can_press(page: Page, *wanted: str) -> None:
-    """Wait until these of the mission's buttons can be pressed, and no others."""
-    for button in MISSION:
-        page.wait_for_selector(f"{button}:{'enabled' if button in wanted else 'disabled'}")
-
-
-def states_and_victims_are_listed(page: Page) -> None:
-    page.click("#tab-mission")
-    page.wait_for_selector("#mission-states tr:has-text('LOOK_AROUND'):has-text('all is set')")
-    row = page.locator("#mission-victims tbody tr:has-text('confirmed')")
-    row.wait_for()
-    assert row.inner_text().split() == ["7", "tag", "7", "confirmed", "4.00", "4.00", "75%", "3"]
 
 
 def commands_of_the_profile_are_given(page: Page, told: Told) -> None:

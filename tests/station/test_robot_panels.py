@@ -15,7 +15,7 @@ PROFILE = """
 modules:
   operator:
     class: robbie_mp.station:OperatorStation
-    settings: {port: 0, robot_model: robot.stl}
+    settings: {port: 0, robot_model: robot.stl, panels: ["zoo.own_panel:FriendsPanel"]}
   stage: {class: "zoo.stage:Stage"}
 """
 NODES = {"base_link": "1.50,-0.50,0.00", "laser": "1.70,-0.50,0.10", "red/base_link": "3.00,1.25,0.00"}
@@ -62,11 +62,20 @@ def plot(page: Page, messages: str, path: str) -> None:
     page.click("#plot-add")
 
 
+def robots_own_panel_has_a_tab_and_is_in_sight_on_every_tab(page: Page) -> None:
+    page.wait_for_selector("#friends-greeting:text-is('hello')")
+    titles = page.locator(".q-tab__label").all_inner_texts()
+    assert titles[titles.index("CAMERAS") + 1] == "FRIENDS"
+    page.click("#tab-friends")
+    page.wait_for_selector("#friends-text:text-is('Anna is here')")
+    assert page.is_visible("#friends-greeting")
+
+
 def view_shows_what_there_is(page: Page) -> None:
     page.click("#tab-view")
     # Two of the scan's rays hit something; the cloud has five points.
     robots = "robot at 1.50 m, -0.50 m, 0°; red at 3.00 m, 1.25 m"
-    others = "7 points, 1 victims, 1 points of interest"
+    others = "7 points, 1 friends, 1 points of interest"
     page.wait_for_selector(f"#view-figures:text-is('{robots}; {others}')")
     for name, place in NODES.items():
         page.wait_for_function(f"({POSITION.replace('NAME', name)})() === '{place}'")
@@ -77,7 +86,7 @@ def view_shows_what_there_is(page: Page) -> None:
     page.click("#view-names")
     page.wait_for_selector("#view-scene >> text=laser")
     page.click("#tab-map")
-    page.wait_for_selector("#map-text:has-text('red at 3.00 m, 1.25 m; 1 victims; door')")
+    page.wait_for_selector("#map-text:has-text('red at 3.00 m, 1.25 m; 1 friends; door')")
 
 
 def parameters_are_changed_and_wrong_ones_refused(page: Page, robot: Robot) -> None:
@@ -166,11 +175,13 @@ def system_shows_processes_and_restarts_and_stops_them(page: Page, robot: Robot)
 
 def test_panels_show_the_robot_and_change_it(robot: Robot) -> None:
     (robot.folder / "zoo" / "stage.py").write_text((HERE / "_support" / "stage.py").read_text())
+    (robot.folder / "zoo" / "own_panel.py").write_text((HERE / "_support" / "own_panel.py").read_text())
     (robot.folder / "robot.stl").write_text(TRIANGLE)
     robot.write_profile(PROFILE)
     robot.start()
     address = address_of(robot)
     with browser() as started, page_of(started, address) as page:
+        robots_own_panel_has_a_tab_and_is_in_sight_on_every_tab(page)
         view_shows_what_there_is(page)
         parameters_are_changed_and_wrong_ones_refused(page, robot)
         camera_follows_the_robot_or_is_free(page, robot)

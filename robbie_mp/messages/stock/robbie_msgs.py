@@ -4,11 +4,9 @@ from typing import ClassVar
 
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
-from robbie_mp.messages.primitives import Array, float32, float64, int8, uint8, uint32, uint64
+from robbie_mp.messages.primitives import Array, float32, float64, uint8, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
 from robbie_mp.messages.stock.geometry_msgs import Point, Pose
-from robbie_mp.messages.stock.nav_msgs import MapMetaData
-from robbie_mp.messages.stock.sensor_msgs import Image
 from robbie_mp.messages.stock.std_msgs import Header
 
 
@@ -126,68 +124,6 @@ class Frontiers(Message, name="robbie_msgs/msg/Frontiers", version=1):
     header: Header = DEFAULT  # frame_id: of the map
     middles: list[Point] = DEFAULT  # m, the longest first
     lengths_m: Array[float32] = DEFAULT  # of each
-
-
-class MissionOrder(Message, name="robbie_msgs/msg/MissionOrder", version=1):
-    """The operator orders the mission to do something. `MissionStatus` tells what has become of it."""
-
-    START: ClassVar[uint8] = 0  # or go on after a pause
-    PAUSE: ClassVar[uint8] = 1  # stop, and stand until START
-    ABORT: ClassVar[uint8] = 2  # stop, and end the mission where the robot is
-    RETURN: ClassVar[uint8] = 3  # drive home at once
-
-    header: Header = DEFAULT
-    order: uint8 = START
-
-
-class MissionStatus(Message, name="robbie_msgs/msg/MissionStatus", version=1):
-    """What a mission is about, and what the operator may order; on each change, and every now and then."""
-
-    header: Header = DEFAULT
-    state: str = DEFAULT  # of its state machine, as EXPLORE, PAUSE, RETURN, DONE
-    text: str = DEFAULT  # what that means and why, for people
-    orders: Array[uint8] = DEFAULT  # of MissionOrder: those that fit now
-    refusal: str = DEFAULT  # why the newest order was refused; '' if it was obeyed
-
-
-class VictimFound(Message, name="robbie_msgs/msg/VictimFound", version=1):
-    """What is known of a victim; it comes again whenever more is known."""
-
-    SUSPECTED: ClassVar[uint8] = 0  # seen, but not well enough to ask, or it was said to ask later
-    ASKED: ClassVar[uint8] = 1  # the operator has been asked and has not answered yet
-    CONFIRMED: ClassVar[uint8] = 2
-    REJECTED: ClassVar[uint8] = 3
-
-    header: Header = DEFAULT  # stamp: of the last image it is in; frame_id: of the map
-    id: uint32 = DEFAULT
-    name: str = DEFAULT  # for people
-    pose: Pose = DEFAULT  # x axis: out of the wall, towards who can see it
-    spread_m: float64 = DEFAULT  # standard deviation of the position
-    confidence: float32 = DEFAULT  # 0 … 1: how sure it is that there is one
-    views: uint32 = DEFAULT  # images it is in
-    state: uint8 = SUSPECTED
-    answer_within_s: float32 = DEFAULT  # ASKED: so long the operator may still answer; else 0
-    image: Image = DEFAULT  # the part that shows it best; empty: there is none
-
-
-class SearchedWalls(Message, name="robbie_msgs/msg/SearchedWalls", version=1):
-    """Where a victim could hang on a wall, and whether the camera has seen well that none does."""
-
-    header: Header = DEFAULT  # frame_id: of the map
-    info: MapMetaData = DEFAULT  # of the grid
-    data: Array[int8] = DEFAULT  # (height * width,) 100: searched, 0: not, -1: no wall is here
-
-
-class VictimConfirmation(Message, name="robbie_msgs/msg/VictimConfirmation", version=1):
-    """The operator's answer for a victim that was found."""
-
-    NO: ClassVar[uint8] = 0
-    YES: ClassVar[uint8] = 1
-    LATER: ClassVar[uint8] = 2  # ask again when more is known
-
-    header: Header = DEFAULT
-    id: uint32 = DEFAULT  # of the victim
-    answer: uint8 = NO
 
 
 class PointOfInterest(Message, name="robbie_msgs/msg/PointOfInterest", version=1):

@@ -9,7 +9,7 @@ from robbie_mp.messages import OccupancyGrid
 from robbie_mp.station.map_tiles import MapTiles
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
 
 GROUP = "map"
 PERIOD_S = 0.5
@@ -23,7 +23,7 @@ class LiveMap:
         station: hears of it.
     """
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         self._live = station.live
         self._grid = station.newest(OccupancyGrid)
         self._tiles = MapTiles()

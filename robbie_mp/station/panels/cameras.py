@@ -9,10 +9,10 @@ from starlette.responses import Response
 
 from robbie_mp.messages import CompressedImage, Detection2DArray, Image
 from robbie_mp.module.module import MessageHandling
-from robbie_mp.station.ages import silence
+from robbie_mp.station.context import Page
 from robbie_mp.station.detection_boxes import Box, DetectionBoxes, boxes_of
-from robbie_mp.station.latest import Latest
-from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.latest import Latest, silence
+from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.newest_image import NewestImage
 from robbie_mp.station.pictures import (
     NewestPicture,
@@ -22,7 +22,7 @@ from robbie_mp.station.pictures import (
 )
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
 
 REFRESH_S = 0.1
 """No page is told of new images more often."""
@@ -65,7 +65,7 @@ class CamerasPanel(Panel):
     title = "Cameras"
     icon = "photo_camera"
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         super().__init__(station)
         self.cameras: dict[str, Camera] = {}
         self.detections: dict[str, Detection2DArray] = {}

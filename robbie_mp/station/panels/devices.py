@@ -13,8 +13,10 @@ from nicegui import ui
 
 from robbie_mp.profile.show import inline
 from robbie_mp.station.access import Role
-from robbie_mp.station.panel import Page, Panel
-from robbie_mp.station.settings_watch import Change, Entry
+from robbie_mp.station.context import Page
+from robbie_mp.station.panel import Panel
+from robbie_mp.station.panels.setting_change import Change
+from robbie_mp.station.settings_watch import Entry
 
 PREFIX = "virtual_"
 STEPS = 100

@@ -12,13 +12,13 @@ from nicegui.events import GenericEventArguments
 
 from robbie_mp.messages import DriveCommand, Duration, Odometry
 from robbie_mp.station.access import Role
-from robbie_mp.station.ages import silence
+from robbie_mp.station.context import Page, header_of_now
 from robbie_mp.station.dead_man import DeadManSwitch
-from robbie_mp.station.panel import Page, Panel
-from robbie_mp.station.sending import header_of_now
+from robbie_mp.station.latest import silence
+from robbie_mp.station.panel import Panel
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
 
 VALID_FOR = Duration.from_nanoseconds(220_000_000)
 """The base brakes when no further command comes within this, two heartbeats, and stands soon after."""
@@ -42,7 +42,7 @@ class DrivePanel(Panel):
     title = "Drive"
     icon = "sports_esports"
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         super().__init__(station)
         self._odometry = station.newest(Odometry, "odom")
 
@@ -74,7 +74,7 @@ class DriverControls:
         page: whose controls they are.
     """
 
-    def __init__(self, station: OperatorStation, page: Page):
+    def __init__(self, station: StationContext, page: Page):
         self._station = station
         self._page = page
         self._switch = DeadManSwitch()

@@ -1,4 +1,4 @@
-"""The map from above: robots, path, goal, frontiers, victims, places; somewhere to send the robot to."""
+"""The map from above: robots, path, goal, frontiers, places and marks. Operators set goals on it."""
 
 from __future__ import annotations
 
@@ -19,18 +19,17 @@ from robbie_mp.messages import (
     Pose,
     PoseStamped,
     Quaternion,
-    VictimFound,
 )
 from robbie_mp.scene_graph import RigidTransform
 from robbie_mp.station.access import Role
+from robbie_mp.station.context import Page, header_of_now
 from robbie_mp.station.live import SCRIPTS
-from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.map_marks import MapMark
+from robbie_mp.station.panel import Panel
 from robbie_mp.station.scene_view.other_robots import other_robots
-from robbie_mp.station.sending import header_of_now
-from robbie_mp.station.victim_watch import KnownVictim
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
 
 TEXT_PERIOD_S = 0.2
 GROUP = "marks"
@@ -39,12 +38,6 @@ LONGEST_PATH = 500
 """Of longer paths every second, third … point is shown."""
 MODES = {"": "Move map", "goal": "Set goal", "initial_pose": "Set pose"}
 """What a press on the map does, by the topic that it is published on."""
-COLOURS = {
-    VictimFound.SUSPECTED: "#ef6c00",
-    VictimFound.ASKED: "#fdd835",
-    VictimFound.CONFIRMED: "#00897b",
-    VictimFound.REJECTED: "#757575",
-}
 PLACE_COLOUR = "#3949ab"
 
 
@@ -59,7 +52,7 @@ class MapPanel(Panel):
     title = "Map"
     icon = "map"
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         super().__init__(station)
         self._grid = station.newest(OccupancyGrid)
         self._pose = station.newest(PoseStamped, "map_pose")
@@ -128,7 +121,7 @@ class MapPanel(Panel):
             "robot": planar(self._pose.message),
             "goal": planar(self._goal.message),
             "frontiers": frontier_marks(self._frontiers.message),
-            "victims": list(map(victim_mark, self.station.victim_watch.victims.values())),
+            "marked": [disc_of(mark) for marks in self.station.map_marks.now().values() for mark in marks],
             "places": [place_mark(place) for place in self.station.places_watch.places],
             "others": self._others,
         }
@@ -147,7 +140,7 @@ class MapPanel(Panel):
         if self._frontiers.message:
             parts.append(f"{len(self._frontiers.message.middles)} frontiers")
         parts += [f"{one['name']} at {one['x']:.2f} m, {one['y']:.2f} m" for one in self._others]
-        parts += [f"{len(self.station.victim_watch.victims)} victims"]
+        parts += [f"{len(marks)} {title}" for title, marks in self.station.map_marks.now().items()]
         return "; ".join([*parts, *(place.name for place in self.station.places_watch.places)])
 
     def _publish(self, page: Page, topic: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
@@ -175,11 +168,9 @@ def frontier_marks(frontiers: Frontiers | None) -> list[list[float]]:
     return [[middle.x, middle.y, length_m] for middle, length_m in marks][: Frontiers.MOST]
 
 
-def victim_mark(victim: KnownVictim) -> dict[str, Any]:
-    """Return what is drawn of a victim."""
-    position = victim.found.pose.position
-    colour = COLOURS.get(victim.found.state, COLOURS[VictimFound.SUSPECTED])
-    return {"x": position.x, "y": position.y, "name": victim.found.name, "colour": colour}
+def disc_of(mark: MapMark) -> dict[str, Any]:
+    """Return what is drawn of a panel's mark."""
+    return {"x": mark.x, "y": mark.y, "name": mark.name, "colour": mark.colour}
 
 
 def place_mark(place: PointOfInterest) -> dict[str, Any]:

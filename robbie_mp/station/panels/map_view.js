@@ -7,7 +7,7 @@ export default {
     :style="{ cursor: placing ? 'crosshair' : 'grab' }"></canvas>`,
   props: { placing: String },
   mounted() {
-    this.marks = { robot: null, goal: null, path: [], frontiers: [], victims: [], places: [], others: [] };
+    this.marks = { robot: null, goal: null, path: [], frontiers: [], marked: [], places: [], others: [] };
     this.map = new MapPicture();
     this.updates = 0;
     this.centre = { x: 0, y: 0 };
@@ -124,7 +124,7 @@ export default {
         canvas.height / 2 + this.centre.y * scale);
       this.draw_picture(pen);
       this.draw_path(pen);
-      const { robot, goal, frontiers, victims, places, others } = this.marks;
+      const { robot, goal, frontiers, marked, places, others } = this.marks;
       for (const frontier of frontiers) this.draw_frontier(pen, frontier);
       if (goal) this.draw_arrow(pen, goal, "#2e7d32");
       if (robot) this.draw_arrow(pen, robot, "#c62828");
@@ -132,7 +132,7 @@ export default {
         this.draw_arrow(pen, [x, y, yaw], "#5d4037");
         this.draw_name(pen, x, y, name);
       }
-      for (const mark of [...places, ...victims]) this.draw_disc(pen, mark);
+      for (const mark of [...places, ...marked]) this.draw_disc(pen, mark);
       const press = this.press;
       if (press && press.placing) {
         const yaw = Math.atan2(press.at.y - press.begin.y, press.at.x - press.begin.x);

@@ -13,8 +13,7 @@ from robbie_mp.station.composer import FormError, compose, form_of
 if TYPE_CHECKING:
     from robbie_mp.messages import Message
     from robbie_mp.messages.descriptions import KnownTypes
-    from robbie_mp.station.panel import Page
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import Page, StationContext
 
 MOST_FIELDS = 200
 MOST_HZ = 20.0
@@ -33,7 +32,7 @@ class MessageForm:
         page: where it is.
     """
 
-    def __init__(self, station: OperatorStation, types: KnownTypes, page: Page):
+    def __init__(self, station: StationContext, types: KnownTypes, page: Page):
         self._station = station
         self._types = types
         self._page = page

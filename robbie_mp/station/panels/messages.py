@@ -8,16 +8,16 @@ from nicegui import run, ui
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.station.access import Role
-from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.context import Page
+from robbie_mp.station.panel import Panel, columns
 from robbie_mp.station.panels.message_form import MessageForm
 from robbie_mp.station.run_watch import REFRESH_S
-from robbie_mp.station.table_columns import columns
 from robbie_mp.station.topic_watch import TopicWatch
 from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.views.known_types import types_of_run
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
 
 TREE_REFRESH_S = 0.5
 MOST_WATCHES = 4
@@ -31,7 +31,7 @@ class MessagesPanel(Panel):
     title = "Messages"
     icon = "forum"
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         super().__init__(station)
         self.types = types_of_run(station.known_run)
         self.watches: dict[str, TopicWatch] = {}

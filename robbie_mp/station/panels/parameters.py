@@ -9,11 +9,13 @@ from nicegui import ui
 from robbie_mp.profile.show import inline
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.station.access import Role
-from robbie_mp.station.panel import Page, Panel
-from robbie_mp.station.settings_watch import Change, Entry
+from robbie_mp.station.context import Page
+from robbie_mp.station.panel import Panel
+from robbie_mp.station.panels.setting_change import Change
+from robbie_mp.station.settings_watch import Entry
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
 
 
 class ParametersPanel(Panel):
@@ -23,7 +25,7 @@ class ParametersPanel(Panel):
     title = "Parameters"
     icon = "tune"
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         super().__init__(station)
         modules = RunPlan.load(station.known_run.folder).modules
         self.given = {

@@ -12,13 +12,14 @@ from nicegui import ui
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
 from robbie_mp.station.charts import History, chart_options, fill
+from robbie_mp.station.context import Page
 from robbie_mp.station.latest import Latest
 from robbie_mp.station.numeric_fields import number_reader, numeric_paths
-from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.panel import Panel
 from robbie_mp.views.known_types import types_of_run
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
 
 PERIOD_S = 0.5
 SPACING_S = 0.1
@@ -35,7 +36,7 @@ class PlotsPanel(Panel):
     title = "Plots"
     icon = "show_chart"
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         super().__init__(station)
         self._known = types_of_run(station.known_run)
         self._wishes: SimpleQueue[Line] = SimpleQueue()
@@ -94,7 +95,7 @@ class Line:
         NoSuchNumber: there is no such number.
     """
 
-    def __init__(self, station: OperatorStation, message_type: type[Message], topic: str, path: str):
+    def __init__(self, station: StationContext, message_type: type[Message], topic: str, path: str):
         self.message_type, self.topic = message_type, topic
         self.name = f"{topic or message_type.__name__}.{path}"
         self.history = History(HISTORY)

@@ -10,10 +10,11 @@ from nicegui import ui
 
 from robbie_mp.messages import String
 from robbie_mp.station.access import Role
-from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.context import Page
+from robbie_mp.station.panel import Panel
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
 
 TOPIC = "speech_command"
 HEARD = 20
@@ -28,13 +29,13 @@ class SpeechPanel(Panel):
     title = "Speech"
     icon = "record_voice_over"
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         super().__init__(station)
         self.heard: deque[str] = deque(maxlen=HEARD)
         station.hear(String, self._on_command, TOPIC)
 
     @classmethod
-    def is_wanted(cls, station: OperatorStation) -> bool:
+    def is_wanted(cls, station: StationContext) -> bool:
         """Whether the profile names anything."""
         return bool(station.speech_commands or station.persons or station.objects)
 

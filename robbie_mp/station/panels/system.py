@@ -12,13 +12,14 @@ from nicegui import ui
 
 from robbie_mp.station.access import Role
 from robbie_mp.station.charts import History, chart_options, fill, sparkline
+from robbie_mp.station.context import Page
 from robbie_mp.station.orders import Order
-from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.panel import Panel
 from robbie_mp.station.run_watch import REFRESH_S
 from robbie_mp.views.process_table import MODULE_COLUMNS, ModuleRow, module_rows, totals_line
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
 
 HISTORY = 300
 """Values in each chart, one a second."""
@@ -37,7 +38,7 @@ class SystemPanel(Panel):
     title = "System"
     icon = "memory"
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         super().__init__(station)
         self.rows: list[Row] = []
         self.totals = ""

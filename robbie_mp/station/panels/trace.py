@@ -11,8 +11,9 @@ from nicegui import ui
 
 from robbie_mp.run.plan import CORE
 from robbie_mp.station.access import Role
+from robbie_mp.station.context import Page
 from robbie_mp.station.orders import Order
-from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.panel import Panel
 from robbie_mp.supervisor.output import SUPERVISOR
 from robbie_mp.trace.crash import CrashReport, report_files
 from robbie_mp.trace.entry import Entry
@@ -22,7 +23,7 @@ from robbie_mp.trace.reader import TraceFollower, crash_reports, module_names, t
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
 
 REFRESH_S = 0.5
 KEPT = 5000
@@ -46,7 +47,7 @@ class TracePanel(Panel):
     title = "Trace"
     icon = "article"
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         super().__init__(station)
         self._follower = TraceFollower(station.output_directory)
         self.entries: deque[Entry] = deque(maxlen=KEPT)

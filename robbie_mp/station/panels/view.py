@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 from nicegui import app, ui
 
-from robbie_mp.station.panel import Page, Panel
+from robbie_mp.station.context import Page
+from robbie_mp.station.panel import Panel
 from robbie_mp.station.scene_view.drawing import Drawing, Moving
 from robbie_mp.station.scene_view.surroundings import Surroundings, Surveyor
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
 
 GROUP = "view"
 """Of live parts: what moves."""
@@ -30,7 +31,7 @@ class ViewPanel(Panel):
     title = "3-D view"
     icon = "view_in_ar"
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         super().__init__(station)
         self._surveyor = Surveyor(station)
         self.surroundings: Surroundings | None = None
@@ -78,5 +79,5 @@ def in_words(now: Surroundings) -> str:
         f"; {name} at {pose.translation[0]:.2f} m, {pose.translation[1]:.2f} m"
         for name, pose in now.others.items()
     )
-    seen = f"{now.count} points, {len(now.victims)} victims, {len(now.places)} points of interest"
-    return f"{where}{others}; {seen}"
+    marked = "".join(f"{len(marks)} {title}, " for title, marks in now.marks.items())
+    return f"{where}{others}; {now.count} points, {marked}{len(now.places)} points of interest"

@@ -9,13 +9,11 @@ from nicegui import ui
 from nicegui.element import Element
 from nicegui.elements.scene.scene_object3d import Object3D
 
-from robbie_mp.messages import VictimFound
 from robbie_mp.station.live import SCRIPTS
+from robbie_mp.station.map_marks import MapMark
 from robbie_mp.station.scene_view.other_robots import BASE
-from robbie_mp.station.scene_view.surroundings import SeenPlace, SeenVictim, Surroundings
+from robbie_mp.station.scene_view.surroundings import SeenPlace, Surroundings
 
-COLORS = {VictimFound.CONFIRMED: "#43a047", VictimFound.REJECTED: "#757575"}
-ASKABLE_COLOR = "#fb8c00"
 POLE_M = 0.6
 LABEL = "color: white; font-size: 0.75rem; text-shadow: 0 0 3px black"
 
@@ -55,7 +53,7 @@ class Drawing:
         self._nodes: dict[str, Object3D] = {}
         self._parents: dict[str, str] = {}
         self._labels: dict[str, Sequence[Object3D]] = {}
-        self._victims: dict[int, tuple[SeenVictim, Object3D]] = {}
+        self._marks: dict[MapMark, Object3D] = {}
         self._places: dict[SeenPlace, Object3D] = {}
 
     def show(self, now: Surroundings, *, names: bool) -> None:
@@ -68,13 +66,11 @@ class Drawing:
                 self._add(name, parent)
             for label in self._labels[name]:
                 label.visible(names)
-        for key in [*self._victims]:
-            if now.victims.get(key) != self._victims[key][0]:
-                self._victims.pop(key)[1].delete()
-        for key, victim in now.victims.items():
-            if key not in self._victims:
-                self._victims[key] = (victim, self._marker(victim))
-
+        marks = {mark for marks in now.marks.values() for mark in marks}
+        for mark in self._marks.keys() - marks:
+            self._marks.pop(mark).delete()
+        for mark in marks - self._marks.keys():
+            self._marks[mark] = self._marker(mark)
         for place in self._places.keys() - set(now.places):
             self._places.pop(place).delete()
         for place in now.places:
@@ -130,11 +126,10 @@ class Drawing:
                 ui.scene.text(place.name, LABEL).move(z=POLE_M + 0.1)
         return flag
 
-    def _marker(self, victim: SeenVictim) -> Object3D:
-        name, state, x, y, z = victim
+    def _marker(self, mark: MapMark) -> Object3D:
         with self._scene:
-            marker = ui.scene.group().move(x, y, z)
+            marker = ui.scene.group().move(mark.x, mark.y, mark.z)
             with marker:
-                ui.scene.sphere(0.1).material(COLORS.get(state, ASKABLE_COLOR))
-                ui.scene.text(name, LABEL).move(z=0.2)
+                ui.scene.sphere(0.1).material(mark.colour)
+                ui.scene.text(mark.name, LABEL).move(z=0.2)
         return marker

@@ -45,7 +45,7 @@ export default {
       this.has_changed = true;
       this.$el.dataset.updates = this.updates += 1;
     },
-    // Nodes, victims and names come with the page's other messages, so every now and then something is new.
+    // Nodes, marks and names come with the page's other messages, so every now and then something is new.
     look() {
       const { renderer, controls } = getElement(this.scene) ?? {};
       if (!controls) return;

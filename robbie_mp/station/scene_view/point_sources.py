@@ -13,8 +13,8 @@ from robbie_mp.scene_graph import RigidTransform
 from robbie_mp.station.scene_view.points import cloud_points, packed, scan_points
 
 if TYPE_CHECKING:
+    from robbie_mp.station.context import StationContext
     from robbie_mp.station.latest import Latest
-    from robbie_mp.station.station import OperatorStation
 
 MAX_POINTS = 10_000
 """In one picture, of all scans and clouds together."""
@@ -57,7 +57,7 @@ class Source:
 class PointSources:
     """All scanners and sources of clouds, each on its own, so that none takes the place of another."""
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         self._station = station
         self._sources: dict[tuple[str, str], Source] = {}
 

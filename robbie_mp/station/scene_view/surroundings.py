@@ -10,12 +10,13 @@ import numpy as np
 
 from robbie_mp.messages import Path
 from robbie_mp.scene_graph import RigidTransform, SceneGraphError, TooNew, TooOld
+from robbie_mp.station.map_marks import MapMark
 from robbie_mp.station.scene_view.other_robots import BASE, other_robots
 from robbie_mp.station.scene_view.point_sources import PointSources
 from robbie_mp.station.scene_view.points import packed
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from robbie_mp.station.context import StationContext
 
 MAP = "map"
 MAX_CORNERS = 1000
@@ -26,16 +27,6 @@ class SeenPlace(NamedTuple):
     """What is drawn of a point of interest; m, map frame."""
 
     name: str
-    x: float
-    y: float
-    z: float
-
-
-class SeenVictim(NamedTuple):
-    """What is drawn of a victim; m, map frame."""
-
-    name: str
-    state: int
     x: float
     y: float
     z: float
@@ -56,7 +47,8 @@ class Surroundings:
     count: int
     """Of the points."""
     path: bytes
-    victims: dict[int, SeenVictim]
+    marks: dict[str, tuple[MapMark, ...]]
+    """What panels mark, by the titles of the sources."""
     others: dict[str, RigidTransform]
     """Poses of other robots by their names, X_WB."""
     places: tuple[SeenPlace, ...]
@@ -79,7 +71,7 @@ class Surveyor:
         station: hears them.
     """
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         self._station = station
         self._path = station.newest(Path, "path")
         self._packed_path: tuple[int, bytes] = (0, b"")
@@ -101,7 +93,7 @@ class Surveyor:
             points=points,
             count=self._sources.count,
             path=self._corners(),
-            victims=self._victims(),
+            marks=self._station.map_marks.now(),
             others=other_robots(self._station.scene, world),
             places=tuple(
                 SeenPlace(one.name, one.pose.position.x, one.pose.position.y, one.pose.position.z)
@@ -141,12 +133,3 @@ class Surveyor:
             corners = np.array([(corner.x, corner.y, corner.z + PATH_HEIGHT_M) for corner in chosen])
             self._packed_path = (path.count, packed(corners.reshape(-1, 3)))
         return self._packed_path[1]
-
-    def _victims(self) -> dict[int, SeenVictim]:
-        found = (known.found for known in self._station.victim_watch.victims.values())
-        return {
-            one.id: SeenVictim(
-                one.name, one.state, one.pose.position.x, one.pose.position.y, one.pose.position.z
-            )
-            for one in found
-        }

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image as Picture
 
 from modules.navigation import Navigation
+from modules.rescue.messages import MissionOrder, MissionStatus, SearchedWalls, VictimFound
 from modules.rescue.mission import RescueMission
 from robbie_mp import ModuleHarness
 from robbie_mp.messages import (
@@ -19,8 +20,6 @@ from robbie_mp.messages import (
     CancelGoal,
     Frontiers,
     MapMetaData,
-    MissionOrder,
-    MissionStatus,
     NavigationState,
     OccupancyGrid,
     PanTiltCommand,
@@ -29,8 +28,6 @@ from robbie_mp.messages import (
     Pose,
     PoseStamped,
     Quaternion,
-    SearchedWalls,
-    VictimFound,
 )
 from tests._support.present import present
 from tests.workers._support.exploration_world import RESOLUTION_M, drawn_cells

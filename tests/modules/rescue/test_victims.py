@@ -14,6 +14,7 @@ from hw.simulation.arena_contents import Victim, VictimKind, WallSpot
 from hw.simulation.box_segments import box_segments
 from hw.simulation.camera import SimulatedCamera
 from modules.devices.camera import intrinsic_matrix
+from modules.rescue.messages import SearchedWalls, VictimConfirmation, VictimFound
 from modules.rescue.victims import Victims
 from robbie_mp import Header, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
@@ -25,13 +26,10 @@ from robbie_mp.messages import (
     Point,
     Pose,
     Quaternion,
-    SearchedWalls,
     TFMessage,
     Transform,
     TransformStamped,
     Vector3,
-    VictimConfirmation,
-    VictimFound,
 )
 from workers.rescue import victim_detection
 

@@ -17,6 +17,7 @@ TESTS = HERE.parents[1]
 SOURCES = (
     TESTS / "station" / "_support" / "known_robot.py",
     TESTS / "station" / "_support" / "stage.py",
+    TESTS / "modules" / "rescue" / "station" / "_support" / "rescuer.py",
     HERE / "_support" / "listener.py",
 )
 DESCRIPTORS = 512
@@ -31,7 +32,9 @@ modules:
       operator_token: file:operator.token
       observer_token: file:observer.token
       speech_commands: [come here]
+      panels: ["modules.rescue.station.mission_panel:MissionPanel"]
   listener: {class: "zoo.listener:Listener"}
+  rescuer: {class: "zoo.rescuer:Rescuer"}
   known: {class: "zoo.known_robot:KnownRobot"}
   stage: {class: "zoo.stage:Stage"}
   base: {class: "zoo.modules:StandingBase"}

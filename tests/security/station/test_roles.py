@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from robbie_mp.station.station import PANEL_NAMES
+from robbie_mp.station.panel_classes import FRAMEWORK_PANELS
 from tests.security.station._support.attacker import Document, PageSocket, listener_of, listeners
 from tests.security.station.conftest import Station
 
@@ -31,7 +31,7 @@ def test_no_event_of_an_observers_page_steers_the_robot(station: Station) -> Non
             for key, event, listener in listeners(document.elements)
             if document.elements[key]["tag"] == "q-tabs" and event == "update:modelValue"
         )
-        for name in PANEL_NAMES:
+        for name in (*FRAMEWORK_PANELS, "mission"):
             page.fire(document.client_id, element, listener, name)
             page.listen(0.7)  # what a panel shows first comes with its first update
         elements = document.elements | page.elements

@@ -12,8 +12,6 @@ from robbie_mp.messages import (
     Image,
     MapMetaData,
     Mark,
-    MissionOrder,
-    MissionStatus,
     ObjectHypothesis,
     ObjectHypothesisWithPose,
     OccupancyGrid,
@@ -29,8 +27,6 @@ from robbie_mp.messages import (
     PoseStamped,
     Quaternion,
     String,
-    VictimConfirmation,
-    VictimFound,
 )
 
 FRONTIERS = [Point(x=3.5, y=3.0), Point(x=0.5, y=4.5)]
@@ -91,12 +87,8 @@ class KnownRobot(Module):
 
     def setup(self) -> None:
         self.file = (self.output_directory / "told.txt").open("a")
-        self.asked = True
-        self.mission = MissionStatus(state="EXPLORE", text="drives about", orders=[MissionOrder.PAUSE])
         self.position_s, self.paused, self.rate, self.request = 3.0, False, 1.0, 0
         self.subscribe(PoseStamped, self.on_goal, topic="goal")
-        self.subscribe(VictimConfirmation, self.on_answer)
-        self.subscribe(MissionOrder, self.on_order)
         self.subscribe(PlaybackControl, self.on_control)
         self.subscribe(Wish, self.on_wish, topic="wishes")
         self.subscribe(PoseStamped, self.on_pose, topic="initial_pose")
@@ -118,21 +110,6 @@ class KnownRobot(Module):
         home = PointOfInterest(name="home", pose=pose(0.5, 2.5))
         self.publish(PointsOfInterest(header=header, points=[home]))
         self.publish(CompressedImage(format="mystery", data=np.zeros(9, np.uint8)), topic="eye")
-        state = VictimFound.ASKED if self.asked else VictimFound.CONFIRMED
-        self.publish(
-            VictimFound(
-                header=header,
-                id=7,
-                name="tag 7",
-                pose=pose(4.0, 4.0),
-                confidence=0.75,
-                views=3,
-                state=state,
-                answer_within_s=900.0 if self.asked else 0.0,
-                image=patch(),
-            )
-        )
-        self.publish(self.mission)
         self.publish(Frontiers(header=header, middles=FRONTIERS, lengths_m=[1.0, 0.5]))
         self.tell_playback()
 
@@ -159,17 +136,6 @@ class KnownRobot(Module):
     def write_pose(self, what: str, placed: PoseStamped) -> None:
         place = placed.pose.position
         self.write(what, placed.header.frame_id, place.x, place.y, placed.pose.orientation.yaw)
-
-    def on_answer(self, answer: VictimConfirmation) -> None:
-        self.asked = False
-        self.write("answer", answer.id, answer.answer)
-
-    def on_order(self, order: MissionOrder) -> None:
-        """Pauses; refuses what is ordered then, and says so."""
-        refusal = "" if order.order == MissionOrder.PAUSE else f"no {order.order} today"
-        fitting = [MissionOrder.START, MissionOrder.RETURN, MissionOrder.ABORT]
-        self.mission = MissionStatus(state="PAUSE", text="stands", orders=fitting, refusal=refusal)
-        self.write("order", order.order)
 
     def on_control(self, control: PlaybackControl) -> None:
         self.request = control.request

@@ -21,7 +21,6 @@ from robbie_mp.messages import (
     Transform,
     TransformStamped,
     Vector3,
-    VictimFound,
 )
 from robbie_mp.messages import Point as Place
 
@@ -29,7 +28,7 @@ UPRIGHT = Quaternion(w=1.0)
 
 
 class Stage(Module):
-    """Stands at a place, sees two walls and a victim, and means to drive ahead."""
+    """Stands at a place, sees two walls, and means to drive ahead."""
 
     x_m: float = setting(1.5, "where it stands", minimum=-5.0, maximum=5.0, changeable=True)
     color: str = setting("red", "of its light", choices=["red", "green"], changeable=True)
@@ -90,9 +89,6 @@ class Stage(Module):
         self.publish(OccupancyGrid(header=in_map, info=info, data=np.zeros(32, np.int8)))
         way = [PoseStamped(pose=Pose(position=Place(x=self.x_m + ahead))) for ahead in range(3)]
         self.publish(Path(header=in_map, poses=way), topic="path")
-        self.publish(
-            VictimFound(header=in_map, id=4, name="Anna", pose=Pose(position=Place(x=2.0, y=1.0, z=0.5)))
-        )
         door = PointOfInterest(name="door", pose=Pose(position=Place(x=-1.0, y=0.5)))
         self.publish(PointsOfInterest(header=in_map, points=[door]))
         pose = PoseWithCovariance(pose=Pose(position=Place(x=self.x_m, y=-0.5)))

@@ -2,17 +2,16 @@
 
 import json
 
+from modules.rescue.messages import MissionOrder, VictimConfirmation
 from robbie_mp import Module
 from robbie_mp.messages import (
     DriveCommand,
     EmergencyStop,
     Mark,
-    MissionOrder,
     PlaybackControl,
     PoseStamped,
     SettingChange,
     String,
-    VictimConfirmation,
 )
 
 SOURCES = (

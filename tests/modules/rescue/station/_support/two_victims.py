@@ -1,7 +1,8 @@
 """Copied into the workspace of tests: a robot that asks about two victims at once, tells of them in turn."""
 
+from modules.rescue.messages import VictimConfirmation, VictimFound
 from robbie_mp import Module
-from robbie_mp.messages import String, VictimConfirmation, VictimFound
+from robbie_mp.messages import String
 
 
 class TwoVictims(Module):

@@ -1,4 +1,4 @@
-"""The question to the operator whether that is a victim: in sight on every tab, and in nobody's way."""
+"""The question whether something is a victim: shown on every tab, and never over the controls."""
 
 from __future__ import annotations
 
@@ -9,15 +9,14 @@ from nicegui import ui
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from robbie_mp.messages import VictimConfirmation
+from modules.rescue.messages import VictimConfirmation
 from robbie_mp.station.access import Role
-from robbie_mp.station.ages import silence
-from robbie_mp.station.sending import header_of_now
+from robbie_mp.station.context import header_of_now
+from robbie_mp.station.latest import silence
 
 if TYPE_CHECKING:
-    from robbie_mp.station.panel import Page
-    from robbie_mp.station.station import OperatorStation
-    from robbie_mp.station.victim_watch import KnownVictim
+    from modules.rescue.station.victim_watch import KnownVictim, VictimWatch
+    from robbie_mp.station.context import Page, StationContext
 
 ANSWERS = (
     ("Yes", VictimConfirmation.YES, "#2e7d32"),
@@ -26,13 +25,13 @@ ANSWERS = (
 )
 STYLE = Path(__file__).parent / "victim_question.css"
 MAX_QUESTIONS = 8
-"""A page knows of this many at a time; it shows one after the other."""
+"""A page gets this many at a time, and shows one after the other."""
 SILENT_AFTER_S = 10.0
-"""A robot that asks says so again within this time."""
+"""A robot that asks repeats its question within this time."""
 
 
 class QuestionCard(Element, component="victim_question.js"):
-    """Shows one question until the robot no longer asks it, and says which victim the answer is about."""
+    """Shows one question until the robot withdraws it; an answer names the victim that was shown."""
 
     def __init__(self, *, can_answer: bool):
         super().__init__()
@@ -40,23 +39,28 @@ class QuestionCard(Element, component="victim_question.js"):
         self._props["questions"] = []
 
     def show(self, questions: list[dict[str, Any]]) -> None:
-        """Show one of these; the one that is shown already stays if it is among them."""
+        """Show one of these questions; the one that is shown already stays if it is among them."""
         if questions != self._props["questions"]:
             self._props["questions"] = questions
             self.update()
 
 
 class VictimQuestion:
-    """Asks about one victim after the other; operators answer, observers see what is asked.
+    """Asks about one victim after the other. Operators answer; observers see the question.
 
-    It leaves keys and pointer to the page above it: who drives may go on.
+    The question takes neither keys nor pointer from the page, so the operator can drive on.
+
+    Args:
+        station: publishes the answers.
+        watch: knows the victims.
     """
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext, watch: VictimWatch):
         self._station = station
+        self._watch = watch
 
     def build(self, page: Page) -> None:
-        """Make the question for a page."""
+        """Add the question to a page."""
         ui.add_css(STYLE)
         card = QuestionCard(can_answer=page.role is Role.OPERATOR)
 
@@ -67,23 +71,23 @@ class VictimQuestion:
         page.always(0.2, lambda: card.show(self._questions()))
 
     def _answer(self, page: Page, sent: object) -> None:
-        """Tell the robot what the operator has said about a victim."""
+        """Publish the operator's answer."""
         answered = checked(sent)
-        if answered is None or answered[0] not in self._station.victim_watch.victims:
+        if answered is None or answered[0] not in self._watch.victims:
             return
         number, answer = answered
         message = VictimConfirmation(header=header_of_now(self._station), id=number, answer=answer)
         page.publish(message, "the answer")
 
     def _questions(self) -> list[dict[str, Any]]:
-        """Return what is asked now, what was asked first at the beginning."""
-        victims = self._station.victim_watch.victims.values()
+        """Return the open questions, the oldest first."""
+        victims = self._watch.victims.values()
         asked = sorted((one for one in victims if one.is_asked), key=lambda one: one.asked_since_s)
         return [question(one) for one in asked[:MAX_QUESTIONS]]
 
 
 def question(victim: KnownVictim) -> dict[str, Any]:
-    """Return what a page shows of a victim that it is asked about."""
+    """Return what a page shows of the question about a victim."""
     found = victim.found
     position = found.pose.position
     silent = silence(victim.age_s, SILENT_AFTER_S)
@@ -97,7 +101,7 @@ def question(victim: KnownVictim) -> dict[str, Any]:
 
 
 def checked(sent: object) -> tuple[int, int] | None:
-    """Return victim and answer that a page has sent; None if that is nothing that our page sends."""
+    """Return the victim's number and the answer that a page sent; None if it is malformed."""
     if not isinstance(sent, dict):
         return None
     number, answer = sent.get("id"), sent.get("answer")

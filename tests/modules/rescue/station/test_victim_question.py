@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page
 
+from modules.rescue.messages import VictimConfirmation
+from modules.rescue.station.victim_question import checked
 from robbie_mp.attach.tool import Tool
-from robbie_mp.messages import String, VictimConfirmation
-from robbie_mp.station.victim_question import checked
+from robbie_mp.messages import String
 from tests.run._support.robot import Robot, wait_until
 from tests.station._support.browser import browser, needs_chromium, page_of
 from tests.station.test_page import address_of
@@ -19,7 +20,10 @@ PROFILE = """
 modules:
   operator:
     class: robbie_mp.station:OperatorStation
-    settings: {port: 0, tabs: {mission: ""}}
+    settings:
+      port: 0
+      panels: ["modules.rescue.station.mission_panel:MissionPanel"]
+      tabs: {drive: ""}  # the question is on every tab, even if the panel has none
   victims: {class: "zoo.two_victims:TwoVictims"}
 """
 QUESTION = "#victim-question"

@@ -1,4 +1,4 @@
-"""What is known of victims: by number, for the map, the list and the question to the operator."""
+"""What the station knows of each victim: for the map, the table, the question and a log's events."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from starlette.responses import Response
 
-from robbie_mp.messages import TimeJump, VictimFound
+from modules.rescue.messages import VictimFound
+from robbie_mp.messages import TimeJump
+from robbie_mp.station.map_marks import MapMark
 from robbie_mp.station.pictures import (
     answer_with,
     encode_image,
@@ -18,9 +20,18 @@ from robbie_mp.station.pictures import (
 )
 
 if TYPE_CHECKING:
-    from robbie_mp.station.station import OperatorStation
+    from collections.abc import Callable
 
-MOST_VICTIMS = 256
+    from robbie_mp.station.context import StationContext
+
+MAX_VICTIMS = 256
+COLOURS = {
+    VictimFound.SUSPECTED: "#ef6c00",
+    VictimFound.ASKED: "#fdd835",
+    VictimFound.CONFIRMED: "#00897b",
+    VictimFound.REJECTED: "#757575",
+}
+"""On the map and in the 3-D view, by state."""
 STATES = {
     VictimFound.SUSPECTED: "suspected",
     VictimFound.ASKED: "asked",
@@ -31,19 +42,19 @@ STATES = {
 
 @dataclass(frozen=True)
 class KnownVictim:
-    """The newest about one victim."""
+    """The newest message about one victim, and when it came."""
 
     found: VictimFound
     answer_until_s: float
-    """The operator may answer until then, if asked; monotonic clock."""
+    """Until when the operator may answer, if asked; monotonic clock."""
     count: int
-    """Of messages about victims until this one."""
+    """Number of the message among all about victims."""
     image_count: int
-    """Of the message with which its image came."""
+    """Number of the message that brought its image."""
     heard_s: float
     """When the newest message came; monotonic clock."""
     asked_since_s: float
-    """When the operator was asked first, without an answer since; monotonic clock."""
+    """Since when the operator has been asked; monotonic clock."""
 
     @property
     def is_asked(self) -> bool:
@@ -52,12 +63,12 @@ class KnownVictim:
 
     @property
     def age_s(self) -> float:
-        """How long ago the robot last told of it."""
+        """Time since the newest message."""
         return time.monotonic() - self.heard_s
 
     @property
     def time_left_s(self) -> float:
-        """How long the operator may still answer."""
+        """Time left to answer."""
         return max(0.0, self.answer_until_s - time.monotonic())
 
 
@@ -65,14 +76,14 @@ class VictimWatch:
     """Keeps the newest message about each victim.
 
     Attributes:
-        victims: by number; replaced and never changed, for other threads look at it.
+        victims: by number; the dict is replaced and never changed, since other threads read it.
         count: messages so far.
     """
 
-    def __init__(self, station: OperatorStation):
+    def __init__(self, station: StationContext):
         self.victims: dict[int, KnownVictim] = {}
         self.count = 0
-        station.hear(VictimFound, self._on_victim)  # all of them: each is about another victim
+        station.hear(VictimFound, self._on_victim)  # all of them, since each may be about another victim
         station.hear(TimeJump, lambda _jump: self._forget())
         serve_pictures("/pictures/victim/{number}", self._answer)
 
@@ -88,12 +99,16 @@ class VictimWatch:
         until_s = now_s + found.answer_within_s
         known = KnownVictim(found, until_s, self.count, image_count, now_s, since_s)
         others = {number: victim for number, victim in self.victims.items() if number != found.id}
-        while len(others) >= MOST_VICTIMS:
-            others.pop(next(iter(others)))  # the one nothing was heard of for longest
+        while len(others) >= MAX_VICTIMS:
+            others.pop(next(iter(others)))  # the one whose newest message is the oldest
         self.victims = {**others, found.id: known}
 
+    def marks(self) -> list[MapMark]:
+        """Return the marks of all victims on the map."""
+        return [mark_of(known.found) for known in self.victims.values()]
+
     def _forget(self) -> None:
-        """Begin anew: time has jumped, and what was found later is not found yet."""
+        """Start again: after a jump back in time, later finds have not happened yet."""
         self.victims = {}
 
     def _answer(self, number: int) -> Response:
@@ -101,3 +116,23 @@ class VictimWatch:
         if victim is None:
             return no_picture("there is no such victim")
         return answer_with(encode_image, victim.found.image)
+
+
+def mark_of(found: VictimFound) -> MapMark:
+    """Return the mark of one victim."""
+    position = found.pose.position
+    colour = COLOURS.get(found.state, COLOURS[VictimFound.SUSPECTED])
+    return MapMark(found.name, colour, position.x, position.y, position.z)
+
+
+def victim_changes() -> Callable[[VictimFound], str | None]:
+    """Return a function that tells of each victim in a log whenever its state has changed; None otherwise."""
+    states: dict[int, int] = {}
+
+    def describe(victim: VictimFound) -> str | None:
+        if states.get(victim.id) == victim.state:
+            return None
+        states[victim.id] = victim.state
+        return f"{victim.name or victim.id} {STATES.get(victim.state, victim.state)}"
+
+    return describe

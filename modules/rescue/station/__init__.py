@@ -1,0 +1,1 @@
+"""What the rescue robot adds to the operator's page."""

@@ -1,0 +1,145 @@
+"""The mission, the state machines of all modules, and the victims."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from nicegui import ui
+
+from modules.rescue.messages import MissionOrder, MissionStatus, VictimFound
+from modules.rescue.station.victim_question import VictimQuestion
+from modules.rescue.station.victim_watch import STATES, KnownVictim, VictimWatch, victim_changes
+from robbie_mp.station.access import Role
+from robbie_mp.station.context import Page, header_of_now
+from robbie_mp.station.log_events import EventKind
+from robbie_mp.station.panel import Panel, columns
+from robbie_mp.station.run_watch import REFRESH_S
+
+if TYPE_CHECKING:
+    from robbie_mp.station.context import StationContext
+
+BUTTONS = (
+    ("Start", MissionOrder.START, "play_arrow", "green-9"),
+    ("Pause", MissionOrder.PAUSE, "pause", "orange-10"),
+    ("Return", MissionOrder.RETURN, "home", "primary"),
+    ("Abort …", MissionOrder.ABORT, "stop", "red-10"),
+)
+
+
+class MissionPanel(Panel):
+    """The mission, state machines and victims; on every tab the question about a victim."""
+
+    name = "mission"
+    title = "Mission"
+    icon = "flag"
+    log_events = (EventKind("victim", VictimFound, victim_changes, "hail", "light-green-3"),)
+
+    def __init__(self, station: StationContext):
+        super().__init__(station)
+        self._control = MissionControl(station)
+        self._watch = VictimWatch(station)
+        self._question = VictimQuestion(station, self._watch)
+        station.map_marks.add("victims", self._watch.marks)
+
+    def build_on_every_tab(self, page: Page) -> None:
+        """Make the question about a victim."""
+        self._question.build(page)
+
+    def build(self, page: Page) -> None:
+        """Make the mission's buttons and both tables."""
+        self._control.build(page, self.name, REFRESH_S / 2)
+        states = ui.table(columns=columns("module", "state", "status"), rows=[], row_key="module")
+        states.props("dense flat id=mission-states").classes("w-full")
+        victims = ui.table(
+            columns=columns("number", "name", "state", "x in m", "y in m", "sure", "images"),
+            rows=[],
+            row_key="number",
+            title="Victims",
+        )
+        victims.props("dense flat id=mission-victims").classes("w-full")
+
+        def update() -> None:
+            states.rows = self._state_rows()
+            victims.rows = [victim_row(one) for _, one in sorted(self._watch.victims.items())]
+
+        page.every(REFRESH_S / 2, self.name, update)
+
+    def _state_rows(self) -> list[dict[str, Any]]:
+        reading = self.station.run_watch.reading
+        return [
+            {"module": module.name, "state": module.states, "status": module.status}
+            for module in (reading.modules if reading else ())
+            if module.states
+        ]
+
+
+class MissionControl:
+    """The mission's state. Operators have buttons for the orders that it takes now."""
+
+    def __init__(self, station: StationContext):
+        self._station = station
+        self._status = station.newest(MissionStatus)
+
+    def order(self, page: Page, order: int) -> None:
+        """Send an order to the mission."""
+        page.publish(MissionOrder(header=header_of_now(self._station), order=order), "the order")
+
+    def build(self, page: Page, panel: str, period_s: float) -> None:
+        """Add buttons and texts to a panel of a page."""
+        with ui.row().classes("items-center"):
+            state = ui.badge("").props("id=mission-state").classes("text-lg p-2")
+            buttons = self._buttons(page) if page.role is Role.OPERATOR else {}
+        text = ui.label("").props("id=mission-text")
+        refusal = ui.label("").props("id=mission-refusal role=alert").classes("text-negative")
+
+        def update() -> None:
+            status = self._status.message
+            state.set_text("no mission is heard of" if status is None else status.state)
+            text.set_text("" if status is None else status.text)
+            refused = "" if status is None else status.refusal
+            refusal.set_text(f"Refused: {refused}" if refused else "")
+            fitting = [] if status is None else status.orders.tolist()
+            for order, button in buttons.items():
+                button.set_enabled(order in fitting)
+
+        update()
+        page.every(period_s, panel, update)
+
+    def _buttons(self, page: Page) -> dict[int, ui.button]:
+        """Make the buttons, by their orders. Abort asks first, since an aborted mission cannot go on."""
+        dialog = ui.dialog()
+
+        def press(order: int) -> None:
+            if order == MissionOrder.ABORT:
+                dialog.open()
+            else:
+                self.order(page, order)
+
+        def abort() -> None:
+            dialog.close()
+            self.order(page, MissionOrder.ABORT)
+
+        with dialog, ui.card():
+            ui.label("Really abort the mission? The robot stops, and the mission ends there.")
+            with ui.row():
+                ui.button("Abort", on_click=abort, color="red-10").props("id=confirm-abort")
+                ui.button("No", on_click=dialog.close)
+        made = {}
+        for text, order, icon, colour in BUTTONS:
+            button = ui.button(text, icon=icon, color=colour, on_click=lambda order=order: press(order))
+            made[order] = button.props(f"id=mission-{text.split()[0].lower()}")
+        return made
+
+
+def victim_row(victim: KnownVictim) -> dict[str, Any]:
+    """Return what the table shows of a victim."""
+    found, position = victim.found, victim.found.pose.position
+    return {
+        "number": found.id,
+        "name": found.name,
+        "state": STATES.get(found.state, str(found.state)),
+        "x in m": f"{position.x:.2f}",
+        "y in m": f"{position.y:.2f}",
+        "sure": f"{found.confidence:.0%}",
+        "images": found.views,
+    }

@@ -1,0 +1,172 @@
+"""What panels see: the operator station, and a page that is open in a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, Protocol
+
+from nicegui import ui
+
+from robbie_mp.messages import Header, Time
+from robbie_mp.module.module import MessageHandling
+from robbie_mp.station.access import Role
+from robbie_mp.station.latest import MessageSource
+
+if TYPE_CHECKING:
+    import logging
+    from pathlib import Path
+
+    from robbie_mp.messages import Message
+    from robbie_mp.module.bus import MessageType
+    from robbie_mp.module.clock import Clock
+    from robbie_mp.run.run_directory import KnownRun
+    from robbie_mp.scene_graph import SceneGraphListener
+    from robbie_mp.station.access import Access, DriversSeat
+    from robbie_mp.station.live import LiveParts
+    from robbie_mp.station.map_marks import MapMarks, PlacesWatch
+    from robbie_mp.station.run_watch import RunWatch
+    from robbie_mp.station.settings_watch import SettingsWatch
+
+
+class StationContext(MessageSource, Protocol):
+    """The operator station as its panels see it.
+
+    The module's thread runs `setup`, the constructors of panels, their `tick`s and all message handlers. The
+    page server's thread runs everything else.
+
+    Attributes:
+        pages: the pages that are open, by their keys.
+        live: what pages draw many times a second.
+        map_marks: what the map and the 3-D view mark.
+        run_watch: the figures of all processes and channels.
+        refusals: the log of what visitors were refused; it has a limit.
+    """
+
+    run_id: str
+    log: logging.Logger
+    clock: Clock
+    output_directory: Path
+    known_run: KnownRun
+    access: Access
+    refusals: logging.Logger
+    drivers_seat: DriversSeat
+    pages: dict[str, Page]
+    run_watch: RunWatch
+    scene: SceneGraphListener
+    live: LiveParts
+    map_marks: MapMarks
+    places_watch: PlacesWatch
+    settings_watch: SettingsWatch
+    panels: list[str]
+    tabs: dict[str, str]
+    max_linear_m_per_s: float
+    max_angular_rad_per_s: float
+    robot_size_m: list[float]
+    robot_model: Path | None
+    speech_commands: list[str]
+    persons: list[str]
+    objects: list[str]
+
+    def subscribe(
+        self,
+        message_type: type[MessageType],
+        handler: Callable[[MessageType], None],
+        handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
+        *,
+        topic: str = "",
+    ) -> None:
+        """Have messages of a type handled, as `Module.subscribe` does."""
+
+    def publish(self, message: Message, *, topic: str = "") -> bool:
+        """Publish a message, from any thread; panels use `Page.publish`, which checks the visitor's role."""
+
+    def opened(self, page: Page) -> None:
+        """Note a page; in the page server's thread."""
+
+    def closed(self, page: Page) -> None:
+        """Forget a page, which drives no more; in the page server's thread."""
+
+
+def header_of_now(station: StationContext, frame_id: str = "") -> Header:
+    """Return the header of a message that is made now."""
+    return Header(stamp=Time.from_nanoseconds(station.clock.now_ns()), frame_id=frame_id)
+
+
+class Link(Protocol):
+    """The connection to a browser."""
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the browser has taken what it was sent, all but a little."""
+
+
+class Page:
+    """One page that is open in a browser, and the only way from it to the robot.
+
+    What a visitor may do is decided here, each time that he does it: an event can come from any element of
+    his page, whether or not it is drawn, enabled or visible.
+
+    Args:
+        key: names it among all that are open.
+        session: of its visitor.
+        station: whose page it is.
+        link: the connection to it.
+    """
+
+    def __init__(self, key: str, session: str, station: StationContext, link: Link):
+        self.key = key
+        self.session = session
+        self.link = link
+        self._station = station
+        self.tab = ""
+        """Name of the panel that is looked at."""
+
+    @property
+    def role(self) -> Role | None:
+        """What its visitor may do now; None: nothing, for the session has ended."""
+        return self._station.access.role_of(self.session)
+
+    def may(self, what: str, needs: Role = Role.OPERATOR) -> bool:
+        """Whether the visitor may do something now; if not, the page and the trace say so.
+
+        Args:
+            what: he wants, such as "the order".
+            needs: the role for it.
+        """
+        role = self.role
+        if role is not None and role >= needs:
+            return True
+        whose = "a session that has ended" if role is None else f"an {role.name.lower()}"
+        self._station.refusals.warning("refused %s from a page of %s", what, whose)
+        ui.notify(f"{what} was refused: it needs an {needs.name.lower()}", type="negative")
+        return False
+
+    def publish(self, message: Message, what: str, topic: str = "", needs: Role = Role.OPERATOR) -> bool:
+        """Tell the robot something for the visitor, or tell him why not.
+
+        Args:
+            message: the message.
+            what: it is, such as "the order".
+            topic: of the message.
+            needs: the role for it.
+
+        Returns:
+            Whether it was published: he may, and the robot's memory is not full.
+        """
+        if not self.may(what, needs):
+            return False
+        is_sent = self._station.publish(message, topic=topic)
+        if not is_sent:
+            ui.notify(f"{what} was not sent: the robot's memory is full", type="negative")
+        return is_sent
+
+    def every(self, period_s: float, panel: str, update: Callable[[], Awaitable[None] | None]) -> None:
+        """Have something done while a panel is looked at, and not while it is not.
+
+        An update that can be awaited, as one that waits for the browser, is over before the next one begins.
+        """
+        self.always(period_s, lambda: update() if self.tab == panel else None)
+
+    def always(self, period_s: float, update: Callable[[], Awaitable[None] | None]) -> None:
+        """Have something done on whatever panel; but not while the browser does not keep up with the rest."""
+        ui.timer(period_s, lambda: update() if self.link.is_free else None)

@@ -1,0 +1,70 @@
+"""How a page changes a setting of a running module."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from typing import TYPE_CHECKING
+
+from robbie_mp.messages import SettingChange
+
+if TYPE_CHECKING:
+    from robbie_mp.station.context import Page, StationContext
+
+ANSWER_LIMIT_S = 5.0
+MAX_VALUE_CHARACTERS = 4096
+
+
+class Change:
+    """One setting on one page: asks for changes, and tells what has become of them.
+
+    Args:
+        station: hears the answers.
+        page: of who asks.
+        module, name: which setting.
+
+    Attributes:
+        error: what was wrong with the last one; '' if nothing is known to be.
+    """
+
+    def __init__(self, station: StationContext, page: Page, module: str, name: str):
+        self.error = ""
+        self._page = page
+        self._station = station
+        self._module = module
+        self._name = name
+        self._request: int | None = None
+        self._asked_s = 0.0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the module has not answered yet."""
+        return self._request is not None
+
+    def ask(self, value: str) -> None:
+        """Ask the module to change it.
+
+        Args:
+            value: in YAML.
+        """
+        self.error, self._request = "", None
+        if len(value) > MAX_VALUE_CHARACTERS:
+            self.error = f"at most {MAX_VALUE_CHARACTERS} characters"
+            return
+        request, self._asked_s = secrets.randbits(63), time.monotonic()
+        change = SettingChange(request=request, setting=self._name, value=value)
+        if self._page.publish(change, "the change", self._module):
+            self._request = request
+        else:
+            self.error = "not sent"
+
+    def look(self) -> None:
+        """See whether the module has answered."""
+        if self._request is None:
+            return
+        answer = self._station.settings_watch.take_answer(self._request)
+        if answer is not None:
+            self._request = None
+            self.error = answer.error
+        elif time.monotonic() - self._asked_s > ANSWER_LIMIT_S:
+            self.error = f"no answer yet; {self._module} changes it when it comes to it"

@@ -1,0 +1,55 @@
+"""Copied into the workspace of tests: a rescue robot with a victim, and a mission that can be paused."""
+
+import numpy as np
+
+from modules.rescue.messages import MissionOrder, MissionStatus, VictimConfirmation, VictimFound
+from robbie_mp import Header, Module
+from robbie_mp.messages import Image, Point, Pose, PoseStamped
+
+
+class Rescuer(Module):
+    """Asks about a victim until it is answered; writes down answers and orders."""
+
+    period_s = 0.1
+
+    def setup(self) -> None:
+        self.file = (self.output_directory / "rescue.txt").open("a")
+        self.asked = True
+        self.mission = MissionStatus(state="EXPLORE", text="drives about", orders=[MissionOrder.PAUSE])
+        self.subscribe(VictimConfirmation, self.on_answer)
+        self.subscribe(MissionOrder, self.on_order)
+        self.show_state("LOOK_AROUND")
+        self.status = "all is set"
+
+    def tick(self) -> None:
+        header = Header(frame_id="map")
+        pixels = np.array([0, 0, 255, 255, 0, 0], np.uint8)
+        self.publish(
+            VictimFound(
+                header=header,
+                id=7,
+                name="tag 7",
+                pose=Pose(position=Point(x=4.0, y=4.0, z=0.5)),
+                confidence=0.75,
+                views=3,
+                state=VictimFound.ASKED if self.asked else VictimFound.CONFIRMED,
+                answer_within_s=900.0 if self.asked else 0.0,
+                image=Image(height=1, width=2, encoding="bgr8", step=6, data=pixels),
+            )
+        )
+        self.publish(PoseStamped(header=header, pose=Pose(position=Point(x=1.5, y=3.25))), topic="map_pose")
+        self.publish(self.mission)
+
+    def on_answer(self, answer: VictimConfirmation) -> None:
+        self.asked = False
+        print("answer", answer.id, answer.answer, file=self.file, flush=True)
+
+    def on_order(self, order: MissionOrder) -> None:
+        """Pause; refuse everything else, and say so."""
+        refusal = "" if order.order == MissionOrder.PAUSE else f"no {order.order} today"
+        orders = [MissionOrder.START, MissionOrder.RETURN, MissionOrder.ABORT]
+        self.mission = MissionStatus(state="PAUSE", text="stands", orders=orders, refusal=refusal)
+        print("order", order.order, file=self.file, flush=True)
+
+    def teardown(self) -> None:
+        self.file.close()

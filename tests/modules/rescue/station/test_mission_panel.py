@@ -1,0 +1,130 @@
+"""The rescue robot's panel: mission, victims (table, map, 3-D view) and the question; in a real browser."""
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page
+
+from tests.run._support.robot import Robot, wait_until
+from tests.station._support.browser import TABLET, browser, needs_chromium, page_of
+from tests.station.test_page import address_of
+from tests.station.test_panels import FITS, log_in
+
+pytestmark = [needs_chromium, pytest.mark.timeout(600)]
+BUTTONS = ("#mission-start", "#mission-pause", "#mission-return", "#mission-abort")
+SUPPORT = Path(__file__).parent / "_support"
+PROFILE = """
+modules:
+  operator:
+    class: robbie_mp.station:OperatorStation
+    settings:
+      port: 0
+      operator_token: file:operator.token
+      observer_token: file:observer.token
+      panels: ["modules.rescue.station.mission_panel:MissionPanel"]
+  rescuer: {class: "zoo.rescuer:Rescuer"}
+"""
+
+
+def test_operator_answers_and_steers_the_mission_and_an_observer_only_looks(robot: Robot) -> None:
+    (robot.folder / "zoo" / "rescuer.py").write_text((SUPPORT / "rescuer.py").read_text())
+    robot.write_secret("operator.token", "opens-everything")
+    robot.write_secret("observer.token", "opens-all-our-eyes")
+    robot.write_profile(PROFILE)
+    robot.start()
+    address = address_of(robot)
+    with browser() as started, page_of(started, address) as page:
+        log_in(page, "opens-everything")
+        answer_is_reached_by_keys(page)
+        with page_of(started, address) as other:
+            assert other.request.get(f"{address}pictures/victim/7").status == 401
+            log_in(other, "opens-all-our-eyes")
+            observer_sees_and_does_not_steer(other)
+        victim_is_confirmed(page, robot)
+        map_and_view_show_the_victim(page)
+        mission_is_steered(page, robot)
+        states_and_victims_are_listed(page)
+        panel_fits(page)
+        with page_of(started, address, TABLET) as tablet:
+            log_in(tablet, "opens-everything")
+            panel_fits(tablet)
+
+
+def heard(robot: Robot, line: str) -> None:
+    """Wait until this is the last thing that the robot was told."""
+    file = robot.output / "rescue.txt"
+    wait_until(lambda: file.read_text().splitlines()[-1:] == [line])
+
+
+def answer_is_reached_by_keys(page: Page) -> None:
+    page.wait_for_selector("#victim-yes:enabled")
+    found = False
+    for _ in range(50):
+        page.keyboard.press("Tab")
+        found |= page.evaluate("document.activeElement.closest('[id]')?.id") == "victim-yes"
+    assert found
+
+
+def observer_sees_and_does_not_steer(page: Page) -> None:
+    page.wait_for_selector("#role:text-is('observer')")
+    page.wait_for_selector("#victim-question:has-text('tag 7, at 4.00 m, 4.00 m')")
+    page.click("#tab-mission")
+    page.wait_for_selector("#mission-text:has-text('drives about')")
+    assert not any(page.locator(button).count() for button in (*BUTTONS, "#victim-yes"))
+
+
+def victim_is_confirmed(page: Page, robot: Robot) -> None:
+    page.wait_for_selector("#victim-question:has-text('tag 7, at 4.00 m, 4.00 m')")
+    page.wait_for_selector("#victim-time-left:has-text('s left to answer; 75% sure')")
+    left_s = int(page.inner_text("#victim-time-left").split()[0])
+    assert 600 < left_s <= 900
+    page.wait_for_function("document.querySelector('#victim-question img').naturalWidth == 2")
+    page.click("#victim-yes")
+    heard(robot, "answer 7 1")
+    page.wait_for_selector("#victim-question", state="hidden")
+
+
+def map_and_view_show_the_victim(page: Page) -> None:
+    page.click("#tab-map")
+    page.wait_for_selector("#map-text:has-text('robot at 1.50 m, 3.25 m, 0°; 1 victims')")
+    page.click("#tab-view")
+    page.wait_for_selector("#view-figures:has-text('; 0 points, 1 victims, 0 points of interest')")
+    page.wait_for_selector("#view-scene >> text=tag 7")
+
+
+def mission_is_steered(page: Page, robot: Robot) -> None:
+    page.click("#tab-mission")
+    page.wait_for_selector("#mission-state:has-text('EXPLORE')")
+    can_press(page, "#mission-pause")
+    page.click("#mission-pause")
+    heard(robot, "order 1")
+    page.wait_for_selector("#mission-state:has-text('PAUSE')")
+    can_press(page, "#mission-start", "#mission-return", "#mission-abort")
+    assert page.inner_text("#mission-refusal") == ""
+    page.click("#mission-return")
+    heard(robot, "order 3")
+    page.wait_for_selector("#mission-refusal:has-text('Refused: no 3 today')")
+    page.click("#mission-abort")
+    page.click("#confirm-abort")
+    heard(robot, "order 2")
+
+
+def can_press(page: Page, *wanted: str) -> None:
+    """Wait until these of the mission's buttons can be pressed, and no others."""
+    for button in BUTTONS:
+        page.wait_for_selector(f"{button}:{'enabled' if button in wanted else 'disabled'}")
+
+
+def states_and_victims_are_listed(page: Page) -> None:
+    page.wait_for_selector("#mission-states tr:has-text('LOOK_AROUND'):has-text('all is set')")
+    row = page.locator("#mission-victims tbody tr:has-text('confirmed')")
+    row.wait_for()
+    assert row.inner_text().split() == ["7", "tag", "7", "confirmed", "4.00", "4.00", "75%", "3"]
+
+
+def panel_fits(page: Page) -> None:
+    """The panel is no wider than the page, and nothing hides the emergency stop."""
+    page.click("#tab-mission")
+    page.wait_for_selector("#panel-mission", state="visible")
+    page.wait_for_function(FITS, arg="panel-mission")
+    page.click("#emergency-stop", trial=True)
