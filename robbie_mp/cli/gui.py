@@ -14,6 +14,7 @@ from robbie_mp.module.settings import SettingError
 from robbie_mp.profile.problem import refuse
 from robbie_mp.profile.reader import read_text
 from robbie_mp.run.operator_link import read_link
+from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_directory import KnownRun
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ def gui(arguments: argparse.Namespace) -> int:
     if arguments.link:
         return _show_link(run)
     load_website()
+    sys.path.insert(0, RunPlan.load(run.folder).workspace)  # where the panels are that the settings name
     logging.basicConfig(format="%(levelname)s: %(message)s", stream=sys.stderr)
     with signals_noted() as stopped:
         try:

@@ -190,6 +190,7 @@ def module_run_as_tool_drives_and_stops(robot: Robot, journal: Journal, started:
     robot.command("module", "stop", "operator", "--run", robot.known_run().run_id)
     with attached_of(robot) as (program, address), page_of(started, address, may_say=RECONNECTING) as page:
         page.wait_for_selector("#drive-pad")
+        page.wait_for_selector("#friends-greeting")  # of a panel in the run's workspace
         stops(journal, page, program.kill)
     with attached_of(robot) as (program, _):
         program.send_signal(signal.SIGINT)
@@ -199,9 +200,11 @@ def module_run_as_tool_drives_and_stops(robot: Robot, journal: Journal, started:
 @contextmanager
 def attached_of(robot: Robot) -> Iterator[tuple["subprocess.Popen[str]", str]]:
     """Start a page for a run that has none; it is given with its address."""
+    (robot.folder / "zoo" / "own_panel.py").write_text((HERE / "_support" / "own_panel.py").read_text())
     options = ["--attach", robot.known_run().run_id, "--port", "0", "--set", "max_linear_m_per_s=0.4"]
-    command = [*COMMAND, "gui", *options]
-    with subprocess.Popen(command, cwd=robot.folder, stdout=subprocess.PIPE, text=True) as program:
+    panels = ["--set", "panels=['zoo.own_panel:FriendsPanel']"]
+    command = [*COMMAND, "gui", *options, *panels]
+    with subprocess.Popen(command, cwd=robot.folder.parent, stdout=subprocess.PIPE, text=True) as program:
         try:
             assert program.stdout
             yield program, program.stdout.readline().split()[2]
