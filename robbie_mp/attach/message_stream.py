@@ -5,8 +5,8 @@ from fnmatch import fnmatchcase
 
 from robbie_mp.attach.tool import LONGEST_WAIT_S, Detached, Received, Tool, attach_again
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.records import ANY_VERSION
+from robbie_mp.transport.tables import ChannelName
 
 OPEN_TIMEOUT_S = 0.5
 """How long to wait for the core to open the subscription: longer only while it is down."""

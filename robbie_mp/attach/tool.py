@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from robbie_mp.core.directory import ROW_OPEN
 from robbie_mp.errors import RobbieError
 from robbie_mp.linux.forks import keep_from_forks
 from robbie_mp.messages import Message
@@ -24,7 +23,7 @@ from robbie_mp.run.plan import TOOL_MEMORY_BYTES, RunPlan
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
-from robbie_mp.transport.endpoint import ChannelName, Delivery, Endpoint
+from robbie_mp.transport.endpoint import Delivery, Endpoint
 from robbie_mp.transport.layout import LINE_WORDS, Activity, SegmentKind
 from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling, Outbound
 from robbie_mp.transport.run_memory import (
@@ -35,7 +34,7 @@ from robbie_mp.transport.run_memory import (
     make_views,
 )
 from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
-from robbie_mp.transport.tables import CoreTables
+from robbie_mp.transport.tables import ROW_OPEN, ChannelName, CoreTables, SubscriptionRow
 from robbie_mp.transport.words import new_fence, write_text
 
 SEGMENT_BYTES = 1 << 20
@@ -253,23 +252,12 @@ class Tool:
 
     def books(self) -> tuple[int, int]:
         """Messages that were routed to us, and those that still wait or are being copied."""
-        counts = [
-            [self._core[at + layout.SUBSCRIPTION_ROUTED + column] for column in range(5)]
-            for at in self._rows()
-        ]
-        routed = sum(count[0] for count in counts)
-        return routed, routed - sum(sum(count[1:]) for count in counts)
+        counts = [row.counts for row in self._rows()]
+        return sum(count.routed for count in counts), sum(count.waiting for count in counts)
 
-    def _rows(self) -> list[int]:
-        found = []
-        for index in range(self._tables.sizes.subscriptions):
-            at = self._tables.subscription(index)
-            state = self._core[at + layout.SUBSCRIPTION_STATE]
-            if not state:
-                break
-            if state == ROW_OPEN and self._core[at + layout.SUBSCRIPTION_SLOT] == self._slot:
-                found.append(at)
-        return found
+    def _rows(self) -> list[SubscriptionRow]:
+        rows = self._tables.subscriptions()
+        return [row for row in rows if row.state == ROW_OPEN and row.slot == self._slot]
 
     def passed(self) -> dict[ChannelName, int]:
         """Return how many messages the core has ever routed through each channel."""

@@ -16,7 +16,7 @@ from robbie_mp.messages.errors import MessageError
 from robbie_mp.module.bus import Envelope, MessageType
 from robbie_mp.module.subscriptions import Subscription, Subscriptions
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.transport.endpoint import ChannelName
+from robbie_mp.transport.tables import ChannelName
 
 
 class ToolBus:

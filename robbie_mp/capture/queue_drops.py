@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 
 from robbie_mp.recording.format import ChannelKey
-from robbie_mp.transport.endpoint import ChannelName
+from robbie_mp.transport.tables import ChannelName
 
 
 class QueueDrops:

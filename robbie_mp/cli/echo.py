@@ -15,7 +15,7 @@ from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.messages import DecodeError, Message
 from robbie_mp.observe.declarations import read_declarations
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.transport.endpoint import ChannelName
+from robbie_mp.transport.tables import ChannelName
 from robbie_mp.views.known_types import types_of_run
 from robbie_mp.views.message_text import FieldPath, flat, to_csv, to_json, to_yaml
 from robbie_mp.visible_text import one_line

@@ -15,8 +15,8 @@ from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
 from robbie_mp.observe import RunObserver
 from robbie_mp.observe.declarations import Declaration, read_declarations
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.segment import SegmentMissing
+from robbie_mp.transport.tables import ChannelName
 from robbie_mp.views.plain_table import PlainTable
 from robbie_mp.views.run_figures import STYLES, state_name
 from robbie_mp.visible_text import one_line

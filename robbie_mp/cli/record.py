@@ -29,8 +29,8 @@ from robbie_mp.recording.format import ChannelKey
 from robbie_mp.recording.log_writer import LogWriter, Split
 from robbie_mp.recording.recorder import LOGGER_NICE, Recorder
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.records import ANY_VERSION
+from robbie_mp.transport.tables import ChannelName
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction

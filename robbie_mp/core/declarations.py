@@ -7,6 +7,7 @@ from robbie_mp.core.ledger import Ledger, Outcome
 from robbie_mp.core.link import Link, Slot
 from robbie_mp.core.queues import Queues
 from robbie_mp.transport import layout
+from robbie_mp.transport.records import MessageHandling
 from robbie_mp.transport.ring import Record
 from robbie_mp.transport.words import Words
 
@@ -33,15 +34,15 @@ class Declarations:
 
     def advertise(self, _slot: Slot, link: Link, record: Record) -> None:
         """Open a channel."""
-        wish = link.declaration(record[1])
-        channel = self._directory.channel(wish.type_name, wish.version, wish.topic, link.slot)
+        row = link.declaration(record[1])
+        channel = self._directory.channel(row.name, link.slot)
         link.channels[record[1]] = channel
 
     def subscribe(self, _slot: Slot, link: Link, record: Record) -> None:
         """Open a subscription, or take over the one of an earlier incarnation."""
-        wish = link.declaration(record[1])
-        entry = self._directory.subscribe(link.slot, wish)
-        entry.declaration = wish.declaration
+        row = link.declaration(record[1])
+        entry = self._directory.subscribe(link.slot, row.name, MessageHandling(row.handling))
+        entry.declaration = row.number
         entry.declared_by = link.incarnation
 
     def ready(self, slot: Slot, link: Link, _record: Record) -> None:

@@ -1,4 +1,4 @@
-"""Who offers and who wants what: channels and subscriptions, in memory and in the core's tables."""
+"""The directory of channels and subscriptions, in the core's memory and in its tables."""
 
 import re
 from collections.abc import Callable
@@ -6,19 +6,13 @@ from fnmatch import translate
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
-from robbie_mp.transport.layout import NAME_WORDS, PATTERN_COUNT
+from robbie_mp.transport.layout import PATTERN_COUNT
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling
-from robbie_mp.transport.tables import CoreTables
-from robbie_mp.transport.words import WORD_BYTES, WORD_MAX, read_text, write_text
+from robbie_mp.transport.tables import ROW_OPEN, ChannelName, CoreTables, SubscriptionRow
+from robbie_mp.transport.words import WORD_BYTES, WORD_MAX
 
-LONGEST_INTERVAL_US = 10**9
-"""Of two messages; a module may claim any time."""
-ROW_OPEN = 1
-ROW_CLOSED = 2
-COUNTS = (
-    *range(layout.SUBSCRIPTION_ROUTED, layout.SUBSCRIPTION_LAST_SEQUENCE),
-    layout.SUBSCRIPTION_LEFT,
-)
+MAX_INTERVAL_US = 10**9
+"""Longest interval between two messages that is counted; a module may claim any time."""
 _DROPPED_COUNT = layout.SUBSCRIPTION_DROPPED - layout.SUBSCRIPTION_ROUTED
 
 
@@ -29,8 +23,8 @@ class TableFull(RobbieError, OverflowError):
 class Pattern:
     """Shell patterns for the type and the topic of channels.
 
-    A match takes a few microseconds at most, whatever a module has written into the pattern: names are
-    short, and the expressions of `fnmatch` never try one star twice.
+    A match takes a few microseconds at most, whatever pattern a module has written: names are short, and the
+    expressions of `fnmatch` never backtrack over a star.
     """
 
     __slots__ = ("_topic", "_type")
@@ -40,18 +34,17 @@ class Pattern:
         self._topic = re.compile(translate(topic))
 
     def matches(self, channel: "Channel") -> bool:
-        """Whether type and topic of a channel are such; the version may be any."""
+        """Whether the type and topic of a channel match; any version does."""
         return bool(self._type.match(channel.type_name) and self._topic.match(channel.topic))
 
 
 class Subscription:
-    """One module's wish for a message type, on all topics or on one; it outlives the module's restarts.
+    """One module's subscription to a message type, on one topic or on all; it outlives the module's restarts.
 
-    It is closed when the module is stopped or wishes it no more, and opened again if the module wishes it
-    again.
+    It is closed when the module stops or no longer asks for it, and opened again when the module asks again.
 
-    Or for every message whose type and topic match patterns. A module that has several patterns gets a
-    message once: a channel goes to the first of them that matches.
+    A subscription may also be by shell patterns for type and topic. If several patterns of a module match a
+    channel, the first of them gets its messages, so the module gets each message once.
     """
 
     __slots__ = (
@@ -59,26 +52,25 @@ class Subscription:
         "slot", "topic", "type_name", "version",
     )  # fmt: skip
 
-    def __init__(self, index: int, at: int, slot: int, wish: "Wish"):
+    def __init__(self, index: int, at: int, slot: int, name: ChannelName, handling: MessageHandling):
         self.index = index
         self.at = at
         self.slot = slot
-        self.declaration = wish.declaration
+        self.declaration = 0
+        """The module's number for it."""
         self.is_open = True
         self.declared_by = 0
-        """The incarnation of the module that wished it last."""
-        self.type_name = wish.type_name
-        self.version = wish.version
-        self.topic = wish.topic
-        self.pattern = Pattern(wish.type_name, wish.topic) if wish.version == ANY_VERSION else None
-        self.newest_only = wish.handling is MessageHandling.KEEP_ONLY_NEWEST
+        """The incarnation of the module that declared it last."""
+        self.type_name, self.version, self.topic = name
+        self.pattern = Pattern(name.type_name, name.topic) if name.version == ANY_VERSION else None
+        self.newest_only = handling is MessageHandling.KEEP_ONLY_NEWEST
         self.queued: int | None = None
         """The reference that waits, of a subscription that keeps only the newest."""
         self.counts = [0, 0, 0, 0, 0]
         """Routed, delivered, replaced, dropped, lost; the words from SUBSCRIPTION_ROUTED on."""
 
     def matches(self, channel: "Channel") -> bool:
-        """Whether messages of a channel are wanted here."""
+        """Whether this subscription gets the messages of a channel."""
         if self.pattern is not None:
             return self.is_open and self.pattern.matches(channel)
         return (
@@ -89,19 +81,6 @@ class Subscription:
         )
 
 
-class Wish:
-    """What a module declared in its out segment."""
-
-    __slots__ = ("declaration", "handling", "topic", "type_name", "version")
-
-    def __init__(self, declaration: int, type_name: str, version: int, topic: str, handling: MessageHandling):
-        self.declaration = declaration
-        self.type_name = type_name
-        self.version = version
-        self.topic = topic
-        self.handling = handling
-
-
 class Channel:
     """A message type with a version on a topic."""
 
@@ -110,12 +89,10 @@ class Channel:
         "subscriptions", "topic", "type_name", "version",
     )  # fmt: skip
 
-    def __init__(self, index: int, at: int, type_name: str, version: int, topic: str):
+    def __init__(self, index: int, at: int, name: ChannelName):
         self.index = index
         self.at = at
-        self.type_name = type_name
-        self.version = version
-        self.topic = topic
+        self.type_name, self.version, self.topic = name
         self._figures_at = (at + layout.CHANNEL_MESSAGES) * WORD_BYTES
         self.messages = 0
         self.bytes = 0
@@ -124,21 +101,21 @@ class Channel:
         self.subscriptions: list[Subscription] = []
 
     def count(self, write: Callable[..., None], size: int, stamp_ns: int) -> None:
-        """Count a message, and show when it was published, and how long after the one before it.
+        """Count a message, and note its publication time and the interval since the one before it.
 
-        A message routed again after a crash of the core may add its interval twice; nothing rests on it.
+        After a crash of the core, a message routed again may add its interval twice; only statistics use it.
 
         Args:
             write: writes four words of the tables.
-            size: of the message in bytes.
+            size: size of the message in bytes.
             stamp_ns: when it was published.
         """
         self.messages += 1
         self.bytes += size
         if self.last_stamp_ns:
             interval_us = (stamp_ns - self.last_stamp_ns) // 1000
-            if not -LONGEST_INTERVAL_US < interval_us < LONGEST_INTERVAL_US:
-                interval_us = LONGEST_INTERVAL_US
+            if not -MAX_INTERVAL_US < interval_us < MAX_INTERVAL_US:
+                interval_us = MAX_INTERVAL_US
             self.intervals_squared = self.intervals_squared + interval_us * interval_us & WORD_MAX
         self.last_stamp_ns = stamp_ns
         write(
@@ -148,7 +125,7 @@ class Channel:
 
 
 class Directory:
-    """All channels and subscriptions of a run; those that a dead core left are found again.
+    """All channels and subscriptions of a run, including those in the tables that a dead core left.
 
     Args:
         tables: the core's tables.
@@ -158,99 +135,79 @@ class Directory:
     def __init__(self, tables: CoreTables, tools: frozenset[int] = frozenset()):
         self._tables = tables
         self._tools = tools
-        self._channels: dict[tuple[str, int, str], Channel] = {}
+        self._channels: dict[ChannelName, Channel] = {}
         self.subscriptions: list[Subscription] = []
         self._read_subscriptions()
         self._read_channels()
 
     def _read_subscriptions(self) -> None:
-        words = self._tables.words
-        for index in range(self._tables.sizes.subscriptions):
-            at = self._tables.subscription(index)
-            state = words[at + layout.SUBSCRIPTION_STATE]
-            if not state:
-                break
-            wish = Wish(
-                0,
-                read_text(words, at + layout.SUBSCRIPTION_TYPE, NAME_WORDS),
-                words[at + layout.SUBSCRIPTION_VERSION],
-                read_text(words, at + layout.SUBSCRIPTION_TOPIC, NAME_WORDS),
-                MessageHandling(words[at + layout.SUBSCRIPTION_HANDLING]),
-            )
-            entry = Subscription(index, at, words[at + layout.SUBSCRIPTION_SLOT], wish)
-            entry.counts = [words[at + layout.SUBSCRIPTION_ROUTED + column] for column in range(5)]
-            entry.is_open = state == ROW_OPEN
+        for row in self._tables.subscriptions():
+            at = self._tables.subscription(row.index)
+            entry = Subscription(row.index, at, row.slot, row.name, row.handling)
+            entry.counts = list(row.counts)
+            entry.is_open = row.state == ROW_OPEN
             self.subscriptions.append(entry)
 
     def _read_channels(self) -> None:
-        words = self._tables.words
-        for index in range(self._tables.sizes.channels):
-            at = self._tables.channel(index)
-            if not words[at + layout.CHANNEL_STATE]:
-                break
-            type_name = read_text(words, at + layout.CHANNEL_TYPE, NAME_WORDS)
-            version = words[at + layout.CHANNEL_VERSION]
-            channel = self.channel(
-                type_name, version, read_text(words, at + layout.CHANNEL_TOPIC, NAME_WORDS)
-            )
-            channel.messages = words[at + layout.CHANNEL_MESSAGES]
-            channel.bytes = words[at + layout.CHANNEL_BYTES]
-            channel.last_stamp_ns = words[at + layout.CHANNEL_LAST_STAMP_NS]
-            channel.intervals_squared = words[at + layout.CHANNEL_INTERVALS_SQUARED]
+        for row in self._tables.channels():
+            channel = self._add_channel(row.index, row.name)
+            channel.messages = row.messages
+            channel.bytes = row.bytes
+            channel.last_stamp_ns = row.last_stamp_ns
+            channel.intervals_squared = row.intervals_squared_us2
 
     def by_index(self, index: int) -> Channel:
-        """Find a channel by its row."""
+        """Return the channel in a row of the table."""
         return next(channel for channel in self._channels.values() if channel.index == index)
 
-    def known_channel(self, type_name: str, version: int, topic: str) -> Channel | None:
-        """Find a channel if it was opened."""
-        return self._channels.get((type_name, version, topic))
+    def known_channel(self, name: ChannelName) -> Channel | None:
+        """Return a channel, None if no module has opened it."""
+        return self._channels.get(name)
 
-    def channel(self, type_name: str, version: int, topic: str, slot: int = 0) -> Channel:
-        """Find a channel, or open it for the module in a slot.
+    def channel(self, name: ChannelName, slot: int) -> Channel:
+        """Return a channel; open it for the module in a slot if there is none of that name.
 
         Raises:
-            TableFull: there are as many channels as the profile allows. A quarter of them is not for tools:
-                channels are never closed, and `robbie pub` may be given any topic.
+            TableFull: there are as many channels as the profile allows. Tools may only fill three quarters of
+                the table: channels are never closed, and a user may give `robbie pub` any topic.
         """
-        key = (type_name, version, topic)
-        if found := self._channels.get(key):
+        if found := self._channels.get(name):
             return found
         index = len(self._channels)
         channels = self._tables.sizes.channels
         if index >= (channels * 3 // 4 if slot in self._tools else channels):
-            raise TableFull(f"no room for channel {type_name} on topic '{topic}': {index} are in use")
-        words, at = self._tables.words, self._tables.channel(index)
-        write_text(words, at + layout.CHANNEL_TYPE, NAME_WORDS, type_name)
-        write_text(words, at + layout.CHANNEL_TOPIC, NAME_WORDS, topic)
-        words[at + layout.CHANNEL_VERSION] = version
-        words[at + layout.CHANNEL_STATE] = ROW_OPEN
-        channel = self._channels[key] = Channel(index, at, type_name, version, topic)
+            raise TableFull(
+                f"no room for channel {name.type_name} on topic '{name.topic}': {index} are in use"
+            )
+        self._tables.channel_row(index).write(name)
+        return self._add_channel(index, name)
+
+    def _add_channel(self, index: int, name: ChannelName) -> Channel:
+        channel = self._channels[name] = Channel(index, self._tables.channel(index), name)
         for entry in self.subscriptions:
             _connect(channel, entry)
         return channel
 
-    def subscribe(self, slot: int, wish: Wish) -> Subscription:
-        """Open a subscription, or go on with the one that the module had before.
+    def subscribe(self, slot: int, name: ChannelName, handling: MessageHandling) -> Subscription:
+        """Open a subscription for the module in a slot, or continue the one that the module had before.
 
         Raises:
             TableFull: there are as many subscriptions as the profile allows.
         """
-        entry = self.find(slot, wish)
+        entry = self.find(slot, name, handling)
         if entry is not None and entry.is_open:
             self._forget_end(entry)
             return entry
-        if wish.version == ANY_VERSION and len(self._patterns(slot)) == PATTERN_COUNT:
+        if name.version == ANY_VERSION and len(self._patterns(slot)) == PATTERN_COUNT:
             raise TableFull(f"a module subscribes by at most {PATTERN_COUNT} patterns")
-        entry = self._open_row(slot, wish) if entry is None else self._reopen(entry)
+        entry = self._open_row(slot, name, handling) if entry is None else self._reopen(entry)
         for channel in self._channels.values():
             _connect(channel, entry)
         return entry
 
-    def find(self, slot: int, wish: Wish) -> Subscription | None:
-        """Return a module's subscription of that kind, open or closed; of a tool's, one that is open."""
-        newest_only = wish.handling is MessageHandling.KEEP_ONLY_NEWEST
-        wanted = (wish.type_name, wish.version, wish.topic, newest_only)
+    def find(self, slot: int, name: ChannelName, handling: MessageHandling) -> Subscription | None:
+        """Return the subscription of a module, open or closed, or the open subscription of a tool."""
+        wanted = (*name, handling is MessageHandling.KEEP_ONLY_NEWEST)
         for entry in self.subscriptions:
             if (
                 entry.slot == slot
@@ -260,73 +217,61 @@ class Directory:
                 return entry
         return None
 
-    def _open_row(self, slot: int, wish: Wish) -> Subscription:
-        index = self._free_row(wish)
-        words, at = self._tables.words, self._tables.subscription(index)
-        write_text(words, at + layout.SUBSCRIPTION_TYPE, NAME_WORDS, wish.type_name)
-        write_text(words, at + layout.SUBSCRIPTION_TOPIC, NAME_WORDS, wish.topic)
-        words[at + layout.SUBSCRIPTION_SLOT] = slot
-        words[at + layout.SUBSCRIPTION_HANDLING] = wish.handling
-        words[at + layout.SUBSCRIPTION_VERSION] = wish.version
-        if index < len(self.subscriptions):
-            for column in COUNTS:
-                words[at + column] = 0
-        words[at + layout.SUBSCRIPTION_STATE] = ROW_OPEN
-        entry = Subscription(index, at, slot, wish)
+    def _open_row(self, slot: int, name: ChannelName, handling: MessageHandling) -> Subscription:
+        index = self._free_row(name)
+        is_reused = index < len(self.subscriptions)
+        self._tables.subscription_row(index).write(slot, name, handling, is_reused=is_reused)
+        entry = Subscription(index, self._tables.subscription(index), slot, name, handling)
         self.subscriptions[index : index + 1] = [entry]
         return entry
 
     def _patterns(self, slot: int) -> list[Subscription]:
-        """Return the subscriptions of a module by patterns."""
+        """Return the open subscriptions of a module that are by patterns."""
         return [
             entry for entry in self.subscriptions if entry.slot == slot and entry.pattern and entry.is_open
         ]
 
     def alternatives(self, entry: Subscription, channel: Channel) -> list[Subscription]:
-        """Return the subscriptions of which one gets the messages of a channel, if `entry` is among them.
+        """Return the subscriptions that compete with `entry` for the messages of a channel, and `entry`.
 
-        They are those of a module by patterns. Which is the first of them may change when a core takes
-        over, because rows that a tool has left are used again.
+        These are the matching patterns of one module. Another one of them may be the first after a takeover,
+        because rows that a tool has left are used again.
         """
         if entry.pattern is None:
             return [entry]
         return [one for one in self._patterns(entry.slot) if one.matches(channel)]
 
     def _reopen(self, entry: Subscription) -> Subscription:
-        """Go on with a subscription that was closed; its counts go on, too."""
+        """Continue a closed subscription and its counters."""
         self._forget_end(entry)
-        self._tables.words[entry.at + layout.SUBSCRIPTION_STATE] = ROW_OPEN
+        self._row(entry).reopen()
         entry.is_open = True
         return entry
 
     def _forget_end(self, entry: Subscription) -> None:
-        """Note that a module has not ended for good; also if a core died while it closed the subscription."""
-        words, at = self._tables.words, entry.at + layout.SUBSCRIPTION_LEFT
-        if words[at] & 1:
-            words[at] = layout.left_waiting(words[at], entry.counts[_DROPPED_COUNT]) << 1
+        """Note that a module is back; also if a core died while it closed the subscription."""
+        self._row(entry).forget_end(entry.counts[_DROPPED_COUNT])
 
-    def _free_row(self, wish: Wish) -> int:
-        """Return the next row, or one that a tool has left: no reference leads there any more.
+    def _row(self, entry: Subscription) -> SubscriptionRow:
+        return self._tables.subscription_row(entry.index)
 
-        While it is written anew it stays closed. Its last sequence stays for good: it only ever grows.
-        """
+    def _free_row(self, name: ChannelName) -> int:
+        """Return the next row, or one that a tool has left and no reference names any more."""
         for entry in self.subscriptions:
             if entry.slot in self._tools and not entry.is_open:
                 return entry.index
         index = len(self.subscriptions)
         if index == self._tables.sizes.subscriptions:
-            raise TableFull(f"no room for a subscription to {wish.type_name}: {index} are in use")
+            raise TableFull(f"no room for a subscription to {name.type_name}: {index} are in use")
         return index
 
     def note_end(self, entry: Subscription) -> None:
-        """Note that what is dropped from now on waited for a module that has ended; may be done again."""
-        words, at = self._tables.words, entry.at + layout.SUBSCRIPTION_LEFT
-        if not words[at] & 1:
-            words[at] = entry.counts[_DROPPED_COUNT] - (words[at] >> 1) << 1 | 1
+        """Note that messages dropped from now on waited for a module that has ended; may be repeated."""
+        self._row(entry).note_end(entry.counts[_DROPPED_COUNT])
 
     def close(self, entry: Subscription) -> None:
-        """Route nothing more to a subscription; its counters stay."""
-        self._tables.words[entry.at + layout.SUBSCRIPTION_STATE] = ROW_CLOSED
+        """Route no more messages to a subscription; its counters are kept."""
+        self._row(entry).close()
         entry.is_open = False
         for channel in self._channels.values():
             if entry in channel.subscriptions:
@@ -336,9 +281,10 @@ class Directory:
 
 
 def _connect(channel: Channel, entry: Subscription) -> None:
-    """Send a channel's messages to a subscription if it wants them and no pattern before it has them.
+    """Connect a channel to a subscription that matches it, unless an earlier pattern of the module does.
 
-    Patterns come last: who asks for a type uses it, who asks by patterns records it or sends it on.
+    Patterns come last: modules that subscribe by type use the messages, those that subscribe by patterns
+    record or forward them.
     """
     if entry.matches(channel) and not (
         entry.pattern and any(other.pattern and other.slot == entry.slot for other in channel.subscriptions)

@@ -4,12 +4,13 @@ from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from robbie_mp.core.directory import Channel, Wish
+from robbie_mp.core.directory import Channel
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound, MessageHandling
 from robbie_mp.transport.ring import NumberRingWriter, RingPlace, RingReader, RingWriter
-from robbie_mp.transport.words import Words, new_fence, read_text
+from robbie_mp.transport.tables import DeclarationRow
+from robbie_mp.transport.words import Words, new_fence
 
 REPLACEMENT_CHARACTER = "\ufffd"
 _HANDLINGS = frozenset(int(handling) for handling in MessageHandling)
@@ -17,6 +18,21 @@ _HANDLINGS = frozenset(int(handling) for handling in MessageHandling)
 
 class ProtocolViolation(RobbieError, ValueError):
     """A module wrote what no module of ours writes; it is faulted, and restarted by the supervisor."""
+
+
+def checked(row: DeclarationRow) -> DeclarationRow:
+    """Return a declaration if it is valid.
+
+    Raises:
+        ProtocolViolation: it is not.
+    """
+    type_name, _, topic = row.name
+    # A text that is not UTF-8 would read differently when a new core finds it in the tables.
+    if not type_name or row.handling not in _HANDLINGS or REPLACEMENT_CHARACTER in type_name + topic:
+        raise ProtocolViolation(
+            f"declaration {row.number} has type '{type_name}', topic '{topic}' and handling {row.handling}"
+        )
+    return row
 
 
 @dataclass(frozen=True)
@@ -94,27 +110,16 @@ class Link:
         self._want_release = want
         return wanted
 
-    def declaration(self, number: int) -> Wish:
+    def declaration(self, number: int) -> DeclarationRow:
         """Read a declaration from the module's out segment.
 
         Raises:
-            ProtocolViolation: it makes no sense.
+            ProtocolViolation: no such declaration is possible.
         """
         if number >= layout.DECLARATION_COUNT:
             raise ProtocolViolation(f"declaration {number} is out of range")
         self._fence()
-        at = layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
-        words = self.out_words
-        type_name = read_text(words, at + layout.DECLARATION_TYPE, layout.NAME_WORDS)
-        topic = read_text(words, at + layout.DECLARATION_TOPIC, layout.NAME_WORDS)
-        handling = words[at + layout.DECLARATION_HANDLING]
-        # What is no UTF-8 would read otherwise when a new core finds it in the tables.
-        if not type_name or handling not in _HANDLINGS or REPLACEMENT_CHARACTER in type_name + topic:
-            raise ProtocolViolation(
-                f"declaration {number} has type '{type_name}', topic '{topic}' and handling {handling}"
-            )
-        version = words[at + layout.DECLARATION_VERSION]
-        return Wish(number, type_name, version, topic, MessageHandling(handling))
+        return checked(DeclarationRow.read(self.out_words, number))
 
     def send_notices(self) -> None:
         """Push what the module is to be told, as far as there is room besides that for its credits."""

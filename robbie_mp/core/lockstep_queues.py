@@ -1,4 +1,4 @@
-"""The queues of a run in lockstep: one message at a time is delivered. See `robbie_mp.run.lockstep`."""
+"""The queues of a run in lockstep: one message at a time is delivered. See `robbie_mp.module.lockstep`."""
 
 from collections.abc import Sequence, Set
 

@@ -15,9 +15,10 @@ entered elsewhere.
 
 from robbie_mp.core.directory import Channel, Directory, Subscription
 from robbie_mp.core.ledger import Ledger, Outcome
-from robbie_mp.core.link import Link, Slot
+from robbie_mp.core.link import Link, Slot, checked
 from robbie_mp.transport import layout
-from robbie_mp.transport.records import Outbound
+from robbie_mp.transport.records import MessageHandling, Outbound
+from robbie_mp.transport.tables import DeclarationRow
 from robbie_mp.transport.words import Words
 
 KNOWN_DEAD = 8
@@ -42,19 +43,15 @@ def restore_declarations(link: Link, directory: Directory) -> None:
     Nothing is opened here: what is not in the tables is still to be said by a record in the ring. If it were
     opened now, a message cut short in routing would have more subscribers than there was room for.
     """
-    for number in range(layout.DECLARATION_COUNT):
-        kind = link.out_words[
-            layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS + layout.DECLARATION_KIND
-        ]
-        if kind not in (Outbound.ADVERTISE, Outbound.SUBSCRIBE):
-            return
-        wish = link.declaration(number)
-        if kind == Outbound.ADVERTISE:
-            channel = directory.known_channel(wish.type_name, wish.version, wish.topic)
+    for row in map(checked, DeclarationRow.read_all(link.out_words)):
+        if row.kind == Outbound.ADVERTISE:
+            channel = directory.known_channel(row.name)
             if channel is not None:
-                link.channels[number] = channel
-        elif (entry := directory.find(link.slot, wish)) is not None and entry.is_open:
-            entry.declaration = number
+                link.channels[row.number] = channel
+        elif (
+            entry := directory.find(link.slot, row.name, MessageHandling(row.handling))
+        ) is not None and entry.is_open:
+            entry.declaration = row.number
             entry.declared_by = link.incarnation
 
 

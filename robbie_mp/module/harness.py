@@ -20,8 +20,8 @@ from robbie_mp.module.module import Module, ModuleContext
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.settings import check_settings
 from robbie_mp.module.subscriptions import Subscriptions
-from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.records import ANY_VERSION
+from robbie_mp.transport.tables import ChannelName
 
 ModuleClass = TypeVar("ModuleClass", bound=Module)
 

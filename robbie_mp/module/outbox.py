@@ -16,7 +16,8 @@ from robbie_mp.module.bus import MessageType, PublishAfterStop
 from robbie_mp.module.clock import Clock
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block, BlockStore, block_bytes
-from robbie_mp.transport.endpoint import ChannelName, Endpoint
+from robbie_mp.transport.endpoint import Endpoint
+from robbie_mp.transport.tables import ChannelName
 from robbie_mp.transport.words import Words
 
 _MAX_IN_FLIGHT = layout.OUTSTANDING_LIMIT * 7 // 8

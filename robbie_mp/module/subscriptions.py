@@ -5,8 +5,8 @@ from typing import Any, NamedTuple, Protocol
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.module.bus import EncodedMessage, MessageType
-from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling
+from robbie_mp.transport.tables import ChannelName
 
 
 class SubscribedTwice(RobbieError, ValueError):

@@ -3,11 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from robbie_mp.core.directory import ROW_OPEN
 from robbie_mp.observe.channel_names import ChannelNames
-from robbie_mp.transport import layout
-from robbie_mp.transport.endpoint import ChannelName
-from robbie_mp.transport.tables import CoreTables
+from robbie_mp.transport.tables import ChannelName, CoreTables, SubscriptionCounts
 from robbie_mp.transport.words import Words
 
 
@@ -31,35 +28,21 @@ class ChannelCounters:
     """
 
     def __init__(self, words: Words):
-        self._words = words
         self._tables = CoreTables.attach(words)
         self._name = ChannelNames(words)
 
     def messages(self) -> dict[ChannelName, int]:
         """Return how many messages have passed through each channel there is."""
-        return {
-            self._name(index): self._words[at + layout.CHANNEL_MESSAGES] for index, at in self._channels()
-        }
-
-    def _channels(self) -> Iterator[tuple[int, int]]:
-        for index in range(self._tables.sizes.channels):
-            at = self._tables.channel(index)
-            if self._words[at + layout.CHANNEL_STATE] != ROW_OPEN:
-                break
-            yield index, at
+        return {self._name(row.index): row.messages for row in self._tables.channels()}
 
     def read(self, type_name: str, version: int, topic: str = "") -> dict[str, ChannelCount]:
         """Return the counts of a type's channels by topic, of one topic or of all ('')."""
-        words = self._words
         found = {}
-        for index, at in self._channels():
-            name = self._name(index)
+        for row in self._tables.channels():
+            name = self._name(row.index)
             if name[:2] == (type_name, version) and topic in ("", name.topic):
                 found[name.topic] = ChannelCount(
-                    words[at + layout.CHANNEL_MESSAGES],
-                    words[at + layout.CHANNEL_BYTES],
-                    words[at + layout.CHANNEL_LAST_STAMP_NS],
-                    words[at + layout.CHANNEL_INTERVALS_SQUARED],
+                    row.messages, row.bytes, row.last_stamp_ns, row.intervals_squared_us2
                 )
         return found
 
@@ -73,20 +56,14 @@ def messages_missed(words: Words, slot: int) -> int:
         words: the core segment.
         slot: of the module.
     """
-    return sum(dropped + lost for _, _, _, dropped, lost in _books(words, slot))
+    return sum(counts.dropped + counts.lost for counts in _counts(words, slot))
 
 
 def messages_waiting(words: Words, slot: int) -> int:
     """Return how many messages wait for the module in a slot, or are in its hands; arguments as above."""
-    return sum(routed - sum(ended) for routed, *ended in _books(words, slot))
+    return sum(counts.waiting for counts in _counts(words, slot))
 
 
-def _books(words: Words, slot: int) -> Iterator[list[int]]:
-    """Yield for each subscription of a module what was routed, delivered, replaced, dropped and lost."""
-    tables = CoreTables.attach(words)
-    for index in range(tables.sizes.subscriptions):
-        at = tables.subscription(index)
-        if not words[at + layout.SUBSCRIPTION_STATE]:
-            break
-        if words[at + layout.SUBSCRIPTION_SLOT] == slot:
-            yield [words[at + layout.SUBSCRIPTION_ROUTED + column] for column in range(5)]
+def _counts(words: Words, slot: int) -> Iterator[SubscriptionCounts]:
+    """Yield the counters of each subscription of the module in a slot."""
+    return (row.counts for row in CoreTables.attach(words).subscriptions() if row.slot == slot)

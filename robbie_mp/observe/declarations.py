@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass
 
-from robbie_mp.transport import layout, names
+from robbie_mp.transport import names
 from robbie_mp.transport.board import Board
-from robbie_mp.transport.endpoint import ChannelName
-from robbie_mp.transport.layout import NAME_WORDS, SegmentKind
+from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.records import ANY_VERSION, Outbound
 from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
-from robbie_mp.transport.words import read_text
+from robbie_mp.transport.tables import ChannelName, DeclarationRow
 
 
 @dataclass(frozen=True)
@@ -59,21 +58,9 @@ def _declarations_of(run_id: str, slot: int, incarnation: int, module: str) -> l
         segment = Segment.attach(names.outbound(run_id, slot, incarnation), SegmentKind.OUT)
     except (SegmentMissing, SegmentMismatch):  # gone, or destroyed by the module itself
         return []
-    found = []
-    words = segment.words
-    for number in range(layout.DECLARATION_COUNT):
-        at = layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
-        kind = words[at + layout.DECLARATION_KIND]
-        if kind not in (Outbound.ADVERTISE, Outbound.SUBSCRIBE):
-            break
-        found.append(
-            Declaration(
-                module,
-                kind == Outbound.ADVERTISE,
-                read_text(words, at + layout.DECLARATION_TYPE, NAME_WORDS),
-                words[at + layout.DECLARATION_VERSION],
-                read_text(words, at + layout.DECLARATION_TOPIC, NAME_WORDS),
-            )
-        )
+    found = [
+        Declaration(module, row.kind == Outbound.ADVERTISE, *row.name)
+        for row in DeclarationRow.read_all(segment.words)
+    ]
     segment.close()
     return found

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from robbie_mp.transport import layout, names
-from robbie_mp.transport.layout import NAME_WORDS, SegmentKind
+from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.records import Outbound
 from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
-from robbie_mp.transport.words import read_text
+from robbie_mp.transport.tables import DeclarationRow
 
 NO_WORDS = [0] * layout.OUT_DECLARATIONS
 
@@ -55,22 +55,16 @@ class ModuleMemory:
         """Name of the handler of one of its subscriptions."""
         if self._out is None:
             return ""
-        at = layout.OUT_DECLARATIONS + number % layout.DECLARATION_COUNT * layout.DECLARATION_WORDS
-        return read_text(self._out.words, at + layout.DECLARATION_HANDLER, NAME_WORDS)
+        return DeclarationRow.read(self._out.words, number % layout.DECLARATION_COUNT).handler
 
     def read_declarations(self) -> None:
         """Find channels that were declared since the last time."""
-        while self._out is not None and self._declared < layout.DECLARATION_COUNT:
-            words = self._out.words
-            at = layout.OUT_DECLARATIONS + self._declared * layout.DECLARATION_WORDS
-            kind = words[at + layout.DECLARATION_KIND]
-            if not kind:
-                return
+        if self._out is None:
+            return
+        for row in DeclarationRow.read_all(self._out.words, self._declared):
             self._declared += 1
-            if kind == Outbound.ADVERTISE:
-                type_name = read_text(words, at + layout.DECLARATION_TYPE, NAME_WORDS)
-                topic = read_text(words, at + layout.DECLARATION_TOPIC, NAME_WORDS)
-                self.publishes.append((type_name, words[at + layout.DECLARATION_VERSION], topic))
+            if row.kind == Outbound.ADVERTISE:
+                self.publishes.append(row.name)
 
 
 def _attach(name: str, kind: SegmentKind) -> Segment | None:

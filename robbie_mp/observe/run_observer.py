@@ -7,7 +7,6 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.core.directory import ROW_OPEN
 from robbie_mp.linux.proc import ProcessUsage, read_usage
 from robbie_mp.observe.figures import (
     ChannelFigures,
@@ -23,11 +22,10 @@ from robbie_mp.observe.module_memory import NO_WORDS, ModuleMemory
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.histogram import Histogram
-from robbie_mp.transport.layout import HISTOGRAM_WORDS, LINE_WORDS, NAME_WORDS, Activity, SegmentKind
-from robbie_mp.transport.records import MessageHandling
+from robbie_mp.transport.layout import HISTOGRAM_WORDS, LINE_WORDS, Activity, SegmentKind
 from robbie_mp.transport.segment import Segment, SegmentMissing
 from robbie_mp.transport.shared_folder import opened_folder
-from robbie_mp.transport.tables import CoreTables
+from robbie_mp.transport.tables import ROW_OPEN, CoreTables
 from robbie_mp.transport.words import read_text
 
 _ACTIVITIES = {int(activity): activity.name.lower() for activity in Activity}
@@ -93,24 +91,10 @@ class RunObserver:
 
     def channels(self) -> list[ChannelFigures]:
         """Figures of all channels."""
-        found = []
-        words = self._words
-        for index in range(self._tables.sizes.channels):
-            at = self._tables.channel(index)
-            if words[at + layout.CHANNEL_STATE] != ROW_OPEN:
-                break
-            found.append(
-                ChannelFigures(
-                    read_text(words, at + layout.CHANNEL_TYPE, NAME_WORDS),
-                    words[at + layout.CHANNEL_VERSION],
-                    read_text(words, at + layout.CHANNEL_TOPIC, NAME_WORDS),
-                    words[at + layout.CHANNEL_MESSAGES],
-                    words[at + layout.CHANNEL_BYTES],
-                    words[at + layout.CHANNEL_LAST_STAMP_NS],
-                    words[at + layout.CHANNEL_INTERVALS_SQUARED],
-                )
-            )
-        return found
+        return [
+            ChannelFigures(*row.name, row.messages, row.bytes, row.last_stamp_ns, row.intervals_squared_us2)
+            for row in self._tables.channels()
+        ]
 
     def core(self) -> CoreFigures:
         """Figures of the core."""
@@ -162,28 +146,16 @@ class RunObserver:
 
     def _subscriptions(self) -> dict[int, tuple[SubscriptionFigures, ...]]:
         found: dict[int, tuple[SubscriptionFigures, ...]] = {}
-        words = self._words
-        for index in range(self._tables.sizes.subscriptions):
-            at = self._tables.subscription(index)
-            state = words[at + layout.SUBSCRIPTION_STATE]
-            if not state:
-                break
-            slot = words[at + layout.SUBSCRIPTION_SLOT]
-            routed, delivered, replaced, dropped, lost = (
-                words[at + layout.SUBSCRIPTION_ROUTED + column] for column in range(5)
-            )
+        for row in self._tables.subscriptions():
+            name, counts, slot = row.name, row.counts, row.slot
             figures = SubscriptionFigures(
-                read_text(words, at + layout.SUBSCRIPTION_TYPE, NAME_WORDS),
-                read_text(words, at + layout.SUBSCRIPTION_TOPIC, NAME_WORDS),
-                MessageHandling(words[at + layout.SUBSCRIPTION_HANDLING]).name,
-                routed,
-                delivered,
-                replaced,
-                dropped,
-                lost,
-                left=layout.left_waiting(words[at + layout.SUBSCRIPTION_LEFT], dropped),
-                version=words[at + layout.SUBSCRIPTION_VERSION],
-                is_open=state == ROW_OPEN,
+                name.type_name,
+                name.topic,
+                row.handling.name,
+                *counts,
+                left=row.left_waiting(counts.dropped),
+                version=name.version,
+                is_open=row.state == ROW_OPEN,
             )
             found[slot] = (*found.get(slot, ()), figures)
         return found

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from robbie_mp.observe.figures import ChannelFigures, RunReading, SubscriptionFigures
-from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.records import ANY_VERSION
+from robbie_mp.transport.tables import ChannelName
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,9 @@ from robbie_mp.recording.log_writer import LogWriter, Split
 from robbie_mp.recording.recorder import LOGGER_NICE, Recorder
 from robbie_mp.run.run_directory import list_runs
 from robbie_mp.transport import names
-from robbie_mp.transport.endpoint import ChannelName
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.tables import ChannelName
 
 WARN_UNMATCHED_AFTER_S = 10.0
 CRASHED = ("BACKOFF", "FAILED")

@@ -10,7 +10,7 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
 from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.transport.endpoint import ChannelName
+from robbie_mp.transport.tables import ChannelName
 from robbie_mp.views.message_text import Abbreviated, FieldPath
 
 LONGEST_TEXT = 200

@@ -11,9 +11,9 @@ from robbie_mp.supervisor.process import ExitStatus
 from robbie_mp.trace.crash import CrashReport, LastMessage, LastWords
 from robbie_mp.transport import layout
 from robbie_mp.transport.board import Board
-from robbie_mp.transport.layout import LINE_WORDS, NAME_WORDS, RECORD_WORDS, Activity
+from robbie_mp.transport.layout import LINE_WORDS, RECORD_WORDS, Activity
 from robbie_mp.transport.records import Inbound
-from robbie_mp.transport.tables import CoreTables
+from robbie_mp.transport.tables import CoreTables, DeclarationRow
 from robbie_mp.transport.words import Words, read_text
 
 COUNTERS = {
@@ -38,8 +38,7 @@ class LastWordsReader:
     """
 
     def __init__(self, tables: CoreTables, board: Board, inbound_records: int):
-        self._core_words = tables.words
-        self._channel_rows = [tables.channel(index) for index in range(tables.sizes.channels)]
+        self._channel_rows = [tables.channel_row(index) for index in range(tables.sizes.channels)]
         self._board = board
         self._inbound_records = inbound_records
 
@@ -76,10 +75,10 @@ class LastWordsReader:
         return None
 
     def _message(self, channel: int, sequence: int, slot: int, age_ns: int) -> LastMessage:
-        at = self._channel_rows[channel]
+        name = self._channel_rows[channel].name
         return LastMessage(
-            type_name=read_text(self._core_words, at + layout.CHANNEL_TYPE, NAME_WORDS),
-            topic=read_text(self._core_words, at + layout.CHANNEL_TOPIC, NAME_WORDS),
+            type_name=name.type_name,
+            topic=name.topic,
             sequence=sequence,
             sender=self._board.name(slot),
             age_s=max(0.0, age_ns / 1e9),
@@ -99,11 +98,9 @@ def describe_activity(out: Words, activity: int) -> str:
     if kind != Activity.HANDLER:
         return Activity(kind).name.lower()
     number = (activity >> 8) % layout.DECLARATION_COUNT
-    at = layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
-    type_name = read_text(out, at + layout.DECLARATION_TYPE, NAME_WORDS)
-    topic = read_text(out, at + layout.DECLARATION_TOPIC, NAME_WORDS)
-    handler = read_text(out, at + layout.DECLARATION_HANDLER, NAME_WORDS)
-    return f"handler {handler} of {type_name}" + (f" on {topic}" if topic else "")
+    row = DeclarationRow.read(out, number)
+    type_name, _, topic = row.name
+    return f"handler {row.handler} of {type_name}" + (f" on {topic}" if topic else "")
 
 
 VMSTAT = Path("/proc/vmstat")

@@ -8,7 +8,6 @@ import contextlib
 import os
 import re
 import shutil
-import struct
 import time
 from collections import defaultdict
 from dataclasses import dataclass
@@ -19,13 +18,7 @@ from robbie_mp.linux.proc import ProcessIdentity
 from robbie_mp.run.run_directory import RUN_ID, UNFINISHED_PREFIX, lock_folder, safe_folders
 from robbie_mp.supervisor.leftovers import kill_run_leftovers
 from robbie_mp.transport import names
-from robbie_mp.transport.layout import (
-    HEADER_CREATOR_PID,
-    HEADER_CREATOR_START,
-    HEADER_MAGIC,
-    HEADER_WORDS,
-    MAGIC,
-)
+from robbie_mp.transport.segment import read_creator
 from robbie_mp.transport.shared_folder import (
     SHARED_MEMORY,
     ForeignMemory,
@@ -151,12 +144,6 @@ def _read_board(run_id: str, shared_memory: Path) -> ProcessIdentity | None:
     try:
         if ownership_problem(os.fstat(fd)):
             return None
-        header = os.read(fd, HEADER_WORDS * 8)
+        return read_creator(fd)
     finally:
         os.close(fd)
-    if len(header) < HEADER_WORDS * 8:
-        return None
-    words = struct.unpack(f"<{HEADER_WORDS}Q", header)
-    if words[HEADER_MAGIC] != MAGIC:
-        return None
-    return ProcessIdentity(words[HEADER_CREATOR_PID], words[HEADER_CREATOR_START])

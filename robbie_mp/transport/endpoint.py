@@ -4,7 +4,6 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from robbie_mp.errors import RobbieError
@@ -13,7 +12,8 @@ from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block
 from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling, Outbound
 from robbie_mp.transport.ring import NumberRingReader, RingPlace, RingReader, RingWriter
-from robbie_mp.transport.words import Words, new_fence, write_text
+from robbie_mp.transport.tables import ChannelName, DeclarationRow
+from robbie_mp.transport.words import Words, new_fence
 
 # Looking a member up in its enumeration costs more than all that is done with it for a message.
 _PUBLISH, _RELEASE = Outbound.PUBLISH, Outbound.RELEASE
@@ -60,20 +60,6 @@ class Delivery(NamedTuple):
     offset: int
     size: int
     stamp_ns: int
-
-
-class ChannelName(NamedTuple):
-    """What the messages of a channel are, or what a subscription wants."""
-
-    type_name: str
-    version: int
-    topic: str
-
-    def takes(self, channel: "ChannelName") -> bool:
-        """Whether a subscription with this type, version and topic gets the messages of a channel."""
-        if self.version == ANY_VERSION:
-            return fnmatchcase(channel.type_name, self.type_name) and fnmatchcase(channel.topic, self.topic)
-        return self[:2] == channel[:2] and self.topic in ("", channel.topic)
 
 
 class Notice(NamedTuple):
@@ -186,14 +172,8 @@ class Endpoint:
                     f"cannot declare {type_name} on topic '{topic}': a module has at most {number} "
                     "pairs of message type and topic"
                 )
-            at = layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
-            write_text(self._out, at + layout.DECLARATION_TYPE, layout.NAME_WORDS, type_name)
-            write_text(self._out, at + layout.DECLARATION_TOPIC, layout.NAME_WORDS, topic)
-            write_text(self._out, at + layout.DECLARATION_HANDLER, layout.NAME_WORDS, handler)
-            self._out[at + layout.DECLARATION_VERSION] = version
-            self._out[at + layout.DECLARATION_HANDLING] = handling
-            self._declaration_fence()  # a core that takes over reads the rows without a token
-            self._out[at + layout.DECLARATION_KIND] = kind
+            row = DeclarationRow(number, kind, ChannelName(type_name, version, topic), handling, handler)
+            row.write(self._out, self._declaration_fence)
             self._declarations += 1
         return number
 

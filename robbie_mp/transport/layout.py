@@ -269,19 +269,6 @@ def in_words(credit: int) -> int:
     return IN_RING + inbound_records(credit) * RECORD_WORDS + FREED_RECORDS
 
 
-def left_waiting(word: int, dropped: int) -> int:
-    """Return how many of the dropped messages did fit, but waited when their module was stopped.
-
-    While a subscription is open its word says so, times two. From its end on it says how many did not fit,
-    times two, plus one: so the word is written once for each end, and once when the module has come back.
-
-    Args:
-        word: SUBSCRIPTION_LEFT.
-        dropped: SUBSCRIPTION_DROPPED.
-    """
-    return max(0, dropped - (word >> 1)) if word & 1 else word >> 1
-
-
 def pack_source(slot: int, segment: int, incarnation: int) -> int:
     """One word that names a data segment of a run: 16 bits slot, 16 bits segment, 32 bits incarnation."""
     return slot | segment << 16 | incarnation << 32

@@ -8,6 +8,7 @@ import contextlib
 import errno
 import mmap
 import os
+import struct
 from typing import Self
 
 from robbie_mp.errors import RobbieError
@@ -21,7 +22,7 @@ from robbie_mp.transport.shared_folder import (
     SegmentMissing,
     opened_folder,
 )
-from robbie_mp.transport.words import WORD_BYTES, Words, check_machine
+from robbie_mp.transport.words import WORD_BYTES, Words, check_machine, new_fence
 
 __all__ = [
     "ForeignMemory",
@@ -29,6 +30,7 @@ __all__ = [
     "SegmentMismatch",
     "SegmentMissing",
     "SharedMemoryFull",
+    "read_creator",
     "unlink_segment",
 ]
 
@@ -134,6 +136,7 @@ class Segment:
         header[layout.HEADER_WAKEUP] = wakeup_tag
         header[layout.HEADER_CREATOR_PID] = creator.pid
         header[layout.HEADER_CREATOR_START] = creator.start_ticks
+        new_fence()()  # the magic tells others that the rest of the header is there
         header[layout.HEADER_MAGIC] = layout.MAGIC
         return segment
 
@@ -163,11 +166,13 @@ class Segment:
         finally:
             os.close(fd)
         segment = cls(name, mapping)
-        header = [segment.words[index] for index in range(4)]
+        magic = segment.words[layout.HEADER_MAGIC]
+        new_fence()()
+        header = [magic, *(segment.words[index] for index in range(1, 4))]
         wanted = [layout.MAGIC, layout.LAYOUT_VERSION, kind, size]
         if header != wanted:
             segment.close()
-            if header[0] == 0:  # the magic is written last
+            if magic == 0:  # it is written last
                 raise SegmentMissing(f"shared memory {name} is just being made")
             raise SegmentMismatch(
                 f"shared memory {name} has magic, layout version, kind and size {header}, expected {wanted}; "
@@ -191,6 +196,22 @@ class Segment:
     def unlink(self) -> None:
         """Remove the name; the memory lives until the last process has unmapped it."""
         unlink_segment(self.name)
+
+
+def read_creator(fd: int) -> ProcessIdentity | None:
+    """Return the process that created a segment; None if the file is no segment, or is just being made.
+
+    Args:
+        fd: a descriptor of its file, open for reading.
+    """
+    header = struct.Struct(f"={layout.HEADER_WORDS}Q")
+    if len(found := os.pread(fd, header.size, 0)) < header.size:
+        return None
+    if header.unpack(found)[layout.HEADER_MAGIC] != layout.MAGIC:
+        return None
+    new_fence()()  # the magic is written last, so the rest of the header is there now
+    words = header.unpack(os.pread(fd, header.size, 0))
+    return ProcessIdentity(words[layout.HEADER_CREATOR_PID], words[layout.HEADER_CREATOR_START])
 
 
 def unlink_segment(name: str) -> None:

@@ -1,14 +1,279 @@
-"""The core's tables in shared memory: where each row lies."""
+"""Typed rows of the tables in shared memory: where each row lies, how it is written, and how to read it.
 
+The core's segment holds five tables. Observers read two of them by name: `ChannelRow` and `SubscriptionRow`.
+Handles and references belong to `robbie_mp.core.ledger`. A module's out segment holds its declarations,
+`DeclarationRow`.
+
+Every row has a word that is written last. A writer issues a fence before it stores that word, and a reader
+issues one after it has loaded the word and before it loads the rest of the row.
+"""
+
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import NamedTuple, Self
 
 from robbie_mp.transport import layout
-from robbie_mp.transport.words import Words
+from robbie_mp.transport.layout import NAME_WORDS
+from robbie_mp.transport.records import ANY_VERSION, MessageHandling, Outbound
+from robbie_mp.transport.words import Words, new_fence, read_text, write_text
+
+ROW_OPEN = 1
+ROW_CLOSED = 2
+
+
+class ChannelName(NamedTuple):
+    """Message type, version and topic: those of a channel, or those that a subscription asks for."""
+
+    type_name: str
+    version: int
+    """ANY_VERSION: type and topic are the shell patterns of a subscription."""
+    topic: str
+
+    def takes(self, channel: "ChannelName") -> bool:
+        """Whether a subscription to this type, version and topic gets the messages of a channel."""
+        if self.version == ANY_VERSION:
+            return fnmatchcase(channel.type_name, self.type_name) and fnmatchcase(channel.topic, self.topic)
+        return self[:2] == channel[:2] and self.topic in ("", channel.topic)
+
+
+class ChannelRow:
+    """One row of the core's channels. Each attribute is read from shared memory when you ask for it."""
+
+    __slots__ = ("_at", "_words", "index")
+
+    def __init__(self, words: Words, at: int, index: int):
+        self._words = words
+        self._at = at
+        self.index = index
+
+    def write(self, name: ChannelName) -> None:
+        """Open the row for a new channel; only the core may."""
+        words, at = self._words, self._at
+        write_text(words, at + layout.CHANNEL_TYPE, NAME_WORDS, name.type_name)
+        write_text(words, at + layout.CHANNEL_TOPIC, NAME_WORDS, name.topic)
+        words[at + layout.CHANNEL_VERSION] = name.version
+        new_fence()()
+        words[at + layout.CHANNEL_STATE] = ROW_OPEN
+
+    @property
+    def state(self) -> int:
+        """ROW_OPEN; 0 if there is no such channel."""
+        return self._words[self._at + layout.CHANNEL_STATE]
+
+    @property
+    def name(self) -> ChannelName:
+        """Type, version and topic of its messages."""
+        words, at = self._words, self._at
+        return ChannelName(
+            read_text(words, at + layout.CHANNEL_TYPE, NAME_WORDS),
+            words[at + layout.CHANNEL_VERSION],
+            read_text(words, at + layout.CHANNEL_TOPIC, NAME_WORDS),
+        )
+
+    @property
+    def messages(self) -> int:
+        """Messages routed so far."""
+        return self._words[self._at + layout.CHANNEL_MESSAGES]
+
+    @property
+    def bytes(self) -> int:
+        """Their size in total."""
+        return self._words[self._at + layout.CHANNEL_BYTES]
+
+    @property
+    def last_stamp_ns(self) -> int:
+        """When the newest message was published, monotonic clock; 0: there has been none."""
+        return self._words[self._at + layout.CHANNEL_LAST_STAMP_NS]
+
+    @property
+    def intervals_squared_us2(self) -> int:
+        """Sum of the squares of the times between messages, modulo 2^64."""
+        return self._words[self._at + layout.CHANNEL_INTERVALS_SQUARED]
+
+
+class SubscriptionCounts(NamedTuple):
+    """Messages of one subscription: those routed to it, and what became of them."""
+
+    routed: int
+    delivered: int
+    replaced: int
+    dropped: int
+    lost: int
+
+    @property
+    def waiting(self) -> int:
+        """Messages that wait in a queue, or that the module has and has not handled yet."""
+        return self.routed - self.delivered - self.replaced - self.dropped - self.lost
+
+
+class SubscriptionRow:
+    """One row of the core's subscriptions. Each attribute is read from shared memory when you ask for it."""
+
+    __slots__ = ("_at", "_words", "index")
+
+    def __init__(self, words: Words, at: int, index: int):
+        self._words = words
+        self._at = at
+        self.index = index
+
+    def write(self, slot: int, name: ChannelName, handling: MessageHandling, *, is_reused: bool) -> None:
+        """Open the row for a subscription of the module in a slot; only the core may.
+
+        A reused row stays closed until this is done. Its last sequence is kept: that may only grow.
+        """
+        words, at = self._words, self._at
+        write_text(words, at + layout.SUBSCRIPTION_TYPE, NAME_WORDS, name.type_name)
+        write_text(words, at + layout.SUBSCRIPTION_TOPIC, NAME_WORDS, name.topic)
+        words[at + layout.SUBSCRIPTION_SLOT] = slot
+        words[at + layout.SUBSCRIPTION_HANDLING] = handling
+        words[at + layout.SUBSCRIPTION_VERSION] = name.version
+        if is_reused:
+            for column in range(len(SubscriptionCounts._fields)):
+                words[at + layout.SUBSCRIPTION_ROUTED + column] = 0
+            words[at + layout.SUBSCRIPTION_LEFT] = 0
+        new_fence()()
+        words[at + layout.SUBSCRIPTION_STATE] = ROW_OPEN
+
+    @property
+    def state(self) -> int:
+        """ROW_OPEN, or ROW_CLOSED after its module has stopped; 0 if there is no such subscription."""
+        return self._words[self._at + layout.SUBSCRIPTION_STATE]
+
+    @property
+    def slot(self) -> int:
+        """Slot of the module that subscribed."""
+        return self._words[self._at + layout.SUBSCRIPTION_SLOT]
+
+    @property
+    def name(self) -> ChannelName:
+        """Type, version and topic that it asks for."""
+        words, at = self._words, self._at
+        return ChannelName(
+            read_text(words, at + layout.SUBSCRIPTION_TYPE, NAME_WORDS),
+            words[at + layout.SUBSCRIPTION_VERSION],
+            read_text(words, at + layout.SUBSCRIPTION_TOPIC, NAME_WORDS),
+        )
+
+    @property
+    def handling(self) -> MessageHandling:
+        """What happens when messages come faster than the module handles them."""
+        return MessageHandling(self._words[self._at + layout.SUBSCRIPTION_HANDLING])
+
+    @property
+    def counts(self) -> SubscriptionCounts:
+        """Its counters; routed first, so that a message on its way seems to be waiting."""
+        words, at = self._words, self._at + layout.SUBSCRIPTION_ROUTED
+        return SubscriptionCounts(words[at], words[at + 1], words[at + 2], words[at + 3], words[at + 4])
+
+    def left_waiting(self, dropped: int) -> int:
+        """Return how many of the dropped messages were waiting when the module stopped.
+
+        Args:
+            dropped: `counts.dropped`.
+        """
+        return left_waiting(self._words[self._at + layout.SUBSCRIPTION_LEFT], dropped)
+
+    def note_end(self, dropped: int) -> None:
+        """Count as left waiting what is dropped from now on; may be repeated. Only the core may."""
+        words, at = self._words, self._at + layout.SUBSCRIPTION_LEFT
+        if not words[at] & 1:
+            words[at] = dropped - (words[at] >> 1) << 1 | 1
+
+    def forget_end(self, dropped: int) -> None:
+        """Undo `note_end`: the module is back. Only the core may."""
+        words, at = self._words, self._at + layout.SUBSCRIPTION_LEFT
+        if words[at] & 1:
+            words[at] = left_waiting(words[at], dropped) << 1
+
+    def close(self) -> None:
+        """Mark the row as closed; only the core may."""
+        self._words[self._at + layout.SUBSCRIPTION_STATE] = ROW_CLOSED
+
+    def reopen(self) -> None:
+        """Mark a closed row as open again; only the core may."""
+        self._words[self._at + layout.SUBSCRIPTION_STATE] = ROW_OPEN
+
+
+def left_waiting(word: int, dropped: int) -> int:
+    """Return how many of the dropped messages did fit into the queue, but waited when their module stopped.
+
+    While a subscription is open, the word holds that number, times two. After its end, the word holds the
+    number of messages that did not fit, times two, plus one. So it is written once at each end, and once when
+    the module is back.
+
+    Args:
+        word: SUBSCRIPTION_LEFT.
+        dropped: SUBSCRIPTION_DROPPED.
+    """
+    return max(0, dropped - (word >> 1)) if word & 1 else word >> 1
+
+
+class DeclarationRow(NamedTuple):
+    """What a module declared in one row of its out segment, copied. The module may have written anything."""
+
+    number: int
+    """Index of the row: the module's number for the channel or subscription."""
+    kind: int
+    """ADVERTISE or SUBSCRIBE."""
+    name: ChannelName
+    handling: int
+    """A MessageHandling, for a subscription."""
+    handler: str
+    """Name of the function that handles the messages of a subscription."""
+
+    @classmethod
+    def read(cls, words: Words, number: int) -> Self:
+        """Copy a row of an out segment. You know that it was written, and have issued a fence."""
+        at = _declaration_at(number)
+        return cls._read(words, number, words[at + layout.DECLARATION_KIND])
+
+    @classmethod
+    def _read(cls, words: Words, number: int, kind: int) -> Self:
+        at = _declaration_at(number)
+        name = ChannelName(
+            read_text(words, at + layout.DECLARATION_TYPE, NAME_WORDS),
+            words[at + layout.DECLARATION_VERSION],
+            read_text(words, at + layout.DECLARATION_TOPIC, NAME_WORDS),
+        )
+        handler = read_text(words, at + layout.DECLARATION_HANDLER, NAME_WORDS)
+        return cls(number, kind, name, words[at + layout.DECLARATION_HANDLING], handler)
+
+    @classmethod
+    def read_all(cls, words: Words, first: int = 0) -> Iterator[Self]:
+        """Copy the rows of an out segment that have been written, from the row `first` on."""
+        fence = new_fence()
+        for number in range(first, layout.DECLARATION_COUNT):
+            kind = words[_declaration_at(number) + layout.DECLARATION_KIND]
+            if kind not in (Outbound.ADVERTISE, Outbound.SUBSCRIBE):
+                return
+            fence()
+            yield cls._read(words, number, kind)
+
+    def write(self, words: Words, fence: Callable[[], None]) -> None:
+        """Write the row; only the module may.
+
+        Args:
+            words: its out segment.
+            fence: orders the row before its kind: a core that takes over reads the rows without a token.
+        """
+        at = _declaration_at(self.number)
+        write_text(words, at + layout.DECLARATION_TYPE, NAME_WORDS, self.name.type_name)
+        write_text(words, at + layout.DECLARATION_TOPIC, NAME_WORDS, self.name.topic)
+        write_text(words, at + layout.DECLARATION_HANDLER, NAME_WORDS, self.handler)
+        words[at + layout.DECLARATION_VERSION] = self.name.version
+        words[at + layout.DECLARATION_HANDLING] = self.handling
+        fence()
+        words[at + layout.DECLARATION_KIND] = self.kind
+
+
+def _declaration_at(number: int) -> int:
+    return layout.OUT_DECLARATIONS + number * layout.DECLARATION_WORDS
 
 
 @dataclass(frozen=True)
 class TableSizes:
-    """Rows of each table."""
+    """Number of rows of each of the core's tables."""
 
     slots: int
     channels: int
@@ -27,7 +292,7 @@ class CoreTables:
 
     Attributes:
         words: the segment.
-        sizes: rows of each table.
+        sizes: number of rows of each table.
     """
 
     def __init__(self, words: Words, sizes: TableSizes):
@@ -41,7 +306,7 @@ class CoreTables:
 
     @classmethod
     def create(cls, words: Words, sizes: TableSizes) -> "CoreTables":
-        """Write the sizes into a fresh segment, so that whoever attaches finds the tables."""
+        """Write the sizes into a fresh segment, so that `attach` finds the tables."""
         words[layout.CORE_SLOTS] = sizes.slots
         words[layout.CORE_CHANNELS] = sizes.channels
         words[layout.CORE_SUBSCRIPTIONS] = sizes.subscriptions
@@ -62,6 +327,34 @@ class CoreTables:
                 words[layout.CORE_REFERENCES],
             ),
         )
+
+    def channels(self) -> Iterator[ChannelRow]:
+        """Yield the rows of all channels. Channels are never closed or renamed."""
+        fence = new_fence()
+        for index in range(self.sizes.channels):
+            row = self.channel_row(index)
+            if row.state != ROW_OPEN:
+                return
+            fence()
+            yield row
+
+    def subscriptions(self) -> Iterator[SubscriptionRow]:
+        """Yield the rows of all subscriptions, open and closed."""
+        fence = new_fence()
+        for index in range(self.sizes.subscriptions):
+            row = self.subscription_row(index)
+            if not row.state:
+                return
+            fence()
+            yield row
+
+    def channel_row(self, index: int) -> ChannelRow:
+        """Return the row of one channel."""
+        return ChannelRow(self.words, self.channel(index), index)
+
+    def subscription_row(self, index: int) -> SubscriptionRow:
+        """Return the row of one subscription."""
+        return SubscriptionRow(self.words, self.subscription(index), index)
 
     def publisher(self, slot: int) -> int:
         """First word of a publisher's row."""

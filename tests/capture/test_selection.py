@@ -5,7 +5,7 @@ import pytest
 from robbie_mp.capture.queue_drops import QueueDrops, key_of_missing, share_out
 from robbie_mp.capture.selection import Selection
 from robbie_mp.recording.format import ChannelKey
-from robbie_mp.transport.endpoint import ChannelName
+from robbie_mp.transport.tables import ChannelName
 
 SCAN, IMAGE, ODOMETRY = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Image", "nav_msgs/msg/Odometry"
 

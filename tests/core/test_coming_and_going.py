@@ -10,8 +10,7 @@ from tests.core._support.simulated_run import CREDIT, SimulatedRun, connected
 
 def left_waiting(run: SimulatedRun) -> int:
     """Messages of the first subscription that were dropped when its module was stopped."""
-    word = run.words[run.tables.subscription(0) + layout.SUBSCRIPTION_LEFT]
-    return layout.left_waiting(word, run.counts(0)["dropped"])
+    return run.tables.subscription_row(0).left_waiting(run.counts(0)["dropped"])
 
 
 def test_restarted_subscriber_continues_with_the_very_next_message() -> None:

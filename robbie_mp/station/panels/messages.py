@@ -13,7 +13,7 @@ from robbie_mp.station.panel import Panel, columns
 from robbie_mp.station.panels.message_form import MessageForm
 from robbie_mp.station.run_watch import REFRESH_S
 from robbie_mp.station.topic_watch import TopicWatch
-from robbie_mp.transport.endpoint import ChannelName
+from robbie_mp.transport.tables import ChannelName
 from robbie_mp.views.known_types import types_of_run
 
 if TYPE_CHECKING:
