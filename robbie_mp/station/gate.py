@@ -15,7 +15,7 @@ from starlette.types import Message, Receive, Scope, Send
 
 from robbie_mp.station.access import Access, is_own_origin
 from robbie_mp.station.connections import Connections, source_of
-from robbie_mp.station.login_limit import LoginLimit
+from robbie_mp.station.rate_limits import LoginLimit
 
 SESSION_COOKIE = "robbie_session"
 SESSION = "robbie.session"

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from nicegui import core, ui
 
 from robbie_mp.station.access import Role
-from robbie_mp.station.context import Page
+from robbie_mp.station.context import Link, Page
 from robbie_mp.station.gate import SESSION
-from robbie_mp.station.link import BrowserLink
 from robbie_mp.station.panel import Panel
 
 if TYPE_CHECKING:
@@ -20,6 +19,36 @@ TAB = "tab"
 LOG_OUT = "() => fetch('/logout', {method: 'POST'}).then(() => window.location.assign('/login'))"
 RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
 """Look for a server that has gone every few tenths of a second (Socket.IO's own choice is up to 5 s)."""
+MAX_WAITING_PACKETS = 4
+"""Packets that may wait for a browser. With as many waiting, its page is not changed any further."""
+NAMESPACE = "/"
+
+
+class BrowserLink(Link):
+    """Knows how much is waiting for one browser.
+
+    Socket.IO keeps what a browser has not taken, without a limit. So whoever has news for a page looks here
+    first, and otherwise shows later what is the newest then.
+
+    Args:
+        server: sends to all browsers; a socketio.AsyncServer.
+        client: the one.
+    """
+
+    def __init__(self, server: Any, client: str):
+        self._server = server
+        self._client = client
+
+    @property
+    def is_free(self) -> bool:
+        """Whether there is a connection, and hardly anything waits for it."""
+        waiting = [
+            found.queue.qsize()
+            for _, connection in self._server.manager.get_participants(NAMESPACE, self._client)
+            if (found := self._server.eio.sockets.get(connection)) is not None
+        ]
+        # A browser that has come back may still have its former connection beside the new one.
+        return bool(waiting) and min(waiting) < MAX_WAITING_PACKETS
 
 
 def build_page(

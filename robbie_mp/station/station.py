@@ -23,9 +23,9 @@ from robbie_mp.station.claim import StationClaim
 from robbie_mp.station.latest import Latest
 from robbie_mp.station.listening import AddressUnusable, listen
 from robbie_mp.station.live import LiveParts
-from robbie_mp.station.log_limit import limited
 from robbie_mp.station.map_marks import MapMarks, PlacesWatch
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels
+from robbie_mp.station.rate_limits import limited
 from robbie_mp.station.run_watch import RunWatch
 from robbie_mp.station.settings_watch import SettingsWatch
 

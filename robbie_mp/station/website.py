@@ -15,13 +15,13 @@ from robbie_mp.station.emergency_stop import EmergencyStopControl
 from robbie_mp.station.gate import Gate
 from robbie_mp.station.live.map import LiveMap
 from robbie_mp.station.live.server import with_live
-from robbie_mp.station.log_limit import limited
 from robbie_mp.station.moment_marker import MomentMarker
 from robbie_mp.station.page import build_page
 from robbie_mp.station.page_events import PageEvents, with_known_packets
 from robbie_mp.station.page_limit import with_page_limit
 from robbie_mp.station.panel_classes import load_panels, panels_in_order
 from robbie_mp.station.playback_bar import PlaybackBar
+from robbie_mp.station.rate_limits import limited
 from robbie_mp.station.server import PageServer
 
 if TYPE_CHECKING:

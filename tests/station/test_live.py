@@ -12,11 +12,11 @@ import pytest
 import socketio
 from engineio.async_socket import AsyncSocket
 
-from robbie_mp.station.link import LONGEST_QUEUE, NAMESPACE, BrowserLink
 from robbie_mp.station.listening import listen
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.live.parts import PACKET_BYTES, PACKETS_AHEAD, SMALL_BYTES, Follower
 from robbie_mp.station.live.server import serve
+from robbie_mp.station.page import MAX_WAITING_PACKETS, NAMESPACE, BrowserLink
 
 LARGE = bytes(SMALL_BYTES + 1)
 LIMIT_S = 60.0
@@ -155,7 +155,7 @@ def test_what_waits_for_a_browser_that_does_not_read_is_bounded() -> None:
         for number in range(1000):
             if link.is_free:
                 await server.emit("update", {"number": number}, room="page")
-        assert connection.queue.qsize() == LONGEST_QUEUE
+        assert connection.queue.qsize() == MAX_WAITING_PACKETS
         await connection.queue.get()
         assert link.is_free
 

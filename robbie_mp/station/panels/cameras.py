@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from nicegui import ui
+from nicegui.element import Element
 from starlette.responses import Response
 
 from robbie_mp.messages import CompressedImage, Detection2DArray, Image
 from robbie_mp.module.module import MessageHandling
 from robbie_mp.station.context import Page
-from robbie_mp.station.detection_boxes import Box, DetectionBoxes, boxes_of
 from robbie_mp.station.latest import Latest, silence
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.panels.newest_image import NewestImage
 from robbie_mp.station.pictures import (
     NewestPicture,
     encode_image,
@@ -26,12 +25,81 @@ if TYPE_CHECKING:
 
 REFRESH_S = 0.1
 """No page is told of new images more often."""
-MOST_CAMERAS = 12
+MAX_CAMERAS = 12
 FRESH_NS = 500_000_000
 """What was found in an image so much older than the one that is shown is shown in it, too."""
 SILENT_AFTER_S = 2.0
 """A camera that works has sent an image within this time."""
 ADDRESS = "/pictures/camera/{name:path}"
+MAX_BOXES = 100
+
+
+class Box(NamedTuple):
+    """A rectangle, as shares of the image's width and height, and what is in it."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+    text: str
+
+
+class DetectionBoxes(Element, component="detection_boxes.js"):
+    """Lies over a picture."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._props["boxes"] = []
+
+    def show(self, boxes: list[Box]) -> None:
+        """Draw these, if they are others than before."""
+        plain = [[*box] for box in boxes]  # named tuples do not become JSON
+        if self._props["boxes"] != plain:
+            self._props["boxes"] = plain
+            self.update()
+
+
+def boxes_of(found: Detection2DArray, width: int, height: int) -> list[Box]:
+    """Return the boxes of detections in an image of so many columns and rows."""
+    boxes = []
+    for one in found.detections[:MAX_BOXES]:
+        box, middle = one.bbox, one.bbox.center.position
+        likely = max((result.hypothesis for result in one.results), key=lambda h: h.score, default=None)
+        boxes.append(
+            Box(
+                (middle.x - box.size_x / 2) / width,
+                (middle.y - box.size_y / 2) / height,
+                box.size_x / width,
+                box.size_y / height,
+                one.id if likely is None else f"{likely.class_id} {likely.score:.0%}",
+            )
+        )
+    return boxes
+
+
+class NewestImage(Element, component="newest_image.js"):
+    """Shows a picture, and the next one once it has this one.
+
+    Args:
+        address: where pictures are.
+        description: for who does not see it.
+    """
+
+    def __init__(self, address: str, description: str):
+        super().__init__()
+        self._props["address"] = address
+        self._props["alt"] = description
+        self.show(0)
+
+    def show(self, count: int) -> None:
+        """Show the picture that is the newest now, if that is another one.
+
+        Args:
+            count: of the message it is made of; 0: there is none.
+        """
+        if self._props.get("count") != count:
+            self._props["count"] = count
+            self.update()
 
 
 class Camera:
@@ -81,7 +149,7 @@ class CamerasPanel(Panel):
         name = topic if isinstance(image, Image) else f"{topic}/compressed"
         camera = self.cameras.get(name)
         if camera is None:
-            if len(self.cameras) >= MOST_CAMERAS:
+            if len(self.cameras) >= MAX_CAMERAS:
                 return
             camera = Camera()
             self.cameras = {**self.cameras, name: camera}  # another one, for pages look at it meanwhile
@@ -89,7 +157,7 @@ class CamerasPanel(Panel):
 
     def _on_detections(self, found: Detection2DArray) -> None:
         topic = self.station.envelope.topic or "image"
-        if topic in self.detections or len(self.detections) < MOST_CAMERAS:
+        if topic in self.detections or len(self.detections) < MAX_CAMERAS:
             self.detections = {**self.detections, topic: found}
 
     def _answer(self, name: str) -> Response:

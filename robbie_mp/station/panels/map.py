@@ -26,7 +26,7 @@ from robbie_mp.station.context import Page, header_of_now
 from robbie_mp.station.live import SCRIPTS
 from robbie_mp.station.map_marks import MapMark
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.scene_view.other_robots import other_robots
+from robbie_mp.station.scene_view.surroundings import other_robots
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext

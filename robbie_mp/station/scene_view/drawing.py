@@ -11,8 +11,7 @@ from nicegui.elements.scene.scene_object3d import Object3D
 
 from robbie_mp.station.live import SCRIPTS
 from robbie_mp.station.map_marks import MapMark
-from robbie_mp.station.scene_view.other_robots import BASE
-from robbie_mp.station.scene_view.surroundings import SeenPlace, Surroundings
+from robbie_mp.station.scene_view.surroundings import BASE, SeenPlace, Surroundings
 
 POLE_M = 0.6
 LABEL = "color: white; font-size: 0.75rem; text-shadow: 0 0 3px black"

@@ -1,4 +1,4 @@
-"""The robot and what is around it at one moment, in the frame of the map."""
+"""The robot, other robots and what is around them at one moment, in the frame of the map."""
 
 from __future__ import annotations
 
@@ -9,14 +9,34 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from robbie_mp.messages import Path
-from robbie_mp.scene_graph import RigidTransform, SceneGraphError, TooNew, TooOld
+from robbie_mp.scene_graph import RigidTransform, SceneGraphError, SceneGraphListener, TooNew, TooOld
 from robbie_mp.station.map_marks import MapMark
-from robbie_mp.station.scene_view.other_robots import BASE, other_robots
-from robbie_mp.station.scene_view.point_sources import PointSources
-from robbie_mp.station.scene_view.points import packed
+from robbie_mp.station.scene_view.points import PointSources, packed
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
+
+
+BASE = "base_link"
+MAX_ROBOTS = 32
+
+
+def other_robots(scene: SceneGraphListener, world: str) -> dict[str, RigidTransform]:
+    """Return the newest poses of other robots, X_WB, by their names, as far as they are known.
+
+    Args:
+        scene: the scene graph; asked in the thread that keeps it up to date.
+        world: the frame W.
+    """
+    names = [node.name for node in scene.graph if node.name.endswith(f"/{BASE}")]
+    found: dict[str, RigidTransform] = {}
+    for name in names[:MAX_ROBOTS]:
+        try:
+            found[name.removesuffix(f"/{BASE}")] = scene.pose(world, name)
+        except SceneGraphError:
+            continue
+    return found
+
 
 MAP = "map"
 MAX_CORNERS = 1000

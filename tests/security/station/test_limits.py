@@ -7,8 +7,8 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from robbie_mp.station.access import MAX_SESSIONS
-from robbie_mp.station.login_limit import BURST
 from robbie_mp.station.page_limit import MAX_PAGES_OF_ONE
+from robbie_mp.station.rate_limits import LOGIN_BURST
 from tests.security.station._support.attacker import SOCKET_PATH, Document, PageSocket, listener_of
 from tests.security.station.conftest import OPERATOR, Station
 
@@ -58,8 +58,8 @@ def test_wrong_tokens_are_limited_for_their_address_and_so_is_what_is_traced(sta
     guesser = station.stranger("127.0.2.1")
     forging = {"X-Forwarded-For": "192.0.2.9"}
     found = [guesser.ask("/login", "POST", f"token=wrong{number}", **forging).status for number in range(300)]
-    assert set(found[:BURST]) == {403}
-    assert found[BURST:].count(403) <= 10
+    assert set(found[:LOGIN_BURST]) == {403}
+    assert found[LOGIN_BURST:].count(403) <= 10
     assert found[-1] == 429
     assert guesser.try_token(OPERATOR).status == 429, "the right one among many wrong ones"
     assert station.stranger("127.0.2.2").try_token(OPERATOR).status == 303

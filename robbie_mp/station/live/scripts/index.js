@@ -71,7 +71,7 @@ export function from_json(part) {
   return JSON.parse(new TextDecoder().decode(part));
 }
 
-// The map as one picture, the greatest y at the top, put together from its tiles (map_tiles.py).
+// The map as one picture, the greatest y at the top, put together from its tiles (live/map.py).
 export class MapPicture {
   constructor() {
     Object.assign(this, { canvas: document.createElement("canvas"), place: null, tiles: new Map() });

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from robbie_mp.messages import MapMetaData, OccupancyGrid, Point, Pose, Quaternion
-from robbie_mp.station.map_tiles import MOST_PIXELS, TILE, MapTiles
+from robbie_mp.station.live.map import MAX_PIXELS, TILE, MapTiles
 
 CELL_M = 0.1
 
@@ -73,7 +73,7 @@ def test_where_nothing_is_known_there_is_no_tile() -> None:
 
 
 def test_of_a_very_large_map_every_second_cell_is_shown_at_the_same_place() -> None:
-    cells = np.full((1000, MOST_PIXELS // 1000 + 2), -1, np.int8)
+    cells = np.full((1000, MAX_PIXELS // 1000 + 2), -1, np.int8)
     cells[0, 2] = 100
     parts = MapTiles().draw(map_of(cells))
     place = json.loads(parts["place"])
