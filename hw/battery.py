@@ -1,4 +1,4 @@
-"""What every battery offers that measures itself, whatever hardware is behind it."""
+"""The interface of batteries that measure themselves."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -9,11 +9,11 @@ class BatteryReading:
     """The state of a battery at one moment.
 
     Attributes:
-        stamp_s: when, in the time of the device's clock.
+        stamp_s: time of the reading, on the device's clock.
         voltage_v: at the terminals.
-        current_a: drawn from it.
-        charge_ah: what is left.
-        capacity_ah: what it holds when full.
+        current_a: discharge current.
+        charge_ah: remaining charge.
+        capacity_ah: charge when full.
     """
 
     stamp_s: float

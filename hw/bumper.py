@@ -1,4 +1,4 @@
-"""What every bumper offers, whatever hardware is behind it."""
+"""The interface of bumpers."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -8,11 +8,11 @@ PARTS = ("front_left", "back_left", "back_right", "front_right")
 
 @dataclass(frozen=True)
 class Contact:
-    """What the bumper touches at one moment.
+    """The bumper's contacts at one time.
 
     Attributes:
-        stamp_s: when, in the time of the device's clock.
-        pressed: those of `PARTS` that touch something.
+        stamp_s: time of the reading, on the device's clock.
+        pressed: the elements of `PARTS` that touch something.
     """
 
     stamp_s: float
@@ -20,8 +20,8 @@ class Contact:
 
 
 class Bumper(ABC):
-    """A ring of four switches around the robot, each a quarter."""
+    """A ring of four switches around the robot, one for each quarter."""
 
     @abstractmethod
     def read(self) -> Contact:
-        """Return what it touches."""
+        """Return the current contacts."""

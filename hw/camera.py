@@ -1,4 +1,4 @@
-"""What every camera offers, whatever hardware is behind it."""
+"""The interface of cameras."""
 
 import math
 from abc import ABC, abstractmethod
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class CameraGeometry:
-    """A camera without distortion and where it sits.
+    """The projection and mounting position of a camera without distortion.
 
     Attributes:
         width: columns of the image.
         height: rows of the image.
         field_of_view_rad: horizontal, from the left edge of the image to the right edge.
-        mount_m: x, y, z of the camera's eye in the robot's frame; a pan-tilt unit turns it about this point.
+        mount_m: x, y, z of the optical centre in the robot's frame; a pan-tilt unit turns about it.
     """
 
     width: int = 320
@@ -26,12 +26,12 @@ class CameraGeometry:
 
     @property
     def focal_length_px(self) -> float:
-        """Return the focal length in pixels, of columns and rows alike."""
+        """Return the focal length in pixels; it is the same for columns and rows."""
         return self.width / 2 / math.tan(self.field_of_view_rad / 2)
 
     @property
     def centre_px(self) -> tuple[float, float]:
-        """Return column and row where the optical axis meets the image; (0, 0) is a pixel's middle."""
+        """Return column and row of the principal point; (0, 0) is the middle of the first pixel."""
         return (self.width - 1) / 2, (self.height - 1) / 2
 
 
@@ -40,8 +40,8 @@ class CameraFrame:
     """One image.
 
     Attributes:
-        stamp_s: when it was taken, in the time of the device's clock.
-        pixels: (height, width, 3) uint8 red, green, blue; or of a thermal camera (height, width) uint16 in
+        stamp_s: time of exposure, on the device's clock.
+        pixels: (height, width, 3) uint8 red, green, blue; for a thermal camera (height, width) uint16 in
             hundredths of a kelvin.
     """
 
@@ -50,12 +50,12 @@ class CameraFrame:
 
 
 class Camera(ABC):
-    """A camera that takes an image when asked."""
+    """A camera that takes an image on request."""
 
     @property
     @abstractmethod
     def geometry(self) -> CameraGeometry:
-        """Return how it projects and where it sits."""
+        """Return the camera's projection and mounting position."""
 
     @abstractmethod
     def capture(self) -> CameraFrame:

@@ -1,4 +1,4 @@
-"""What every drive offers, whatever hardware is behind it."""
+"""The interface of drives."""
 
 import math
 from abc import ABC, abstractmethod
@@ -8,18 +8,18 @@ from hw.pose import Pose
 
 
 class DriveCommandError(ValueError):
-    """A command that no drive can follow: not a number, infinite, or valid for no time."""
+    """An invalid command: a value is NaN or infinite, or the validity is not positive."""
 
 
 @dataclass(frozen=True)
 class DriveState:
-    """How a robot moves at one moment.
+    """The motion state of a robot at one time.
 
     Attributes:
-        stamp_s: when, in the time of the drive's clock.
-        pose: where, in the frame the method names.
-        linear_m_per_s: speed ahead.
-        angular_rad_per_s: speed of the turn, positive to the left.
+        stamp_s: time of the state, on the drive's clock.
+        pose: the robot's pose, in the frame that the method names.
+        linear_m_per_s: forward speed.
+        angular_rad_per_s: turn rate, positive to the left.
     """
 
     stamp_s: float
@@ -29,17 +29,17 @@ class DriveState:
 
 
 class Drive(ABC):
-    """A drive that follows velocity commands and counts its wheels' turns.
+    """A drive that follows velocity commands and measures wheel odometry.
 
-    A command expires: a robot whose control program has died must not drive on. An emergency stop latches:
-    whatever commands still come, the robot stands until it is released.
+    Commands expire, so that a robot whose control program has died stops. An emergency stop latches: the
+    robot ignores all commands until the stop is released.
     """
 
     @abstractmethod
     def command(self, linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:
         """Drive at these speeds until the next command, but no longer than `valid_for_s`.
 
-        Speeds beyond the drive's limits are cut down to the limits. In an emergency stop nothing is driven.
+        Speeds are clamped to the drive's limits. During an emergency stop the command has no effect.
 
         Raises:
             DriveCommandError: a value is NaN or infinite, or `valid_for_s` is not positive.
@@ -47,7 +47,7 @@ class Drive(ABC):
 
     @abstractmethod
     def read(self) -> DriveState:
-        """Return where the wheels say the robot is (odometry frame) and how it moves."""
+        """Return the robot's state by wheel odometry (odometry frame)."""
 
     @abstractmethod
     def stop(self) -> None:
@@ -55,11 +55,11 @@ class Drive(ABC):
 
     @abstractmethod
     def stop_for_emergency(self) -> None:
-        """Brake as hard as possible, and do not move again before `release`."""
+        """Brake as hard as possible; do not move again before `release`."""
 
     @abstractmethod
     def release(self) -> None:
-        """End the emergency stop; the drive stands until the next command."""
+        """Release the emergency stop; the drive stands still until the next command."""
 
     @property
     @abstractmethod
@@ -68,7 +68,7 @@ class Drive(ABC):
 
 
 def check_command(linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:
-    """Raise DriveCommandError unless a drive can follow the command."""
+    """Raise DriveCommandError if the command is invalid."""
     values = {
         "linear_m_per_s": linear_m_per_s,
         "angular_rad_per_s": angular_rad_per_s,

@@ -1,4 +1,4 @@
-"""What every inertial measurement unit offers, whatever hardware is behind it."""
+"""The interface of inertial measurement units."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class ImuSample:
-    """What the unit measured since the sample before, in its own frame (REP 103: x ahead, y left, z up).
+    """What the unit measured since the previous sample, in its own frame (REP 103: x ahead, y left, z up).
 
     Attributes:
-        stamp_s: the end of that time, in the time of the device's clock.
+        stamp_s: end of that interval, on the device's clock.
         turn_rad_per_s: (3,), mean rates of turn.
         acceleration_m_per_s2: (3,), mean specific force: a unit at rest measures +9.81 along z.
     """
@@ -23,7 +23,7 @@ class ImuSample:
 
 
 class Imu(ABC):
-    """Gyroscopes and accelerometers of three axes."""
+    """A three-axis gyroscope and accelerometer."""
 
     @abstractmethod
     def read(self) -> ImuSample:

@@ -1,4 +1,4 @@
-"""What every planar laser range finder offers, whatever hardware is behind it."""
+"""The interface of planar laser range finders."""
 
 import math
 from abc import ABC, abstractmethod
@@ -12,14 +12,14 @@ from hw.pose import ORIGIN, Pose
 
 @dataclass(frozen=True)
 class LaserGeometry:
-    """Where a laser sits and where its beams go; the defaults are one beam per degree all around.
+    """A laser's mounting pose and beams; by default one beam per degree all around.
 
     Attributes:
         angle_min_rad: direction of the first beam in the laser's frame.
         angle_increment_rad: from beam to beam, counter-clockwise.
-        beams: how many there are.
-        range_min_m: nearer things are not measured.
-        range_max_m: farther things are not measured.
+        beams: number of beams.
+        range_min_m: minimum range.
+        range_max_m: maximum range.
         mount: the laser's pose in the robot's frame.
     """
 
@@ -45,8 +45,8 @@ class LaserSweep:
     """One sweep of a laser.
 
     Attributes:
-        stamp_s: when it was taken, in the time of the device's clock.
-        ranges_m: (beams,) float32; +inf where nothing came back, -inf where something is nearer than
+        stamp_s: time of the sweep, on the device's clock.
+        ranges_m: (beams,) float32; +inf for no return, -inf for something nearer than
             `range_min_m` (REP 117).
     """
 
@@ -60,7 +60,7 @@ class LaserRangeFinder(ABC):
     @property
     @abstractmethod
     def geometry(self) -> LaserGeometry:
-        """Return where the laser sits and where its beams go."""
+        """Return the laser's mounting pose and beam directions."""
 
     @abstractmethod
     def scan(self) -> LaserSweep:

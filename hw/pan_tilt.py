@@ -1,4 +1,4 @@
-"""What every pan-tilt unit offers, whatever hardware is behind it."""
+"""The interface of pan-tilt units."""
 
 import math
 from abc import ABC, abstractmethod
@@ -6,18 +6,18 @@ from dataclasses import dataclass
 
 
 class PanTiltError(ValueError):
-    """A direction that is no direction: not a number, or infinite."""
+    """An invalid direction: an angle is NaN or infinite."""
 
 
 @dataclass(frozen=True)
 class PanTiltLimits:
-    """How far and how fast a unit moves.
+    """A unit's limits.
 
     Attributes:
-        pan_rad: to each side.
-        tilt_up_rad: above the horizon.
-        tilt_down_rad: below the horizon.
-        rate_rad_per_s: of each joint.
+        pan_rad: maximum pan to each side.
+        tilt_up_rad: maximum tilt above the horizon.
+        tilt_down_rad: maximum tilt below the horizon.
+        rate_rad_per_s: speed of each joint.
     """
 
     pan_rad: float = 2.6
@@ -26,7 +26,7 @@ class PanTiltLimits:
     rate_rad_per_s: float = 2.0
 
     def within(self, pan_rad: float, tilt_rad: float) -> tuple[float, float]:
-        """Return the nearest direction that the unit can take.
+        """Return the nearest direction within the limits.
 
         Raises:
             PanTiltError: an angle is NaN or infinite.
@@ -40,7 +40,7 @@ class PanTiltLimits:
 
 @dataclass(frozen=True)
 class PanTiltState:
-    """Where a unit looks at one moment.
+    """A unit's direction at one time.
 
     Angles are right-handed: pan is positive to the left, tilt is positive below the horizon.
     """
@@ -53,7 +53,7 @@ class PanTiltState:
 
 
 class PanTiltUnit(ABC):
-    """Turns what stands on it: first about the vertical axis, then about the axis to the left."""
+    """Turns a device: first about the vertical axis, then about the axis to the left."""
 
     @abstractmethod
     def look(self, pan_rad: float, tilt_rad: float) -> None:
@@ -65,4 +65,4 @@ class PanTiltUnit(ABC):
 
     @abstractmethod
     def read(self) -> PanTiltState:
-        """Return where the unit looks now."""
+        """Return the unit's current direction."""

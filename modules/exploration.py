@@ -1,4 +1,4 @@
-"""The demo's application control: explores the arena, drives home, and ends the run."""
+"""The demo's application control module: explores the arena, drives home, and ends the run."""
 
 from hw.laser import LaserGeometry
 from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
@@ -10,20 +10,23 @@ from workers.navigation.path_follower import FollowerSettings, PathFollower
 
 
 class Exploration(Module):
-    """Drives the robot by what mapping and laser see, until nothing is left to explore.
+    """Drives the robot by map and laser until nothing is left to explore.
 
-    Restarted, it still knows where home is, how much of its time it has used, and whether it was on its way
-    back.
+    Home, the time used, and whether the robot was on its way home survive a restart.
     """
 
     period_s: float = setting(0.06, "time between drive commands", minimum=0.01)
-    command_valid_for_s: float = setting(0.3, "the drive stops when no newer command comes", minimum=0.01)
-    max_linear_m_per_s: float = setting(0.7, "fastest speed ahead", minimum=0.05)
-    time_limit_s: float = setting(33.0, "after so long the robot goes home, whatever is left", minimum=1.0)
+    command_valid_for_s: float = setting(
+        0.3, "the drive stops when no newer command arrives within this time", minimum=0.01
+    )
+    max_linear_m_per_s: float = setting(0.7, "maximum forward speed", minimum=0.05)
+    time_limit_s: float = setting(
+        33.0, "after this time the robot drives home, even if something is left to explore", minimum=1.0
+    )
     returns_home: bool = setting(True, "drive back to the start at the end")
 
     def setup(self) -> None:
-        """Make the explorer; it waits for map, pose and laser."""
+        """Subscribe; the first scan creates the explorer."""
         self.explorer: Explorer | None = None
         self.before = self.restored or {"home_xy_m": None, "exploring_ended": None, "used_s": 0.0}
         self.began_s = self._time_s()
@@ -32,7 +35,7 @@ class Exploration(Module):
         self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST)
 
     def on_map(self, grid: OccupancyGrid) -> None:
-        """Look at a new map."""
+        """Pass a new map to the explorer."""
         if self.explorer is None:
             return
         corner = grid.info.origin.position
@@ -40,13 +43,13 @@ class Exploration(Module):
         self.explorer.see_map(cells, grid.info.resolution, (corner.x, corner.y))
 
     def on_pose(self, pose: PoseStamped) -> None:
-        """Learn where the robot is."""
+        """Pass the robot's pose to the explorer."""
         if self.explorer is not None:
             position = pose.pose.position
             self.explorer.see_pose((position.x, position.y, pose.pose.orientation.yaw), self._published_s())
 
     def on_scan(self, scan: LaserScan) -> None:
-        """Look around; the first scan tells the laser's geometry."""
+        """Pass a scan to the explorer; the first scan defines the laser's geometry."""
         if self.explorer is None:
             geometry = LaserGeometry(
                 angle_min_rad=scan.angle_min,
@@ -68,9 +71,9 @@ class Exploration(Module):
         self.explorer.see_sweep(scan.ranges, self._published_s())
 
     def tick(self) -> None:
-        """Command the drive; end when the task has ended."""
+        """Command the drive; end the module when the task has ended."""
         if self.explorer is None:
-            self.status = "waits for the laser"
+            self.status = "waiting for the laser"
             return
         linear_m_per_s, angular_rad_per_s = self.explorer.drive()
         self.publish(
@@ -92,7 +95,7 @@ class Exploration(Module):
         self.status = self.explorer.status
         self.show_state(self.explorer.state)
         if self.explorer.machine.is_final:
-            self.log.info("exploration has ended: %s", self.status)
+            self.log.info("exploration ended: %s", self.status)
             self.stop()
 
     def _time_s(self) -> float:

@@ -1,4 +1,4 @@
-"""Localisation: where the robot is on a map that is given."""
+"""Localisation: where the robot is on a given map."""
 
 from pathlib import Path
 
@@ -21,23 +21,23 @@ from workers.maps.map_file import read_map
 
 
 class MonteCarloLocalization(Module):
-    """Tells where the robot is on a map, which comes from a file or as a message.
+    """Estimates the robot's pose on a map, which comes from a file or a message.
 
-    It begins knowing nothing. As soon as it is sure, it publishes the robot's pose on topic `map_pose` with
-    every odometry message; before that, its best guess on `map_pose_guess`. Somebody who knows better may
-    publish a pose on `initial_pose`. Restarted, it goes on with the particles it had.
+    The module starts without a pose. Once the estimate has converged, it publishes the robot's pose on topic
+    `map_pose` with every odometry message; before that, its best guess on `map_pose_guess`. You can publish
+    a known pose on `initial_pose`. The particles survive a restart.
     """
 
-    map_file: Path | None = setting(None, "map (YAML of ROS's map_server); null: comes as a message")
-    max_particles: int = setting(5_000, "never more than these", minimum=100, maximum=100_000)
-    candidates: int = setting(200_000, "places tried when the robot may be anywhere", minimum=1_000)
-    seed: int = setting(0, "of chance")
+    map_file: Path | None = setting(None, "map (YAML of ROS's map_server); null: use OccupancyGrid messages")
+    max_particles: int = setting(5_000, "maximum number of particles", minimum=100, maximum=100_000)
+    candidates: int = setting(200_000, "poses tried when the robot may be anywhere", minimum=1_000)
+    seed: int = setting(0, "random seed")
 
     def setup(self) -> None:
-        """Read the map, if there is a file, and listen."""
+        """Read the map file, if there is one, and subscribe."""
         self.localizer: Localizer | None = None
         self.laser_pose = np.zeros(3)
-        self.status = "waits for the map"
+        self.status = "waiting for the map"
         if self.map_file is not None:
             there = read_map(self.map_file)
             self._take_map(LikelihoodField(there.cells, there.resolution_m, there.corner_xy_m))
@@ -50,11 +50,11 @@ class MonteCarloLocalization(Module):
         self.subscribe(PoseStamped, self.on_initial_pose, topic="initial_pose")
 
     def on_map(self, grid: OccupancyGrid) -> None:
-        """Look for the robot on a new map."""
+        """Localise on a new map from now on."""
         self._take_map(LikelihoodField(*map_cells(grid)))
 
     def on_transforms(self, message: TFMessage) -> None:
-        """Learn where the laser sits on the robot."""
+        """Take the laser's mounting pose."""
         mount = laser_mount(message)
         if mount is not None:
             self.laser_pose = mount
@@ -62,19 +62,19 @@ class MonteCarloLocalization(Module):
                 self.localizer.laser_pose = mount
 
     def on_initial_pose(self, message: PoseStamped) -> None:
-        """Believe somebody who knows where the robot is, roughly."""
+        """Restart localisation near a given pose."""
         if self.localizer is not None:
             self.localizer.start_at(planar(message.pose))
-            self.log.info("begins anew near %.2f m, %.2f m, %.2f rad", *planar(message.pose))
+            self.log.info("restarted near %.2f m, %.2f m, %.2f rad", *planar(message.pose))
 
     def on_time_jump(self, jump: TimeJump) -> None:
-        """Look everywhere: the robot is elsewhere all of a sudden."""
+        """Restart globally: the robot may be anywhere after a time jump."""
         if self.localizer is not None:
             self.localizer.start_anywhere()
         self.checkpoint({})
 
     def on_odometry(self, odometry: Odometry) -> None:
-        """Move as the wheels say, and publish where that is."""
+        """Move the particles by odometry and publish the pose."""
         if self.localizer is None:
             return
         self.localizer.add_odometry(odometry.header.stamp.nanoseconds / 1e9, planar(odometry.pose.pose))
@@ -84,7 +84,7 @@ class MonteCarloLocalization(Module):
             self.publish(pose_stamped(pose, Header(stamp=odometry.header.stamp, frame_id="map")), topic=topic)
 
     def on_scan(self, scan: LaserScan) -> None:
-        """Compare a scan with the map."""
+        """Update the particles with a scan."""
         if self.localizer is None:
             return
         before = self.localizer.newest
@@ -92,7 +92,7 @@ class MonteCarloLocalization(Module):
         self.localizer.add_scan(stamp_s, scan.ranges, angles_rad(scan), scan.range_max)
         newest = self.localizer.newest
         if newest is not None and newest is not before:
-            self._tell(newest)
+            self._publish_state(newest)
             self.checkpoint(self.localizer.state())
 
     def _take_map(self, field: LikelihoodField) -> None:
@@ -103,9 +103,9 @@ class MonteCarloLocalization(Module):
         self.localizer = Localizer(field, settings, self.laser_pose, self.seed)
         if self.restored is not None:
             self.localizer.restore(self.restored)
-        self.status = "waits for laser and odometry"
+        self.status = "waiting for laser and odometry"
 
-    def _tell(self, newest: Localization) -> None:
+    def _publish_state(self, newest: Localization) -> None:
         self.publish(
             LocalizationState(
                 header=Header(stamp=Time.from_nanoseconds(round(newest.stamp_s * 1e9)), frame_id="map"),

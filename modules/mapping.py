@@ -1,4 +1,4 @@
-"""Mapping: from odometry and laser scans to a map and the robot's place in it."""
+"""Mapping: builds a map from odometry and laser scans, and locates the robot in it."""
 
 import json
 import math
@@ -27,27 +27,27 @@ from workers.row_log import RowLog
 
 
 class Mapping(Module):
-    """Feeds the mapper with every odometry message and every scan, and publishes what it finds.
+    """Feeds the mapper every odometry message and every scan, and publishes map and pose.
 
-    On an ordered stop it writes `map.png` (a picture), `map.yaml` with `map.pgm` (the map in the format of
-    ROS's map_server), `trajectory.txt` (lines of `t x y theta`: s, m, m, rad; map frame) and `mapping.json`
-    (what it has counted itself).
+    On an ordered stop the module writes `map.png` (a picture), `map.yaml` with `map.pgm` (the map in the
+    format of ROS's map_server), `trajectory.txt` (lines of `t x y theta`: s, m, m, rad; map frame) and
+    `mapping.json` (counters).
 
-    Restarted, it goes on from its last checkpoint, as if the messages since then had never come: they are
-    neither in the map nor in the counts. There is a checkpoint after every scan, as long as that is cheap.
+    After a restart the module continues from its last checkpoint. Messages handled after that checkpoint are
+    neither in the map nor in the counters. The module takes a checkpoint after every scan if that is cheap.
     """
 
     resolution_m: float = setting(0.05, "edge of a grid cell", minimum=0.005)
-    max_range_m: float = setting(30.0, "returns from farther away are not used", minimum=0.1)
+    max_range_m: float = setting(30.0, "farther returns are ignored", minimum=0.1)
     period_s: float = setting(1.0, "time between maps", minimum=0.05)
     checkpoint_share: float = setting(
-        0.05, "of its time that it may spend on checkpoints", minimum=1e-6, maximum=1.0
+        0.05, "maximum share of its time spent on checkpoints", minimum=1e-6, maximum=1.0
     )
-    draw_truth: bool = setting(False, "draw the simulated robot's true path into the picture")
+    draw_truth: bool = setting(False, "draw the simulated robot's true path in the picture")
 
     def setup(self) -> None:
-        """Start with an empty map, or the one there was."""
-        self._forget()
+        """Start with an empty map, or with the last checkpoint's map."""
+        self._reset()
         if self.restored is not None:
             self._restore(self.restored)
         self.next_checkpoint_s = 0.0
@@ -58,7 +58,7 @@ class Mapping(Module):
         if self.draw_truth:
             self.subscribe(Odometry, self.on_truth, MessageHandling.KEEP_ONLY_NEWEST, topic="ground_truth")
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self.mapper = GridMapper(resolution_m=self.resolution_m, max_range_m=self.max_range_m)
         self.odometry_messages = 0
         self.scans = 0
@@ -66,21 +66,21 @@ class Mapping(Module):
         self.true_path = RowLog(2, self.mapper.limits.odometry)
 
     def on_time_jump(self, jump: TimeJump) -> None:
-        """Begin a new map: the robot is elsewhere all of a sudden; but the laser sits where it sat."""
+        """Start a new map, because the robot may be anywhere; keep the laser's mounting pose."""
         laser_pose = self.mapper.laser_pose
-        self._forget()
+        self._reset()
         self.mapper.laser_pose = laser_pose
-        self._remember()
-        self.log.info("begins a new map, because time has jumped (%s)", jump.reason)
+        self._take_checkpoint()
+        self.log.info("started a new map because time jumped (%s)", jump.reason)
 
     def on_transforms(self, message: TFMessage) -> None:
-        """Learn where the laser sits on the robot."""
+        """Take the laser's mounting pose, unless mapping has started."""
         mount = laser_mount(message)
         if mount is not None and not self.scans:
             self.mapper.laser_pose = mount
 
     def on_odometry(self, odometry: Odometry) -> None:
-        """Add where the wheels say the robot is; publish where the map says it is."""
+        """Add wheel odometry and publish the robot's pose on the map."""
         self.odometry_messages += 1
         self.mapper.add_odometry(odometry.header.stamp.nanoseconds / 1e9, planar(odometry.pose.pose))
         header = Header(stamp=odometry.header.stamp, frame_id="map")
@@ -98,10 +98,10 @@ class Mapping(Module):
             scan.range_max,
         )
         if time.monotonic() >= self.next_checkpoint_s:
-            self._remember()
+            self._take_checkpoint()
 
     def on_truth(self, truth: Odometry) -> None:
-        """Note where the simulated robot really is."""
+        """Record the simulated robot's true position."""
         self.true_path.add(planar(truth.pose.pose)[:2])
 
     def tick(self) -> None:
@@ -125,8 +125,8 @@ class Mapping(Module):
             f"map {cells.shape[1]}x{cells.shape[0]}"
         )
 
-    def _remember(self) -> None:
-        """Take a checkpoint, and let the next one wait the longer, the more this one has cost."""
+    def _take_checkpoint(self) -> None:
+        """Take a checkpoint; the longer it takes, the later the next one."""
         began_s = time.monotonic()
         state = {
             "mapper": self.mapper.state(),
@@ -137,23 +137,27 @@ class Mapping(Module):
         try:
             self.checkpoint(state)
         except CheckpointTooLarge as error:
-            self.log.warning("a restart would lose what comes from now on: %s", error)
+            self.log.warning("no more checkpoints: a restart would lose everything from now on: %s", error)
             self.next_checkpoint_s = math.inf
             return
         cost_s = time.monotonic() - began_s
         self.next_checkpoint_s = began_s + cost_s / self.checkpoint_share
 
     def _restore(self, state: dict[str, Any]) -> None:
-        """Go on from a checkpoint, unless that map was made with other settings."""
+        """Continue from a checkpoint, unless it was taken with other settings."""
         settings = state["mapper"]["settings"]
         if (settings["resolution_m"], settings["max_range_m"]) != (self.resolution_m, self.max_range_m):
-            self.log.warning("starts with an empty map, because the settings have changed since the last one")
+            self.log.warning(
+                "starting with an empty map because the settings have changed since the last checkpoint"
+            )
             return
         self.mapper = GridMapper.from_state(state["mapper"])
         self.odometry_messages = state["odometry_messages"]
         self.scans = state["scans"]
         self.true_path.restore(state["true_path"])
-        self.log.info("goes on after %d odometry messages and %d scans", self.odometry_messages, self.scans)
+        self.log.info(
+            "continuing after %d odometry messages and %d scans", self.odometry_messages, self.scans
+        )
 
     def teardown(self) -> None:
         """Write the results."""

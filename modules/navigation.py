@@ -30,32 +30,40 @@ MAP_FRAMES = ("map", "")
 
 
 class Navigation(Module):
-    """Drives to the poses that come on topic `goal`, by map, pose and laser.
+    """Drives to poses received on topic `goal`, using map, pose and laser.
 
-    Publishes `DriveCommand`, which expires, only while it has a goal; the planned way as `Path` on topic
-    `path`; and `NavigationState` on each change and every now and then. A new goal takes the place of the
-    old one, `CancelGoal` ends it; a restarted navigation goes on to the goal it had.
+    Publishes `DriveCommand`, which expires, only while there is a goal; the planned path as `Path` on topic
+    `path`; and `NavigationState` on each change and every `state_period_s`. A new goal replaces the old one;
+    `CancelGoal` ends it. The goal survives a restart.
     """
 
     period_s: float = setting(0.06, "time between drive commands", minimum=0.01)
-    command_valid_for_s: float = setting(0.3, "the drive stops when no newer command comes", minimum=0.01)
-    max_linear_m_per_s: float = setting(0.5, "fastest speed ahead", minimum=0.05, changeable=True)
-    clearance_m: float = setting(0.27, "planned ways keep the robot's centre this far off", minimum=0.05)
-    tight_clearance_m: float = setting(0.22, "this far, where no other way leads to the goal", minimum=0.05)
-    tolerance_m: float = setting(0.25, "a goal counts as reached from so near to it", minimum=0.01)
-    heading_tolerance_rad: float = setting(0.15, "how exactly; pi: any heading will do", minimum=0.02)
-    stale_s: float = setting(0.6, "pose or laser silent for so long: the robot stands", minimum=0.05)
-    max_recoveries: int = setting(6, "attempts to get free before a goal is given up", minimum=0)
-    state_period_s: float = setting(0.5, "time between messages of its state", minimum=0.05)
+    command_valid_for_s: float = setting(
+        0.3, "the drive stops when no newer command arrives within this time", minimum=0.01
+    )
+    max_linear_m_per_s: float = setting(0.5, "maximum forward speed", minimum=0.05, changeable=True)
+    clearance_m: float = setting(
+        0.27, "distance of planned paths from obstacles to the robot's centre", minimum=0.05
+    )
+    tight_clearance_m: float = setting(
+        0.22, "clearance used when no other path leads to the goal", minimum=0.05
+    )
+    tolerance_m: float = setting(0.25, "distance at which a goal counts as reached", minimum=0.01)
+    heading_tolerance_rad: float = setting(
+        0.15, "tolerance of the goal's heading; pi: any heading", minimum=0.02
+    )
+    stale_s: float = setting(0.6, "the robot stops when pose or laser is older than this", minimum=0.05)
+    max_recoveries: int = setting(6, "recovery attempts before the goal is given up", minimum=0)
+    state_period_s: float = setting(0.5, "time between NavigationState messages", minimum=0.05)
 
     def setup(self) -> None:
-        """Listen; the first scan tells the laser's geometry, and only then it can drive."""
+        """Subscribe; the first scan creates the navigator."""
         self.navigator: Navigator | None = None
         self.laser_pose = np.zeros(3)
         self.grid: OccupancyGrid | None = None
         self.goal: Sequence[float] | None = self.restored
-        self.told: tuple[str, str] = ("", "")
-        self.told_s = -np.inf
+        self.published: tuple[str, str] = ("", "")
+        self.published_s = -np.inf
         self.path = np.empty((0, 2))
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(TimeJump, self.on_time_jump)
@@ -68,7 +76,7 @@ class Navigation(Module):
         self.subscribe(EmergencyStop, self.on_emergency_stop, newest, topic="emergency_stop_state")
 
     def on_goal(self, goal: PoseStamped) -> None:
-        """Drive somewhere else from now on."""
+        """Drive to a new goal from now on."""
         self.goal = planar(goal.pose)
         if goal.header.frame_id not in MAP_FRAMES:
             self._refuse(f"a goal must be given in the frame 'map', not {goal.header.frame_id!r}")
@@ -81,7 +89,7 @@ class Navigation(Module):
             self.checkpoint(list(self.goal))
 
     def on_cancel(self, cancel: CancelGoal) -> None:
-        """Forget the goal, and have the drive stop at once, not only when the last command expires."""
+        """Forget the goal and stop the drive at once, without waiting for the last command to expire."""
         if self.goal is None:
             return
         self.goal = None
@@ -92,7 +100,7 @@ class Navigation(Module):
         self.tick()
 
     def on_time_jump(self, jump: TimeJump) -> None:
-        """Forget the goal, and what the laser saw: nothing of it holds any longer."""
+        """Forget the goal and all obstacles: they are no longer valid."""
         self.goal, self.navigator = None, None
         self.checkpoint(None)
 
@@ -103,13 +111,13 @@ class Navigation(Module):
             self.navigator.see_map(*map_cells(grid))
 
     def on_pose(self, pose: PoseStamped) -> None:
-        """Learn where the robot is."""
+        """Pass the robot's pose to the navigator."""
         if self.navigator is not None:
             stamp_s = pose.header.stamp.nanoseconds / 1e9
             self.navigator.see_pose(planar(pose.pose), stamp_s, self._published_s())
 
     def on_transforms(self, message: TFMessage) -> None:
-        """Learn where the laser sits on the robot."""
+        """Take the laser's mounting pose."""
         mount = laser_mount(message)
         if mount is None or np.array_equal(mount, self.laser_pose):
             return
@@ -118,7 +126,7 @@ class Navigation(Module):
         self.laser_pose, self.navigator = mount, None
 
     def on_scan(self, scan: LaserScan) -> None:
-        """Look around; the first scan tells the laser's geometry."""
+        """Pass a scan to the navigator; the first scan defines the laser's geometry."""
         if self.navigator is None:
             self.navigator = self._make_navigator(scan)
         sweep = LaserSweep.from_ranges(
@@ -127,31 +135,33 @@ class Navigation(Module):
         self.navigator.see_sweep(sweep, scan.ranges, scan.header.stamp.nanoseconds / 1e9, self._published_s())
 
     def on_emergency_stop(self, message: EmergencyStop) -> None:
-        """Wait while the drive is in an emergency stop."""
+        """Pass the emergency stop's state to the navigator."""
         if self.navigator is not None:
             self.navigator.see_emergency_stop((message.reason or "no reason given") * message.engaged)
 
     def setting_changed(self, name: str) -> None:
-        """Drive faster or slower."""
+        """Apply a new maximum speed."""
         if self.navigator is not None:
             self.navigator.follower.settings = self._follower_settings()
 
     def tick(self) -> None:
-        """Command the drive, and say how far it is."""
+        """Command the drive and publish the state."""
         if self.navigator is None:
-            waits = NavigatorState.IDLE if self.goal is None else NavigatorState.STOPPED_NO_LASER
-            self._tell(waits.name, "no scan has come yet", None)
-            self.status = "waits for the laser"
+            waiting = NavigatorState.IDLE if self.goal is None else NavigatorState.STOPPED_NO_LASER
+            self._publish_state(waiting.name, "no scan has arrived yet", None)
+            self.status = "waiting for the laser"
             return
         speeds = self.navigator.drive()
         if speeds is not None:
             self._command(*speeds)
         if self.navigator.path is not self.path:
             self._publish_path(self.navigator.path)
-        if self.navigator.state in RESTING and self.told[0] != self.navigator.state.name:
+        if self.navigator.state in RESTING and self.published[0] != self.navigator.state.name:
             self.checkpoint(None)
             self.log.info("%s: %s", self.navigator.state.name, self.navigator.machine.reason)
-        self._tell(self.navigator.state.name, self.navigator.machine.reason, self.navigator.distance_left_m)
+        self._publish_state(
+            self.navigator.state.name, self.navigator.machine.reason, self.navigator.distance_left_m
+        )
         self.status = self.navigator.status
 
     def _command(self, linear_m_per_s: float, angular_rad_per_s: float) -> None:
@@ -188,7 +198,7 @@ class Navigation(Module):
         self.goal = None
         self.checkpoint(None)
         if self.navigator is None:
-            self._tell(NavigatorState.UNREACHABLE.name, reason, None)
+            self._publish_state(NavigatorState.UNREACHABLE.name, reason, None)
         else:
             self.navigator.refuse(reason)
 
@@ -200,10 +210,10 @@ class Navigation(Module):
         poses = [pose_stamped([*xy, heading], header) for xy, heading in zip(path, headings, strict=True)]
         self.publish(Path(header=header, poses=poses), topic="path")
 
-    def _tell(self, state: str, reason: str, left_m: float | None) -> None:
-        if self.told == (state, reason) and self._time_s() - self.told_s < self.state_period_s:
+    def _publish_state(self, state: str, reason: str, left_m: float | None) -> None:
+        if self.published == (state, reason) and self._time_s() - self.published_s < self.state_period_s:
             return
-        self.told, self.told_s = (state, reason), self._time_s()
+        self.published, self.published_s = (state, reason), self._time_s()
         self.show_state(state)
         header = Header(stamp=self._now(), frame_id="map")
         goal = Pose() if self.goal is None else pose_stamped(self.goal, header).pose

@@ -1,4 +1,4 @@
-"""Between messages and what planar workers take."""
+"""Conversions between messages and the types of planar workers."""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
@@ -21,7 +21,7 @@ from workers.exploration.frontiers import Frontier
 
 
 class MapCells(NamedTuple):
-    """The cells of a map `(H, W) int8`, their edge (m), and the corner of the first (m, map frame)."""
+    """A map's cells `(H, W) int8`, their edge (m), and the outer corner of cell (0, 0) (m, map frame)."""
 
     cells: NDArray[np.int8]
     resolution_m: float
@@ -46,24 +46,24 @@ def planar(pose: Pose) -> tuple[float, float, float]:
 
 
 def pose_stamped(pose: ArrayLike, header: Header) -> PoseStamped:
-    """Make a message of x (m), y (m) and heading (rad)."""
+    """Return the message for a pose (x m, y m, heading rad)."""
     x_m, y_m, heading_rad = np.asarray(pose, float).tolist()
     place = Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(heading_rad))
     return PoseStamped(header=header, pose=place)
 
 
 def map_cells(grid: GridMessage) -> MapCells:
-    """Return the cells of a map and where they lie."""
+    """Return a map's cells and their position."""
     corner = grid.info.origin.position
     cells = grid.data.reshape(grid.info.height, grid.info.width)
     return MapCells(cells, grid.info.resolution, (corner.x, corner.y))
 
 
 def frontiers_message(frontiers: Sequence[Frontier], header: Header) -> Frontiers:
-    """Make a message of frontiers, the longest of which come first."""
-    told = frontiers[: Frontiers.MOST]
-    middles = [Point(x=x_m, y=y_m) for x_m, y_m in (frontier.middle_xy_m.tolist() for frontier in told)]
-    lengths_m = np.array([frontier.length_m for frontier in told], np.float64)
+    """Return the message for frontiers, given longest first; it holds at most `Frontiers.MOST`."""
+    longest = frontiers[: Frontiers.MOST]
+    middles = [Point(x=x_m, y=y_m) for x_m, y_m in (frontier.middle_xy_m.tolist() for frontier in longest)]
+    lengths_m = np.array([frontier.length_m for frontier in longest], np.float64)
     return Frontiers(header=header, middles=middles, lengths_m=lengths_m)
 
 
@@ -73,7 +73,7 @@ def angles_rad(scan: LaserScan) -> NDArray[np.float64]:
 
 
 def laser_mount(message: TFMessage) -> NDArray[np.float64] | None:
-    """Return where the laser sits on the robot (x m, y m, heading rad), if the message says so."""
+    """Return the laser's mounting pose on the robot (x m, y m, heading rad); None if not in the message."""
     for transform in message.transforms:
         if transform.child_frame_id == "laser":
             place = transform.transform

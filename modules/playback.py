@@ -1,4 +1,4 @@
-"""Playback of a CARMEN log: from the system's point of view a robot that drives."""
+"""Playback of a CARMEN log in place of the robot's devices."""
 
 import time
 from pathlib import Path
@@ -7,30 +7,34 @@ from robbie_mp import REQUIRED, Module, SettingError, setting
 from robbie_mp.recording.carmen import BrokenLine, CarmenLog, OdometryRecord, Record
 from robbie_mp.recording.carmen_messages import laser_place, odometry_message, scan_message
 
-BURST_S = 0.02  # a tick longer than this would make the module slow to stop
+MAX_BURST_S = 0.02  # a longer tick would make the module slow to stop
 
 
 class CarmenPlayback(Module):
-    """Publishes a log's odometry and scans, and ends when everybody has handled the last one.
+    """Publishes a log's odometry and scans, and ends when all subscribers have handled the last message.
 
-    As fast as nothing is lost: no more than `outstanding_limit` messages are on their way at any time.
+    At most `outstanding_limit` messages are outstanding at any time, so none is lost.
     """
 
     file: Path = setting(REQUIRED, "the log", must_exist=True)
-    rate: float | None = setting(None, "times real time; null: as fast as nothing is lost", minimum=0.001)
-    skip_broken: bool = setting(False, "leave out lines that cannot be read, and count them")
-    outstanding_limit: int = setting(200, "messages that may be waiting or in work", minimum=1, maximum=4000)
-    period_s: float = setting(0.02, "time between looks at the clock", minimum=0.001)
+    rate: float | None = setting(
+        None, "speed as a multiple of real time; null: as fast as possible without loss", minimum=0.001
+    )
+    skip_broken: bool = setting(False, "skip and count unreadable lines")
+    outstanding_limit: int = setting(
+        200, "maximum number of messages waiting or being handled", minimum=1, maximum=4000
+    )
+    period_s: float = setting(0.02, "time between checks of the clock", minimum=0.001)
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
-        """Read the whole log once, so that a broken line is an error before anything starts."""
+        """Read the whole log once, so that a broken line is reported before anything starts."""
         file, skip = settings["file"], settings["skip_broken"]
         assert isinstance(file, Path)
         try:
             CarmenLog(file, skip_broken=bool(skip)).check()
         except (BrokenLine, OSError) as error:
-            advice = "; set skip_broken to leave such lines out" if isinstance(error, BrokenLine) else ""
+            advice = "; set skip_broken to skip such lines" if isinstance(error, BrokenLine) else ""
             raise SettingError(f"{error}{advice}", "file") from error
 
     def setup(self) -> None:
@@ -43,7 +47,7 @@ class CarmenPlayback(Module):
         self.count = {"odometry": 0, "scans": 0}
 
     def tick(self) -> None:
-        """Publish what is due; end after the last message was handled."""
+        """Publish what is due; end after the last message has been handled."""
         now_s = self.clock.monotonic_ns() / 1e9
         if self.started_s is None:
             self.started_s = now_s
@@ -51,17 +55,17 @@ class CarmenPlayback(Module):
         self._publish_due(now_s)
         self.status = f"{self.count['odometry']} odometry, {self.count['scans']} scans{self._skipped()}"
         if self.next_record is None and self.outstanding == 0:
-            self.log.info("the log has ended: %s", self.status)
+            self.log.info("the log ended: %s", self.status)
             self.stop()
 
     def _publish_due(self, now_s: float) -> None:
-        burst_ends_s = time.monotonic() + BURST_S
+        burst_ends_s = time.monotonic() + MAX_BURST_S
         while self.next_record is not None and self._is_due(self.next_record, now_s):
             if self.outstanding >= self.outstanding_limit:
                 self.wake_after_freed(self.outstanding_limit // 2)
                 return
             if not self._publish(self.next_record):
-                return  # refused: the same record again at the next tick
+                return  # refused: retry the same record at the next tick
             self.next_record = next(self.records, None)
             if time.monotonic() > burst_ends_s:
                 return
@@ -85,6 +89,6 @@ class CarmenPlayback(Module):
         return f", {broken} broken lines skipped" if broken else ""
 
     def teardown(self) -> None:
-        """Say what was left out."""
+        """Log how many lines were skipped."""
         if self.carmen_log.broken_lines:
             self.log.warning("%d broken lines of %s were skipped", self.carmen_log.broken_lines, self.file)

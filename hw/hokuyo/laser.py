@@ -12,30 +12,30 @@ from hw.laser import LaserGeometry, LaserRangeFinder, LaserSweep
 from hw.pose import ORIGIN, Pose
 
 BIT_RATE = 115_200
-# So many lines of an old stream may come before the answer to QT: some sweeps of the largest laser.
-OLD_LINES = 2_000
-# So many sweeps in a row may be damaged, as when bytes are lost.
-DAMAGED_SWEEPS = 5
-# Status of a command that was understood.
+# Lines of an earlier stream that may precede the answer to QT: a few sweeps of the largest laser.
+MAX_OLD_LINES = 2_000
+# Consecutive sweeps that may be damaged, for example by lost bytes.
+MAX_DAMAGED_SWEEPS = 5
+# Status of a command that the laser accepted.
 GOOD = b"00"
 
 
 class LaserSilent(TimeoutError):
-    """The laser has said nothing for too long."""
+    """The laser has sent nothing for too long."""
 
 
 class HokuyoLaser(LaserRangeFinder):
-    """Has a laser send sweep after sweep, from its first step to its last.
+    """A laser that streams sweeps over its whole field of view.
 
     Args:
-        port: as "/dev/ttyACM0".
+        port: name of the port, such as "/dev/ttyACM0".
         clock: returns the time in s.
-        timeout_s: a laser that says nothing for so long is silent; more than the time of a sweep.
+        timeout_s: time after which a laser that sends nothing counts as silent; must exceed its scan time.
         mount: the laser's pose in the robot's frame.
 
     Raises:
-        LaserSilent: nobody answers.
-        LaserFault: the answer is not that of such a laser.
+        LaserSilent: nothing answers on the port.
+        LaserFault: the answer is not that of a Hokuyo laser.
         OSError: the port cannot be opened.
     """
 
@@ -45,56 +45,56 @@ class HokuyoLaser(LaserRangeFinder):
         self._clock = clock
         self._port = serial.Serial(port, BIT_RATE, timeout=timeout_s, write_timeout=timeout_s, exclusive=True)
         try:
-            # The oldest lasers know this language only when asked to; and an old stream may be going on.
+            # The oldest lasers must be switched to SCIP 2.0 first. An earlier stream may still be running.
             self._port.write(b"SCIP2.0\n")
             self._answer("QT")
             told = parameters(self._answer("PP"))
             self._geometry, self.period_s = _geometry(told, mount), 60.0 / int(told["SCAN"])
-            # Each step by itself, no sweep left out, without end.
+            # No merging of steps, no skipped sweeps, endless.
             self._request = f"MD{int(told['AMIN']):04d}{int(told['AMAX']):04d}01000"
             self._answer(self._request)
         except (KeyError, ValueError, ZeroDivisionError) as error:
             self._port.close()
-            raise LaserFault(f"the laser does not tell its geometry: {error!r}") from error
+            raise LaserFault(f"the laser does not report its geometry: {error!r}") from error
         except BaseException:
             self._port.close()
             raise
 
     @property
     def geometry(self) -> LaserGeometry:
-        """Return where the laser sits and where its beams go."""
+        """Return the laser's mounting pose and beam directions."""
         return self._geometry
 
     def scan(self) -> LaserSweep:
-        """Wait for the next sweep and return it, or the newest of several; damaged ones are left out.
+        """Wait for the next sweep and return it, or the newest of several; damaged sweeps are skipped.
 
-        +inf is also what is nearer than the laser can measure, and what it has an error for: it does not tell
-        these apart.
+        Ranges below the laser's minimum and measurement errors are +inf, too: the laser does not distinguish
+        them.
 
         Raises:
-            LaserSilent: no sweep came in time.
+            LaserSilent: no sweep arrived in time.
             LaserFault: the laser has stopped, or several sweeps in a row were damaged.
         """
         sweep = self._undamaged()
-        # Three characters for each beam: that much means that a whole sweep more has come.
+        # Three characters per beam: another whole sweep has arrived.
         while self._port.in_waiting > 3 * self._geometry.beams:
             sweep = self._undamaged()
         return sweep
 
     def close(self) -> None:
-        """Switch the laser off, if it is still there, and close the port."""
+        """Switch the laser off if it still answers, and close the port."""
         with suppress(OSError):
             self._port.write(b"QT\n")
         self._port.close()
 
     def _undamaged(self) -> LaserSweep:
-        for _ in range(DAMAGED_SWEEPS):
+        for _ in range(MAX_DAMAGED_SWEEPS):
             with suppress(DamagedLine):
                 return self._sweep()
-        raise LaserFault(f"{DAMAGED_SWEEPS} sweeps in a row were damaged on the way from the laser")
+        raise LaserFault(f"{MAX_DAMAGED_SWEEPS} sweeps in a row were damaged in transmission")
 
     def _sweep(self) -> LaserSweep:
-        """Read a sweep: echo, status, time of the laser's own clock, data, an empty line."""
+        """Read a sweep: echo, status, time stamp of the laser's clock, data, an empty line."""
         self._skip_to(self._request)
         stamp_s = self._clock()
         status = without_checksum(self._line())
@@ -110,7 +110,7 @@ class HokuyoLaser(LaserRangeFinder):
         return LaserSweep(stamp_s, ranges)
 
     def _answer(self, command: str) -> list[bytes]:
-        """Send a command, and return what the laser has to say beyond that it has understood."""
+        """Send a command and return the lines of the answer after its status."""
         self._port.write(command.encode() + b"\n")
         self._skip_to(command)
         status = without_checksum(self._line())
@@ -119,21 +119,21 @@ class HokuyoLaser(LaserRangeFinder):
         return list(iter(self._line, b""))
 
     def _skip_to(self, echo: str) -> None:
-        """Read up to the echo of a command, over what is left of a damaged sweep or an old stream."""
-        for _ in range(OLD_LINES):
+        """Read up to the echo of a command, skipping the rest of a damaged sweep or an earlier stream."""
+        for _ in range(MAX_OLD_LINES):
             if self._line() == echo.encode():
                 return
-        raise LaserFault(f"no answer to {echo} in {OLD_LINES} lines: is this a laser that speaks SCIP 2.0?")
+        raise LaserFault(f"no answer to {echo} in {MAX_OLD_LINES} lines: does this laser speak SCIP 2.0?")
 
     def _line(self) -> bytes:
         line: bytes = self._port.read_until(b"\n")
         if not line.endswith(b"\n"):
-            raise LaserSilent(f"the laser at {self._port.port} has said nothing for {self._port.timeout:g} s")
+            raise LaserSilent(f"the laser at {self._port.port} has sent nothing for {self._port.timeout:g} s")
         return line[:-1]
 
 
 def _geometry(told: dict[str, str], mount: Pose) -> LaserGeometry:
-    """Return the geometry that the parameters of a laser tell; its steps go counter-clockwise."""
+    """Return the geometry given by a laser's parameters; its steps count counter-clockwise."""
     step_rad = 2 * math.pi / int(told["ARES"])
     first, last = int(told["AMIN"]), int(told["AMAX"])
     return LaserGeometry(

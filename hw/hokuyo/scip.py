@@ -1,4 +1,4 @@
-"""The language of Hokuyo's laser range finders: SCIP 2.0.
+"""SCIP 2.0, the protocol of Hokuyo's laser range finders.
 
 Source: Hokuyo Automatic Co., Communication Protocol Specification for SCIP2.0 Standard, C-42-03320B (2006 to
 2008), sections 6 (encoding), 7 (checksums) and 8 (commands).
@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 
 class LaserFault(OSError):
-    """The laser says that something is wrong with it or with a command, or says what makes no sense."""
+    """The laser reports an error, or sends something that makes no sense."""
 
 
 class DamagedLine(LaserFault):
-    """The laser cannot have said so: characters were lost or changed on the way."""
+    """A line was damaged in transmission: characters were lost or changed."""
 
 
 def checksum(text: bytes) -> bytes:
-    """Return the character that goes with some text: the lowest six bits of its sum."""
+    """Return the checksum character of a text: the lowest six bits of its sum."""
     return bytes([(sum(text) & 0x3F) + 0x30])
 
 
@@ -27,7 +27,7 @@ def without_checksum(line: bytes) -> bytes:
     """Return a line without the checksum at its end.
 
     Raises:
-        DamagedLine: the checksum is not that of the line.
+        DamagedLine: the checksum is wrong.
     """
     text, told = line[:-1], line[-1:]
     if checksum(text) != told:
@@ -36,10 +36,10 @@ def without_checksum(line: bytes) -> bytes:
 
 
 def numbers(text: bytes) -> NDArray[np.int64]:
-    """Return the numbers that are written in three characters each, six bits in each character.
+    """Decode numbers of three characters each, six bits in each character.
 
     Raises:
-        DamagedLine: a character is missing, or one is no such digit.
+        DamagedLine: a character is missing, or one is not a valid digit.
     """
     digits = np.frombuffer(text, np.uint8).astype(np.int64) - 0x30
     if len(digits) % 3 or (len(digits) and not 0 <= digits.min() <= digits.max() < 64):
@@ -49,7 +49,7 @@ def numbers(text: bytes) -> NDArray[np.int64]:
 
 
 def parameters(lines: Iterable[bytes]) -> dict[str, str]:
-    """Return what the answer to the command PP says: `NAME:value;` and a checksum in each line.
+    """Parse the answer to the command PP: `NAME:value;` and a checksum in each line.
 
     Raises:
         DamagedLine: a line has another form or checksum.

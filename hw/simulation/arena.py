@@ -19,13 +19,13 @@ class Arena:
     Attributes:
         segments: (N, 4), m: x1, y1, x2, y2 of every piece of wall.
         circles: (M, 3), m: x, y, radius of every round obstacle.
-        start: where a robot starts.
+        start: the robot's start pose.
         width_m: extent in x.
         height_m: extent in y.
         wall_height_m: of walls and obstacles alike.
         victims: on the walls.
         signs: on the walls.
-        appearing: obstacles that are there at times; none of them is in `segments` and `circles`.
+        appearing: temporary obstacles; none of them is in `segments` and `circles`.
     """
 
     segments: Array
@@ -39,10 +39,10 @@ class Arena:
     appearing: tuple[AppearingObstacle, ...] = ()
 
     def with_obstacles(self, indices: Iterable[int]) -> "Arena":
-        """Return this arena while some of its appearing obstacles are there.
+        """Return this arena with some of its temporary obstacles present.
 
         Args:
-            indices: which of `appearing`.
+            indices: positions in `appearing`.
         """
         there = [self.appearing[index] for index in indices]
         return replace(
@@ -58,7 +58,7 @@ class Arena:
             points: (..., 2), m, arena frame.
 
         Returns:
-            (...), m; not negative, also within an obstacle (surfaces have no inside).
+            (...), m; never negative, not even inside an obstacle.
         """
         points = np.asarray(points, dtype=np.float64)[..., None, :]
         begin, along = self.segments[:, :2], self.segments[:, 2:] - self.segments[:, :2]
@@ -72,7 +72,7 @@ class Arena:
         return nearest
 
     def ranges_m(self, x_m: float, y_m: float, angles_rad: Array) -> Array:
-        """Return how far rays from one point go until they hit something.
+        """Return the lengths of rays from one point to the first hit.
 
         Args:
             x_m: where all rays start, arena frame.
@@ -85,7 +85,7 @@ class Arena:
         return self.hits(x_m, y_m, angles_rad)[0]
 
     def hits(self, x_m: float, y_m: float, angles_rad: Array) -> tuple[Array, NDArray[np.intp]]:
-        """Return how far rays from one point go, and what they hit.
+        """Return the lengths of rays from one point, and what they hit.
 
         Args:
             x_m: where all rays start, arena frame.
@@ -117,7 +117,7 @@ def _ranges_to_segments(origin: Array, directions: Array, segments: Array) -> Ar
         scale = 1.0 / (dx * along[:, 1] - dy * along[:, 0])
         t = (begin[:, 0] * along[:, 1] - begin[:, 1] * along[:, 0]) * scale
         u = (begin[:, 0] * dy - begin[:, 1] * dx) * scale
-        # A little more than the segment, so that no ray slips through where two walls meet.
+        # Slightly more than the segment, so that no ray slips through where two walls meet.
         hits = (t >= 0.0) & (u >= -1e-9) & (u <= 1.0 + 1e-9)
     return np.where(hits, t, np.inf)
 

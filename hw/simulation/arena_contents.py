@@ -1,4 +1,4 @@
-"""What may be in an arena besides walls: victims and signs on them, and obstacles that come and go."""
+"""The contents of an arena besides walls: victims and signs on the walls, and temporary obstacles."""
 
 import math
 from dataclasses import dataclass
@@ -11,18 +11,18 @@ from hw.simulation.box_segments import box_segments
 
 
 class VictimKind(StrEnum):
-    """What a victim shows of itself."""
+    """How a victim appears."""
 
     STILL = "still"
-    """Warm; it does not move."""
+    """Warm and motionless."""
     MOVING = "moving"
-    """Warm, and it waves."""
+    """Warm and waving."""
     COLD = "cold"
-    """A doll as warm as the wall."""
+    """A doll at the wall's temperature."""
 
 
 class SignKind(StrEnum):
-    """What a hazard sign warns of; each has a colour of its own, as transport placards have."""
+    """What a hazard sign warns of; each kind has its own colour, like transport placards."""
 
     EXPLOSIVE = "explosive"
     FLAMMABLE_GAS = "flammable_gas"
@@ -55,8 +55,8 @@ class Victim:
 
     Attributes:
         tag: number of the tag (ArUco, dictionary 4x4_50).
-        kind: what it shows of itself.
-        spot: where the middle of its tag is.
+        kind: how it appears.
+        spot: the middle of its tag.
     """
 
     tag: int
@@ -74,12 +74,12 @@ class HazardSign:
 
 @dataclass(frozen=True)
 class AppearingObstacle:
-    """A round obstacle or a box that is there for some time only.
+    """A temporary obstacle: a circle or a box.
 
     Attributes:
         shape_m: x, y, radius; or the two opposite corners of a box.
-        from_s: when it comes, since the world began.
-        until_s: when it goes.
+        from_s: when it appears, since the start of the simulation.
+        until_s: when it disappears.
     """
 
     shape_m: tuple[float, ...]

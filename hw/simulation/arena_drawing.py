@@ -1,4 +1,4 @@
-"""An arena drawn with characters, and the walls and obstacles in it."""
+"""Arenas drawn with characters: extracts walls and obstacles from a drawing."""
 
 import itertools
 import math
@@ -11,7 +11,7 @@ WALL, OBSTACLE, START, FREE = "#", "o", "R", ". "
 
 
 class DrawingError(ValueError):
-    """A drawing that is not an arena; `row` counts its lines from 0 at the top."""
+    """An invalid drawing; `row` is the line, counted from 0 at the top."""
 
     def __init__(self, row: int, what: str) -> None:
         super().__init__(what)
@@ -22,7 +22,7 @@ class Drawing:
     """A checked drawing: `#` wall, `.` or space free, `o` round obstacle, `R` the robot's start.
 
     Raises:
-        DrawingError: an unknown character, lines of unequal length, not exactly one start, or a way out.
+        DrawingError: an unknown character, lines of unequal length, not exactly one start, or an open border.
     """
 
     def __init__(self, lines: list[str]) -> None:
@@ -80,7 +80,7 @@ class Drawing:
             raise DrawingError(0, "the drawing has no R: mark where the robot starts")
         if len(rows) > 1:
             raise DrawingError(
-                self.rows - 1 - int(rows[0]), "the drawing has a second R: a robot starts at one place"
+                self.rows - 1 - int(rows[0]), "the drawing has a second R: a robot has only one start"
             )
         return int(rows[0]), int(columns[0])
 

@@ -30,9 +30,9 @@ KEYS = (
     "appearing",
 )
 SPOT_KEYS = ("x_m", "y_m", "height_m", "facing_rad")
-# What hangs on a wall is no farther from it.
-ON_WALL_M = 0.05
-# Free space around a point so far in front of what hangs on a wall.
+# Maximum distance of victims and signs from their wall.
+MAX_FROM_WALL_M = 0.05
+# A point this far in front of a victim or sign must be free.
 IN_FRONT_M = 0.2
 
 
@@ -52,18 +52,18 @@ def read_arena(path: Path | str) -> Arena:
     - `victims`: a list of maps: `tag` (0 to 49), `x_m`, `y_m`, `facing_rad` (out of the wall), `height_m` (of
       the middle of the tag, 0.35 if absent), `kind` (still, moving or cold; still if absent).
     - `signs`: a list of maps: `kind`, and `x_m`, `y_m`, `facing_rad`, `height_m` as for victims.
-    - `appearing`: obstacles that come and go, a list of maps: `circle: [x, y, radius]` or
-      `box: [x1, y1, x2, y2]`, `from_s`, and `until_s` if it goes again; in s since the world began.
+    - `appearing`: temporary obstacles, a list of maps: `circle: [x, y, radius]` or
+      `box: [x1, y1, x2, y2]`, `from_s`, and `until_s` if it disappears again; in s since the start.
 
     Raises:
-        ArenaError: the file is not such a file; the text names the line.
+        ArenaError: the file is invalid; the message names the line.
         OSError: the file cannot be read.
     """
     return _ArenaReader(read_yaml_map(Path(path), "an arena", KEYS)).arena()
 
 
 class _ArenaReader:
-    """Makes an arena of a file: first what is solid, then what hangs on it."""
+    """Builds an arena from a file: first walls and obstacles, then victims and signs."""
 
     def __init__(self, file: YamlMap) -> None:
         self._file = file
@@ -127,14 +127,14 @@ class _ArenaReader:
         )
 
     def _spot(self, entry: YamlMap) -> WallSpot:
-        """Read a place on a wall, and check that there is one, with free space in front of it."""
+        """Read a place on a wall; check that the wall is there and that the space in front is free."""
         x, y, facing = entry.number("x_m"), entry.number("y_m"), entry.number("facing_rad")
         distance_m = float(self._walls.clearance_m(np.array([x, y])))
-        if distance_m > ON_WALL_M:
+        if distance_m > MAX_FROM_WALL_M:
             place = f"({x:g}, {y:g})"
-            entry.fail(None, f"{place} is not on a wall: the nearest is {distance_m:.2f} m away")
+            entry.fail(None, f"{place} is not on a wall: the nearest wall is {distance_m:.2f} m away")
         front = x + IN_FRONT_M * math.cos(facing), y + IN_FRONT_M * math.sin(facing)
-        # Straight away from the wall, and neither into nor through anything.
+        # The point in front must lie straight away from the wall, not in or behind anything.
         if (
             self._walls.clearance_m(np.array(front)) < 0.9 * IN_FRONT_M
             or self._drawing.is_wall(*front, self._cell_m)
@@ -166,7 +166,7 @@ def _appearing(file: YamlMap) -> tuple[AppearingObstacle, ...]:
     obstacles = []
     for entry in file.maps("appearing", "an appearing obstacle", ("circle", "box", "from_s", "until_s")):
         if ("circle" in entry) == ("box" in entry):
-            entry.fail(None, "an appearing obstacle has either a circle or a box")
+            entry.fail(None, "an appearing obstacle needs either a circle or a box, not both")
         shape = entry.row("circle", 3) if "circle" in entry else entry.row("box", 4)
         if len(shape) == 3 and shape[2] <= 0:
             entry.fail(

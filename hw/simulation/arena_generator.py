@@ -14,13 +14,13 @@ from hw.simulation.room_plan import RoomPlan
 # Edge of a cell of the drawing, and how many cells of the finer grid it has on each side.
 CELL_M, FINE = 0.25, 5
 FINE_M = CELL_M / FINE
-# Who keeps so far from walls and obstacles gets everywhere: the stock robot of 0.2 m radius, bold or careful.
+# A robot that keeps either distance from obstacles reaches every place; the stock robot's radius is 0.2 m.
 PASS_M = (0.25, 0.35)
-# Who looks at what hangs on a wall can stand so far in front of it, and nothing is between them.
+# Victims and signs can be viewed from this distance, with nothing in between.
 VIEW_M = 0.8
-# What hangs on walls is so far apart, in the plane, that nobody takes one for another.
-APART_M = 1.0
-# Nothing is so near to the start.
+# Minimum distance in the plane between victims and signs, so that none is mistaken for another.
+MIN_APART_M = 1.0
+# Minimum distance of everything from the start.
 START_FREE_M = 1.2
 TRIES = 4
 
@@ -29,20 +29,20 @@ Circle = tuple[float, float, float]
 
 
 class CannotBeArranged(ValueError):
-    """An arena of that size has no place for so much."""
+    """The arena is too small for its contents."""
 
 
 @dataclass(frozen=True)
 class ArenaWishes:
-    """What a random arena should have.
+    """The contents wanted in a random arena.
 
     Attributes:
         width_m: extent in x, with the outer walls.
         height_m: extent in y, with the outer walls.
-        victims: on the walls, every other one waving.
-        signs: on the walls.
-        obstacles: round ones and boxes; fewer where they would keep the robot from some place.
-        appearing: round obstacles that come in the first minutes and stay for half a minute.
+        victims: number of victims on the walls; every other one waves.
+        signs: number of signs on the walls.
+        obstacles: maximum number of circles and boxes; those that would cut off a place are omitted.
+        appearing: number of circles that appear in the first minutes for half a minute.
     """
 
     width_m: float = 10.0
@@ -54,24 +54,24 @@ class ArenaWishes:
 
 
 class ArenaGenerator:
-    """Makes one arena.
+    """Generates one arena.
 
     Args:
         seed: the same seed and wishes make the same arena.
         wishes: what it should have.
 
     Attributes:
-        walls: (rows, columns), where they are; row 0 lies at y = 0.
-        start: row and column of the robot's first cell.
-        start_heading_rad: where it looks.
+        walls: (rows, columns), True at walls; row 0 lies at y = 0.
+        start: row and column of the robot's start cell.
+        start_heading_rad: the robot's heading at the start.
         boxes: x1, y1, x2, y2 of each, m.
         circles: x, y, radius of each, m.
         victims: tag, kind and place of each.
         signs: kind and place of each.
-        appearing: circle, and when it comes, s.
+        appearing: circle, and when it appears, s.
 
     Raises:
-        CannotBeArranged: the walls have no place for so many victims and signs, or the arena is too small.
+        CannotBeArranged: the walls have no room for all victims and signs, or the arena is too small.
     """
 
     def __init__(self, seed: int, wishes: ArenaWishes | None = None) -> None:
@@ -79,7 +79,9 @@ class ArenaGenerator:
         self._random = np.random.default_rng(seed)
         rows, columns = round(wishes.height_m / CELL_M), round(wishes.width_m / CELL_M)
         if min(rows, columns) < 10 or not 0 <= wishes.victims <= TAG_COUNT:
-            raise CannotBeArranged(f"an arena is at least 2.5 m wide and has at most {TAG_COUNT} victims")
+            raise CannotBeArranged(
+                f"an arena must be at least 2.5 m wide and may have at most {TAG_COUNT} victims"
+            )
         self.walls = RoomPlan(rows, columns, self._random).draw()
         self._solid = self.walls.repeat(FINE, axis=0).repeat(FINE, axis=1)
         self.start = self._choose_start()
@@ -98,7 +100,7 @@ class ArenaGenerator:
         self.appearing = [self._choose_appearing() for _ in range(wishes.appearing)]
 
     def _choose_start(self) -> tuple[int, int]:
-        """Return a cell with free cells all around, rather in a corner of the arena than in its middle."""
+        """Return a cell with free cells all around, preferably near a corner of the arena."""
         roomy = np.argwhere(ndimage.distance_transform_cdt(~self.walls, "chessboard") >= 3)
         some = self._random.permutation(roomy)[:TRIES]
         middle = np.array(self.walls.shape) / 2
@@ -106,13 +108,13 @@ class ArenaGenerator:
         return int(row), int(column)
 
     def _reached(self, solid: Mask, apart_m: float = PASS_M[-1]) -> tuple[Mask, Mask]:
-        """Return what is so far from everything, and what of that can be reached."""
+        """Return the cells that far from everything solid, and those of them that can be reached."""
         roomy = np.asarray(ndimage.distance_transform_edt(~solid) * FINE_M > apart_m)
         start = self.start[0] * FINE + FINE // 2, self.start[1] * FINE + FINE // 2
         return roomy, connected(roomy, start)
 
     def _is_connected(self, solid: Mask) -> bool:
-        """Say whether all that is wide enough to be in can be reached."""
+        """Return whether every place that is wide enough can be reached."""
         both = (self._reached(solid, apart_m) for apart_m in PASS_M)
         return all(reached.sum() >= 0.999 * roomy.sum() for roomy, reached in both)
 
@@ -120,7 +122,7 @@ class ArenaGenerator:
         return math.hypot(x_m - (self.start[1] + 0.5) * CELL_M, y_m - (self.start[0] + 0.5) * CELL_M)
 
     def _add_obstacle(self) -> None:
-        """Add a box or a round obstacle, if some tries find a place where it cuts nothing off."""
+        """Add a box or circle if one of some tries finds a place where it cuts nothing off."""
         for _ in range(TRIES):
             x, y = self._place(~self._solid)
             if self._random.random() < 0.5:
@@ -141,7 +143,7 @@ class ArenaGenerator:
                     return
 
     def _block(self, covered: Mask, from_start_m: float) -> bool:
-        """Make cells solid, unless they are too near the start or cut something off; say whether."""
+        """Make cells solid unless they are too near the start or cut something off; return whether."""
         solid = self._solid | covered
         if from_start_m <= START_FREE_M / 2 or not self._is_connected(solid):
             return False
@@ -158,13 +160,13 @@ class ArenaGenerator:
         return np.asarray((x >= x1 - reach) & (x <= x2 + reach) & (y >= y1 - reach) & (y <= y2 + reach))
 
     def _place(self, where: Mask) -> tuple[float, float]:
-        """Return x and y of a random one of some fine cells, m."""
+        """Return x and y of a random cell of the mask, m."""
         cells = np.argwhere(where)
         row, column = cells[self._random.integers(len(cells))]
         return round((column + 0.5) * FINE_M, 3), round((row + 0.5) * FINE_M, 3)
 
     def _choose_spots(self, count: int) -> list[WallSpot]:
-        """Return places on walls that are apart and can be looked at; each the farthest of some tries."""
+        """Return places on walls that can be viewed; each is the farthest from the others of some tries."""
         candidates = [
             spot for spot in self._wall_middles() if self._from_start_m(spot.x_m, spot.y_m) > START_FREE_M
         ]
@@ -175,10 +177,12 @@ class ArenaGenerator:
             candidates = [
                 spot
                 for spot in candidates
-                if all(math.dist((spot.x_m, spot.y_m), (other.x_m, other.y_m)) > APART_M for other in chosen)
+                if all(
+                    math.dist((spot.x_m, spot.y_m), (other.x_m, other.y_m)) > MIN_APART_M for other in chosen
+                )
             ]
             if not candidates:
-                raise CannotBeArranged(f"the walls have no place for {count} victims and signs")
+                raise CannotBeArranged(f"the walls have no room for {count} victims and signs")
             some = [candidates[n] for n in self._random.integers(len(candidates), size=TRIES)]
             chosen.append(max(some, key=lambda spot: _nearest_m(spot, chosen)))
         order = self._random.permutation(len(chosen))
@@ -215,7 +219,7 @@ class ArenaGenerator:
         return bool(reached[rows[-1, middle], columns[-1, middle]]) and not self._solid[rows, columns].any()
 
     def _choose_appearing(self) -> tuple[Circle, float]:
-        """Return a round obstacle somewhere off the start, and when it comes, s."""
+        """Return a circle away from the start, and when it appears, s."""
         rows, columns = self._solid.shape
         y, x = (np.mgrid[:rows, :columns] + 0.5) * FINE_M
         start_y, start_x = (cell * CELL_M for cell in self.start)

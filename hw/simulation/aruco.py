@@ -25,9 +25,9 @@ def tag_cells(tag: int) -> NDArray[np.bool_]:
     """Return a tag with its black border: (6, 6), True is white.
 
     Raises:
-        ValueError: there is no such tag.
+        ValueError: the dictionary has no such tag.
     """
     if not 0 <= tag < TAG_COUNT:
-        raise ValueError(f"there are tags from 0 to {TAG_COUNT - 1}, not {tag}")
+        raise ValueError(f"tag must be from 0 to {TAG_COUNT - 1}, not {tag}")
     bits = [PATTERNS[tag] >> (15 - place) & 1 for place in range(16)]
     return np.pad(np.array(bits, dtype=np.bool_).reshape(4, 4), 1)

@@ -8,22 +8,22 @@ import numpy as np
 from hw.battery import Battery, BatteryReading
 from hw.drive import DriveState
 
-# Open-circuit voltage of a lithium-ion cell, V, over the charge left, as a ratio: flat, then a knee.
+# Open-circuit voltage of a lithium-ion cell, V, over the remaining charge, as a ratio.
 CHARGE = (0.0, 0.05, 0.1, 0.2, 0.5, 0.8, 1.0)
 CELL_V = (3.0, 3.35, 3.5, 3.6, 3.75, 3.98, 4.2)
 
 
 @dataclass(frozen=True)
 class BatteryModel:
-    """What a battery holds and what a robot takes from it; the defaults last the stock robot about two hours.
+    """A battery and a robot's consumption; with the defaults the stock robot runs for about two hours.
 
     Attributes:
-        capacity_ah: when full.
-        cells: in series.
-        resistance_ohm: within the battery.
-        idle_w: power of the robot that stands.
-        driving_w_per_m_per_s: more power for each m/s.
-        turning_w_per_rad_per_s: more power for each rad/s.
+        capacity_ah: charge when full.
+        cells: number of cells in series.
+        resistance_ohm: internal resistance.
+        idle_w: power of a robot that stands still.
+        driving_w_per_m_per_s: additional power per m/s.
+        turning_w_per_rad_per_s: additional power per rad/s.
     """
 
     capacity_ah: float = 5.0
@@ -34,7 +34,7 @@ class BatteryModel:
     turning_w_per_rad_per_s: float = 6.0
 
     def power_w(self, linear_m_per_s: float, angular_rad_per_s: float) -> float:
-        """Return the power that a robot takes at these speeds."""
+        """Return the robot's power at these speeds."""
         driving = self.driving_w_per_m_per_s * abs(linear_m_per_s)
         return self.idle_w + driving + self.turning_w_per_rad_per_s * abs(angular_rad_per_s)
 
@@ -43,9 +43,9 @@ class BatteryModel:
         return self.cells * float(np.interp(charge_ah / self.capacity_ah, CHARGE, CELL_V))
 
     def current_a(self, power_w: float, charge_ah: float) -> float:
-        """Return the current that gives a power at the terminals, or the most there is.
+        """Return the current for a power at the terminals, or the maximum current.
 
-        It solves power = (open-circuit voltage - resistance * current) * current.
+        Solves power = (open-circuit voltage - resistance * current) * current.
         """
         open_v = self.open_circuit_v(charge_ah)
         root = open_v**2 - 4 * self.resistance_ohm * power_w
@@ -53,11 +53,11 @@ class BatteryModel:
 
 
 class SimulatedBattery(Battery):
-    """Drains with time, the faster the faster the robot moves.
+    """A battery that drains with time, faster when the robot moves faster.
 
     Args:
-        model: what it holds, and what is taken from it.
-        charge_ah: what it holds at first; full if absent.
+        model: the battery and the robot's consumption.
+        charge_ah: initial charge; full by default.
     """
 
     def __init__(self, model: BatteryModel | None = None, charge_ah: float | None = None) -> None:
@@ -68,7 +68,7 @@ class SimulatedBattery(Battery):
         )
 
     def drain(self, truth: DriveState) -> None:
-        """Take what the robot's motion since the last call has needed; the first call takes nothing."""
+        """Drain what the robot consumed since the last call; the first call drains nothing."""
         model, before = self._model, self._reading
         power_w = model.power_w(truth.linear_m_per_s, truth.angular_rad_per_s)
         current_a = model.current_a(power_w, before.charge_ah) if before.charge_ah > 0 else 0.0
@@ -79,10 +79,10 @@ class SimulatedBattery(Battery):
         self._reading = BatteryReading(truth.stamp_s, voltage_v, current_a, charge_ah, model.capacity_ah)
 
     def set_charge(self, charge_ah: float) -> None:
-        """Hold so much from now on, and be drained from there."""
+        """Set the charge."""
         open_v = self._model.open_circuit_v(charge_ah)
         self._reading = replace(self._reading, charge_ah=charge_ah, voltage_v=open_v, current_a=0.0)
 
     def read(self) -> BatteryReading:
-        """Return its state after the last motion."""
+        """Return the state after the last motion."""
         return self._reading

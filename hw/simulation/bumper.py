@@ -13,16 +13,16 @@ RAYS = 180
 
 
 class BumperNotPlaced(RuntimeError):
-    """The simulated bumper was asked what it touches before it was told where the robot is."""
+    """The simulated bumper was read before it was placed."""
 
 
 class SimulatedBumper(Bumper):
-    """Touches whatever is nearer to the robot's body than its own travel.
+    """A bumper that touches everything nearer to the robot's body than its travel.
 
     Args:
-        arena: the world; it may be replaced by what has become of it.
-        body_radius_m: the robot's.
-        travel_m: how far the bumper stands out; more than the robot drives in one step of its simulation.
+        arena: the world; you may replace it when it changes.
+        body_radius_m: the robot's radius.
+        travel_m: the bumper's overhang; must exceed the robot's way in one simulation step.
     """
 
     def __init__(self, arena: Arena, body_radius_m: float = 0.20, travel_m: float = 0.012) -> None:
@@ -40,15 +40,13 @@ class SimulatedBumper(Bumper):
         self._placed = (robot, stamp_s)
 
     def read(self) -> Contact:
-        """Return what it touches where it was last placed.
+        """Return the contacts at the last place.
 
         Raises:
-            BumperNotPlaced: nobody has called `place` yet.
+            BumperNotPlaced: `place` has not been called.
         """
         if self._placed is None:
-            raise BumperNotPlaced(
-                "the simulated bumper does not know where it is: call place() before read()"
-            )
+            raise BumperNotPlaced("the simulated bumper has no pose: call place() before read()")
         robot, stamp_s = self._placed
         if self.arena.clearance_m(np.array(robot[:2])) >= self._reach_m:
             return Contact(stamp_s, ())

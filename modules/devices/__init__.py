@@ -1,1 +1,1 @@
-"""Modules that connect one device each with messages."""
+"""Modules that each connect one device to messages."""

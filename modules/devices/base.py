@@ -1,4 +1,4 @@
-"""The robot's base: passes drive commands to the drive and says where the wheels think it is."""
+"""The robot's base: passes drive commands to the drive and publishes wheel odometry."""
 
 import json
 import math
@@ -33,46 +33,48 @@ MANUAL_TOPIC = "manual"
 
 
 class SimulatedBase(SimulatedDevice):
-    """The base of a simulated robot. It also tells where the robot really is, on topic `ground_truth`.
+    """The base of a simulated robot. It also publishes the robot's true pose, on topic `ground_truth`.
 
-    The map frame is where the robot started, as for a real robot's odometry.
+    The map frame has its origin at the robot's start, as a real robot's odometry does.
 
-    A drive command expires: when no newer one comes in time, the drive stops by itself, whatever became of
-    the module that sent it. An emergency stop latches, over a restart too: the robot stands until an
-    `EmergencyStop` that is not engaged comes. A restarted base finds the robot where it was at the last tick,
-    at rest.
+    A drive command expires: if no newer one arrives in time, the drive stops, even if the module that sent
+    it has died. An emergency stop latches and survives a restart: the robot stands still until it receives
+    an `EmergencyStop` with `engaged` false. After a restart of the base, the robot is at rest where it was
+    at the last tick.
 
     Publishes `Odometry` on `odom` and `ground_truth`, `EmergencyStop` on `emergency_stop_state`, and, if the
-    arena has obstacles that come and go, `SimulatedWorld` on `ground_truth`.
+    arena has temporary obstacles, `SimulatedWorld` on `ground_truth`.
     """
 
-    seed: int = setting(0, "of the wheels' slip")
+    seed: int = setting(0, "random seed of the wheels' slip")
     period_s: float = setting(0.05, "time between odometry messages", minimum=0.005)
     manual_hold_s: float = setting(
-        2.0, "after a command by hand (on topic `manual`) no other ones are followed for so long", minimum=0.0
+        2.0,
+        "after a command on topic `manual`, commands from other topics are ignored for this time",
+        minimum=0.0,
     )
 
     def setup(self) -> None:
-        """Put the robot at the arena's start, or where it was."""
+        """Put the robot at the arena's start, or where it was before the restart."""
         arena = read_arena(self.arena)
         self.start = arena.start
         self.changes = bool(arena.appearing)
         resumed = None if self.restored is None else world_of(self.restored)
         self.drive = SimulatedDrive(arena, self._time_s, seed=self.seed, resumed=resumed)
-        self.stop_reason = "it was engaged before a restart" if self.drive.is_emergency_stopped else ""
+        self.stop_reason = "engaged before a restart" if self.drive.is_emergency_stopped else ""
         self.manual_until_s = -math.inf
         self.subscribe(DriveCommand, self.on_command)
         self.subscribe(EmergencyStop, self.on_emergency_stop, topic="emergency_stop")
         self.subscribe(BatteryState, self.on_battery, MessageHandling.KEEP_ONLY_NEWEST, topic="battery")
 
     def on_command(self, command: DriveCommand) -> None:
-        """Drive as told, for as long as the command is valid; by hand goes before all else."""
+        """Follow the command while it is valid; manual commands take precedence over all others."""
         now_s = self._time_s()
         if self.envelope.topic == MANUAL_TOPIC:
             self.manual_until_s = now_s + self.manual_hold_s
         elif now_s < self.manual_until_s:
             return
-        # Since it was published, for this module may have been stopped while it waited.
+        # The age counts from publication: this module may have been stopped while the command waited.
         age_s = max(0.0, now_s - self.envelope.published_ns / 1e9)
         valid_for_s = command.valid_for.nanoseconds / 1e9
         if age_s >= valid_for_s > 0:
@@ -83,11 +85,11 @@ class SimulatedBase(SimulatedDevice):
         except DriveCommandError as error:
             self.drive.stop()
             self.log.error(
-                "stopped, because a command from %s cannot be followed: %s", self.envelope.sender, error
+                "stopped the robot because a command from %s is invalid: %s", self.envelope.sender, error
             )
 
     def on_emergency_stop(self, request: EmergencyStop) -> None:
-        """Stop at once and stay, or be ready to drive again."""
+        """Engage the emergency stop, or release it."""
         self.stop_reason = request.reason if request.engaged else ""
         if request.engaged:
             self.drive.stop_for_emergency()
@@ -98,14 +100,14 @@ class SimulatedBase(SimulatedDevice):
         self._confirm()
 
     def on_battery(self, battery: BatteryState) -> None:
-        """Stand when there is no power to drive with."""
+        """Engage the emergency stop when the battery is empty."""
         if battery.percentage <= 0 and not self.drive.is_emergency_stopped:
             self.stop_reason = "the battery is empty"
             self.drive.stop_for_emergency()
-            self.log.error("the battery is empty: the robot stands")
+            self.log.error("the battery is empty: emergency stop")
 
     def tick(self) -> None:
-        """Publish odometry, the truth, and whether it is stopped; remember them."""
+        """Publish odometry, the true pose and the emergency stop's state; checkpoint them."""
         state, truth = self.drive.read(), self.drive.ground_truth()
         stamp = Time.from_nanoseconds(self.clock.now_ns())
         self.publish(odometry(state, stamp, "odom"), topic="odom")
@@ -123,7 +125,7 @@ class SimulatedBase(SimulatedDevice):
         )
 
     def _confirm(self) -> None:
-        """Say whether it is stopped, and remember it and where the robot is: a restart must not forget it."""
+        """Checkpoint the world and publish the emergency stop's state, so that both survive a restart."""
         self.checkpoint(state_of(self.drive.world_state()))
         stamp = Time.from_nanoseconds(self.clock.now_ns())
         state = EmergencyStop(
@@ -134,7 +136,7 @@ class SimulatedBase(SimulatedDevice):
         self.publish(state, topic="emergency_stop_state")
 
     def teardown(self) -> None:
-        """Stop the robot; write into `base.json` what it hit, how often no new command came, where it is."""
+        """Stop the robot; write collisions, expired commands and distance from the start to `base.json`."""
         self.drive.stop()
         counted = {
             "collisions": self.drive.collisions,
@@ -156,13 +158,13 @@ def state_of(world: WorldState) -> dict[str, object]:
 
 
 def world_of(state: dict[str, Any]) -> WorldState:
-    """Return the world that `state_of` made plain data of."""
+    """Return the world that `state_of` described."""
     poses = {"true_pose": Pose2D(*state["true_pose"]), "odometry": Pose2D(*state["odometry"])}
     return WorldState(**state | poses)
 
 
 def odometry(state: DriveState, stamp: Time, frame: str) -> Odometry:
-    """Make a message of how a robot moves."""
+    """Return the odometry message for a drive state."""
     pose = Pose(
         position=Point(x=state.pose.x_m, y=state.pose.y_m),
         orientation=Quaternion.from_yaw(state.pose.heading_rad),

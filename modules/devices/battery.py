@@ -10,16 +10,16 @@ from robbie_mp.messages import BatteryState
 
 
 class SimulatedBatteryModule(SimulatedDevice):
-    """A simulated battery that time and motion drain; publishes `BatteryState` on topic `battery`.
+    """A simulated battery drained by time and motion; publishes `BatteryState` on topic `battery`.
 
-    A restarted one holds what it held.
+    Its charge survives a restart.
     """
 
-    capacity_ah: float = setting(5.0, "what it holds when full", minimum=0.001)
-    first_charge: float = setting(1.0, "what it holds at first, as a ratio", minimum=0.0, maximum=1.0)
+    capacity_ah: float = setting(5.0, "capacity when full, Ah", minimum=0.001)
+    first_charge: float = setting(1.0, "charge at the first start, as a ratio", minimum=0.0, maximum=1.0)
     virtual_charge: float | None = setting(
         None,
-        "charge by hand, as a ratio: it holds so much from now on; null: what it happens to hold",
+        "sets the charge, as a ratio, from now on; null: leaves it to the simulation",
         minimum=0.0,
         maximum=1.0,
         changeable=True,
@@ -27,14 +27,14 @@ class SimulatedBatteryModule(SimulatedDevice):
     period_s: float = setting(1.0, "time between messages", minimum=0.05)
 
     def setup(self) -> None:
-        """Make the battery."""
+        """Create the battery."""
         first = self.first_charge if self.virtual_charge is None else self.virtual_charge
         charge_ah = first * self.capacity_ah if self.restored is None else self.restored["charge_ah"]
         self.battery = SimulatedBattery(BatteryModel(self.capacity_ah), charge_ah)
         self.world = SharedWorld(self, self.arena, self.on_truth)
 
     def setting_changed(self, _name: str) -> None:
-        """Hold what somebody wants it to hold."""
+        """Set the charge that the operator asked for."""
         if self.virtual_charge is not None:
             self.battery.set_charge(self.virtual_charge * self.capacity_ah)
 
@@ -43,9 +43,9 @@ class SimulatedBatteryModule(SimulatedDevice):
         self.battery.drain(truth)
 
     def tick(self) -> None:
-        """Publish the battery's state, and remember it; where there is no base, if it was set by hand."""
+        """Publish and checkpoint the battery's state; without a base, only if its charge was set manually."""
         if self.world.truth is None and self.virtual_charge is None:
-            self.status = "waits for the simulated base"
+            self.status = "waiting for the simulated base"
             return
         stamp = self.world.stamp if self.world.truth else Time.from_nanoseconds(self.clock.now_ns())
         reading = self.battery.read()

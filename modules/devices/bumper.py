@@ -8,23 +8,23 @@ from robbie_mp.messages import Bumper
 
 
 class SimulatedBumperModule(SimulatedDevice):
-    """A simulated bumper; publishes `Bumper` on topic `bumper`, whether it touches something or not."""
+    """A simulated bumper; publishes `Bumper` on topic `bumper` at every tick, pressed or not."""
 
     period_s: float = setting(0.1, "time between messages", minimum=0.01)
     virtual_pressed: list[str] = setting(
-        [], "parts pressed by hand, whether they touch something or not", choices=PARTS, changeable=True
+        [], "parts that report contact even if they touch nothing", choices=PARTS, changeable=True
     )
 
     def setup(self) -> None:
-        """Make the bumper; it feels nothing until it knows where it is."""
+        """Create the bumper; it reports nothing until the simulated base has published its pose."""
         self.world = SharedWorld(self, self.arena)
         self.bumper = SimulatedBumper(self.world.arena)
 
     def tick(self) -> None:
-        """Publish what it touches, and what is pressed by hand; the latter even where there is no base."""
+        """Publish the parts that touch something or are pressed manually; the latter even without a base."""
         truth = self.world.truth
         if truth is None and not self.virtual_pressed:
-            self.status = "waits for the simulated base"
+            self.status = "waiting for the simulated base"
             return
         stamp, touched = Time.from_nanoseconds(self.clock.now_ns()), set(self.virtual_pressed)
         if truth is not None:
@@ -35,5 +35,5 @@ class SimulatedBumperModule(SimulatedDevice):
         pressed = [part for part in PARTS if part in touched]
         header = Header(stamp=stamp, frame_id="base_link")
         self.publish(Bumper(header=header, pressed=pressed), topic="bumper")
-        by_hand = f", by hand: {', '.join(self.virtual_pressed)}" if self.virtual_pressed else ""
+        by_hand = f", manually: {', '.join(self.virtual_pressed)}" if self.virtual_pressed else ""
         self.status = f"pressed: {', '.join(pressed) or 'nothing'}{by_hand}"

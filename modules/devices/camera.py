@@ -16,14 +16,14 @@ from robbie_mp.messages import CameraInfo, Image, JointState
 class SimulatedCameraModule(SimulatedDevice):
     """A simulated camera on the pan-tilt unit; publishes `Image` and `CameraInfo` on topic `camera`.
 
-    Without a pan-tilt unit it looks straight ahead.
+    Without a pan-tilt unit the camera looks straight ahead.
     """
 
     width: int = setting(320, "columns of an image", minimum=16, maximum=1280)
     height: int = setting(240, "rows of an image", minimum=16, maximum=1024)
-    field_of_view_rad: float = setting(1.047, "horizontal", minimum=0.1, maximum=2.0)
-    noise: float = setting(2.0, "standard deviation of a pixel's values", minimum=0.0)
-    seed: int = setting(0, "of the noise")
+    field_of_view_rad: float = setting(1.047, "horizontal field of view", minimum=0.1, maximum=2.0)
+    noise: float = setting(2.0, "standard deviation of pixel values", minimum=0.0)
+    seed: int = setting(0, "random seed of the noise")
     period_s: float = setting(0.1, "time between images", minimum=0.01)
 
     camera_class: ClassVar[type[SimulatedCamera]] = SimulatedCamera
@@ -31,7 +31,7 @@ class SimulatedCameraModule(SimulatedDevice):
     encoding: ClassVar[str] = "rgb8"
 
     def setup(self) -> None:
-        """Make the camera; it sees nothing until it knows where it is."""
+        """Create the camera; it takes no image until the simulated base has published its pose."""
         geometry = CameraGeometry(self.width, self.height, self.field_of_view_rad)
         self.world = SharedWorld(self, self.arena)
         self.camera = self.camera_class(self.world.arena, geometry, self.noise, self.seed)
@@ -44,7 +44,7 @@ class SimulatedCameraModule(SimulatedDevice):
         """Publish an image."""
         truth = self.world.truth
         if truth is None:
-            self.status = "waits for the simulated base"
+            self.status = "waiting for the simulated base"
             return
         self.camera.arena = self.world.arena
         self.camera.place(truth.pose, truth.stamp_s)
@@ -84,7 +84,7 @@ class SimulatedThermalCameraModule(SimulatedCameraModule):
 
     width: int = setting(160, "columns of an image", minimum=16, maximum=1280)
     height: int = setting(120, "rows of an image", minimum=16, maximum=1024)
-    noise: float = setting(5.0, "standard deviation of a pixel, hundredths of a kelvin", minimum=0.0)
+    noise: float = setting(5.0, "standard deviation of pixel values, hundredths of a kelvin", minimum=0.0)
 
     camera_class = SimulatedThermalCamera
     topic = "thermal"

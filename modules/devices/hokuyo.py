@@ -1,4 +1,4 @@
-"""The robot's laser range finder, if it is one of Hokuyo's."""
+"""The robot's laser range finder, if it is a Hokuyo."""
 
 from hw.hokuyo.laser import HokuyoLaser
 from robbie_mp import Header, Module, Time, setting
@@ -8,12 +8,16 @@ from robbie_mp.messages import LaserScan
 class HokuyoLaserRangeFinder(Module):
     """A laser on a serial port or USB, such as the URG-04LX.
 
-    A laser that falls silent ends this module's process; the supervisor starts it again until it speaks.
+    If the laser falls silent, this module's process ends; the supervisor restarts it until the laser answers.
     """
 
     port: str = setting("/dev/ttyACM0", "serial port of the laser")
-    timeout_s: float = setting(0.5, "a laser that says nothing for so long is silent", minimum=0.05)
-    period_s: float = setting(0.02, "time between looks for a sweep, less than between sweeps", minimum=0.001)
+    timeout_s: float = setting(
+        0.5, "the laser counts as silent when it sends nothing for this time", minimum=0.05
+    )
+    period_s: float = setting(
+        0.02, "time between checks for a sweep; less than the laser's scan time", minimum=0.001
+    )
 
     def setup(self) -> None:
         """Open the laser."""
@@ -21,7 +25,7 @@ class HokuyoLaserRangeFinder(Module):
         self.scans = 0
 
     def tick(self) -> None:
-        """Wait for a sweep, and publish it."""
+        """Wait for a sweep and publish it."""
         sweep, geometry = self.laser.scan(), self.laser.geometry
         self.publish(
             LaserScan(

@@ -9,24 +9,24 @@ from modules.devices.simulated_world import SharedWorld, SimulatedDevice
 from robbie_mp import Header, setting
 from robbie_mp.messages import Imu, Vector3
 
-# How ROS says that a message has no orientation.
+# ROS's convention for a message without orientation.
 NO_ORIENTATION = np.array([-1.0] + [0.0] * 8)
 
 
 class SimulatedImuModule(SimulatedDevice):
-    """A simulated IMU: a sample for each true pose that the simulated base tells; on topic `imu`."""
+    """A simulated IMU: publishes a sample on topic `imu` for each true pose from the base."""
 
-    seed: int = setting(0, "of noise and biases")
+    seed: int = setting(0, "random seed of noise and biases")
 
     def setup(self) -> None:
-        """Make the unit."""
+        """Create the IMU."""
         self.imu = SimulatedImu(self.seed)
         self.samples = 0
         self.world = SharedWorld(self, self.arena, self.on_truth)
-        self.status = "waits for the simulated base"
+        self.status = "waiting for the simulated base"
 
     def on_truth(self, truth: DriveState) -> None:
-        """Publish what the unit has felt."""
+        """Publish what the IMU measured."""
         if not self.imu.move(truth):
             return
         sample = self.imu.read()

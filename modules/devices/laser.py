@@ -8,20 +8,20 @@ from robbie_mp.messages import LaserScan
 
 
 class SimulatedLaserRangeFinder(SimulatedDevice):
-    """A simulated laser; it learns from the simulated base where the robot really is."""
+    """A simulated laser; it gets the robot's true pose from the simulated base."""
 
-    seed: int = setting(0, "of the noise")
+    seed: int = setting(0, "random seed of the noise")
     noise_m: float = setting(0.01, "standard deviation of a range", minimum=0.0)
-    range_max_m: float = setting(10.0, "farther things are not measured", minimum=0.1)
+    range_max_m: float = setting(10.0, "maximum range", minimum=0.1)
     period_s: float = setting(0.1, "time between scans", minimum=0.005)
     virtual_failure: LaserFailure = setting(
         LaserFailure.NONE,
-        "fails by hand: silent sends nothing, blind sees nothing, frozen repeats its last sweep",
+        "simulated failure: silent sends nothing, blind sees nothing, frozen repeats its last sweep",
         changeable=True,
     )
 
     def setup(self) -> None:
-        """Make the laser; it measures nothing until it knows where it is."""
+        """Create the laser; it measures nothing until the simulated base has published its pose."""
         geometry = LaserGeometry(range_max_m=self.range_max_m)
         self.world = SharedWorld(self, self.arena)
         self.laser = SimulatedLaser(self.world.arena, geometry, noise_m=self.noise_m, seed=self.seed)
@@ -29,21 +29,21 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
         self.scans = 0
 
     def setting_changed(self, _name: str) -> None:
-        """Fail, or work again."""
+        """Start or end the simulated failure."""
         self.laser.failure = self.virtual_failure
 
     def tick(self) -> None:
         """Publish a scan."""
         truth = self.world.truth
         if truth is None:
-            self.status = "waits for the simulated base"
+            self.status = "waiting for the simulated base"
             return
         self.laser.arena = self.world.arena
         self.laser.place(truth.pose, truth.stamp_s)
         try:
             sweep = self.laser.scan()
         except LaserSilent:
-            self.status = f"{self.scans} scans, silent by hand"
+            self.status = f"{self.scans} scans, failure: silent"
             return
         geometry = self.laser.geometry
         self.publish(
@@ -59,5 +59,5 @@ class SimulatedLaserRangeFinder(SimulatedDevice):
             )
         )
         self.scans += 1
-        failure = "" if self.virtual_failure is LaserFailure.NONE else f", {self.virtual_failure} by hand"
+        failure = "" if self.virtual_failure is LaserFailure.NONE else f", failure: {self.virtual_failure}"
         self.status = f"{self.scans} scans of {geometry.beams} beams{failure}"

@@ -11,28 +11,28 @@ from robbie_mp.messages import JointState, PanTiltCommand
 class SimulatedPanTiltModule(Module):
     """A simulated pan-tilt unit: follows `PanTiltCommand`, publishes `JointState` on topic `pan_tilt`.
 
-    The joints are `pan` and `tilt`. A restarted unit looks where it looked at the last tick.
+    The joints are `pan` and `tilt`. A restarted unit keeps the direction of the last tick.
     """
 
-    rate_rad_per_s: float = setting(2.0, "how fast each joint turns", minimum=0.01)
+    rate_rad_per_s: float = setting(2.0, "speed of each joint", minimum=0.01)
     period_s: float = setting(0.05, "time between messages", minimum=0.01)
 
     def setup(self) -> None:
-        """Make the unit; it looks straight ahead, or where it looked."""
+        """Create the unit, looking straight ahead or where it looked before the restart."""
         limits = PanTiltLimits(rate_rad_per_s=self.rate_rad_per_s)
         pan_rad, tilt_rad = (0.0, 0.0) if self.restored is None else self.restored["direction"]
         self.unit = SimulatedPanTilt(self._time_s, limits, (pan_rad, tilt_rad))
         self.subscribe(PanTiltCommand, self.on_command)
 
     def on_command(self, command: PanTiltCommand) -> None:
-        """Begin to look there."""
+        """Start moving to a direction."""
         try:
             self.unit.look(command.pan_rad, command.tilt_rad)
         except PanTiltError as error:
-            self.log.error("a command from %s cannot be followed: %s", self.envelope.sender, error)
+            self.log.error("ignored an invalid command from %s: %s", self.envelope.sender, error)
 
     def tick(self) -> None:
-        """Publish where the unit looks, and remember it."""
+        """Publish and checkpoint the unit's direction."""
         state = self.unit.read()
         self.publish(
             JointState(

@@ -1,4 +1,4 @@
-"""Where the pan-tilt unit looked lately, for devices that stand on it."""
+"""Recent directions of the pan-tilt unit, for devices mounted on it."""
 
 import math
 from collections import deque
@@ -7,20 +7,20 @@ import numpy as np
 
 from robbie_mp.messages import JointState
 
-# At 20 messages a second the last second.
-REMEMBERED = 20
-# A joint that was last seen to turn is taken to have turned on for so long at most.
-GOES_ON_S = 0.1
+# The last second at 20 messages a second.
+MAX_MESSAGES = 20
+# A joint that was last seen turning is extrapolated for at most this time.
+MAX_EXTRAPOLATION_S = 0.1
 
 
 class PanTiltHistory:
-    """Remembers what the pan-tilt unit has told; before that, it looks straight ahead."""
+    """The last directions that the pan-tilt unit published; straight ahead before the first."""
 
     def __init__(self) -> None:
-        self._told: deque[tuple[float, ...]] = deque(maxlen=REMEMBERED)
+        self._told: deque[tuple[float, ...]] = deque(maxlen=MAX_MESSAGES)
 
     def add(self, message: JointState) -> None:
-        """Remember where it looks; a message without both joints, or with what is no angle, is left out."""
+        """Add a direction; a message that lacks a joint or has a non-finite angle is ignored."""
         angles = dict(zip(message.name, message.position.tolist(), strict=False))
         rates = dict(zip(message.name, message.velocity.tolist(), strict=False))
         joints = [angles.get(name, math.nan) for name in ("pan", "tilt")]
@@ -29,14 +29,14 @@ class PanTiltHistory:
             return
         stamp_s = message.header.stamp.nanoseconds / 1e9
         if self._told and stamp_s <= self._told[-1][0]:
-            self._told.clear()  # time has begun anew
+            self._told.clear()  # time was reset
         self._told.append((stamp_s, *joints))
 
     def at(self, stamp_s: float) -> tuple[float, float]:
-        """Return pan and tilt at a moment, rad, from what is known of the time around it."""
+        """Return pan and tilt at a time, rad, interpolated or briefly extrapolated."""
         if not self._told:
             return 0.0, 0.0
         stamps, pans, tilts, pan_rates, tilt_rates = np.array(self._told).T
-        on_s = min(max(stamp_s - stamps[-1], 0.0), GOES_ON_S)
+        on_s = min(max(stamp_s - stamps[-1], 0.0), MAX_EXTRAPOLATION_S)
         pan, tilt = np.interp(stamp_s, stamps, pans), np.interp(stamp_s, stamps, tilts)
         return float(pan + on_s * pan_rates[-1]), float(tilt + on_s * tilt_rates[-1])

@@ -1,4 +1,4 @@
-"""What the modules of simulated devices have in common: the world they share."""
+"""The world that the modules of simulated devices share."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -13,11 +13,11 @@ from robbie_mp.messages import Odometry, SimulatedWorld
 class SimulatedDevice(Module):
     """A module whose device lives in an arena."""
 
-    arena: Path = setting(REQUIRED, "the world the robot drives in (YAML)", must_exist=True)
+    arena: Path = setting(REQUIRED, "the arena file of the simulated world (YAML)", must_exist=True)
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
-        """Read the arena, so that a mistake in it is an error before anything starts."""
+        """Read the arena, so that a mistake in it is reported before anything starts."""
         file = settings["arena"]
         assert isinstance(file, Path)
         try:
@@ -27,13 +27,13 @@ class SimulatedDevice(Module):
 
 
 class SharedWorld:
-    """The arena as it is now, and the robot in it, as the simulated base tells them on `ground_truth`.
+    """The arena and the robot's true state, as the simulated base publishes them on `ground_truth`.
 
     Args:
-        module: whose device lives in the world; it subscribes.
-        file: the arena's.
-        on_truth: called with every true state of the robot, pose in the arena frame; if absent, only the
-            newest is kept, for who asks for it now and then.
+        module: the module of the device; it subscribes.
+        file: the arena file.
+        on_truth: called with every true state of the robot, pose in the arena frame; without it, only the
+            newest state is delivered.
     """
 
     def __init__(
@@ -43,9 +43,9 @@ class SharedWorld:
         self._on_truth = on_truth
         self.arena = self._whole
         self.truth: DriveState | None = None
-        """How the robot moves; None before the base has told."""
+        """The robot's true state, pose in the arena frame; None before the base's first message."""
         self.stamp = Time()
-        """When it moved so, exactly."""
+        """The exact time of `truth`."""
         handling = MessageHandling.KEEP_ONLY_NEWEST if on_truth is None else MessageHandling.ALWAYS_DELIVER
         module.subscribe(Odometry, self._on_odometry, handling, topic="ground_truth")
         if self._whole.appearing:

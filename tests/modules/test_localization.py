@@ -104,7 +104,7 @@ def test_map_and_first_pose_come_as_messages(drive: Drive) -> None:
         origin=pose_of(float(corner[0]), float(corner[1]), 0.0),
     )
     with ModuleHarness(MonteCarloLocalization) as harness:
-        assert harness.module.status == "waits for the map"
+        assert harness.module.status == "waiting for the map"
         harness.send(OccupancyGrid(info=info, data=cells.ravel()))
         harness.send(PoseStamped(pose=pose_of(*drive.arena.start)), topic="initial_pose")
         *_, truth = along(drive, harness, 0.3)

@@ -115,7 +115,7 @@ def test_laser_that_stops_says_why(device: FakeHokuyo) -> None:
 def test_laser_that_falls_silent_is_noticed(device: FakeHokuyo) -> None:
     laser = opened(device)
     laser._port.timeout = 0.1
-    with pytest.raises(LaserSilent, match=r"said nothing for 0\.1 s"):
+    with pytest.raises(LaserSilent, match=r"sent nothing for 0\.1 s"):
         laser.scan()
     laser.close()
 

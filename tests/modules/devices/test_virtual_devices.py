@@ -35,7 +35,7 @@ def test_laser_fails_as_told_and_works_again(settings: dict[str, object]) -> Non
             laser.advance(0.1)
             ahead[failure] = [scan.ranges[180] for scan in laser.take(LaserScan)]
             if failure is not LaserFailure.NONE:
-                assert f"{failure} by hand" in laser.module.status
+                assert f"failure: {failure}" in laser.module.status
     assert ahead[LaserFailure.SILENT] == []
     assert np.isinf(ahead[LaserFailure.BLIND]).all()
     assert len(set(ahead[LaserFailure.FROZEN])) == 1
