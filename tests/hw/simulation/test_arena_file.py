@@ -121,7 +121,7 @@ VICTIM = "victims:\n  - {tag: 7, x_m: 0.5, y_m: 0.75, facing_rad: 0.0}\n"
         (ROOM + VICTIM + VICTIM[9:], 9, "another victim has the tag 7"),
         (ROOM + VICTIM.replace("tag: 7, ", ""), 8, "'tag' is missing"),
         (ROOM + VICTIM.replace("}", ", kind: dead}"), 8, "kind must be one of still, moving, cold"),
-        (ROOM + VICTIM.replace("0.5,", "1.0,"), 8, "not on a wall: the nearest is 0.25 m"),
+        (ROOM + VICTIM.replace("0.5,", "1.0,"), 8, "not on a wall: the nearest wall is 0.25 m"),
         (ROOM + VICTIM.replace("0.0}", "3.14}"), 8, "facing_rad must point out of the wall"),
         (ROOM + VICTIM.replace("0.0}", "1.57}"), 8, "facing_rad must point out of the wall"),
         (ROOM + "victims: [3]\n", 7, "a victim is a map"),
