@@ -1,17 +1,29 @@
 # Two commands do everything on a fresh machine: `make demo` runs the robot, `make test` passes the tests.
+# `make test-all` adds the slow ones: campaigns, browsers, real peers, exhaustive and long tests.
 PYTHON ?= python3
 ROBBIE := .venv/bin/robbie
 
-.PHONY: demo test lint types docs bench clean
+# These folders' tests start no other processes and measure no times, so they share the processors.
+ALONE := tests/hw tests/messages tests/scene_graph tests/workers
+
+.PHONY: demo test test-all test-alone test-live lint types docs bench clean
 
 demo: .venv/robot
 	$(ROBBIE) run demo
 
-test: .venv/dev
-	.venv/bin/python -m pytest -q
+test: TIER := -m 'not slow'
+test test-all: test-alone test-live
+
+test-alone: .venv/dev
+	.venv/bin/python -m pytest -q $(TIER) --numprocesses 2 --dist loadfile $(ALONE)
+
+test-live: .venv/dev
+	.venv/bin/python -m pytest -q $(TIER) $(addprefix --ignore=,$(ALONE))
 
 lint: .venv/dev
 	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	.venv/bin/codespell
 
 types: .venv/dev
 	.venv/bin/mypy

@@ -4,12 +4,24 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
+from pathlib import Path
 
 import pytest
 
 from tests._support.left_behind import leaving_nothing_behind
 from tests._support.others_runs import VARIABLE, OthersRuns, Session, watched
 from tools.loop_disk import LoopDisk, NoLoopDisk
+
+HERE = Path(__file__).parent
+SLOW_FOLDERS = [HERE / "robot", HERE / "security" / "station", HERE / "tools"]
+"""Campaigns and whole robots; in other folders, tests are marked one by one."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of the slow folders."""
+    for item in items:
+        if any(item.path.is_relative_to(folder) for folder in SLOW_FOLDERS):
+            item.add_marker(pytest.mark.slow)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

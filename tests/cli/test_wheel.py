@@ -20,6 +20,8 @@ from robbie_mp.run.control import SOCKET_NAME
 from tests.docs._support.pages import ROOT
 from tests.run._support.robot import wait_until
 
+pytestmark = pytest.mark.slow
+
 LIMIT_S = 60.0
 
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 
+import pytest
+
 from robbie_mp.core.router import SlotLimits
 from robbie_mp.transport import layout
 from tests.core._support.simulated_run import SimulatedModule, SimulatedRun
@@ -86,6 +88,7 @@ def tools_come_and_go(watched: Watched) -> None:
     assert list(watched.open_rows()) == [0, 1]
 
 
+@pytest.mark.slow
 def test_core_may_die_before_any_store_while_tools_come_and_go() -> None:
     undisturbed = Watched()
     tools_come_and_go(undisturbed)

@@ -11,6 +11,8 @@ import pytest
 from tests.core._support.history import SLOTS, History
 from tests.core._support.simulated_run import Fuse, StateLog
 
+pytestmark = pytest.mark.slow
+
 Scenario = Callable[[History], None]
 
 

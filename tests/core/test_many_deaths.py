@@ -4,6 +4,8 @@ import pytest
 
 from tests.core._support.crowd import Crowd
 
+pytestmark = pytest.mark.slow
+
 PLAYS = 400
 EXHAUSTIVE_PLAYS = 20_000
 

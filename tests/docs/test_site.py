@@ -9,6 +9,8 @@ from tests.docs._support.pages import PAGES, ROOT
 from tools.docs_site import PAGES as PAGES_BESIDE_DOCS
 from tools.docs_site import with_links_for_the_site
 
+pytestmark = pytest.mark.slow
+
 CONFIGURATION = (ROOT / "mkdocs.yml").read_text()
 INTERFACE = "\n".join(page.read_text() for page in (ROOT / "docs" / "api").glob("*.md"))
 

@@ -19,6 +19,8 @@ from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
 from tests.docs._support.pages import ROOT, Block, blocks
 from tests.run._support.robot import wait_until
 
+pytestmark = pytest.mark.slow
+
 PROGRAMS = {
     "robbie": '-c "import sys; from robbie_mp.cli import main; sys.exit(main())"',
     "python3": "",

@@ -9,6 +9,8 @@ from robbie_mp.messages import Message, message_type_from_schema, schema_text, s
 from tests.messages._support.rosbags_bridge import assert_same, jazzy, store_with, to_rosbags
 from tests.messages._support.strategies import PATIENT, definitions, messages
 
+pytestmark = pytest.mark.slow
+
 STOCK = list(stock_registry())
 JAZZY = jazzy()
 OURS_ALONE = [each for each in STOCK if each.type_name.startswith("robbie_msgs/")]

@@ -95,6 +95,7 @@ def test_damaged_file_is_as_none(tmp_path: Path) -> None:
     assert SettingsFile(tmp_path, "filter").read() == {}
 
 
+@pytest.mark.slow
 def test_module_process_reads_no_yaml_before_it_is_asked_for_a_change() -> None:
     code = "import sys, robbie_mp.supervisor.module_child; sys.exit('yaml' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0

@@ -33,6 +33,8 @@ from tests._support.present import present
 from tests.checkpoint._support.states import same
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
 
+pytestmark = pytest.mark.slow
+
 ARENA = ARENAS / "demo.yaml"
 EVERY_SCAN = {"checkpoint_share": 1.0}
 DRIVE = Drive.around_the_pillar(12.0)

@@ -3,6 +3,7 @@
 import tempfile
 from pathlib import Path
 
+import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -65,6 +66,7 @@ def test_any_text_is_a_profile_or_a_profile_error(text: str) -> None:
     check(text)
 
 
+@pytest.mark.slow
 @settings(suppress_health_check=[HealthCheck.too_slow])  # the machine may be busy
 @given(FORM, FORM)
 def test_any_values_are_a_profile_or_a_profile_error(demo: object, other: object) -> None:

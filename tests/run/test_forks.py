@@ -2,7 +2,11 @@
 
 import json
 
+import pytest
+
 from tests.run._support.robot import Robot, wait_until
+
+pytestmark = pytest.mark.slow
 
 MODULES = '''
 import json

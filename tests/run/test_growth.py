@@ -19,6 +19,8 @@ from robbie_mp.supervisor.states import ChildState, StateChange
 from tests._support.growth import mappings, open_descriptors
 from tests.run._support.robot import Robot
 
+pytestmark = pytest.mark.slow
+
 MODULES = 3
 WARM, MORE = 150, 400
 WINDOW = 30

@@ -7,6 +7,8 @@ import pytest
 
 from tests.run._support.robot import Ended, Robot, kill, wait_until
 
+pytestmark = pytest.mark.slow
+
 PROFILE = """
 modules:
   time:

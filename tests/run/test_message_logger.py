@@ -23,6 +23,8 @@ from robbie_mp.recording.reader import Log, open_log
 from robbie_mp.services.message_logger import MessageLogger
 from tests.run._support.robot import COMMAND, Ended, Robot, is_running, kill, wait_until
 
+pytestmark = pytest.mark.slow
+
 MODULES = '''
 from robbie_mp.messages import LaserScan, Odometry
 from robbie_mp import Module

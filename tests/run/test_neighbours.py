@@ -8,6 +8,8 @@ import pytest
 
 from tests.run._support.robot import Robot, wait_until
 
+pytestmark = pytest.mark.slow
+
 MODULES = '''
 from collections import deque
 

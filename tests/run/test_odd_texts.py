@@ -1,6 +1,10 @@
 """A text that no other process could read is a module's own affair, and ends nobody."""
 
+import pytest
+
 from tests.run._support.robot import Robot
+
+pytestmark = pytest.mark.slow
 
 PROFILE = """
 modules:

@@ -8,6 +8,8 @@ import pytest
 
 from tests.run._support.robot import Ended, Robot, wait_until
 
+pytestmark = pytest.mark.slow
+
 MODULES = '''
 import time
 from robbie_mp.messages import LaserScan, ModuleState

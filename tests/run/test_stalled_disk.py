@@ -11,6 +11,8 @@ from tests.run._support.robot import Ended, Robot, wait_until
 from tests.run.test_run import ENDLESS
 from tools.loop_disk import LoopDisk
 
+pytestmark = pytest.mark.slow
+
 END_LIMIT_S = 15.0
 
 

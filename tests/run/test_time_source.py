@@ -2,7 +2,11 @@
 
 import time
 
+import pytest
+
 from tests.run._support.robot import Ended, Robot, wait_until
+
+pytestmark = pytest.mark.slow
 
 PROFILE = """
 modules:

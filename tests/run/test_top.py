@@ -33,7 +33,7 @@ from tests.run._support.top_evidence import (
     gathered,
 )
 
-pytestmark = pytest.mark.timeout(300)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 
 @pytest.fixture(scope="module")

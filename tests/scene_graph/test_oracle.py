@@ -37,6 +37,7 @@ def their_motion(node: Node, position: float) -> Any:
     return transformations.transform_from(turn, np.zeros(3))
 
 
+@pytest.mark.slow
 @given(tree=trees(), time_ns=st.integers(0, 1000), data=st.data())
 @FEW
 def test_every_pose_in_a_random_tree_at_a_random_time(

@@ -31,7 +31,7 @@ from tests.security._support.hostile_logs import (
     zstd_with_size,
 )
 
-pytestmark = pytest.mark.timeout(400)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
 LIMIT_S = 120.0
 ADDRESS_SPACE_BYTES = 4 * GIGABYTE
 """So a bomb that goes off cannot take the machine with it."""

@@ -22,7 +22,7 @@ from tests.run.conftest import robot
 from tests.security._support.hostile import HOSTILE, check_plain, check_terminal, obeyed
 
 __all__ = ["robot"]
-pytestmark = pytest.mark.timeout(200)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(200)]
 MODULES = Path(__file__).parent / "_support" / "hostile_modules.py"
 PROFILE = """
 description: "\\x1b]0;owned\\x07\\u202e[bold]"

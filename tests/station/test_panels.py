@@ -18,7 +18,7 @@ from tests.station._support.browser import TABLET, browser, needs_chromium, page
 from tests.station._support.known_robot import FRONTIERS
 from tests.station.test_page import address_of
 
-pytestmark = [needs_chromium, pytest.mark.timeout(600)]
+pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(600)]
 HERE = Path(__file__).parent
 PROFILE = """
 modules:

@@ -9,7 +9,7 @@ from tests.run._support.robot import Robot
 from tests.station._support.browser import browser, needs_chromium, page_of
 from tests.station.test_page import address_of
 
-pytestmark = [needs_chromium, pytest.mark.timeout(600)]
+pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(600)]
 HERE = Path(__file__).parent
 PROFILE = """
 modules:

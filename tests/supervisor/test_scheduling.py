@@ -106,6 +106,7 @@ def cpu_s(pid: int) -> float:
     return time.clock_gettime(~pid << 3 | 2)  # the processor time of another process, as clock_getcpuclockid
 
 
+@pytest.mark.slow
 def test_module_that_steps_back_by_10_gets_a_tenth_of_a_processor_that_two_want() -> None:
     """Whether this kernel shares by session first (autogroup) or not."""
     cpu = min(os.sched_getaffinity(0))

@@ -21,6 +21,8 @@ from tests.supervisor._support import zoo
 from tests.supervisor._support.running import PROJECT, Run, Scenario, animal, wait_for
 from tools.loop_disk import LoopDisk
 
+pytestmark = pytest.mark.slow
+
 RUNNING = ChildState.RUNNING
 
 

@@ -204,6 +204,7 @@ def sweepers(place: Place) -> Iterator[list[Swept]]:
         thread.join()
 
 
+@pytest.mark.slow
 def test_runs_that_start_and_end_during_sweeps_lose_nothing(
     place: Place, tmp_path: Path, sweepers: list[Swept]
 ) -> None:

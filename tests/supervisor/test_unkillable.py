@@ -21,6 +21,8 @@ from tests.supervisor._support import zoo
 from tests.supervisor._support.running import NEVER, QUICK, Run, Scenario, animal
 from tools.loop_disk import LoopDisk
 
+pytestmark = pytest.mark.slow
+
 RUNNING, BACKOFF = ChildState.RUNNING, ChildState.BACKOFF
 FAILED, STOPPED = ChildState.FAILED, ChildState.STOPPED
 AFTER_S = 0.2

@@ -15,6 +15,8 @@ from robbie_mp.trace.page import TracePage
 from robbie_mp.visible_text import visible
 from tests.trace._support.browser import needs_chromium, work_in
 
+pytestmark = pytest.mark.slow
+
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="there is no Node.js here; Chromium tests the same")
 HOSTILE = visible(

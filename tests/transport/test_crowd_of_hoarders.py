@@ -19,6 +19,8 @@ from robbie_mp.transport.shared_folder import make_folder, remove_names
 from tests.core._support.simulated_run import SimulatedModule, SimulatedRun
 from tests.transport._support.pair import picture
 
+pytestmark = pytest.mark.slow
+
 RUN_ID = "7e57c20d"
 LIMIT_BYTES = 4 << 20
 IMAGE_BYTES = LIMIT_BYTES * 62 // 2560

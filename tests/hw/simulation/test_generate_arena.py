@@ -41,6 +41,7 @@ def check_reachable(there: Arena, cell_m: float = 0.05) -> None:
         assert there.ranges_m(x, y, np.array([spot.facing_rad + math.pi]))[0] == pytest.approx(0.8, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_random_arena_has_what_was_wished_and_all_can_be_reached(seed: int, tmp_path: Path) -> None:
     made = arena(tmp_path, generate_arena(seed, FULL))

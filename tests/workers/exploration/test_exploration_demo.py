@@ -1,6 +1,7 @@
 """The closed loop in one process: arena, laser, map, exploration and drive, in simulated time."""
 
 import numpy as np
+import pytest
 from scipy import ndimage
 
 from hw.simulation.arena import Arena
@@ -13,6 +14,8 @@ from tests.workers._support.exploration_world import RESOLUTION_M, TruePoseMap
 from workers.exploration.explorer import Explorer
 from workers.exploration.explorer_states import ExplorerState
 from workers.navigation.collision_guard import CollisionGuard
+
+pytestmark = pytest.mark.slow
 
 DEMO = ARENAS / "demo.yaml"
 LATENCY_S = 0.05

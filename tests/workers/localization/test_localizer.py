@@ -22,6 +22,7 @@ def test_robot_is_found_anywhere_and_found_again_when_it_has_been_lifted() -> No
     assert trial.recovery_m is not None
 
 
+@pytest.mark.slow
 def test_robot_with_a_short_view_to_the_front_only_is_found_in_a_large_building() -> None:
     trial = run_trial(3, Conditions(20.0, 12.0, range_m=4.0, view_deg=180.0), limit_m=20.0, kidnap=False)
     assert trial.way_m is not None

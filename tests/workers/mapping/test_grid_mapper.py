@@ -99,6 +99,7 @@ def test_a_laser_beside_the_middle_of_the_robot_is_allowed_for(drive: Drive) -> 
     assert np.hypot(error[:, 0], error[:, 1]).max() < 0.06
 
 
+@pytest.mark.slow
 def test_a_mapper_made_from_its_state_goes_on_exactly_the_same(drive: Drive) -> None:
     straight = run(GridMapper(), drive, end=1001)  # a sweep is waiting for its odometry
     straight.grid()
@@ -153,6 +154,7 @@ def test_key_sweeps_beyond_the_limit_are_refused_and_counted(drive: Drive) -> No
     assert np.isfinite(mapper.trajectory()).all()
 
 
+@pytest.mark.slow
 def test_endless_drive_in_a_room_keeps_its_memory_and_its_accuracy() -> None:
     drive = Drive.around_the_pillar(3.4 * LAP_S)
     mapper = GridMapper(limits=Limits(key_sweeps=90))
