@@ -1,7 +1,7 @@
 """The operator station: a page, served by the robot, on which an operator sees and steers it.
 
-It is a module like any other, in a process of its own: a page server that is stuck or dead takes nothing else
-with it. Needs the extra `gui`.
+It is a module like any other, in a separate process: a page server that hangs or dies takes nothing
+else down. Needs the extra `gui`.
 """
 
 from robbie_mp.station.station import ExtraMissing, OperatorStation, load_website

@@ -1,7 +1,8 @@
-"""Who may see and who may steer: tokens, sessions, and where requests may come from.
+"""Access to the page: tokens, sessions, roles, and the origin of requests.
 
-Everybody is asked for a token, on the machine itself too: others may use it. Requests that another site makes
-a browser send are refused by their origin (OWASP, Cross-Site Request Forgery Prevention; RFC 6454).
+Every visitor needs a token, on the robot's own machine too, since others may use it. Requests that
+another site makes a browser send are refused by their origin (OWASP, Cross-Site Request Forgery Prevention;
+RFC 6454).
 """
 
 import hashlib
@@ -14,9 +15,9 @@ from enum import IntEnum
 from urllib.parse import urlsplit
 
 MAX_SESSIONS = 64
-"""Of each role; the one that was used least lately goes first. Observers so end no operator's session."""
-SHORTEST_TOKEN = 16
-"""Longer than can be guessed at the rate at which wrong ones are taken."""
+"""Of each role. The least recently used one is ended first, so observers never end an operator's session."""
+MIN_TOKEN_CHARACTERS = 16
+"""Characters; too many to guess at the rate at which wrong tokens are accepted."""
 
 
 class Role(IntEnum):
@@ -29,7 +30,7 @@ class Role(IntEnum):
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address to listen on is reached from this machine alone."""
+    """Whether an address to listen on can be reached from this machine only."""
     if host == "localhost":
         return True
     try:
@@ -39,12 +40,12 @@ def is_loopback(host: str) -> bool:
 
 
 class Access:
-    """Knows tokens and sessions, of which it keeps only digests.
+    """Knows the tokens and sessions; it keeps only their digests.
 
     Args:
-        operator_token: makes an operator.
-        observer_token: '' means that there are no observers.
-        sessions: digests that were there before, with their roles; for the same tokens.
+        operator_token: logs an operator in.
+        observer_token: logs an observer in; '': there are no observers.
+        sessions: digests and roles of sessions from before a restart, for the same tokens.
     """
 
     def __init__(self, operator_token: str, observer_token: str, sessions: Mapping[str, int] | None = None):
@@ -57,11 +58,11 @@ class Access:
 
     @property
     def sessions(self) -> dict[str, int]:
-        """What is to be known after a restart: nobody can log in with it."""
+        """What a restarted station needs; digests, with which no one can log in."""
         return {digest: int(role) for digest, role in tuple(self._sessions.items())}
 
     def log_in(self, token: str) -> str | None:
-        """Return a new session for a token; None if it is wrong. It takes as long for any of any length."""
+        """Return a new session for a token; None if it is wrong. It takes the same time for any token."""
         given, found = hashlib.sha256(token.encode("utf-8", "replace")).digest(), None
         for role, known in self._tokens.items():
             if hmac.compare_digest(given, known):
@@ -89,7 +90,7 @@ class Access:
 
 
 def digest_of(session: str) -> str:
-    """Return what is kept of a session: it tells nobody the session."""
+    """Return the digest under which a session is kept; the session cannot be found from it."""
     return hashlib.sha256(session.encode("utf-8", "replace")).hexdigest()
 
 

@@ -12,10 +12,10 @@ BARS = "▁▂▃▄▅▆▇█"
 
 
 class History:
-    """The last values of something, at most so many.
+    """The last values of a quantity.
 
     Args:
-        limit: so many.
+        limit: the number of values to keep.
     """
 
     def __init__(self, limit: int):
@@ -23,11 +23,11 @@ class History:
         """Time, ms since 1970, and value."""
 
     def add(self, time_s: float, value: float) -> None:
-        """Remember a value; what is no number leaves a gap."""
+        """Add a value; NaN and infinity leave a gap."""
         self.points.append((round(time_s * 1e3), value))
 
     def drawn(self) -> list[list[float | None]]:
-        """Return the points as charts want them, as long ago first."""
+        """Return the points as charts take them, the oldest first."""
         return [[at, _short(value)] for at, value in tuple(self.points)]
 
 

@@ -14,7 +14,7 @@ from robbie_mp.views.message_text import FieldPath, to_yaml
 
 
 class FormError(RobbieError, ValueError):
-    """Fields of a form cannot be what they are.
+    """Fields of a form have texts that do not fit.
 
     Attributes:
         problems: by the path of the field, what is wrong with it.
@@ -30,14 +30,14 @@ class FormField:
     """One field that takes a text."""
 
     path: str
-    """As pose.position.x."""
+    """Such as pose.position.x."""
     kind: FieldType
     default: str
-    """What it is when its text is empty."""
+    """The value if its text is empty."""
 
 
 def form_of(message_type: type[Message]) -> list[FormField]:
-    """Return the fields of a form for a type, those of nested messages each for itself."""
+    """Return the fields of a form for a type, with each field of nested messages."""
     message = message_type()
     found = []
     for path, kind in _leaves(message_type, ""):
@@ -62,7 +62,7 @@ def compose(message_type: type[Message], texts: Mapping[str, str]) -> Message:
         texts: by the paths of fields: strings as they are, all else in YAML; empty for the default.
 
     Raises:
-        FormError: fields do not fit; it tells which and why.
+        FormError: fields do not fit; the error says which and why.
     """
     plain: dict[str, Any] = {}
     problems: dict[str, str] = {}
@@ -73,7 +73,7 @@ def compose(message_type: type[Message], texts: Mapping[str, str]) -> Message:
             value = _value_of(text, FieldPath(message_type, path).kind)
             from_dict(
                 message_type, _nest({}, path, value)
-            )  # by itself, so that it is known whose error it is
+            )  # one field at a time, so that an error belongs to its field
             _nest(plain, path, value)
         except (ProfileError, FieldError) as error:
             problems[path] = str(error)

@@ -1,8 +1,8 @@
 """How many connections there may be, and how long one may take to ask for something.
 
-Who has shown no session is a stranger. Strangers have few places, and the oldest makes room for the next: so
-half-open connections, however many, keep nobody out, for a browser's request is whole long before its turn.
-Visitors with a session have places of their own.
+A connection without a session belongs to a stranger. Strangers share a few places, and the oldest connection
+makes room for the next. So half-open connections keep no one out: a browser's request is complete long before
+its connection is the oldest. Visitors with a session have separate places.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from robbie_mp.station.access import Role
 from robbie_mp.station.listening import BACKLOG
 
 REQUEST_LIMIT_S = 5.0
-"""Within which a request has to be whole, from the connection or from its first byte."""
+"""Time for a complete request, counted from the connection or from its first byte."""
 MAX_STRANGERS = 48
 MAX_STRANGERS_OF_ONE = 16
 """From one address, or one network of IPv6."""
@@ -39,7 +39,7 @@ IPV6_NETWORK_BITS = 64
 
 
 class TooFewDescriptors(RobbieError, OSError):
-    """The station may open too few files to serve anybody."""
+    """The limit on open files is too low to serve even one page."""
 
 
 @dataclass(eq=False)
@@ -62,7 +62,7 @@ class Connection:
 
 
 class Connections:
-    """All connections that there are; lives in the page server's event loop.
+    """All open connections; lives in the page server's event loop.
 
     Args:
         max_strangers: of connections without a session.
@@ -80,7 +80,7 @@ class Connections:
         self._visitors: dict[tuple[str, int], Connection] = {}
 
     def enter(self, transport: asyncio.BaseTransport) -> Connection:
-        """Note a connection; the oldest of the strangers who have most makes room for it."""
+        """Add a connection. The oldest one of the strangers with the most connections makes room for it."""
         name = transport.get_extra_info("peername")
         peer = (str(name[0]), int(name[1])) if name else ("", id(transport))
         known = self._visitors.get(peer) or self._strangers.get(peer)
@@ -96,13 +96,13 @@ class Connections:
         return made
 
     def leave(self, connection: Connection) -> None:
-        """Forget a connection that is no more."""
+        """Forget a closed connection."""
         for room in (self._strangers, self._visitors):
             if room.get(connection.peer) is connection:
                 del room[connection.peer]
 
     def admit(self, peer: tuple[str, int] | None, session: str, role: Role) -> bool:
-        """Count a connection among those of a session; whether there is room for it."""
+        """Count a connection to a session; return whether there is room for it."""
         if peer is None or (connection := self._visitors.get(peer) or self._strangers.get(peer)) is None:
             return False
         if connection.session == session:
@@ -142,7 +142,7 @@ class Connections:
 
 
 class BoundedHttp(H11Protocol):
-    """A connection on which every request has to be whole before long.
+    """A connection on which every request must be complete within a limit.
 
     Args:
         rooms: where the connection is counted.
@@ -170,7 +170,7 @@ class BoundedHttp(H11Protocol):
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Take what has come, and wait for the rest of the request, but not for ever."""
+        """Take the received bytes, and wait a limited time for the rest of the request."""
         super().data_received(data)
         if self._is_upgraded or self.conn.their_state not in (h11.IDLE, h11.SEND_BODY):
             self._stop_waiting()
@@ -189,7 +189,7 @@ class BoundedHttp(H11Protocol):
 
 
 class BoundedWebSocket(WSProtocol):
-    """A WebSocket that is counted, and closed if it asks for answers which it does not take.
+    """A WebSocket that is counted, and closed if it requests answers that it does not read.
 
     Args:
         rooms: where the connection is counted.

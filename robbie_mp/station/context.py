@@ -97,20 +97,20 @@ class Link(Protocol):
 
     @property
     def is_free(self) -> bool:
-        """Whether the browser has taken what it was sent, all but a little."""
+        """Whether the browser has received nearly everything that was sent."""
 
 
 class Page:
     """One page that is open in a browser, and the only way from it to the robot.
 
-    What a visitor may do is decided here, each time that he does it: an event can come from any element of
-    his page, whether or not it is drawn, enabled or visible.
+    Permissions are checked here, on every action: an event can come from any element of the page, whether
+    or not it is drawn, enabled or visible.
 
     Args:
-        key: names it among all that are open.
-        session: of its visitor.
+        key: identifies the page among all open ones.
+        session: the visitor's session.
         station: whose page it is.
-        link: the connection to it.
+        link: the connection to the browser.
     """
 
     def __init__(self, key: str, session: str, station: StationContext, link: Link):
@@ -119,19 +119,19 @@ class Page:
         self.link = link
         self._station = station
         self.tab = ""
-        """Name of the panel that is looked at."""
+        """Name of the panel that the visitor looks at."""
 
     @property
     def role(self) -> Role | None:
-        """What its visitor may do now; None: nothing, for the session has ended."""
+        """The visitor's role now; None if the session has ended."""
         return self._station.access.role_of(self.session)
 
     def may(self, what: str, needs: Role = Role.OPERATOR) -> bool:
-        """Whether the visitor may do something now; if not, the page and the trace say so.
+        """Return whether the visitor may do something now; if not, say so on the page and in the trace.
 
         Args:
-            what: he wants, such as "the order".
-            needs: the role for it.
+            what: the action, such as "the order".
+            needs: the role that the action needs.
         """
         role = self.role
         if role is not None and role >= needs:
@@ -142,16 +142,16 @@ class Page:
         return False
 
     def publish(self, message: Message, what: str, topic: str = "", needs: Role = Role.OPERATOR) -> bool:
-        """Tell the robot something for the visitor, or tell him why not.
+        """Publish a message for the visitor, or say on the page why not.
 
         Args:
             message: the message.
-            what: it is, such as "the order".
+            what: the message is, for people, such as "the order".
             topic: of the message.
-            needs: the role for it.
+            needs: the role that the action needs.
 
         Returns:
-            Whether it was published: he may, and the robot's memory is not full.
+            Whether it was published: the visitor may publish it, and the robot's memory is not full.
         """
         if not self.may(what, needs):
             return False
@@ -161,12 +161,12 @@ class Page:
         return is_sent
 
     def every(self, period_s: float, panel: str, update: Callable[[], Awaitable[None] | None]) -> None:
-        """Have something done while a panel is looked at, and not while it is not.
+        """Call an update periodically while the visitor looks at a panel.
 
-        An update that can be awaited, as one that waits for the browser, is over before the next one begins.
+        An update that can be awaited ends before the next one begins.
         """
         self.always(period_s, lambda: update() if self.tab == panel else None)
 
     def always(self, period_s: float, update: Callable[[], Awaitable[None] | None]) -> None:
-        """Have something done on whatever panel; but not while the browser does not keep up with the rest."""
+        """Call an update periodically on every tab, except while the browser does not keep up."""
         ui.timer(period_s, lambda: update() if self.link.is_free else None)

@@ -1,31 +1,31 @@
-"""The dead man's switch: a command counts only if the control is held now, not if it was when it was sent."""
+"""The dead man's switch: a command counts only if it is fresh when it arrives."""
 
 STALE_S = 0.25
-"""A command that took so much longer than the quickest one of this drive was held up on the way."""
+"""A command that took this much longer than the quickest one of this drive is stale."""
 
 
 class DeadManSwitch:
-    """Tells fresh commands from those that a slow link or a server that stood still delivers late.
+    """Tells fresh commands from those that a slow link or a stopped server delivers late.
 
-    The clocks of page and robot are not the same, so nobody knows how long a command took; but the quickest
-    one of a drive tells how far the clocks are apart at most, and the others are compared with that.
+    The clocks of page and robot differ, so the time that a command took is unknown. The quickest command of a
+    drive bounds the difference of the clocks, and the others are compared with it.
     """
 
     def __init__(self) -> None:
         self._offset_s: float | None = None
         self.stale = 0
-        """Commands that came too late and were thrown away."""
+        """Number of commands that came too late and were discarded."""
 
     def begin(self) -> None:
-        """Begin a drive: the control is taken hold of."""
+        """Begin a drive: the operator has taken hold of the control."""
         self._offset_s = None
 
     def accept(self, sent_s: float, now_s: float) -> bool:
-        """Whether a command is fresh.
+        """Return whether a command is fresh.
 
         Args:
-            sent_s: when the page sent it, by a clock of the page that never goes back.
-            now_s: by one of the robot.
+            sent_s: when the page sent it, by the page's monotonic clock.
+            now_s: the time now, by the robot's monotonic clock.
         """
         offset_s = now_s - sent_s
         if self._offset_s is None or offset_s < self._offset_s:

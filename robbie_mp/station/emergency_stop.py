@@ -1,4 +1,4 @@
-"""The emergency stop: above everything, in one place, latched by the base, released on purpose only."""
+"""The emergency stop: always visible, latched by the base, released only by a confirmed press."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ STYLE = Path(__file__).parent / "emergency_stop.css"
 
 
 class StopButton(Element, component="emergency_stop.js"):
-    """The button and what is the case. Its script keeps a press until the base has confirmed it."""
+    """The button and the base's state. Its script keeps a press until the base has confirmed it."""
 
 
 class EmergencyStopControl:
-    """Everybody may stop the robot; operators release it.
+    """Every visitor may stop the robot; only operators release it.
 
     Attributes:
         service: answers the buttons of all pages.
@@ -43,11 +43,11 @@ class EmergencyStopControl:
         self.service = StopService(self._requests, self._state)
 
     def tick(self) -> None:
-        """Repeat what the base has not confirmed; in the module's thread."""
+        """Repeat presses that the base has not confirmed; in the module's thread."""
         self._requests.repeat()
 
     def _send(self, engaged: bool) -> bool:
-        """Ask the base to stop and stay, or to be ready to drive again."""
+        """Ask the base to stop and stay stopped, or to be ready to drive again."""
         reason = STOPPED_BY if engaged else RELEASED_BY
         message = EmergencyStop(header=header_of_now(self._station), engaged=engaged, reason=reason)
         return self._station.publish(message, topic=REQUEST_TOPIC)
@@ -61,7 +61,7 @@ class EmergencyStopControl:
         return is_engaged or self._requests.waits_s is not None
 
     def build(self, page: Page) -> None:
-        """Make the button for a page, and elsewhere the one that releases."""
+        """Make the stop button of a page, and the button that releases the stop."""
         ui.add_css(STYLE)
         StopButton()
 

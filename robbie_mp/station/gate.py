@@ -1,4 +1,4 @@
-"""The gate before every request: who asks, from where, and whether that is allowed."""
+"""The gate before every request: it checks origin, session and role."""
 
 import asyncio
 import logging
@@ -19,12 +19,12 @@ from robbie_mp.station.rate_limits import LoginLimit
 
 SESSION_COOKIE = "robbie_session"
 SESSION = "robbie.session"
-"""Where the session stands in the scope of a request that was let through."""
+"""The key of the session in the scope of an admitted request."""
 LOGIN_PATH = "/login"
 LOGOUT_PATH = "/logout"
 MESSAGES_BURST = 200.0
 MESSAGES_PER_S = 100.0
-"""From one page on one socket. A page that drives sends 10; what comes faster waits."""
+"""From one page on one socket. A page that drives sends 10 a second; faster messages wait."""
 HEADERS = [
     (
         b"content-security-policy",
@@ -35,8 +35,8 @@ HEADERS = [
     (b"referrer-policy", b"same-origin"),
     (b"cross-origin-resource-policy", b"same-origin"),
 ]
-"""No other site shows the page in a frame, where a visitor presses what he does not see, nor its pictures."""
-LONGEST_FORM_BYTES = 4096
+"""They keep other sites from showing the page in a frame (clickjacking), and its pictures."""
+MAX_FORM_BYTES = 4096
 
 LOGIN_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Robbie: log in</title>
 <meta name="viewport" content="width=device-width"><link rel="icon" href="data:,">
@@ -58,9 +58,9 @@ class Gate:
 
     Args:
         app: the page server.
-        access: who may enter.
-        connections: on which requests come.
-        log: hears of who was refused; it should have a limit.
+        access: knows the sessions.
+        connections: on which the requests arrive.
+        log: takes a line for each refusal; it should have a limit.
     """
 
     def __init__(self, app: App, access: Access, connections: Connections, log: logging.Logger):
@@ -142,7 +142,7 @@ class Gate:
         return response
 
     async def _log_out(self, scope: Scope, _receive: Receive, session: str | None) -> Response:
-        """End a session, with all its pages. Only by POST: no link or picture does it."""
+        """End a session with all its pages. It takes a POST, so that no link or picture can do it."""
         if scope["method"] != "POST":
             return PlainTextResponse("log out by POST\n", 405)
         if session is not None:
@@ -154,7 +154,7 @@ class Gate:
 
 
 def with_headers(send: Send) -> Send:
-    """Return a way to send on which every answer says that no other site may show or read it."""
+    """Return a `send` that adds headers to every answer: no other site may show or read it."""
 
     async def answer(message: Message) -> None:
         if message["type"] == "http.response.start":
@@ -165,7 +165,7 @@ def with_headers(send: Send) -> Send:
 
 
 def paced(receive: Receive) -> Receive:
-    """Return a way to receive, on which messages come at a limited rate; the others wait at the sender."""
+    """Return a `receive` that takes messages at a limited rate; further ones wait at the sender."""
     allowed, since_s = MESSAGES_BURST, time.monotonic()
 
     async def take() -> Message:
@@ -188,14 +188,14 @@ def login_page(error: str, status: int = 200, headers: Mapping[str, str] | None 
 
 
 async def read_body(receive: Receive) -> bytes:
-    """Read a request's body; what is longer than any form of ours is cut off."""
+    """Read a request's body, cut off at MAX_FORM_BYTES."""
     body = b""
-    while len(body) < LONGEST_FORM_BYTES:
+    while len(body) < MAX_FORM_BYTES:
         message = await receive()
         body += message.get("body", b"")
         if not message.get("more_body", False):
             break
-    return body[:LONGEST_FORM_BYTES]
+    return body[:MAX_FORM_BYTES]
 
 
 def session_of(headers: MutableMapping[str, str]) -> str | None:
@@ -208,6 +208,6 @@ def session_of(headers: MutableMapping[str, str]) -> str | None:
 
 
 def peer(scope: MutableMapping[str, Any]) -> str:
-    """Return the address of who asks."""
+    """Return the address that a request comes from."""
     client = scope.get("client")
     return f"{client[0]}" if client else "an unknown address"

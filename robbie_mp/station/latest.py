@@ -9,11 +9,11 @@ from robbie_mp.module.bus import Envelope, MessageType
 
 
 class Latest(Generic[MessageType]):
-    """The newest message of a kind: put here by the module's thread, looked at by the pages'.
+    """The newest message of a kind: the module's thread puts it here, the pages' threads read it.
 
     Attributes:
         message: None before the first one.
-        count: how many there have been, so that a page can tell whether it has shown this one.
+        count: number of messages up to this one; a page tells by it whether it has shown this one.
     """
 
     def __init__(self) -> None:
@@ -25,11 +25,11 @@ class Latest(Generic[MessageType]):
 
     @property
     def age_s(self) -> float | None:
-        """How long ago the newest message came; None before the first one."""
+        """Time since the newest message came; None before the first one."""
         return time.monotonic() - self._put_s if self.count else None
 
     def put(self, message: MessageType) -> None:
-        """Take the place of the one before."""
+        """Replace the message before."""
         self._put_s = time.monotonic()
         self.message = message
         self.count += 1
@@ -37,7 +37,7 @@ class Latest(Generic[MessageType]):
             listener(message)
 
     def listen(self, listener: Callable[[MessageType], None]) -> None:
-        """Have something called with each message, in the module's thread; any thread may ask for that."""
+        """Call a function with each message, in the module's thread; any thread may call this."""
         with self._lock:
             self._listeners = (*self._listeners, listener)
 
@@ -64,11 +64,11 @@ class MessageSource(Protocol):
 
 
 def silence(age_s: float | None, after_s: float) -> str:
-    """Return how long a source has been silent, for people; '' if that is not longer than it may be.
+    """Return how long a source has been silent, for people; '' if it is not overdue.
 
     Args:
-        age_s: of the newest that came; None: nothing has come yet.
-        after_s: a source that lives has told something within this time.
+        age_s: age of the newest message; None: none has come yet.
+        after_s: a working source sends something within this time.
     """
     if age_s is None or age_s <= after_s:
         return ""

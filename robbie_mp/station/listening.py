@@ -1,4 +1,4 @@
-"""The address at which the page is to be found."""
+"""The socket on which the station listens."""
 
 import socket
 
@@ -8,13 +8,13 @@ BACKLOG = 32
 """Connections that may be accepted at once."""
 
 UNREAD_LIMIT_S = 20.0
-"""Who takes nothing of what was sent for so long is disconnected."""
+"""A browser that reads nothing for this time is disconnected."""
 UNSENT_BYTES = 1 << 16
-"""So much waits in the kernel for a browser; the rest waits where it is replaced by what is newer."""
+"""Bytes that wait in the kernel for a browser. The rest waits here, where newer data replace it."""
 
 
 class AddressUnusable(RobbieError, OSError):
-    """Nobody can listen on the address that the profile gives.
+    """The station cannot listen on the address in the profile.
 
     Example scenarios:
       - another program, or another robot's station, uses the port
@@ -28,7 +28,7 @@ def listen(host: str, port: int, unread_limit_s: float = UNREAD_LIMIT_S) -> sock
     Args:
         host: address to listen on.
         port: 0 takes any that is free.
-        unread_limit_s: who takes nothing of what was sent for so long is disconnected.
+        unread_limit_s: a peer that reads nothing for this time is disconnected.
 
     Raises:
         AddressUnusable: the address is taken, or not this machine's.
@@ -41,7 +41,7 @@ def listen(host: str, port: int, unread_limit_s: float = UNREAD_LIMIT_S) -> sock
             f"cannot listen on {host}, port {port}: {error.strerror or error}; "
             "set another host or port for the operator station"
         ) from error
-    # Connections have these from the socket that accepts them; tcp(7).
+    # Accepted connections inherit these options; tcp(7).
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(unread_limit_s * 1000))
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
     return listener

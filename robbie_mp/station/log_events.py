@@ -64,7 +64,7 @@ class LogEvent:
 
 
 class LogEvents:
-    """Reads a log through, once, in a thread of its own.
+    """Reads a log once, in a separate thread.
 
     Args:
         kinds: the events to find, besides crashes and marks.

@@ -45,10 +45,10 @@ class MapMarks:
 
 
 class PlacesWatch:
-    """Keeps the newest list of each topic.
+    """Keeps the newest list of points of interest of each topic.
 
     Attributes:
-        places: those of all lists; replaced and never changed, for other threads look at it.
+        places: those of all lists; the tuple is replaced and never changed, since other threads read it.
     """
 
     def __init__(self, source: MessageSource):

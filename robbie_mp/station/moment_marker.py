@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class MomentMarker:
-    """A button at the top of the page. It marks at once: a text would come too late, and has its own ways."""
+    """A button at the top of the page. It marks at once, since typing a text would take too long."""
 
     def __init__(self, station: StationContext):
         self._station = station

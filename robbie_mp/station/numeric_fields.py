@@ -15,13 +15,13 @@ from robbie_mp.suggest import did_you_mean
 Step = str | int
 """A field's name, or an element's number."""
 STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d{1,9})\]")
-OFFERED_ELEMENTS = 9
-"""Of an array of fixed length, so many are offered; of others the first one."""
-DEEPEST = 8
+MAX_OFFERED_ELEMENTS = 9
+"""Number of elements offered of an array of fixed length; of other arrays, the first."""
+MAX_DEPTH = 8
 
 
 class NoSuchNumber(RobbieError, LookupError):
-    """A path leads to no number in messages of a type.
+    """A path does not lead to a number in messages of a type.
 
     Example scenarios:
       - a field is misspelt
@@ -37,11 +37,11 @@ def numeric_paths(message_type: type[Message]) -> list[str]:
 def _paths(path: str, kind: FieldType, depth: int) -> Iterator[str]:
     if isinstance(kind, Primitive):
         yield path
-    elif isinstance(kind, Nested) and depth < DEEPEST:
+    elif isinstance(kind, Nested) and depth < MAX_DEPTH:
         for field in fields_of(kind.message):
             yield from _paths(f"{path}.{field.name}", field.type, depth + 1)
     elif isinstance(kind, Numbers | Items):
-        for index in range(min(kind.length or 1, OFFERED_ELEMENTS)):
+        for index in range(min(kind.length or 1, MAX_OFFERED_ELEMENTS)):
             yield from _paths(f"{path}[{index}]", kind.element, depth)
 
 

@@ -1,4 +1,4 @@
-"""Orders to the supervisor: a page gives them and looks again later, for they take their time."""
+"""Orders to the supervisor. They take time: a page gives one, and looks for the answer later."""
 
 import threading
 from functools import partial
@@ -14,19 +14,19 @@ class Order:
     Args:
         folder: of the run.
         action: "stop", "start", "restart" or "record".
-        module: whom it concerns; None: all modules.
-        more: what else belongs to the order.
+        module: the module; None: all modules.
+        more: further arguments of the order.
 
     Attributes:
-        answer: what the supervisor has said; None as long as it has not.
-        is_refused: whether it could not be done.
+        answer: the supervisor's answer; None until it comes.
+        is_refused: whether the supervisor refused the order.
     """
 
     def __init__(self, folder: Path, action: str, module: str | None, **more: object):
         self._give = partial(control, folder, action, module, **more)
         self.answer: str | None = None
         self.is_refused = False
-        # Nobody waits for it at the end: a station that has itself stopped would wait for its own death.
+        # A daemon: a station that stops itself must not wait for the answer at its end.
         threading.Thread(target=self._be_given, name=f"{action} {module}", daemon=True).start()
 
     def _be_given(self) -> None:

@@ -18,17 +18,17 @@ if TYPE_CHECKING:
 TAB = "tab"
 LOG_OUT = "() => fetch('/logout', {method: 'POST'}).then(() => window.location.assign('/login'))"
 RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
-"""Look for a server that has gone every few tenths of a second (Socket.IO's own choice is up to 5 s)."""
+"""Try to reconnect every few tenths of a second (Socket.IO's default is up to 5 s)."""
 MAX_WAITING_PACKETS = 4
-"""Packets that may wait for a browser. With as many waiting, its page is not changed any further."""
+"""Packets that may wait for a browser. With this many waiting, its page is not updated."""
 NAMESPACE = "/"
 
 
 class BrowserLink(Link):
-    """Knows how much is waiting for one browser.
+    """Knows how many packets wait for one browser.
 
-    Socket.IO keeps what a browser has not taken, without a limit. So whoever has news for a page looks here
-    first, and otherwise shows later what is the newest then.
+    Socket.IO queues without a limit what a browser has not received. So updates of a page check this first. A
+    later update with the newest state makes up for one that was skipped.
 
     Args:
         server: sends to all browsers; a socketio.AsyncServer.
@@ -41,13 +41,13 @@ class BrowserLink(Link):
 
     @property
     def is_free(self) -> bool:
-        """Whether there is a connection, and hardly anything waits for it."""
+        """Whether there is a connection, and few packets wait for it."""
         waiting = [
             found.queue.qsize()
             for _, connection in self._server.manager.get_participants(NAMESPACE, self._client)
             if (found := self._server.eio.sockets.get(connection)) is not None
         ]
-        # A browser that has come back may still have its former connection beside the new one.
+        # A browser that has reconnected may still have its former connection, too.
         return bool(waiting) and min(waiting) < MAX_WAITING_PACKETS
 
 
@@ -61,8 +61,8 @@ def build_page(
 
     Args:
         station: whose page it is.
-        tools: make what is always in sight, at the top.
-        bars: make what is seen above the tabs when there is reason to.
+        tools: make the elements in the bar at the top.
+        bars: make the elements above the tabs, some of them hidden most of the time.
         panels: each with its title.
     """
     client = ui.context.client

@@ -1,7 +1,7 @@
-"""Events of pages: taken only on the connection of the very page that they name, and only of the right form.
+"""Events of pages: accepted only on the connection of the page that they name, and only if well formed.
 
-NiceGUI finds the page of an event by the id that the event carries, whichever connection it came on. Here a
-connection belongs to one session and to one page of that session, and speaks for no other.
+NiceGUI finds the page of an event by the id in the event, whichever connection it came on. Here each
+connection belongs to one page of one session, and its events can name no other page.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 NAMESPACE = "/"
 LOAD_ANEW = "Implicit handshake failed"
-"""At this a page is loaded anew, as when the station was restarted and does not know it."""
+"""The answer at which a page reloads itself, as after a restart of the station."""
 MAX_CHARACTERS = {
     "event": 1 << 16,
     "javascript_response": 1 << 14,
@@ -33,13 +33,13 @@ MAX_CHARACTERS = {
     "ack": 256,
     "log": 1 << 14,
 }
-"""Of what an event carries. The longest are texts that a visitor has written."""
+"""Limits of an event's content. The longest are texts that a visitor has written."""
 MAX_LOG_CHARACTERS = 500
-"""Of what a page has to say of itself; the rest is left out."""
+"""Limit of a line that a page logs; the rest is cut off."""
 PACKETS = ("1", "3", "40", "40{}", "41")
-"""To close, to answer a ping, to connect and to disconnect."""
+"""Close, pong, connect and disconnect."""
 EVENT_PACKET = re.compile(r"42\d{0,9}(?=\[)")
-"""How one begins that carries an event, with a number if it wants an answer."""
+"""Begins a packet with an event; a number follows if it wants an answer."""
 LEVELS = ("debug", "info", "warning", "error")
 FORMS: dict[str, dict[str, type | tuple[type, ...]]] = {
     "event": {"client_id": str, "id": int, "listener_id": str, "args": list},
@@ -48,7 +48,7 @@ FORMS: dict[str, dict[str, type | tuple[type, ...]]] = {
     "ack": {"client_id": str, "next_message_id": int},
     "log": {"client_id": str, "level": str, "message": str},
 }
-"""What each event has to carry; other things are looked at by nobody."""
+"""The members that each event must have; others are ignored."""
 
 
 class PageEvents:

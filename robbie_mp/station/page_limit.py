@@ -1,4 +1,4 @@
-"""How many pages may be open: each costs memory, and time to make."""
+"""A limit on open pages: each costs memory, and time to make."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from robbie_mp.station.context import Page, StationContext
 
 MAX_PAGES = 16
-"""Of all operators; and as many of all observers, who so keep no operator out."""
+"""Pages of all operators; observers have a separate limit of the same size, so they keep no operator out."""
 MAX_PAGES_OF_ONE = 8
-"""Of one session."""
+"""Pages of one session."""
 CONNECT_LIMIT_S = 10.0
-"""A page that was loaded so long ago, and is not connected, makes room for another."""
+"""A page that was loaded longer ago than this, and is not connected, makes room for another."""
 
 
 def with_page_limit(app: App, station: StationContext) -> App:
@@ -44,7 +44,7 @@ def with_page_limit(app: App, station: StationContext) -> App:
 
 
 class PageLimit:
-    """Knows what pages there are, and who waits for one that is just being made.
+    """Counts the open pages and those that are being made.
 
     Args:
         station: whose pages they are.
@@ -56,7 +56,7 @@ class PageLimit:
 
     @contextmanager
     def being_made(self, session: str) -> Iterator[None]:
-        """Count a page before it is there."""
+        """Count a page while it is being made."""
         self._being_made.append(session)
         try:
             yield
@@ -64,7 +64,7 @@ class PageLimit:
             self._being_made.remove(session)
 
     def has_room(self, session: str) -> bool:
-        """Make room for a page, if pages without a connection are in the way; whether there is room."""
+        """Make room for a page by deleting deserted ones, if need be; return whether there is room."""
         role_of = self._station.access.role_of
         role = role_of(session)
         same = [page for page in self._station.pages.values() if page.role is role]
@@ -75,7 +75,7 @@ class PageLimit:
 
 
 def make_room(pages: list[Page], limit: int) -> bool:
-    """Delete deserted pages, the oldest first, until there are fewer than a limit; whether there are."""
+    """Delete deserted pages, the oldest first, down to below a limit; return whether that was possible."""
     alive = [page for page in pages if page.key in Client.instances]
     surplus = len(alive) - limit + 1
     for page in alive:

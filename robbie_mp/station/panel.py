@@ -1,4 +1,4 @@
-"""What every panel of the page is: subscribed once, built for each page that is opened."""
+"""The base of all panels: a panel subscribes once, and is built for each page that is opened."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class Panel(ABC):
     """One tab of the page.
 
     Args:
-        station: the module; messages are subscribed to in the constructor, as a rule by `station.newest`, and
-            published from any thread.
+        station: gives the messages. Subscribe in the constructor, as a rule with `station.newest`. Publish
+            with `Page.publish`, from any thread.
     """
 
     name: ClassVar[str]
-    """By which the profile arranges it."""
+    """The name with which profiles arrange the tabs."""
     title: ClassVar[str]
     icon: ClassVar[str]
     """A name of the Material Icons that come with NiceGUI."""
@@ -38,22 +38,22 @@ class Panel(ABC):
 
     @classmethod
     def is_wanted(cls, _station: StationContext) -> bool:
-        """Whether it has anything to show, where the profile does not say which panels there are."""
+        """Return whether the panel has anything to show; asked if the profile names no tabs."""
         return True
 
     @property
     def is_looked_at(self) -> bool:
-        """Whether any page shows it; what nobody looks at need not be prepared."""
+        """Whether any page shows the panel; otherwise it need not prepare anything."""
         return any(page.tab == self.name for page in tuple(self.station.pages.values()))
 
     def tick(self) -> None:  # noqa: B027 - most panels have nothing to do
-        """Do what is done once for all pages; runs in the module's thread, at each of its ticks."""
+        """Do the work that is done once for all pages; runs in the module's thread, at each of its ticks."""
 
     def close(self) -> None:  # noqa: B027
-        """Let go of what was opened."""
+        """Close what the panel has opened."""
 
     def build_on_every_tab(self, page: Page) -> None:  # noqa: B027 - most panels have nothing to show there
-        """Make what is in sight above the tabs of a page, whichever panel is looked at."""
+        """Make the elements that a page shows above the tabs, whichever tab is open."""
 
     @abstractmethod
     def build(self, page: Page) -> None:

@@ -1,7 +1,7 @@
-"""Pictures for the page: made of the newest message when a page asks, in a thread beside the event loop.
+"""Pictures for the page: made of the newest message on request, in a thread beside the event loop.
 
-The page is told that there is a newer one and fetches it when it has the last one: a slow link misses some,
-and nothing waits for it here.
+The station notifies the page of a newer picture, and the page fetches it when it has the last one. Over a
+slow link a page misses some pictures, and none queue up here.
 """
 
 import io
@@ -22,8 +22,8 @@ from robbie_mp.module.bus import MessageType
 from robbie_mp.station.latest import Latest
 
 JPEG_QUALITY = 80
-LARGEST_PIXELS = 1280
-"""Of a picture's longer side; larger ones are made smaller."""
+MAX_PIXELS = 1280
+"""Of a picture's longer side; larger pictures are scaled down."""
 BYTES = {"mono8": 1, "8UC1": 1, "mono16": 2, "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
 """Of a pixel, by the encodings that are shown."""
 MEDIA_TYPES = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
@@ -63,7 +63,7 @@ class NewestPicture(Generic[MessageType]):
         self._answer = no_picture("there is none yet")
 
     def answer(self) -> Response:
-        """Answer a request; runs in a thread of its own, and may take its time."""
+        """Answer a request; runs in a separate thread, and may block."""
         with self._lock:
             count, message = self._latest.count, self._latest.message
             if message is not None and count != self._drawn:
@@ -72,7 +72,7 @@ class NewestPicture(Generic[MessageType]):
 
 
 def answer_with(draw: Callable[[MessageType], Picture], message: MessageType) -> Response:
-    """Answer with a message's picture, or why there is none."""
+    """Answer with a message's picture, or with the reason why there is none."""
     try:
         picture = draw(message)
     except NoPicture as error:
@@ -82,7 +82,7 @@ def answer_with(draw: Callable[[MessageType], Picture], message: MessageType) ->
 
 
 def no_picture(reason: str) -> Response:
-    """Answer that there is no picture; that is no error, and browsers note none."""
+    """Answer that there is no picture; browsers do not report this status as an error."""
     return Response(status_code=204, headers={"X-Robbie-Reason": reason.encode("ascii", "replace").decode()})
 
 
@@ -92,7 +92,7 @@ def serve_pictures(path: str, answer: Callable[..., Response]) -> None:
 
 
 def encode_image(message: Image | CompressedImage) -> Picture:
-    """Return a camera's image as JPEG; what is JPEG or PNG already stays as it is.
+    """Return a camera's image as JPEG; JPEG and PNG stay as they are.
 
     Raises:
         NoPicture: it has another encoding, or is damaged.
@@ -104,7 +104,7 @@ def encode_image(message: Image | CompressedImage) -> Picture:
             raise NoPicture(f"the format {message.format!r} is neither jpeg nor png")
         return Picture(data, media_type)
     picture = PillowImage.fromarray(pixels_of(message))
-    picture.thumbnail((LARGEST_PIXELS, LARGEST_PIXELS), reducing_gap=1.0)
+    picture.thumbnail((MAX_PIXELS, MAX_PIXELS), reducing_gap=1.0)
     encoded = io.BytesIO()
     picture.save(encoded, "JPEG", quality=JPEG_QUALITY)
     return Picture(encoded.getvalue(), "image/jpeg")

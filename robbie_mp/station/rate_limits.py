@@ -12,7 +12,7 @@ RECORDS_PER_S = 0.5
 
 
 class LogLimit(logging.Filter):
-    """Lets only so many records through; the next one that passes says how many did not.
+    """Passes log records at a limited rate; the next one that passes says how many were left out.
 
     Args:
         burst: records that may come at once.
@@ -20,7 +20,7 @@ class LogLimit(logging.Filter):
         clock: tells the time, s.
 
     Attributes:
-        left_out: all that were left out.
+        left_out: number of records that were left out.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class LogLimit(logging.Filter):
         self._untold = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether a record may pass; two that come at once may both."""
+        """Return whether a record may pass. Records from two threads at the same moment may both pass."""
         now_s = self._clock()
         self._allowed = min(self._burst, self._allowed + (now_s - self._since_s) * self._records_per_s)
         self._since_s = now_s
@@ -56,7 +56,7 @@ class LogLimit(logging.Filter):
 
 
 def limited(name: str) -> logging.Logger:
-    """Return a logger with such a limit; the same name has one limit."""
+    """Return the logger of a name, with a LogLimit."""
     found = logging.getLogger(name)
     if not any(isinstance(one, LogLimit) for one in found.filters):
         found.addFilter(LogLimit())
@@ -64,15 +64,15 @@ def limited(name: str) -> logging.Logger:
 
 
 LOGIN_BURST = 10
-"""Wrong tokens that an address may try at once."""
+"""Wrong tokens that an address may try in a row."""
 TRIES_PER_S = 0.2
 """In the long run."""
 MAX_SOURCES = 1024
-"""Addresses that are remembered; the one that tried least lately is forgotten."""
+"""Addresses that are remembered; the least recent one is forgotten first."""
 
 
 class LoginLimit:
-    """Knows how many wrong tokens came from where.
+    """Counts the wrong tokens of each address.
 
     Args:
         clock: tells the time, s.
@@ -81,10 +81,10 @@ class LoginLimit:
     def __init__(self, clock: Callable[[], float] = time.monotonic):
         self._clock = clock
         self._sources: OrderedDict[str, tuple[float, float]] = OrderedDict()
-        """Tries left, and when there were so many."""
+        """Tries left, and the time at which that was so."""
 
     def wait_s(self, source: str) -> float:
-        """Return how long an address has to wait until it may try a token; 0: it may now."""
+        """Return the time until an address may try a token; 0: it may now."""
         return max(0.0, (1.0 - self._left(source)) / TRIES_PER_S)
 
     def note_wrong(self, source: str) -> None:

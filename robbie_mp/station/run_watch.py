@@ -7,7 +7,7 @@ from robbie_mp.observe import RunObserver, RunRates, RunReading, rates_between
 
 REFRESH_S = 1.0
 DESCRIBED_READINGS = 10
-"""Quantiles are of the time since so many readings ago."""
+"""Quantiles cover the time since this many readings ago."""
 
 
 class RunWatch:
@@ -19,7 +19,7 @@ class RunWatch:
     Attributes:
         reading: the newest one; None before the first.
         rates: from the one before to the newest; None before the second.
-        count: readings so far, so that a page can tell whether it has shown this one.
+        count: number of readings; a page tells by it whether it has shown the newest.
     """
 
     def __init__(self, run_id: str):

@@ -21,7 +21,7 @@ from robbie_mp.station.listening import BACKLOG
 START_LIMIT_S = 10.0
 STOP_LIMIT_S = 2.0
 MAX_MESSAGE_BYTES = 1 << 17
-"""From a page; who sends more is disconnected."""
+"""Largest message from a page; a page that sends a larger one is disconnected."""
 MAX_HEADERS_BYTES = 1 << 14
 """Of a request, cookies included."""
 
@@ -52,7 +52,7 @@ class PageServer:
             ws_max_size=MAX_MESSAGE_BYTES,
             h11_max_incomplete_event_size=MAX_HEADERS_BYTES,
             backlog=BACKLOG,
-            # Who asks is who is connected, and not who somebody says it is.
+            # The client is the connected address, whatever a forwarding header claims.
             proxy_headers=False,
             # What is large is compressed already, and this would be done for each page on the event loop.
             ws_per_message_deflate=False,
@@ -86,7 +86,7 @@ class PageServer:
             raise ServerFailed("the page server has ended; the trace of this module says why")
 
     def close(self) -> None:
-        """End it; whoever still looks is cut off."""
+        """Stop serving, and close all connections."""
         self._server.should_exit = True
         if self._thread.is_alive():
             self._thread.join(STOP_LIMIT_S)

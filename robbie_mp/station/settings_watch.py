@@ -23,10 +23,10 @@ Entry = dict[str, Any]
 
 
 class SettingsWatch:
-    """Reads what the modules have written down of their settings, and hears what they answer.
+    """Reads the files in which modules describe their settings, and hears their answers to changes.
 
     Attributes:
-        changeable: by module and setting; replaced and never changed, for other threads look at it.
+        changeable: by module and setting; the dict is replaced, never changed, since other threads read it.
     """
 
     def __init__(self, source: MessageSource, run_folder: Path):
@@ -44,7 +44,7 @@ class SettingsWatch:
             self._answers.popitem(last=False)
 
     def tick(self) -> None:
-        """Read what has changed, if that is due; panels that are looked at have it done."""
+        """Read the files again, if that is due; panels that a page shows call this."""
         if time.monotonic() >= self._next_s:
             self._next_s = time.monotonic() + READ_PERIOD_S
             self.changeable = {name: file.read() for name, file in self._files.items()}

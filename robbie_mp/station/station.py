@@ -1,4 +1,4 @@
-"""The module behind the page. It runs without the extra `gui`, too, and then says what is missing."""
+"""The module that serves the page. Without the extra `gui` it runs, too, and says what is missing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from robbie_mp.module.settings import SettingError
 from robbie_mp.run.operator_link import remove_link, token_of_run, write_link
 from robbie_mp.run.run_directory import list_runs
 from robbie_mp.scene_graph import SceneGraphListener
-from robbie_mp.station.access import SHORTEST_TOKEN, Access, DriversSeat, is_loopback
+from robbie_mp.station.access import MIN_TOKEN_CHARACTERS, Access, DriversSeat, is_loopback
 from robbie_mp.station.claim import StationClaim
 from robbie_mp.station.latest import Latest
 from robbie_mp.station.listening import AddressUnusable, listen
@@ -104,12 +104,12 @@ class OperatorStation(Module):
     def check(cls, settings: dict[str, Any]) -> None:
         """See that only authorized people can steer the robot, and that every tab is a panel."""
         for name in ("operator_token", "observer_token"):
-            if settings[name] is not None and len(settings[name].reveal()) < SHORTEST_TOKEN:
-                raise SettingError(f"expected at least {SHORTEST_TOKEN} characters; got fewer", name)
+            if settings[name] is not None and len(settings[name].reveal()) < MIN_TOKEN_CHARACTERS:
+                raise SettingError(f"expected at least {MIN_TOKEN_CHARACTERS} characters; got fewer", name)
         if not is_loopback(settings["host"]) and not settings["operator_token"]:
             raise SettingError(
                 f"{settings['host']} is reached from other machines: set operator_token, to where a "
-                f"secret of at least {SHORTEST_TOKEN} characters is kept, or host to 127.0.0.1",
+                f"secret of at least {MIN_TOKEN_CHARACTERS} characters is kept, or host to 127.0.0.1",
                 "host",
             )
         if len(settings["robot_size_m"]) != 3:
@@ -160,14 +160,14 @@ class OperatorStation(Module):
         self.log.info("operator station: %s", self.address)
 
     def _listen(self, port_before: int) -> socket.socket:
-        """Listen where browsers look for the page again after a restart."""
+        """Listen on the port from before a restart, where browsers reconnect."""
         if not self.port:
             with contextlib.suppress(AddressUnusable):
                 return listen(self.host, port_before)
         return listen(self.host, self.port)
 
     def _remember(self) -> None:
-        """Keep what a restarted station needs for browsers to go on without asking anybody."""
+        """Keep what a restarted station needs for browsers to go on without a new login."""
         self._remembered = self.access.sessions
         self.checkpoint({"port": self._port, "sessions": self._remembered})
 
@@ -188,7 +188,7 @@ class OperatorStation(Module):
     def hear(
         self, message_type: type[MessageType], handler: Callable[[MessageType], None], topic: str = ""
     ) -> None:
-        """Have every message of a type and topic handled, before anybody wants it by `newest`.
+        """Have every message of a type and topic handled; call it before `newest` of the same type.
 
         Called and handled in the module's thread.
         """
@@ -214,7 +214,7 @@ class OperatorStation(Module):
         self.drivers_seat.leave(page.key)
 
     def tick(self) -> None:
-        """See that the page is served, and do what is done once for all pages."""
+        """Check the page server, and do the work that is done once for all pages."""
         if self._website is None:
             return
         self._website.tick()

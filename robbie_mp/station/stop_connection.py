@@ -2,7 +2,7 @@
 
 The page asks several times a second. Each answer repeats the page's time of its last question, so that the
 page knows how old at most what it shows is, however slow the link. The page names a press in each question
-until it is told that the press is settled.
+until it hears that the press is settled.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PATH = "/emergency-stop"
 
 @dataclass(frozen=True)
 class Question:
-    """What a page has asked."""
+    """The request of a page."""
 
     asked_ms: float
     """By the page's own clock."""
@@ -38,7 +38,7 @@ class Question:
 
 
 def question_of(text: object) -> Question | None:
-    """Return what a page has sent; None if that is nothing that our page sends."""
+    """Return what a page has sent; None if it is malformed."""
     try:
         sent = json.loads(text) if isinstance(text, str) else None
         asked_ms, press = float(sent["asked_ms"]), sent["press"]  # type: ignore[index]
@@ -77,7 +77,7 @@ class StopService:
         self._requests.press(name)
 
     def answer(self, question: Question) -> str:
-        """Return what the page is told, as JSON."""
+        """Return the answer to a page, as JSON."""
         state = self._state.message
         fate = self._requests.fate(question.press)
         return json.dumps(

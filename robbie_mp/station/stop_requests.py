@@ -9,7 +9,7 @@ from collections.abc import Callable
 from enum import StrEnum
 
 REPEAT_S = 0.2
-"""A stop that the base has not confirmed is sent again after so long."""
+"""A stop that the base has not confirmed is sent again after this time."""
 MIN_INTERVAL_S = 0.05
 """Stops are not sent more often, however many pages press."""
 IN_FLIGHT_S = 0.5
@@ -20,7 +20,7 @@ MAX_NAME_LENGTH = 64
 
 
 class Fate(StrEnum):
-    """What has become of a press."""
+    """The state of a press."""
 
     PENDING = "pending"
     """The base has not confirmed it yet."""
@@ -31,9 +31,9 @@ class Fate(StrEnum):
 
 
 class StopRequests:
-    """Sends stops and releases to the base, and knows what has become of each press.
+    """Sends stops and releases to the base, and knows the state of each press.
 
-    A press has a name, so that a page may repeat it on every connection until it is told that the press is
+    A press has a name, so that a page may repeat it on every connection until it hears that the press is
     settled. A press that is settled never stops the robot again. Any thread may call any method.
 
     Args:
@@ -54,12 +54,12 @@ class StopRequests:
 
     @property
     def waits_s(self) -> float | None:
-        """How long the base has not confirmed a stop; None if it has confirmed all."""
+        """Age of the oldest stop that the base has not confirmed; None if it has confirmed all."""
         with self._lock:
             return self._now_s() - self._waits_since_s if self._pending else None
 
     def fate(self, name: str) -> Fate | None:
-        """What has become of a press; None if it is not known here."""
+        """Return the state of a press; None if it is unknown."""
         with self._lock:
             return Fate.PENDING if name in self._pending else self._settled.get(name)
 
@@ -86,7 +86,7 @@ class StopRequests:
         return is_sent
 
     def see(self, *, engaged: bool, published_s: float) -> None:
-        """Learn what the base says, and when it said so."""
+        """Take in the base's state, and when the base published it."""
         with self._lock:
             if not self._pending or not engaged or published_s < self._released_s + IN_FLIGHT_S:
                 return

@@ -1,4 +1,4 @@
-"""The newest message of a topic, attached for as long as somebody looks."""
+"""The newest message of a topic, for pages that look into it."""
 
 import threading
 from contextlib import closing
@@ -13,12 +13,12 @@ from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.transport.tables import ChannelName
 from robbie_mp.views.message_text import Abbreviated, FieldPath
 
-LONGEST_TEXT = 200
+MAX_TEXT_CHARACTERS = 200
 Node = dict[str, Any]
 
 
 class TopicWatch:
-    """Takes the messages of one channel in a thread of its own, and keeps the newest.
+    """Takes the messages of one channel in a separate thread, and keeps the newest.
 
     Args:
         run: the run.
@@ -57,7 +57,7 @@ class TopicWatch:
             self.error = str(error)
 
     def tree(self, received: Received) -> list[Node]:
-        """Return the fields of a message as a tree; takes its time.
+        """Return the fields of a message as a tree; may be slow.
 
         Raises:
             RobbieError: its type is not known, or it cannot be read.
@@ -87,4 +87,7 @@ def _node(name: str, value: Any, path: str) -> Node:
         length = len(value) + (value.missing if isinstance(value, Abbreviated) else 0)
         return {"id": path, "label": f"{name}: {length} elements", "children": nodes_of(value, path)}
     text = str(value)
-    return {"id": path, "label": f"{name}: {text[:LONGEST_TEXT]}{'…' * (len(text) > LONGEST_TEXT)}"}
+    return {
+        "id": path,
+        "label": f"{name}: {text[:MAX_TEXT_CHARACTERS]}{'…' * (len(text) > MAX_TEXT_CHARACTERS)}",
+    }

@@ -1,4 +1,4 @@
-"""What is served: a page with its panels, for everybody who opens it. Needs the extra `gui`."""
+"""The application that serves the page. Needs the extra `gui`."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ if TYPE_CHECKING:
     from robbie_mp.station.panel import Panel
 
 LIBRARIES = ("nicegui", "asyncio", "uvicorn.error", "engineio.server", "socketio.server")
-"""Loggers of those who complain of what visitors send: they have a limit."""
+"""Loggers of libraries that complain about what visitors send; they get a limit."""
 MESSAGE_HISTORY = 100
-"""Messages kept for a page that has lost its connection; one that misses more is loaded anew."""
+"""Messages kept for a page that has lost its connection; a page that misses more is reloaded."""
 
 
 def answer_plainly(_request: Request, error: Exception) -> Response:
-    """Answer that something is not there, or went wrong; NiceGUI would make a page for each such request."""
+    """Answer an error with a line of text; NiceGUI would make a page for each such request."""
     status = error.status_code if isinstance(error, HTTPException) else 500
     return PlainTextResponse("there is no such thing here\n" if status == 404 else "failed\n", status)
 
 
-def made_panels(station: StationContext) -> tuple[dict[str, Panel], dict[str, str]]:
+def make_panels(station: StationContext) -> tuple[dict[str, Panel], dict[str, str]]:
     """Make the panels of a station.
 
     Returns:
@@ -51,7 +51,7 @@ def made_panels(station: StationContext) -> tuple[dict[str, Panel], dict[str, st
     classes = panels_in_order(own)
     wanted = [name for name, panel in classes.items() if panel.is_wanted(station)]
     titles = station.tabs or dict.fromkeys(wanted, "")
-    return {name: made(station) for name, made in classes.items() if name in titles or name in own}, titles
+    return {name: panel(station) for name, panel in classes.items() if name in titles or name in own}, titles
 
 
 class Website:
@@ -59,12 +59,12 @@ class Website:
 
     Args:
         station: the module; it is just being set up.
-        listener: the socket on which it is asked for the page.
+        listener: the socket on which the station listens.
     """
 
     def __init__(self, station: StationContext, listener: socket.socket):
         self._map = LiveMap(station)
-        panels, titles = made_panels(station)
+        panels, titles = make_panels(station)
         self._panels = [*panels.values()]
         titled = [(panels[name], title or panels[name].title) for name, title in titles.items()]
         self._emergency_stop = EmergencyStopControl(station)
@@ -106,7 +106,7 @@ class Website:
         self._server.start()
 
     def tick(self) -> None:
-        """See that the page is served, and do what is done once for all pages.
+        """Check the page server, and do the work that is done once for all pages.
 
         Raises:
             ServerFailed: it is not.
@@ -118,7 +118,7 @@ class Website:
             panel.tick()
 
     def close(self) -> None:
-        """End the page server, and let go of what the panels have opened."""
+        """Stop the page server, and close the panels."""
         self._server.close()
         for panel in self._panels:
             panel.close()

@@ -5,7 +5,7 @@ from collections import deque
 import pytest
 
 from robbie_mp.messages import LaserScan, Path, Point, Pose, PoseStamped
-from robbie_mp.station.panels.map import LONGEST_PATH, checked, way_points
+from robbie_mp.station.panels.map import MAX_PATH_POINTS, checked, way_points
 from robbie_mp.station.panels.trace import SHOWN, Filter, line_of, newest
 from robbie_mp.station.topic_watch import nodes_of
 from robbie_mp.trace.entry import Entry
@@ -67,10 +67,10 @@ def test_what_no_map_sends_is_no_goal(sent: object) -> None:
 
 
 def test_long_path_is_thinned_but_ends_where_it_ends() -> None:
-    path = Path(poses=[PoseStamped(pose=Pose(position=Point(x=x))) for x in range(10 * LONGEST_PATH)])
+    path = Path(poses=[PoseStamped(pose=Pose(position=Point(x=x))) for x in range(10 * MAX_PATH_POINTS)])
     points = way_points(path)
-    assert len(points) <= LONGEST_PATH + 1
-    assert (points[0], points[-1]) == ([0.0, 0.0], [10.0 * LONGEST_PATH - 1, 0.0])
+    assert len(points) <= MAX_PATH_POINTS + 1
+    assert (points[0], points[-1]) == ([0.0, 0.0], [10.0 * MAX_PATH_POINTS - 1, 0.0])
     assert way_points(Path()) == []
 
 

@@ -9,7 +9,7 @@ from PIL import Image as PillowImage
 from robbie_mp.messages import CompressedImage, Image
 from robbie_mp.station.latest import Latest
 from robbie_mp.station.pictures import (
-    LARGEST_PIXELS,
+    MAX_PIXELS,
     NewestPicture,
     NoPicture,
     Picture,
@@ -45,11 +45,11 @@ def test_of_16_bits_the_darkest_is_black_and_the_brightest_white(big: bool) -> N
 
 
 def test_large_images_are_made_smaller() -> None:
-    size = 2 * LARGEST_PIXELS
+    size = 2 * MAX_PIXELS
     data = np.full(4 * size, 200, np.uint8)
     picture = encode_image(Image(height=4, width=size, encoding="mono8", step=size, data=data))
     shown = PillowImage.open(io.BytesIO(picture.data))
-    assert (picture.media_type, shown.size) == ("image/jpeg", (LARGEST_PIXELS, 2))
+    assert (picture.media_type, shown.size) == ("image/jpeg", (MAX_PIXELS, 2))
     assert shown.getpixel((5, 1)) == pytest.approx(200, abs=3)
 
 

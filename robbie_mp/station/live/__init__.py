@@ -1,4 +1,4 @@
-"""What pages draw many times a second: encoded once for all, and sent to each as fast as it can draw."""
+"""What pages draw many times a second: encoded once for all pages, sent to each as fast as it can draw."""
 
 from pathlib import Path
 

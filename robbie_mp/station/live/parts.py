@@ -1,7 +1,7 @@
 """The newest state of what pages draw, in parts, each encoded once for all pages.
 
-Who follows has a packet of the parts that have changed, and the next one when it has drawn that. So nothing
-queues up for a page whose link or browser is slow: it gets fewer packets, of what is the newest then.
+A page gets a packet with the parts that have changed, and the next packet when it has drawn that one. So
+nothing queues up for a page with a slow link or browser: it gets fewer packets, each with the newest state.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 PACKET_BYTES = 1 << 16
-"""With so many bytes a packet is full; it has one part at least, however large."""
+"""Size at which a packet is full. A packet has at least one part, however large."""
 SMALL_BYTES = 1 << 12
-"""A part of so many bytes is in the next packet, whatever else is waiting."""
+"""Parts up to this size go before all others."""
 PACKETS_AHEAD = 2
-"""So many packets may be on their way to a page, so that the way there and back is not waited for."""
+"""Packets that may be on their way to a page, so that it does not wait for round trips."""
 DRAWING_LIMIT_S = 30.0
-"""Who has drawn nothing for so long is disconnected."""
+"""A page that has drawn nothing for this time is disconnected."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Part:
     """What is drawn at one place."""
 
     number: int
-    """Another one, greater, whenever the data are."""
+    """Greater whenever the data change."""
     data: bytes
 
 
@@ -41,7 +41,7 @@ class LiveParts:
         self._followers: tuple[Follower, ...] = ()
 
     def put(self, group: str, parts: Mapping[str, bytes]) -> None:
-        """Say what is in a group from now on; what is as it was is not sent again."""
+        """Replace the parts of a group; unchanged parts are not sent again."""
         before = self.parts
         found: dict[str, Part] = {}
         for name, data in parts.items():
@@ -54,15 +54,15 @@ class LiveParts:
             follower.wake(group)
 
     def is_wanted(self, group: str) -> bool:
-        """Whether anybody follows a group; what nobody looks at need not be put."""
+        """Whether any page follows a group; otherwise its parts need not be put."""
         return any(group in follower.groups for follower in self._followers)
 
     def join(self, follower: Follower) -> None:
-        """Have somebody told of changes; in the page server's thread, as `leave`."""
+        """Add a follower; in the page server's thread, as `leave`."""
         self._followers = (*self._followers, follower)
 
     def leave(self, follower: Follower) -> None:
-        """Forget somebody."""
+        """Remove a follower."""
         self._followers = tuple(one for one in self._followers if one is not follower)
 
 
@@ -87,7 +87,7 @@ class Follower:
         self._drawn_s = self._loop.time()
 
     def wake(self, group: str) -> None:
-        """Tell that a group has changed; from any thread."""
+        """Wake the follower because a group has changed; from any thread."""
         if group in self.groups:
             self._loop.call_soon_threadsafe(self._changed.set)
 
@@ -133,8 +133,8 @@ class Follower:
         ]
         if not changed:
             return None
-        # What is small, and then what was sent longest ago: so everything has its turn. What has never been
-        # sent begins with what changed last: the map, of which there is much, is behind what moves.
+        # Small parts first, then those sent longest ago, so that each is sent in time. Among parts never
+        # sent, the last changed come first: the large map stays behind what moves.
         changed.sort(
             key=lambda one: (
                 len(one[1].data) > SMALL_BYTES,

@@ -1,4 +1,4 @@
-"""The newest image of each camera, as many as the link bears."""
+"""The newest image of each camera, as often as the link allows."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
 
 REFRESH_S = 0.1
-"""No page is told of new images more often."""
+"""Shortest time between two notices of a new image to a page."""
 MAX_CAMERAS = 12
 FRESH_NS = 500_000_000
-"""What was found in an image so much older than the one that is shown is shown in it, too."""
+"""Detections in an image that is older than the shown one by up to this are drawn, too."""
 SILENT_AFTER_S = 2.0
-"""A camera that works has sent an image within this time."""
+"""A working camera sends an image within this time."""
 ADDRESS = "/pictures/camera/{name:path}"
 MAX_BOXES = 100
 
@@ -52,7 +52,7 @@ class DetectionBoxes(Element, component="detection_boxes.js"):
         self._props["boxes"] = []
 
     def show(self, boxes: list[Box]) -> None:
-        """Draw these, if they are others than before."""
+        """Draw these boxes, if they have changed."""
         plain = [[*box] for box in boxes]  # named tuples do not become JSON
         if self._props["boxes"] != plain:
             self._props["boxes"] = plain
@@ -60,7 +60,7 @@ class DetectionBoxes(Element, component="detection_boxes.js"):
 
 
 def boxes_of(found: Detection2DArray, width: int, height: int) -> list[Box]:
-    """Return the boxes of detections in an image of so many columns and rows."""
+    """Return the boxes of detections in an image of `width` columns and `height` rows."""
     boxes = []
     for one in found.detections[:MAX_BOXES]:
         box, middle = one.bbox, one.bbox.center.position
@@ -78,11 +78,11 @@ def boxes_of(found: Detection2DArray, width: int, height: int) -> list[Box]:
 
 
 class NewestImage(Element, component="newest_image.js"):
-    """Shows a picture, and the next one once it has this one.
+    """Shows a picture, and fetches the next one when it has this one.
 
     Args:
         address: where pictures are.
-        description: for who does not see it.
+        description: the alternative text.
     """
 
     def __init__(self, address: str, description: str):
@@ -92,10 +92,10 @@ class NewestImage(Element, component="newest_image.js"):
         self.show(0)
 
     def show(self, count: int) -> None:
-        """Show the picture that is the newest now, if that is another one.
+        """Show the newest picture, if it is not shown already.
 
         Args:
-            count: of the message it is made of; 0: there is none.
+            count: number of the message that it is made of; 0: there is none.
         """
         if self._props.get("count") != count:
             self._props["count"] = count
@@ -103,14 +103,14 @@ class NewestImage(Element, component="newest_image.js"):
 
 
 class Camera:
-    """What comes on one topic."""
+    """The images of one topic."""
 
     def __init__(self) -> None:
         self.latest: Latest[Image | CompressedImage] = Latest()
         self.picture = NewestPicture(self.latest, encode_image)
 
     def boxes(self, found: Detection2DArray | None) -> list[Box]:
-        """Return what was found in the newest image, or in one just before it; [] if that is too long ago."""
+        """Return the boxes found in the newest image, or in one shortly before it; [] if they are too old."""
         image = self.latest.message
         if found is None or not isinstance(image, Image):
             return []
@@ -152,7 +152,10 @@ class CamerasPanel(Panel):
             if len(self.cameras) >= MAX_CAMERAS:
                 return
             camera = Camera()
-            self.cameras = {**self.cameras, name: camera}  # another one, for pages look at it meanwhile
+            self.cameras = {
+                **self.cameras,
+                name: camera,
+            }  # a new dict: pages read the old one
         camera.latest.put(image)
 
     def _on_detections(self, found: Detection2DArray) -> None:

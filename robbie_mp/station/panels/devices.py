@@ -1,6 +1,6 @@
 """Virtual devices, set by hand: a battery's charge, a bumper that is pressed, a laser that fails.
 
-They obey settings whose names begin with `virtual_`. Only simulated devices have such ones.
+They obey settings whose names begin with `virtual_`, which only simulated devices have.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class DevicesPanel(Panel):
     icon = "construction"
 
     def tick(self) -> None:
-        """Read what the devices obey."""
+        """Read the devices' settings."""
         if self.is_looked_at:
             self.station.settings_watch.tick()
 

@@ -1,4 +1,4 @@
-"""Driving by hand: the robot moves while a control is held, and no longer."""
+"""Driving by hand: the robot moves only while the operator holds a control."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
 
 VALID_FOR = Duration.from_nanoseconds(220_000_000)
-"""The base brakes when no further command comes within this, two heartbeats, and stands soon after."""
+"""The base brakes when no further command comes within this time, which is two heartbeats."""
 SILENT_AFTER_S = 1.0
-"""A base that works has told how the robot moves within this time."""
+"""A working base publishes odometry within this time."""
 MANUAL_TOPIC = "manual"
 STYLE = """.drive-pad {position: relative; width: 18rem; height: 18rem; border-radius: 1rem;
   touch-action: none; background: #263238; border: 2px solid #607d8b; cursor: grab}
@@ -32,11 +32,11 @@ STYLE = """.drive-pad {position: relative; width: 18rem; height: 18rem; border-r
 
 
 class DrivePad(Element, component="drive_pad.js"):
-    """What is held to drive."""
+    """The pad that the operator holds to drive."""
 
 
 class DrivePanel(Panel):
-    """Pad, keys and gamepad; limits of the speed; who drives."""
+    """Pad, keys and gamepad; speed limits; which page drives."""
 
     name = "drive"
     title = "Drive"
@@ -47,7 +47,7 @@ class DrivePanel(Panel):
         self._odometry = station.newest(Odometry, "odom")
 
     def build(self, page: Page) -> None:
-        """Make the controls; who may not drive sees how the robot moves."""
+        """Make the controls for operators, and the velocity for all."""
         ui.add_css(STYLE)
         with ui.row().classes("gap-8 items-start"):
             if page.role is Role.OPERATOR:
@@ -67,11 +67,11 @@ class DrivePanel(Panel):
 
 
 class DriverControls:
-    """What one page drives with.
+    """The controls of one page.
 
     Args:
-        station: who publishes the commands.
-        page: whose controls they are.
+        station: knows which page drives, and the speed limits.
+        page: publishes the commands.
     """
 
     def __init__(self, station: StationContext, page: Page):
@@ -132,7 +132,7 @@ class DriverControls:
 
 
 def checked(sent: Any) -> tuple[bool, bool, float, float, float] | None:
-    """Return what the pad has sent, its speeds from -1 to 1; None if that is nothing it sends."""
+    """Return what the pad has sent, with speeds from -1 to 1; None if it is malformed."""
     try:
         numbers = [float(sent[name]) for name in ("linear", "angular", "sent_s")]
     except (KeyError, TypeError, ValueError):

@@ -33,16 +33,16 @@ if TYPE_CHECKING:
 
 TEXT_PERIOD_S = 0.2
 GROUP = "marks"
-"""Of live parts: what is drawn on the map."""
-LONGEST_PATH = 500
-"""Of longer paths every second, third … point is shown."""
+"""Of live parts: the marks on the map."""
+MAX_PATH_POINTS = 500
+"""Longer paths are drawn with every second, third … point."""
 MODES = {"": "Move map", "goal": "Set goal", "initial_pose": "Set pose"}
-"""What a press on the map does, by the topic that it is published on."""
+"""What a press on the map does, by the topic on which it publishes."""
 PLACE_COLOUR = "#3949ab"
 
 
 class MapView(Element, component="map_view.js", esm=SCRIPTS):
-    """Follows the map and the marks on it, and draws them."""
+    """Draws the map and the marks on it."""
 
 
 class MapPanel(Panel):
@@ -103,7 +103,7 @@ class MapPanel(Panel):
         page.every(TEXT_PERIOD_S, self.name, update)
 
     def tick(self) -> None:
-        """Say where everything is, if anybody wants to see it."""
+        """Put the newest marks, if any page shows them."""
         if self.station.live.is_wanted(GROUP):
             found = other_robots(self.station.scene, "map")
             self._others = [robot_mark(name, pose) for name, pose in found.items()]
@@ -116,7 +116,7 @@ class MapPanel(Panel):
         return self._way[1]
 
     def marks(self) -> dict[str, Any]:
-        """Return what is drawn on the map, but for the path; m and rad, map frame."""
+        """Return what is drawn on the map, without the path; m and rad, map frame."""
         return {
             "robot": planar(self._pose.message),
             "goal": planar(self._goal.message),
@@ -144,7 +144,7 @@ class MapPanel(Panel):
         return "; ".join([*parts, *(place.name for place in self.station.places_watch.places)])
 
     def _publish(self, page: Page, topic: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
-        if yaw_rad is None:  # not said: as the robot would look on its straight way there
+        if yaw_rad is None:  # not given: the direction from the robot to the goal
             robot = planar(self._pose.message) or [x_m, y_m, 0.0]
             yaw_rad = math.atan2(y_m - robot[1], x_m - robot[0])
         pose = Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(yaw_rad))
@@ -153,9 +153,9 @@ class MapPanel(Panel):
 
 
 def way_points(path: Path | None) -> list[list[float]]:
-    """Return x and y (m) of the points of a path, of a long one of some of them."""
+    """Return x and y (m) of the points of a path; a long path is thinned."""
     poses = path.poses if path else []
-    every = math.ceil(len(poses) / LONGEST_PATH) or 1
+    every = math.ceil(len(poses) / MAX_PATH_POINTS) or 1
     positions = [one.pose.position for one in (*poses[:-1:every], *poses[-1:])]
     return [[round(one.x, 3), round(one.y, 3)] for one in positions]
 
@@ -194,7 +194,7 @@ def planar(message: PoseStamped | None) -> list[float] | None:
 
 
 def checked(sent: Any) -> tuple[str, float, float, float | None] | None:
-    """Return what was placed where on the map: topic, x, y (m), heading (rad); None if that is nothing."""
+    """Return a placement on the map: topic, x, y (m), heading (rad); None if it is malformed."""
     try:
         topic, yaw_rad = str(sent["what"]), sent["yaw_rad"]
         numbers = [float(sent["x_m"]), float(sent["y_m"]), 0.0 if yaw_rad is None else float(yaw_rad)]

@@ -15,19 +15,19 @@ if TYPE_CHECKING:
     from robbie_mp.messages.descriptions import KnownTypes
     from robbie_mp.station.context import Page, StationContext
 
-MOST_FIELDS = 200
-MOST_HZ = 20.0
+MAX_FIELDS = 200
+MAX_HZ = 20.0
 COUNT_PERIOD_S = 0.5
 
 
 class MessageForm:
     """A choice of types, and a line for each field of the one that is chosen.
 
-    What is sent at a rate is the message that the form described when that began. It ends with the page: when
-    that is closed, or the connection to it is lost, and does not begin again by itself.
+    Sending at a rate repeats the message that the form described at the start. It ends when the page is
+    closed or its connection is lost, and does not resume.
 
     Args:
-        station: who publishes.
+        station: knows words to offer.
         types: to choose from.
         page: where it is.
     """
@@ -75,7 +75,7 @@ class MessageForm:
             self._result.set_text(str(error))
             return
         with self._fields:
-            for field in form_of(self._type)[:MOST_FIELDS]:
+            for field in form_of(self._type)[:MAX_FIELDS]:
                 known = self._words if isinstance(field.kind, Text) else None
                 label = f"{field.path} ({field.kind})"
                 line = ui.input(label, placeholder=field.default, autocomplete=known)
@@ -122,8 +122,8 @@ class MessageForm:
             rate_hz = float(self._rate.value or "")
         except ValueError:
             rate_hz = 0.0
-        if not 0 < rate_hz <= MOST_HZ:
-            self._rate.error = f"expected a number above 0, at most {MOST_HZ:g}"
+        if not 0 < rate_hz <= MAX_HZ:
+            self._rate.error = f"expected a number above 0, at most {MAX_HZ:g}"
             return
         if (message := self._message()) is None:
             return

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
 
 TREE_REFRESH_S = 0.5
-MOST_WATCHES = 4
-"""Topics that are looked into at the same time, on all pages together: a run has room for few tools."""
+MAX_WATCHES = 4
+"""Topics that all pages together can look into at the same time: a run has room for few tools."""
 
 
 class MessagesPanel(Panel):
@@ -38,7 +38,7 @@ class MessagesPanel(Panel):
         """By key of the page that looks."""
 
     def tick(self) -> None:
-        """Leave topics at which nobody looks any more."""
+        """Leave topics that no page looks into any more."""
         for key in list(self.watches):
             page = self.station.pages.get(key)
             if page is None or page.tab != self.name:
@@ -92,11 +92,11 @@ class MessagesPanel(Panel):
         return found
 
     def watch(self, key: str, channel: ChannelName) -> str:
-        """Let a page look into a channel; return why it cannot, or ''."""
+        """Let a page look into a channel; return the reason if it cannot, or ''."""
         if key in self.watches:
             self.watches.pop(key).close()
-        if len(self.watches) >= MOST_WATCHES:
-            return f"{MOST_WATCHES} other pages look into messages; more may not"
+        if len(self.watches) >= MAX_WATCHES:
+            return f"{MAX_WATCHES} other pages look into messages; more may not"
         self.watches[key] = TopicWatch(self.station.known_run, self.types, channel)
         return ""
 
@@ -128,10 +128,10 @@ class MessageView:
             self._title.set_text(problem or f"waits for a {self._chosen.type_name} …")
 
     async def update(self) -> None:
-        """Show the newest message if it is another one; what is to be read is read in another thread."""
+        """Show the newest message, if it is not shown already; another thread decodes it."""
         watch = self._panel.watches.get(self._page.key)
         if watch is None:
-            self._look()  # come back to this tab
+            self._look()  # the visitor has come back to this tab
             return
         received = watch.newest
         if watch.error:

@@ -16,15 +16,15 @@ MAX_VALUE_CHARACTERS = 4096
 
 
 class Change:
-    """One setting on one page: asks for changes, and tells what has become of them.
+    """One setting on one page: requests changes, and knows the module's answer.
 
     Args:
         station: hears the answers.
-        page: of who asks.
-        module, name: which setting.
+        page: publishes the request.
+        module, name: the setting.
 
     Attributes:
-        error: what was wrong with the last one; '' if nothing is known to be.
+        error: why the last change was refused; '' if it was not.
     """
 
     def __init__(self, station: StationContext, page: Page, module: str, name: str):
@@ -59,7 +59,7 @@ class Change:
             self.error = "not sent"
 
     def look(self) -> None:
-        """See whether the module has answered."""
+        """Take the module's answer, if it has come."""
         if self._request is None:
             return
         answer = self._station.settings_watch.take_answer(self._request)

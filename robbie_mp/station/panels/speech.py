@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
 
 TOPIC = "speech_command"
-HEARD = 20
-"""Commands that are remembered."""
-LONGEST_COMMAND = 1000
+MAX_HEARD = 20
+"""Number of commands that the panel remembers."""
+MAX_COMMAND_CHARACTERS = 1000
 
 
 class SpeechPanel(Panel):
-    """Gives commands as if they had been spoken, and shows what was."""
+    """Gives commands as if they had been spoken, and shows the commands that were given."""
 
     name = "speech"
     title = "Speech"
@@ -31,7 +31,7 @@ class SpeechPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self.heard: deque[str] = deque(maxlen=HEARD)
+        self.heard: deque[str] = deque(maxlen=MAX_HEARD)
         station.hear(String, self._on_command, TOPIC)
 
     @classmethod
@@ -40,15 +40,15 @@ class SpeechPanel(Panel):
         return bool(station.speech_commands or station.persons or station.objects)
 
     def _on_command(self, command: String) -> None:
-        text = f"{self.station.envelope.sender}: {command.data[:LONGEST_COMMAND]}"
-        self.heard = deque((*self.heard, text), HEARD)  # another one, for pages look at it meanwhile
+        text = f"{self.station.envelope.sender}: {command.data[:MAX_COMMAND_CHARACTERS]}"
+        self.heard = deque((*self.heard, text), MAX_HEARD)  # a new deque: pages read the old one
 
     def say(self, page: Page, command: str) -> None:
         """Give a command."""
-        page.publish(String(data=command[:LONGEST_COMMAND]), "the command", TOPIC)
+        page.publish(String(data=command[:MAX_COMMAND_CHARACTERS]), "the command", TOPIC)
 
     def build(self, page: Page) -> None:
-        """Make the commands, the words that they may be about, and what was heard."""
+        """Make the commands, the names in the profile, and the list of given commands."""
         if page.role is Role.OPERATOR:
             with ui.row().props("id=speech-commands"):
                 for command in self.station.speech_commands:
@@ -56,7 +56,7 @@ class SpeechPanel(Panel):
                     button.props("no-caps")
             words = [*self.station.speech_commands, *self.station.persons, *self.station.objects]
             text = ui.input("something else", autocomplete=words).classes("w-96")
-            text.props(f"for=speech-text maxlength={LONGEST_COMMAND}")
+            text.props(f"for=speech-text maxlength={MAX_COMMAND_CHARACTERS}")
 
             def say() -> None:
                 if said := str(text.value or "").strip():

@@ -1,4 +1,4 @@
-"""What the processes say, as they say it, and what became of those that crashed."""
+"""The log of all processes as it grows, and the reports of crashes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ KEPT = 5000
 """Entries that are searched; `robbie log` knows all."""
 SHOWN = 200
 """Lines on a page."""
-MOST_REPORTS = 20
+MAX_REPORTS = 20
 COLOURS = {
     Kind.ERROR: "text-red-4 font-bold",
     Kind.WARNING: "text-orange-4",
@@ -67,7 +67,7 @@ class TracePanel(Panel):
         files = report_files(trace_folder(self.station.output_directory), None)
         if files != self._report_files:
             self._report_files = files
-            self.reports = crash_reports(self.station.output_directory, newest=MOST_REPORTS)
+            self.reports = crash_reports(self.station.output_directory, newest=MAX_REPORTS)
 
     def build(self, page: Page) -> None:
         """Make filter, lines and reports."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 GROUP = "view"
 """Of live parts: what moves."""
 PERIOD_S = 0.2
-"""Between looks at what there is, and at the line of text."""
+"""Between updates of the objects and of the line of text."""
 FRAMES_PER_S = 20
 BEHIND_AND_ABOVE_M = (-3.0, 0.0, 3.0)
 """Where the camera is at first, from the robot."""
@@ -41,7 +41,7 @@ class ViewPanel(Panel):
             self._model_url = app.add_static_file(local_file=station.robot_model, url_path=url)
 
     def tick(self) -> None:
-        """Look around, if anybody wants to see it."""
+        """Put the newest surroundings, if any page shows them."""
         if self.station.live.is_wanted(GROUP):
             self.surroundings = self._surveyor.look()
             self.station.live.put(GROUP, self.surroundings.parts())

@@ -33,7 +33,7 @@ def scan_points(scan: LaserScan) -> NDArray[np.float64]:
 
 
 def cloud_points(cloud: PointCloud2, limit: int) -> NDArray[np.float64]:
-    """Return every so manieth point of a cloud: (N <= limit, 3), m, its frame; none if it makes no sense."""
+    """Return a cloud's points, evenly thinned: (N <= limit, 3), m, its frame; none if it is malformed."""
     nothing = np.zeros((0, 3))
     fields = {field.name: field for field in cloud.fields}
     used = [fields[name] for name in COORDINATES if name in fields]
@@ -86,7 +86,7 @@ class Source:
         self.count = 0
 
     def look(self, pose_at: PoseAt, world: str, limit: int) -> None:
-        """Prepare the points, at most so many, if there are others than before."""
+        """Pack the points of the newest message, thinned to a limit, if it is a new one."""
         message: LaserScan | PointCloud2 | None = self._latest.message
         seen = (self._latest.count, world, limit)
         if message is None or seen == self._seen:
