@@ -242,7 +242,7 @@ def test_who_spins_looks_for_a_post_before_it_sleeps() -> None:
         def value(self) -> int:
             return next(looks) if not slept else 0
 
-    wakeup = Wakeup(Semaphore(release=None, acquire=slept.append))  # type: ignore[arg-type]
+    wakeup = Wakeup(Semaphore(release=None, acquire=slept.append), tag=1)  # type: ignore[arg-type]
     wakeup.spin_s = 60.0
     assert wakeup.wait(90.0)
     assert next(looks) == 1, "it looked until the post had come"

@@ -75,6 +75,10 @@ def needs_device(animal: Animal) -> None:
 
 def writes_to_disk(animal: Animal) -> None:
     animal.ready()
+    _write_for_ever(animal)
+
+
+def _write_for_ever(animal: Animal) -> None:
     while True:
         Path(os.environ["DISK"], animal.label).write_text("x")
 
@@ -82,8 +86,8 @@ def writes_to_disk(animal: Animal) -> None:
 def forks_writer_and_fails(animal: Animal) -> None:
     """Leave a child behind that writes to the disk."""
     writer = os.fork()
-    if writer == 0:
-        writes_to_disk(animal)
+    if writer == 0:  # which leaves it to its parent to say that both are ready
+        _write_for_ever(animal)
     animal.say("forked", str(writer))
     animal.ready()
     while not (animal.folder / "end").exists():
