@@ -1,4 +1,4 @@
-"""The supervisor's side of a run's shared memory: it makes and unlinks every name, and tells the core."""
+"""The supervisor's side of a run's shared memory: it creates and unlinks all names and informs the core."""
 
 import contextlib
 import os
@@ -41,12 +41,12 @@ class RunMemory:
 
     Args:
         plan: the run.
-        on_change: hears of every change of state, after the board shows it.
+        on_change: called with every change of state, after the board shows it.
 
     Attributes:
-        faulted: name and incarnation of who the core has found to break the protocol; a module, or
-            SUPERVISOR itself.
-        before_close: called when all children have ended and everything can still be read.
+        faulted: name and incarnation of each process that the core found breaking the protocol: a module,
+            a tool, or SUPERVISOR itself.
+        before_close: called when all children have ended, while the memory can still be read.
 
     Raises:
         SharedMemoryFull: there is no room for the run's tables.
@@ -60,12 +60,12 @@ class RunMemory:
         self._slots = {name: slot for slot, name in enumerate(plan.names)}
         self._incarnations: dict[int, tuple[int, IncarnationMemory]] = {}
         self._dying: set[int] = set()
-        """Slots whose module is dead and not reclaimed yet."""
+        """Slots whose module is dead but not yet reclaimed."""
         self._reclaimed: dict[int, int] = {}
-        """The incarnation of each slot that the core has taken back last."""
+        """For each slot, the incarnation that the core reclaimed last."""
         self._heartbeat_before = 0
         self._made = contextlib.ExitStack()
-        """All that lives as long as the run."""
+        """Everything that exists as long as the run."""
         self.faulted: list[tuple[str, int]] = []
         with contextlib.ExitStack() as on_failure:
             on_failure.callback(self.close)
@@ -110,7 +110,7 @@ class RunMemory:
     # -- what the process tree calls -------------------------------------------------------------------
 
     def open(self, name: str, incarnation: int) -> None:
-        """Make the memory of a child that is about to start, and tell the core."""
+        """Create the memory of a child that is about to start, and inform the core."""
         slot = self._slots[name]
         if name == CORE:
             self._open_core(incarnation)
@@ -121,7 +121,7 @@ class RunMemory:
         self._endpoint.send(Outbound.MODULE_UP, slot, incarnation)
 
     def _open_core(self, incarnation: int) -> None:
-        """Tell a restarted core again what the dead one may have heard, but not finished or answered."""
+        """Repeat to a restarted core what its predecessor may have read but not finished or answered."""
         self._heartbeat_before = self._core_words[layout.CORE_HEARTBEAT_NS]
         if incarnation == 1:
             return
@@ -129,7 +129,7 @@ class RunMemory:
             if slot != SUPERVISOR_SLOT:
                 is_dead = slot in self._dying
                 self._endpoint.send(Outbound.MODULE_DOWN if is_dead else Outbound.MODULE_UP, slot, of_slot)
-                if self.board.read(slot).state == _FAILED:  # it hangs in the kernel, connected for good
+                if self.board.read(slot).state == _FAILED:  # it hangs in the kernel and stays connected
                     self._endpoint.send(Outbound.MODULE_GONE, slot, 0)
 
     def started(self, name: str, incarnation: int, pid: int) -> None:
@@ -146,19 +146,19 @@ class RunMemory:
         return current == incarnation and memory.out.words[layout.OUT_READY] == 1
 
     def awaits_time(self, name: str) -> bool:
-        """Whether a child may wait for the run's time, which a module that is being started will set."""
+        """Whether a child may be waiting for a module that is starting to set the run's time."""
         source = self._plan.clock.source
         if source in (None, name) or name == CORE or self._clock_words[layout.CLOCK_NUMBER]:
             return False
         return self.slot_state(source).state in _BEING_STARTED
 
     def doing(self, name: str, incarnation: int) -> Doing | None:
-        """Return what a child is doing now, None if it is idle and has taken all its messages.
+        """Return what a child is doing now; None if it is idle and has taken all its messages.
 
-        A module writes the two words one after the other; one that is just between them seems to begin
-        something new, which is right. The core is never idle, and begins something new with each heartbeat.
-        A module that leaves messages in its ring is "idle since" the message that it took last: a healthy
-        one takes the next at once, so one that stays so is stopped, or its loop hangs.
+        A module writes the activity and its start one after the other. Read between the two writes, the
+        module seems to begin something new, which is correct. The core is never idle: each heartbeat begins a
+        new activity. A module that leaves messages in its ring is "idle since" the message that it took last.
+        A healthy module takes the next one at once; one that does not is stopped, or its loop hangs.
         """
         if name == CORE:
             return Doing(Activity.HANDLER, 0, self._core_words[layout.CORE_HEARTBEAT_NS])
@@ -169,33 +169,33 @@ class RunMemory:
             return None
         if activity == Activity.IDLE:
             taken = words[layout.OUT_INBOUND_TAIL]
-            # Before the run's start nobody takes messages.
+            # Before the run starts, no module takes messages.
             leaves_messages = self.board.may_go and memory.into.words[layout.IN_HEAD] != taken
             return Doing(Activity.IDLE, 0, taken) if leaves_messages else None
         try:
             kind = Activity(activity & 0xFF)
         except ValueError:
-            return None  # garbage, which is the core's to find
+            return None  # an invalid value; the core detects and reports it
         return Doing(kind, activity >> 8, words[layout.OUT_ACTIVITY_SINCE_NS])
 
     def describe(self, name: str, incarnation: int, doing: Doing) -> str:
-        """Put what a child has been doing for too long into words."""
+        """Describe what a child has been doing for too long."""
         if name == CORE:
-            return "gave no sign of life"
+            return "sent no heartbeat"
         if doing.activity is Activity.IDLE:
             return "hung: it took none of the messages in its ring"
         words = self._incarnations[self._slots[name]][1].out.words
         return f"hung in {describe_activity(words, doing.activity | doing.subscription << 8)}"
 
     def last_words(self, name: str, incarnation: int) -> LastWords:
-        """Return what a dead child has left in its memory."""
+        """Return what a dead child left in its memory."""
         current, memory = self._incarnations.get(self._slots[name], (0, None))
         if memory is None or current != incarnation:
             return LastWords()
         return self._last_words.read(memory.out.words, memory.into.words)
 
     def died(self, name: str, incarnation: int) -> None:
-        """Have the core take back what a dead module held; keep its counters."""
+        """Have the core reclaim what a dead module held; add its counters to those of its predecessors."""
         if name == CORE:
             return
         slot = self._slots[name]
@@ -212,7 +212,7 @@ class RunMemory:
         self._endpoint.send(Outbound.MODULE_DOWN, slot, incarnation)
 
     def is_reclaimed(self, name: str, incarnation: int) -> bool:
-        """Whether the core has taken everything back, so that the next incarnation may start."""
+        """Whether the core has reclaimed everything, so that the next incarnation may start."""
         if name == CORE:
             return True
         slot = self._slots[name]
@@ -226,7 +226,7 @@ class RunMemory:
         return True
 
     def wake(self, name: str, incarnation: int) -> None:
-        """Post a child's semaphore, so that a wait of it sees a signal."""
+        """Post a child's semaphore, so that it handles a signal even while it waits."""
         if name == CORE:
             self._core_wakeup.post()
             return
@@ -245,7 +245,7 @@ class RunMemory:
                 memory.wakeup.post()
 
     def state_changed(self, change: StateChange) -> None:
-        """Show a child's new state on the board and to every module that wants to know."""
+        """Show a child's new state on the board and publish it to the modules."""
         slot = self._slots[change.name]
         row = self.board.read(slot)
         restarts = row.restarts + (change.old is not None and change.new is ChildState.STARTING)
@@ -258,7 +258,7 @@ class RunMemory:
         if change.exit_status is not None:
             row = replace(row, last_end=change.reason, last_end_ns=time.monotonic_ns())
         self.board.write(slot, row)
-        # Of one that hangs in the kernel nothing may be touched; it may still come back.
+        # The memory of a process that hangs in the kernel must not be touched: the process may continue.
         is_dead = slot in self._dying or slot not in self._incarnations
         if change.new.is_final and change.name != CORE and is_dead:
             clean = change.new is ChildState.STOPPED
@@ -293,7 +293,7 @@ class RunMemory:
         self._endpoint.send(Outbound.MODULE_GONE, slot, 1)
 
     def unread(self, name: str) -> tuple[int, int]:
-        """How many records wait in a tool's inbound ring, and how many it has ever taken."""
+        """Return how many records wait in a tool's inbound ring, and how many it has ever taken."""
         _, memory = self._incarnations[self._slots[name]]
         taken = memory.out.words[layout.OUT_INBOUND_TAIL]
         return memory.into.words[layout.IN_HEAD] - taken, taken
@@ -311,10 +311,10 @@ class RunMemory:
         self._made.close()
         remove_names(self._run_id)
 
-    # -- what the core says ----------------------------------------------------------------------------
+    # -- notices from the core --------------------------------------------------------------------------
 
     def read_notices(self) -> None:
-        """Read what the core has said to the supervisor."""
+        """Read the core's notices to the supervisor."""
         while (record := self._endpoint.take()) is not None:
             if not isinstance(record, Notice):
                 continue  # the supervisor subscribes to nothing
@@ -326,7 +326,7 @@ class RunMemory:
                 self.faulted.append((self._plan.names[record.slot], record.incarnation))
 
     def slot_state(self, name: str) -> SlotState:
-        """A child's row of the board."""
+        """Return a child's row of the board."""
         return self.board.read(self._slots[name])
 
 
@@ -337,7 +337,7 @@ def _bounds(module: PlannedModule) -> SlotBounds:
 def unlink_data_segments(run_id: str, slot: int, incarnation: int) -> None:
     """Remove the names of a dead publisher's data segments."""
     folder, _, prefix = names.data_prefix(run_id, slot, incarnation).partition("/")
-    # glob would keep a compiled pattern for each of them
+    # glob would cache a compiled pattern for each prefix
     with contextlib.suppress(SegmentMissing, ForeignMemory), opened_folder(folder) as fd:
         for file in os.listdir(fd):
             if file.startswith(prefix):

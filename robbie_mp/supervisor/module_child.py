@@ -1,4 +1,4 @@
-"""A module's part of a child: connect its class with the run's memory."""
+"""A module as a child: connects the module's class to the run's memory."""
 
 import gc
 import logging
@@ -118,15 +118,15 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         lambda: prefer_new_threads(planned.scheduling),
     )
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
-    # It means this process alone: one that it forks ends by it, as who has forked it expects.
+    # Only this process handles SIGTERM that way; a process that it forks ends by it, as usual.
     os.register_at_fork(after_in_child=lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL))
-    gc.freeze()  # what is imported stays, so there is no need to look through it again and again
+    gc.freeze()  # imported objects stay, so the collector need not scan them again
     runner.run()
     checkpoints.close()
 
 
 def line_writer(endpoint: Endpoint, words: Words, at: int) -> Callable[[str], None]:
-    """Return what writes a line for people into a module's memory, one thread at a time."""
+    """Return a function that writes a status line into a module's memory, one thread at a time."""
 
     def write(line: str) -> None:
         with endpoint.lock:
@@ -138,12 +138,12 @@ def line_writer(endpoint: Endpoint, words: Words, at: int) -> Callable[[str], No
 def run_clock(
     plan: RunPlan, name: str, module_class: type[Module], memory: IncarnationMemory
 ) -> SystemClock | RunClock:
-    """Return the clock that a module goes by; if that is the run's, wait until its time has begun."""
+    """Return the clock that a module uses; if that is the run's, wait until its time has begun."""
     if plan.clock.source in (None, name) or not module_class.follows_run_clock:
         return SystemClock()
     clock = RunClock.attach(plan.run_id)
     if not clock.has_begun:
-        waits = f"waits for the time to begin: {plan.clock.source} has not set it"
+        waits = f"waiting for {plan.clock.source} to set the run's time"
         write_text(memory.out.words, layout.OUT_STATUS, LINE_WORDS, waits)
     while not clock.has_begun:
         memory.wakeup.wait(MAX_RUN_CLOCK_WAIT_S)
@@ -154,7 +154,7 @@ def run_clock(
 def read_settings(
     plan: RunPlan, planned: PlannedModule, module_class: type[Module], changed: dict[str, object]
 ) -> dict[str, object]:
-    """Return a module's settings: those of the profile, and what was changed in this run."""
+    """Return a module's settings: those of the profile, with the changes made in this run."""
     workspace = Path(plan.workspace)
     folders = {setting: Path(folder) for setting, folder in planned.folder_of.items()}
     try:
@@ -163,12 +163,14 @@ def read_settings(
     except SettingError:
         if not changed:
             raise
-        logging.getLogger(planned.name).exception("settings changed in this run do not fit any more")
+        logging.getLogger(planned.name).exception(
+            "the settings changed in this run are no longer valid; the profile's are used"
+        )
     return check_settings(module_class, planned.settings, folder=workspace, folder_of=folders)
 
 
 def open_checkpoints(plan: RunPlan, slot: int, incarnation: int) -> CheckpointKeeper:
-    """Find what earlier incarnations or runs of a module have left, and prepare to leave something."""
+    """Find the checkpoint of an earlier incarnation or run, and prepare to write new ones."""
     planned = plan.modules[slot - 1]
     disk = None
     if planned.checkpoint.persist:
@@ -179,7 +181,7 @@ def open_checkpoints(plan: RunPlan, slot: int, incarnation: int) -> CheckpointKe
 
 
 class _Describer:
-    """Makes envelopes from the tables of core and supervisor."""
+    """Makes envelopes from the core's tables and the board."""
 
     def __init__(self, channel_name: ChannelNames, board: Board, clock: SystemClock | RunClock):
         self._channel_name = channel_name

@@ -1,8 +1,7 @@
-"""What children say: entries of the trace, handed over to be written, shown, and the last of it remembered.
+"""The output of children as entries of the trace: written to files, shown, and the last lines kept.
 
-Nothing here waits for the disk; see `robbie_mp.trace.disk_writer`. Each child has files of its own, so
-that who says much pushes out nobody's lines but its own. What is beyond the bound of lines per second is
-thrown away and counted.
+Nothing here waits for the disk; see `robbie_mp.trace.disk_writer`. Each child has separate files, so a
+verbose child displaces only its own lines. Lines beyond the rate limit are dropped and counted.
 """
 
 import json
@@ -25,7 +24,7 @@ from robbie_mp.visible_text import visible
 
 
 class RateLimit:
-    """Lets a burst pass, and then as many lines a second as are allowed (a token bucket)."""
+    """A token bucket: lets a burst of lines pass, then a fixed number of lines per second."""
 
     def __init__(self, lines_per_s: float, burst_lines: int, clock: Callable[[], float] = time.monotonic):
         self._lines_per_s = lines_per_s
@@ -35,7 +34,7 @@ class RateLimit:
         self._updated_s = clock()
 
     def take(self, count: int) -> int:
-        """Return how many of so many lines may pass."""
+        """Return how many of `count` lines may pass."""
         now_s = self._clock()
         gained = (now_s - self._updated_s) * self._lines_per_s
         self._updated_s = now_s
@@ -47,26 +46,26 @@ class RateLimit:
 
 LOG = "log"
 ERRORS = "errors"
-"""Among the log records: they have a rate of their own."""
+"""Log records of this level have a separate rate limit."""
 SUPERVISOR = "supervisor"
-REPORT_EVERY_S = 1.0
+REPORT_PERIOD_S = 1.0
 SHOWN_LINES = 40
 STALLED_AFTER_S = 5.0
-"""A disk that has taken nothing for so long is said to have stalled."""
+"""A disk that has accepted nothing for this long is reported as stalled."""
 ADVICE = "choose another output directory"
 
 Listener = Callable[[Entry], None]
 
 
 class LogNotWritable(RobbieError, OSError):
-    """The folder for log files is of no use: no such place, or no permission."""
+    """The folder for log files cannot be made, or cannot be written to."""
 
 
 class OutputStore:
     """The outputs of all children of a run.
 
     Attributes:
-        disk: what writes them, and whatever else the supervisor has to write.
+        disk: writes them, and all other files of the supervisor.
     """
 
     def __init__(
@@ -79,10 +78,10 @@ class OutputStore:
         """Prepare for children.
 
         Args:
-            folder: gets the files of each child.
+            folder: receives the files of each child.
             listener: called with each entry that is kept, in the supervisor's thread; must not block.
-            limits: what is kept of each child.
-            disk: what writes, closed by the caller; None: one of our own, closed by `close`.
+            limits: how much is kept of each child.
+            disk: writes the files; the caller closes it. None: a new writer, which `close` closes.
 
         Raises:
             LogNotWritable: the folder cannot be made or written to.
@@ -98,17 +97,17 @@ class OutputStore:
         self.folder = folder
         self.limits = limits or TraceSettings()
         self.remarked_kinds = ALL_KINDS
-        """Which of the supervisor's remarks are recorded."""
+        """The kinds of the supervisor's remarks that are recorded."""
         self._listener = listener
         self._numbers = EntryNumbers()
         self._stalled_since_s: float | None = None
         self._owns_disk = disk is None
         self.disk = disk or DiskWriter(self.limits.waiting_bytes)
-        self.disk.on_restart = lambda: self._open("")  # what takes the place of a dead one goes on
+        self.disk.on_restart = lambda: self._open("")  # a replacement writer continues the page
         self._open("begin a page")
 
     def child(self, name: str, kinds: Collection[Kind] = ALL_KINDS) -> "ChildOutput":
-        """Return the output of a new child, of which these kinds are recorded."""
+        """Return the output of a new child, with the kinds of entries to record."""
         return ChildOutput(name, self, kinds)
 
     def number(self) -> int:
@@ -122,36 +121,36 @@ class OutputStore:
             self._listener(entry)
 
     def write_report(self, report: CrashReport, on_done: Callable[[bool], None]) -> str:
-        """Have the report of a crash written; return its place below the folder."""
+        """Have a crash report written; return its path below the folder."""
         self.disk.order(["report", report.module, report_name(report)], report.to_json(), on_done)
         return report_place(report)
 
     def turn(self) -> str:
-        """Go on writing; called every turn of the supervisor's loop.
+        """Continue writing; called in every iteration of the supervisor's loop.
 
         Returns:
-            What is to be said of the disk: that it has stalled, or takes something again; mostly ''.
+            News about the disk: that it has stalled or recovered; usually ''.
         """
         self.disk.turn()
         stalled_s = self.disk.stalled_s
         if self._stalled_since_s is None and stalled_s >= STALLED_AFTER_S:
             self._stalled_since_s = time.monotonic() - stalled_s
             return (
-                f"the disk of {self.folder} has stalled: it has taken nothing for {stalled_s:.1f} s. "
-                f"Up to {self.limits.waiting_bytes} bytes of the trace wait; what comes beyond is dropped"
+                f"the disk of {self.folder} has stalled: it has accepted nothing for {stalled_s:.1f} s. "
+                f"Up to {self.limits.waiting_bytes} bytes of the trace wait; beyond that, entries are dropped"
             )
         if self._stalled_since_s is not None and stalled_s < STALLED_AFTER_S:
             lasted_s = time.monotonic() - self._stalled_since_s
             self._stalled_since_s = None
-            return f"the disk of {self.folder} takes something again, after {lasted_s:.1f} s"
+            return f"the disk of {self.folder} has recovered after {lasted_s:.1f} s"
         return ""
 
     def flush(self, limit_s: float = CLOSE_LIMIT_S) -> bool:
-        """Wait until all is written; False if the disk takes nothing for so long."""
+        """Wait until all is written; return False if the disk accepts nothing for `limit_s`."""
         return self.disk.flush(limit_s)
 
     def close(self) -> None:
-        """Wait for what is still to be written, as long as the disk takes anything."""
+        """Wait until all is written, as long as the disk accepts data."""
         if self._owns_disk:
             self.disk.close()
         else:
@@ -166,13 +165,13 @@ class OutputStore:
 class ChildOutput:
     """The output of one child over all its incarnations.
 
-    Its streams have a rate each, so that a flood on standard output does not drown a traceback.
+    Each stream has its own rate limit, so a flood on standard output does not displace a traceback.
 
     Attributes:
-        limits: what is kept.
-        kinds: which entries are recorded; the others are neither written nor counted.
-        lines: how many entries were kept so far.
-        dropped: how many were thrown away so far: beyond the rate, because the disk refused them or has
+        limits: how much is kept.
+        kinds: the kinds of entries that are recorded; others are neither written nor counted.
+        lines: number of entries kept.
+        dropped: number of entries dropped: beyond the rate limit, because the disk refused them or has
             stalled, or by the child itself because its log channel was full.
     """
 
@@ -199,30 +198,30 @@ class ChildOutput:
 
     @property
     def last_lines(self) -> tuple[str, ...]:
-        """The end of what the current incarnation logged and printed on standard error, else on output."""
+        """The last lines of the current incarnation's log and standard error; if none, of standard output."""
         return tuple(self._last["stderr"] or self._last["stdout"])[-SHOWN_LINES:]
 
     def begin(self, incarnation: int) -> None:
-        """Forget the last lines of the former incarnation."""
+        """Forget the last lines of the previous incarnation."""
         self._incarnation = incarnation
         for lines in self._last.values():
             lines.clear()
 
     def add(self, stream: str, texts: list[str]) -> bool:
-        """Keep these printed lines as far as the rate allows; False if it did not allow all."""
-        # Even of a flood, for its end tells why the child ended.
+        """Keep these printed lines, up to the rate limit; return False if some were dropped."""
+        # The last lines of a flood are kept too: they tell why the child ended.
         self._last[stream].extend(map(visible, texts[-self.limits.kept_lines :]))
         kind = KIND_OF_STREAM[stream]
         allowed = self._rates[stream].take(len(texts))
         if kind in self.kinds:
-            self._report_dropped_now_and_then(bool(allowed))
+            self._report_dropped_periodically(bool(allowed))
             now_s = time.time()
             self._write([self._entry(now_s, kind, stream, text) for text in texts[:allowed]])
             self._drop(len(texts) - allowed)
         return allowed == len(texts)
 
     def add_records(self, lines: list[bytes]) -> bool:
-        """Keep these log records as far as the rate allows; False if it did not allow all."""
+        """Keep these log records, up to the rate limit; return False if some were dropped."""
         is_within = True
         kept = []
         now_s = time.time()
@@ -232,7 +231,7 @@ class ChildOutput:
                 continue
             self._last["stderr"].extend(entry.lines())
             is_error = entry.kind is Kind.ERROR
-            # A long record counts as often as a printed line of its length would.
+            # A long record counts as several lines, as it would if it were printed.
             cost = 1 + len(line) // self.limits.line_characters
             is_allowed = self._rates[ERRORS if is_error else LOG].take(cost) == cost
             is_within = is_within and is_allowed
@@ -241,8 +240,8 @@ class ChildOutput:
                     kept.append(entry)
                 else:
                     self._drop(1)
-        self._write(kept)  # first, for their numbers are lower than that of the remark
-        self._report_dropped_now_and_then(bool(kept))
+        self._write(kept)  # first, because their numbers are lower than that of the remark
+        self._report_dropped_periodically(bool(kept))
         return is_within
 
     def say(self, kind: Kind, text: str) -> None:
@@ -251,7 +250,7 @@ class ChildOutput:
             self._write([self._entry(time.time(), kind, SUPERVISOR, text)])
 
     def report_crash(self, report: CrashReport) -> None:
-        """Keep the report of an abnormal end, with the last lines, and say so."""
+        """Complete the report of an abnormal end with the last lines, write it, and add an entry about it."""
         report = replace(report, said=list(self._last["stderr"]), printed=list(self._last["stdout"]))
         place = self._store.write_report(report, lambda is_done: self._drop_unwritten(not is_done))
         where = f" in {report.last_words.activity}" if report.last_words.activity else ""
@@ -261,7 +260,7 @@ class ChildOutput:
         self._write([entry])
 
     def report_dropped(self) -> None:
-        """Say in the log how many lines were dropped since this was last said, if any."""
+        """Log how many lines were dropped since the last such entry, if any."""
         if self._unreported:
             rate = f"more than {self.limits.lines_per_s:g} lines/s"
             text = f"{self._unreported} lines dropped: too many at once ({rate})"
@@ -270,11 +269,11 @@ class ChildOutput:
             self._write([self._entry(time.time(), Kind.WARNING, SUPERVISOR, text)])
 
     def close(self) -> None:
-        """Say what was dropped."""
+        """Log how many lines were dropped."""
         self.report_dropped()
 
-    def _report_dropped_now_and_then(self, is_flood_over: bool) -> None:
-        if is_flood_over and time.monotonic() - self._reported_s >= REPORT_EVERY_S:
+    def _report_dropped_periodically(self, is_flood_over: bool) -> None:
+        if is_flood_over and time.monotonic() - self._reported_s >= REPORT_PERIOD_S:
             self.report_dropped()
 
     def _drop(self, count: int) -> None:

@@ -14,21 +14,21 @@ from robbie_mp.supervisor.leftovers import MARKER
 from robbie_mp.trace.channel import CHANNEL_VARIABLE, open_channel
 
 P_PIDFD = getattr(os, "P_PIDFD", 3)
-"""As in <linux/wait.h>; Python has it only where it was built with a recent glibc, the kernel since 5.4."""
+"""As in <linux/wait.h>. Linux has it since 5.4; Python defines it only if built with a recent glibc."""
 
 
 @dataclass(frozen=True)
 class ExitStatus:
-    """How a process ended: with an exit code or by a signal."""
+    """How a process ended: by an exit code or a signal."""
 
     code: int | None = None
     signal: int | None = None
     cpu_s: float = field(default=0.0, compare=False)
-    """Time it spent on a processor."""
+    """Processor time of the process."""
 
     @property
     def is_clean(self) -> bool:
-        """Whether it ended by itself and content."""
+        """Whether it ended with exit code 0."""
         return self.code == 0
 
     @property
@@ -48,10 +48,10 @@ class ChildProcess:
     Attributes:
         pid: also the number of its process group and session.
         pidfd: becomes readable when the child has ended (pidfd_open(2)).
-        stdout: the reading end of its standard output, non-blocking; the caller closes it.
-        stderr: the same of its standard error.
-        log_channel: the same of its log channel.
-        marker: what its descendants are known by.
+        stdout: reading end of its standard output, non-blocking; the caller closes it.
+        stderr: reading end of its standard error, likewise.
+        log_channel: reading end of its log channel, likewise.
+        marker: identifies its descendants.
     """
 
     def __init__(
@@ -80,16 +80,16 @@ class ChildProcess:
         folder: Path | None = None,
         stdin: int = subprocess.DEVNULL,
     ) -> Self:
-        """Start a command, its output in pipes, no descriptor of ours inherited but its log channel.
+        """Start a command with its output in pipes. It inherits no descriptor except its log channel.
 
-        Must be called from the main thread: the death of the starting thread is what children die with.
+        Call this from the main thread: children receive PR_SET_PDEATHSIG when the starting thread ends.
 
         Args:
             argv: the command.
-            environment: all of it but `MARKER` and `CHANNEL_VARIABLE`.
+            environment: the whole environment except `MARKER` and `CHANNEL_VARIABLE`.
             child_marker: the value of `MARKER`.
-            folder: its working directory; None: ours.
-            stdin: its standard input, by default empty; stays the caller's as well.
+            folder: the working directory; None: this process's.
+            stdin: standard input, empty by default; the caller still closes its descriptor.
 
         Raises:
             OSError: the command cannot be executed.
@@ -118,13 +118,13 @@ class ChildProcess:
                 pass_fds=(channel_write,),
             )
             on_failure.callback(popen.wait)
-            on_failure.callback(popen.kill)  # it is not reaped before, so its pid is still its own
+            on_failure.callback(popen.kill)  # it is not reaped yet, so its pid cannot have been reused
             pidfd = os.pidfd_open(popen.pid)
             on_failure.pop_all()
         return cls(popen, pidfd, out_read, error_read, channel_read, child_marker)
 
     def exit_status(self) -> ExitStatus | None:
-        """Return how it ended, None while it runs; it stays a zombie, so that its pid is still its own."""
+        """Return how it ended, None while it runs. It stays a zombie, so its pid cannot be reused."""
         ended = os.waitid(P_PIDFD, self.pidfd, os.WEXITED | os.WNOHANG | os.WNOWAIT)
         if ended is None:
             return None
@@ -135,13 +135,13 @@ class ChildProcess:
         return ExitStatus(signal=ended.si_status, cpu_s=cpu_s)
 
     def terminate(self) -> None:
-        """Ask it to end; a stopped process is continued, for it could not hear the request."""
+        """Send SIGTERM; also continue a stopped process, which could not handle it otherwise."""
         self.send_signal(signal.SIGTERM)
         self.send_signal(signal.SIGCONT)
 
     def send_signal(self, signum: int) -> None:
         """Send a signal to it alone."""
-        with contextlib.suppress(PermissionError):  # it became another user's, as sudo does
+        with contextlib.suppress(PermissionError):  # it runs as another user, as with sudo
             signal.pidfd_send_signal(self.pidfd, signum)
 
     def kill(self) -> None:
@@ -150,8 +150,8 @@ class ChildProcess:
             os.killpg(self.pid, signal.SIGKILL)
 
     def reap(self) -> None:
-        """Let go of it, whether it has ended or not; this object is of no more use."""
+        """Reap it if it has ended, and close its pidfd. Do not use this object afterwards."""
         os.waitid(P_PIDFD, self.pidfd, os.WEXITED | os.WNOHANG)
         os.close(self.pidfd)
-        # Popen would otherwise try to reap the pid itself some day, when it may be another process's.
+        # Otherwise Popen would reap the pid later, when it may belong to another process.
         self._popen.returncode = 0

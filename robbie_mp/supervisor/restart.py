@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from robbie_mp.profile.model import RestartPolicy, RestartWhen
 
 JITTER_SHARE = 0.25
-"""A wait is shortened by up to this share, so that modules that died together do not return together."""
+"""A wait is shortened by a random share up to this, so modules that died together restart apart."""
 
 
 @dataclass(frozen=True)
@@ -23,30 +23,30 @@ class GiveUp:
 
     reason: str
     retry_after_s: float | None = None
-    """When it may be tried once more; None: never."""
+    """When to try once more; None: never."""
 
 
 @dataclass(frozen=True)
 class LeaveStopped:
-    """It is STOPPED: it ended as it was meant to."""
+    """It is STOPPED: it ended as intended."""
 
 
 class RestartBudget:
     """Applies one child's restart policy over the run.
 
-    Each restart costs one of `max_restarts` and comes back after `within_s`, counted from the restart and not
-    from the wait before it; that wait doubles up to the cap. When the budget is used up, each further failure
-    allows one slow retry, for hardware may come back. Running for `stable_after_s` gives the whole budget and
-    the first wait back.
+    Each restart uses one of `max_restarts`. It is available again `within_s` after the restart, not after
+    the wait before it. The wait doubles up to the cap. When the budget is used up, each further failure
+    allows one slow retry, because hardware may be reconnected. Running for `stable_after_s` restores the
+    whole budget and the first wait.
     """
 
     def __init__(self, policy: RestartPolicy, clock: Callable[[], float], jitter: Callable[[], float]):
         """Start with the whole budget.
 
         Args:
-            policy: what the profile says.
-            clock: a time in s that never goes back.
-            jitter: a random number of 0 up to 1.
+            policy: the policy from the profile.
+            clock: monotonic time in s.
+            jitter: returns a random number from 0 to 1.
         """
         self._policy = policy
         self._clock = clock
@@ -58,11 +58,11 @@ class RestartBudget:
         self._is_used_up = False
 
     def running(self) -> None:
-        """Note that the child is RUNNING from now on."""
+        """Record that the child is RUNNING from now on."""
         self._running_since_s = self._clock()
 
     def reset(self) -> None:
-        """Give the whole budget and the first wait back."""
+        """Restore the whole budget and the first wait."""
         self._restarts_s.clear()
         self._backoff_s = self._first_wait_s
         self._is_used_up = False
@@ -71,7 +71,7 @@ class RestartBudget:
         """Decide what follows the end of the child.
 
         Args:
-            clean: it ended by itself with exit code 0.
+            clean: it ended on its own with exit code 0.
         """
         now_s = self._clock()
         self._refill(now_s)

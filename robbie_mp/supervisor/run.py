@@ -35,12 +35,12 @@ SUMMARY_FILE = "summary.json"
 
 @dataclass(frozen=True)
 class RunListener:
-    """What the caller of a run wants to hear of it; every call must return soon."""
+    """Callbacks for the caller of a run; each must return quickly."""
 
     entry: Listener = lambda _entry: None
     change: Callable[[StateChange], None] = lambda _change: None
     begin: Callable[[str], None] = lambda _run_id: None
-    """Once, when the run's memory is there for a `RunObserver`."""
+    """Called once, when a `RunObserver` can open the run's memory."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,12 @@ class RunResult:
     figures: list[ModuleFigures]
     """Of supervisor, modules and core, at the end."""
     entries: dict[str, int]
-    """By name of a child: entries in the trace."""
+    """Number of trace entries of each child, by name."""
     entries_dropped: dict[str, int]
-    """Those that there was no room for."""
+    """Number of entries dropped, likewise."""
     output_directory: Path
     unwritten: int = 0
-    """Pieces of trace and summary that a stalled disk had not taken at the end."""
+    """Orders to write trace or summary that a stalled disk had not accepted at the end."""
 
 
 def run_profile(
@@ -72,15 +72,16 @@ def run_profile(
 
     Args:
         profile: what to run.
-        settings: of each module that could be imported, checked and complete.
+        settings: the checked and complete settings of each module that could be imported.
         types: the robot's own message types, for tools that attach to the run.
         output_directory: where modules write their results; the children's logs go to its folder `log`.
-        listener: hears what happens.
-        summarize: makes the content of `SUMMARY_FILE` in the output directory; '': there is none.
+        listener: called with what happens.
+        summarize: returns the content of `SUMMARY_FILE` in the output directory; '': no such file.
 
     Raises:
         SharedMemoryFull: there is no room for the run's tables.
-        UnsafeRunFolder, LogNotWritable: where the run keeps its files.
+        UnsafeRunFolder: the folder for runs is not safe.
+        LogNotWritable: the folder for logs cannot be used.
         UnsuitableMachine: this Python has no words of 64 bits.
     """
     check_machine()
@@ -88,7 +89,9 @@ def run_profile(
     make_private_folder(output_directory)
     with ExitStack() as stack:
         directory = RunDirectory.create(profile.name, output_directory)
-        connections = stack.enter_context(ExitStack())  # of who waits for the end: closed after it
+        connections = stack.enter_context(
+            ExitStack()
+        )  # clients that wait for the end of the run: closed after it
         disk = stack.enter_context(DiskWriter(profile.trace.waiting_bytes))
         stack.callback(directory.remove, disk)
         complete = replace(
@@ -126,9 +129,14 @@ def _run(
     observer = RunObserver(plan.run_id)
     memory.before_close = lambda: figures.extend(_without_tools(observer.modules()))
     figures: list[ModuleFigures] = []
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}  # else the last words of who dies are lost
+    environment = {
+        **os.environ,
+        "PYTHONUNBUFFERED": "1",
+    }  # otherwise the last output of a crashed child is lost
     if profile.clock.lockstep:
-        environment.setdefault("PYTHONHASHSEED", "0")  # else sets of texts have another order in each process
+        environment.setdefault(
+            "PYTHONHASHSEED", "0"
+        )  # otherwise sets of strings are ordered differently in each process
     try:
         tree = Tree(
             _children(profile, run_folder, environment),
@@ -162,7 +170,7 @@ def _run(
 
 
 def _without_tools(figures: Sequence[ModuleFigures]) -> list[ModuleFigures]:
-    """What belongs into the summary of a run: not who just happened to watch its end."""
+    """Return the figures without those of attached tools, which are no part of the run."""
     return [entry for entry in figures if not entry.name.startswith(TOOL_PREFIX)]
 
 
@@ -171,7 +179,7 @@ def _each_turn(tree: Tree, memory: RunMemory, control: ControlServer, tools: Att
     while memory.faulted:
         name, incarnation = memory.faulted.pop()
         if name == SUPERVISOR:
-            # No module can be restarted any more: a new core reads better, or fails until that ends the run.
+            # No module could be restarted. A new core recovers, or fails repeatedly and thereby ends the run.
             tree.child(CORE).kill("it refused the supervisor's own records; core.log says why")
             continue
         if tools.fault(name, incarnation):
@@ -209,5 +217,5 @@ def _spares(profile: Profile, run_folder: Path, environment: Mapping[str, str]) 
 
 
 def default_output_directory(profile_name: str, now: datetime) -> Path:
-    """Return where a run's results go if the user does not say: a new folder for each run."""
+    """Return the default folder for a run's results, a new one for each run."""
     return Path("output") / profile_name / f"{now:%Y%m%d-%H%M%S}-{os.getpid()}"

@@ -1,4 +1,4 @@
-"""Give a process the scheduling that its profile asks for."""
+"""Applies the scheduling that a profile sets for a process."""
 
 import contextlib
 import logging
@@ -18,25 +18,25 @@ COMPUTE_THREAD_VARIABLES = (
     "NUMEXPR_NUM_THREADS",
     "OPENCV_FOR_THREADS_NUM",
 )
-"""Where libraries look, when they are loaded, for how many threads they may compute with."""
+"""Variables from which numerical libraries read their number of threads when they are loaded."""
 
 
 class NoSuchCpu(RobbieError, ValueError):
-    """A profile binds a process to processors of which this machine lets it use none."""
+    """A profile binds a process to processors, none of which it may use on this machine."""
 
 
 def apply_scheduling(wanted: Scheduling, log: logging.Logger, nice: int = 0) -> None:
-    """Schedule all threads of this process as wanted; what is not permitted is warned of, and done without.
+    """Apply the scheduling to all threads of this process; log a warning for what is not permitted.
 
-    Threads that it starts later inherit all but the real-time priority: see `prefer_new_threads`.
+    Threads started later inherit everything except the real-time priority: see `prefer_new_threads`.
 
     Args:
-        wanted: what the profile says.
-        log: where warnings go.
-        nice: how far it steps back behind others if the profile does not say.
+        wanted: the scheduling from the profile.
+        log: receives warnings.
+        nice: the nice value to use if the profile sets none.
 
     Raises:
-        NoSuchCpu: there is none of the processors it is to run on.
+        NoSuchCpu: the process may use none of the processors that the profile names.
     """
     if wanted.cpus:
         try:
@@ -52,7 +52,7 @@ def apply_scheduling(wanted: Scheduling, log: logging.Logger, nice: int = 0) -> 
             limit_wake_latency(wanted.wake_latency_us)  # until this process ends
         except OSError as error:
             log.warning(
-                "processors sleep as deep as usual, for %s cannot be written (%s); %s",
+                "scheduling.wake_latency_us has no effect: %s cannot be written (%s); %s",
                 DEVICE,
                 error.strerror,
                 HOW_TO_ALLOW,
@@ -72,12 +72,12 @@ def apply_scheduling(wanted: Scheduling, log: logging.Logger, nice: int = 0) -> 
 
 
 def prefer_new_threads(wanted: Scheduling) -> None:
-    """Give threads that were started since `apply_scheduling` the real-time priority too, if there is one.
+    """Give threads started since `apply_scheduling` the real-time priority too, if one is set.
 
-    They do not inherit it, for a process that this one starts would do so as well.
+    Threads do not inherit it, because child processes would inherit it as well.
     """
     if wanted.realtime_priority:
-        with contextlib.suppress(PermissionError):  # which was told then
+        with contextlib.suppress(PermissionError):  # apply_scheduling has warned
             _run_at(wanted.realtime_priority)
 
 
@@ -87,7 +87,7 @@ def _run_at(realtime_priority: int) -> None:
 
 
 def computing_with(environment: Mapping[str, str], compute_threads: int) -> dict[str, str]:
-    """Return an environment for libraries to compute with so many threads; 0: as many as they like."""
+    """Return an environment that limits libraries to this number of threads; 0: no limit."""
     if not compute_threads:
         return dict(environment)
     return {**environment, **dict.fromkeys(COMPUTE_THREAD_VARIABLES, str(compute_threads))}

@@ -24,16 +24,16 @@ IMPORTED_AHEAD = ("numpy", "robbie_mp.supervisor.core_child", "robbie_mp.supervi
 
 
 def assign(connection: socket.socket, name: str, incarnation: int) -> None:
-    """Tell a spare that is ready whom to run.
+    """Tell a ready spare which child to become.
 
     Raises:
-        OSError: it has died.
+        OSError: the spare has died.
     """
     connection.send(json.dumps([name, incarnation]).encode() + b"\n")
 
 
 def wait_for_assignment() -> tuple[str, int] | None:
-    """Say in a spare that it is ready; return name and incarnation of the child, None if none is needed.
+    """In a spare: report `ready`, then wait; return the child's name and incarnation, None if not needed.
 
     Standard input is empty afterwards.
     """
@@ -50,22 +50,22 @@ def wait_for_assignment() -> tuple[str, int] | None:
 
 
 def main(run_folder: Path) -> None:
-    """Wait to be needed, then run a child."""
+    """Import what children need, wait for an assignment, then run a child."""
     for name in IMPORTED_AHEAD:
         importlib.import_module(name)
     plan = RunPlan.load(run_folder)
     die_with_parent(plan.supervisor_pid)
-    sys.path.insert(0, plan.workspace)  # as in a module's process
+    sys.path.insert(0, plan.workspace)  # as a module's process does
     for name in plan.spare_imports:
         try:
             importlib.import_module(name)
         except ModuleNotFoundError as error:
-            print(f"cannot import {name} ahead: {error}", file=sys.stderr)
+            print(f"spares.imports names {name}, which cannot be imported: {error}", file=sys.stderr)
         except Exception:
-            traceback.print_exc()  # the module that needs it will say so again
+            traceback.print_exc()  # the module that needs it will report it again
     files = imported_files(plan.workspace)
     imported = versions(files)
-    set_process_name("spare")  # now that it is one
+    set_process_name("spare")  # only now is it a spare
     if assignment := wait_for_assignment():
         if versions(files) != imported:
             start_afresh(run_folder, *assignment)
@@ -80,7 +80,7 @@ def imported_files(folder: str) -> list[str]:
 
 
 def versions(files: list[str]) -> list[tuple[int, int] | None]:
-    """Return time of change and size of each file; None for one that is gone."""
+    """Return modification time and size of each file; None for a file that no longer exists."""
     found: list[tuple[int, int] | None] = []
     for file in files:
         try:
@@ -93,7 +93,7 @@ def versions(files: list[str]) -> list[tuple[int, int] | None]:
 
 
 def start_afresh(run_folder: Path, name: str, incarnation: int) -> NoReturn:
-    """Become a child that has imported nothing yet: what this process has imported has been edited since."""
+    """Become a child with a new interpreter, because files that this one imported have changed."""
     child = ["-m", "robbie_mp.supervisor.child", str(run_folder), name, str(incarnation)]
     os.execv(sys.executable, [sys.executable, *child])
 

@@ -1,9 +1,9 @@
-"""Interpreters started ahead: a restarted child takes one instead of waiting for its own to start.
+"""Interpreters started in advance, so that a restarted child need not wait for a new one.
 
-Starting Python and importing numpy and Robbie-MP takes a few hundred ms: most of what a restart costs.
-A spare has done it and waits on a socket, its standard input, to be told whom to run
-(`robbie_mp.supervisor.spare`). It is started by the ordinary way, so it is this process's own child from the
-beginning, in a session of its own, and nothing is ever forked from a process that has threads.
+Starting Python and importing numpy and Robbie-MP takes a few hundred ms: most of the time of a restart. A
+spare has done this already and waits on a socket, its standard input, for the child to run
+(`robbie_mp.supervisor.spare`). Spares are started like any child: each is a child of the supervisor in a new
+session. No process is forked from one that has threads.
 """
 
 import os
@@ -22,15 +22,15 @@ from robbie_mp.supervisor.streams import OutputStream
 from robbie_mp.trace.kinds import Kind
 
 MARKED_AS = "~spare"
-"""No child can have this name."""
+"""The name in the marker of spares; no child can have it."""
 CALM_S = 0.5
-"""A spare takes a processor for as long as a restart without one; so none is started while children start."""
+"""Starting a spare takes as much processor time as a cold start, so none is started while children start."""
 MAX_FAILURES = 3
 
 
 @dataclass(frozen=True)
 class SpareCommand:
-    """What spares are started by."""
+    """The command that starts spares."""
 
     count: int
     argv: tuple[str, ...]
@@ -38,7 +38,7 @@ class SpareCommand:
 
 
 class Spare:
-    """One interpreter that waits, or is about to."""
+    """One interpreter that waits for an assignment, or is still importing."""
 
     def __init__(self, process: ChildProcess, connection: socket.socket):
         self.process = process
@@ -47,11 +47,7 @@ class Spare:
 
 
 class SparePool:
-    """Starts the processes of children: from a spare if there is one, else anew.
-
-    Attributes:
-        pids: of the spares.
-    """
+    """Starts the processes of children: from a spare if one is ready, otherwise cold."""
 
     def __init__(
         self,
@@ -64,11 +60,11 @@ class SparePool:
         """Prepare; no spare is started yet.
 
         Args:
-            command: what spares are started by; None: there are none.
+            command: starts spares; None: every child starts cold.
             run_id: marks the processes of this run.
             loop: watches the spares.
-            output: gets what a spare printed that died before it was used.
-            clock: a time in s that never goes back.
+            output: receives what a spare printed if it died before it was used.
+            clock: monotonic time in s.
         """
         self._command = command
         self._run_id = run_id
@@ -82,7 +78,7 @@ class SparePool:
 
     @property
     def pids(self) -> set[int]:
-        """Processes of the spares."""
+        """Pids of the spares."""
         return {spare.process.pid for spare in self._spares}
 
     def start(self, spec: ChildSpec, incarnation: int) -> ChildProcess:
@@ -97,7 +93,7 @@ class SparePool:
         return ChildProcess.start(spec.argv, spec.environment, child_marker, spec.folder)
 
     def replenish(self, *, is_calm: bool) -> None:
-        """Start a spare if one is missing and all has been calm for a while; called every turn."""
+        """Start a spare if one is missing and nothing has started or stopped for `CALM_S`."""
         now_s = self._clock()
         if not is_calm:
             self._calm_since_s = None
@@ -139,12 +135,12 @@ class SparePool:
         self._loop.watch(process.pidfd, lambda: self._on_exit(spare))
 
     def _take(self, name: str, incarnation: int) -> ChildProcess | None:
-        """Hand a spare over to a child."""
+        """Turn a ready spare into a child; return None if there is no spare."""
         for spare in [spare for spare in self._spares if spare.is_ready]:
             try:
                 assign(spare.connection, name, incarnation)
             except OSError:
-                continue  # it has died; the loop is about to notice
+                continue  # it has died; the event loop will report it
             self._remove(spare)
             self._output.say(Kind.SYSTEM, f"spare interpreter {spare.process.pid} becomes {name}")
             return spare.process
@@ -159,7 +155,7 @@ class SparePool:
         if spare.is_ready:
             self._failures = 0
             self._output.say(Kind.SYSTEM, f"spare interpreter {spare.process.pid} is ready")
-        else:  # it closed its input and is of no use
+        else:  # it closed its input, so it cannot be assigned
             spare.process.kill()
             self._disconnect(spare)
 
@@ -172,7 +168,7 @@ class SparePool:
         self._fail(f"a spare interpreter has ended: {status.reason}")
 
     def _remove(self, spare: Spare) -> None:
-        """Let go of a spare without ending it."""
+        """Remove a spare from the pool without ending it."""
         self._spares.remove(spare)
         self._loop.unwatch(spare.process.pidfd)
         self._disconnect(spare)
@@ -183,10 +179,10 @@ class SparePool:
             spare.connection.close()
 
     def _discard(self, spare: Spare) -> None:
-        """Take what a dead spare printed, and reap it."""
+        """Read what a dead spare printed, and reap it."""
         known = self.pids | {spare.process.pid}
         for pidfd in kill_child_leftovers(spare.process.pid, spare.process.marker, known).values():
-            os.close(pidfd)  # it holds nothing of the run's memory, so nobody waits for its end
+            os.close(pidfd)  # it maps none of the run's memory, so its end need not be awaited
         for fd, name in ((spare.process.stdout, "stdout"), (spare.process.stderr, "stderr")):
             OutputStream(fd, name, self._output, self._loop).finish()
         os.close(spare.process.log_channel)
@@ -195,5 +191,5 @@ class SparePool:
     def _fail(self, text: str) -> None:
         self._failures += 1
         if self._failures == MAX_FAILURES:
-            text += "; no further one is started, so restarts take longer"
+            text += "; no more spares are started, so restarts take longer"
         self._output.say(Kind.WARNING, text)

@@ -24,7 +24,7 @@ class ChildStream:
         """Watch the descriptor from now on.
 
         Args:
-            fd: the reading end, non-blocking; owned from now on.
+            fd: the reading end, non-blocking; this object closes it.
             loop: watches it.
         """
         self._fd = fd
@@ -34,22 +34,22 @@ class ChildStream:
         loop.watch(fd, self._on_readable)
 
     def finish(self) -> None:
-        """Take what is still there, half a line included, and close."""
-        limit_s = time.monotonic() + PAUSE_S  # a descendant that escaped may go on writing
+        """Read what is left, including a partial line, and close."""
+        limit_s = time.monotonic() + PAUSE_S  # an escaped descendant may continue to write
         while self._is_open and time.monotonic() < limit_s:
             if self._read() is None:
                 break
         self._close()
 
     def _read(self) -> bool | None:
-        """Read once and keep it: True within the rate, False beyond, None if there is nothing now.
+        """Read once: return True within the rate limit, False beyond it, None if nothing is there.
 
         Closes at the end of the stream.
         """
         raise NotImplementedError
 
     def _flush(self) -> None:
-        """Keep what was read in part; the stream has ended."""
+        """Keep a partial line; the stream has ended."""
 
     def _on_readable(self) -> None:
         if self._read() is False and self._is_open:
@@ -79,9 +79,9 @@ class OutputStream(ChildStream):
         """Watch the pipe from now on.
 
         Args:
-            fd: its reading end, non-blocking; owned from now on.
+            fd: the reading end, non-blocking; this object closes it.
             name: "stdout" or "stderr".
-            output: gets the lines.
+            output: receives the lines.
             loop: watches the pipe.
         """
         super().__init__(fd, loop)
@@ -118,14 +118,14 @@ def _cut(text: str, longest: int) -> list[str]:
 
 
 class RecordStream(ChildStream):
-    """The log channel of one incarnation."""
+    """The log channel of one incarnation; see `robbie_mp.trace.channel`."""
 
     def __init__(self, fd: int, output: ChildOutput, loop: EventLoop):
         """Watch the channel from now on.
 
         Args:
-            fd: the supervisor's end; owned from now on.
-            output: gets the records.
+            fd: the supervisor's end; this object closes it.
+            output: receives the records.
             loop: watches the channel.
         """
         super().__init__(fd, loop)
@@ -141,7 +141,7 @@ class RecordStream(ChildStream):
             self._close()
             return True
         *lines, self._partial = (self._partial + data).split(b"\n")
-        if len(self._partial) > LINE_BYTES:  # which no handler of ours sends
+        if len(self._partial) > LINE_BYTES:  # our handler never sends such a line
             lines.append(self._partial)
             self._partial = b""
         return self._output.add_records(lines)

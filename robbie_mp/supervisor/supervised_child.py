@@ -1,4 +1,4 @@
-"""One child over the whole run: its state, and what each event makes of it."""
+"""One child over the whole run: its state and its transitions."""
 
 import signal
 import time
@@ -23,16 +23,16 @@ from robbie_mp.trace.kinds import Kind
 
 POLL_S = 0.015
 SOON_S = 0.05
-"""So long after a restart is due it is polled often, for the core is about to be done with reclaiming."""
+"""For this long after a restart is due, the child is polled often: the core will soon have reclaimed."""
 OFTEN_S = 0.001
 DUMP_S = 0.5
-"""From the request for a stack dump to SIGKILL; a stopped process does not answer."""
+"""From the request for a stack dump to SIGKILL; a stopped process does not respond."""
 UNKILLABLE_AFTER_S = 5.0
-"""A process that SIGKILL has not ended by then hangs in the kernel: on a stalled disk, in a broken driver."""
+"""A process that has not ended this long after SIGKILL hangs in the kernel: in disk access or a driver."""
 
 
 class Then(Enum):
-    """What follows when a child has ended that takes part in an ordered stop."""
+    """What follows when a child in an ordered stop has ended."""
 
     STOPPED = auto()
     RESTART = auto()
@@ -40,32 +40,31 @@ class Then(Enum):
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a child shares with all others of its run."""
+    """What all children of a run share."""
 
     incarnations: Incarnations
     loop: EventLoop
     clock: Callable[[], float]
     start: Callable[[ChildSpec, int], ChildProcess]
-    """Starts the process of an incarnation; raises OSError if that cannot be."""
+    """Starts the process of an incarnation; raises OSError if this fails."""
     known_pids: Callable[[], Collection[int]]
-    """Processes that this one has started."""
+    """Pids of the processes that the supervisor has started."""
     may_start: Callable[["SupervisedChild"], bool]
-    """Whether a restart need not wait for others."""
+    """Whether a restart need not wait for other children."""
     on_change: Callable[["SupervisedChild", StateChange], None]
 
 
 class SupervisedChild:
-    """Starts a process, sees it become ready and end, and starts it again as its policy says.
+    """Starts a process, watches it become ready and end, and restarts it according to its policy.
 
     Attributes:
-        spec: what it runs.
+        spec: the description of the child.
         state: None before the first start.
         incarnation: counts the starts.
-        reason: of the last change of state.
-        pid: of its process, None without.
+        reason: why the state changed last.
         was_settled: whether it has left STARTING at least once.
         ended_run: whether it ended in the way that ends the run.
-        awaits_retry: whether it is FAILED and will be tried again.
+        awaits_retry: whether it is FAILED and will be retried.
     """
 
     def __init__(
@@ -84,10 +83,10 @@ class SupervisedChild:
         self._clock = surroundings.clock
         self._process: ChildProcess | None = None
         self._hanging: ChildProcess | None = None
-        """Its process, when it was killed and cannot end. Nothing of it is reclaimed before it does: the
-        kernel may be busy with a read into its memory."""
+        """Its process, if it was killed but cannot end. Its memory is not reclaimed until it ends: the kernel
+        may still write into it."""
         self._status: ExitStatus | None = None
-        """Set when its process has ended, but not yet all that it forked."""
+        """Set when its process has ended, but not yet all processes that it forked."""
         self._leftovers: Leftovers | None = None
         self._run_queue: RunQueueTime | None = None
         self._streams: list[ChildStream] = []
@@ -106,24 +105,24 @@ class SupervisedChild:
 
     @property
     def pid(self) -> int | None:
-        """Its process; None also for one that hangs in the kernel."""
+        """The pid of its process; None also while its process hangs in the kernel."""
         return self._process.pid if self._process else None
 
     @property
     def pids(self) -> set[int]:
-        """Its processes that are not reaped."""
+        """Pids of its processes that are not reaped."""
         return {process.pid for process in (self._process, self._hanging) if process}
 
     @property
     def may_return(self) -> bool:
-        """Whether it may run again by itself though it is FAILED or STOPPED."""
+        """Whether it may run again without a command although it is FAILED or STOPPED."""
         return self._may_restart and (
             self.awaits_retry or (self._hanging is not None and self._then is not Then.STOPPED)
         )
 
     @property
     def is_retried(self) -> bool:
-        """Whether it was started out of FAILED."""
+        """Whether its current start is a retry after FAILED."""
         return self._is_retried
 
     @property
@@ -167,7 +166,7 @@ class SupervisedChild:
         ]
 
     def poll(self) -> None:
-        """Do what time brings; called every `POLL_S` in STARTING and BACKOFF, now and then otherwise."""
+        """Check deadlines and readiness; called every `POLL_S` in STARTING and BACKOFF, else less often."""
         now_s = self._clock()
         if self._killed_s is not None and self._process:
             if now_s - self._killed_s >= UNKILLABLE_AFTER_S:
@@ -177,7 +176,7 @@ class SupervisedChild:
         elif self.state is ChildState.STARTING:
             self._check_ready()
             if self._incarnations.awaits_time(self.spec.name):
-                self._due_s = now_s + self.spec.start_deadline_s  # it is not to blame for that
+                self._due_s = now_s + self.spec.start_deadline_s  # the delay is not its fault
             elif self.state is ChildState.STARTING and now_s >= self._due_s + self._starved_s(now_s):
                 self.kill(f"not ready within {self.spec.start_deadline_s:g} s")
         elif self.state is ChildState.RUNNING:
@@ -186,7 +185,7 @@ class SupervisedChild:
             self.start()
 
     def poll_in_s(self) -> float | None:
-        """Return how soon `poll` has something to do; None: nothing that time alone brings."""
+        """Return how soon `poll` must be called; None: no deadline is pending."""
         match self.state:
             case ChildState.STARTING:
                 return POLL_S
@@ -197,30 +196,30 @@ class SupervisedChild:
                 return None
 
     def will_stop(self, then: Then, reason: str) -> None:
-        """Take part in an ordered stop: however its process ends from now on, this follows.
+        """Take part in an ordered stop: however its process ends from now on, `then` follows.
 
         Args:
             then: what follows.
-            reason: why, for the state that follows; '' says nothing there.
+            reason: why, shown with the next state; '': no reason is shown.
         """
         if self._process:
             self._then = then
             self._stop_reason = reason
 
     def terminate(self) -> None:
-        """Ask its process to end: its turn in the ordered stop has come."""
+        """Ask its process to end: the ordered stop has reached it."""
         if self._process:
             self._process.terminate()
             self.wake()
 
     def stay_stopped(self, reason: str) -> None:
-        """Make BACKOFF, or the wait for the first start or for a retry, end in STOPPED."""
+        """End BACKOFF, or the wait for the first start or a retry, in STOPPED."""
         if self.state is None or self._waits_for_start():
             self.awaits_retry = False
             self._move(ChildState.STOPPED, reason)
 
     def restart_now(self, reason: str) -> None:
-        """Start again as soon as can be, from any state without a process; forget what happened before."""
+        """Restart as soon as possible, from any state without a process, with a fresh budget."""
         self._budget.reset()
         if self._process is None and self.state is not None:
             self._due_s = self._clock()
@@ -229,10 +228,10 @@ class SupervisedChild:
                 self._move(ChildState.BACKOFF, reason, restart_in_s=0.0)
 
     def abort(self, reason: str) -> None:
-        """Have its process say where it is, and end; what follows is up to its restart policy.
+        """Have its process dump its stacks and end; the restart policy decides what follows.
 
-        faulthandler answers SIGABRT with the stacks of all threads on standard error, even from within a
-        library that never returns. Whoever does not end by that is killed.
+        On SIGABRT, faulthandler prints the stacks of all threads on standard error, even inside a library
+        call that never returns. A process that does not end by this is killed.
         """
         if self._process and self._killed_s is None and self._kill_at_s is None:
             self._kill_reason = reason
@@ -240,24 +239,24 @@ class SupervisedChild:
             self._process.send_signal(signal.SIGABRT)
 
     def kill(self, reason: str) -> None:
-        """Kill its process with all it forked; what follows is up to its restart policy."""
+        """Kill its process and all it forked; the restart policy decides what follows."""
         if self._process and self._killed_s is None:
             self._kill_reason = reason
             self._killed_s = self._clock()
             self._process.kill()
 
     def stop_now(self, reason: str) -> None:
-        """Kill its process with all it forked, for the end of the run."""
+        """Kill its process and all it forked, because the run ends."""
         self._then = Then.STOPPED
         self.kill(reason)
 
     def send_signal(self, signum: int) -> None:
-        """Send its process a signal, if it has one."""
+        """Send a signal to its process, if there is one."""
         if self._process:
             self._process.send_signal(signum)
 
     def wake(self) -> None:
-        """Wake its process from waiting for messages, if it has one."""
+        """Wake its process, if there is one, from waiting for messages."""
         if self._process:
             self._incarnations.wake(self.spec.name, self.incarnation)
 
@@ -270,14 +269,14 @@ class SupervisedChild:
             self.stay_stopped(reason)
 
     def when_it_ends(self, then: Then, reason: str) -> str:
-        """Say what is to follow if its process, which hangs in the kernel, ever ends.
+        """Set what follows if its process, which hangs in the kernel, ever ends.
 
         Args:
             then: what follows.
-            reason: why, for the state that follows.
+            reason: why, shown with the next state.
 
         Returns:
-            What is the matter with it, for people; '' if its process does not hang, and nothing was changed.
+            A description of the hanging process; '' if none hangs, and nothing was changed.
         """
         if self._hanging is None:
             return ""
@@ -286,7 +285,7 @@ class SupervisedChild:
         return self._describe_hanging()
 
     def let_go(self) -> None:
-        """Forget a process that hangs in the kernel: the run is over."""
+        """Stop watching a process that hangs in the kernel: the run is over."""
         if self._leftovers:
             self._leftovers.close()
         if self._hanging:
@@ -304,12 +303,12 @@ class SupervisedChild:
             self._move(ChildState.RUNNING, "ready")
 
     def _starved_s(self, now_s: float) -> float:
-        """Return how long its process has waited for a processor; only asked when a deadline is over."""
+        """Return how long its process has waited for a processor; 0 before the deadline."""
         return self._run_queue.waited_s(now_s) if self._run_queue and now_s >= self._due_s else 0.0
 
     def _check_hang(self, now_s: float) -> None:
         if self._then is not None or self._process is None or self._run_queue is None:
-            return  # in an ordered stop, its grace is the deadline
+            return  # in an ordered stop, the grace period is the deadline
         doing = self._incarnations.doing(self.spec.name, self.incarnation)
         hung_s = self._hang_watch.hung_for_s(doing, now_s, self._run_queue)
         if hung_s is not None and doing is not None:
@@ -322,7 +321,7 @@ class SupervisedChild:
         return not self._is_opened or self._incarnations.is_reclaimed(self.spec.name, self.incarnation)
 
     def _on_exit(self) -> None:
-        """End what its process, which has ended, has forked; until all that is gone it stays a zombie."""
+        """Kill what its dead process forked. The process stays a zombie until all of that has ended."""
         process = self._process or self._hanging
         if process is None or (status := process.exit_status()) is None:
             return
@@ -341,7 +340,7 @@ class SupervisedChild:
     def _kill_leftovers(self, process: ChildProcess) -> dict[int, int]:
         try:
             return kill_child_leftovers(process.pid, process.marker, self._around.known_pids())
-        except OSError:  # no descriptor left: those of its streams will do
+        except OSError:  # no descriptor is left: close its streams to get some
             self._finish_streams()
             return kill_child_leftovers(process.pid, process.marker, self._around.known_pids())
 
@@ -356,7 +355,7 @@ class SupervisedChild:
         self._after_end(status, self._why(status) + hung)
 
     def _abandon(self) -> None:
-        """Go on without a process that cannot end; what follows its end comes when it ends after all."""
+        """Continue without a process that cannot end; if it ends later, the usual follows."""
         self._hanging, self._process = self._process, None
         self._finish_streams()
         self._kill_at_s = None
@@ -429,7 +428,7 @@ class SupervisedChild:
     def _is_crash(self, status: ExitStatus, *, is_clean: bool) -> bool:
         if self._then is None:
             return not is_clean
-        # In an ordered stop SIGTERM and SIGKILL are ours.
+        # In an ordered stop, SIGTERM and SIGKILL come from the supervisor.
         return not status.is_clean and status.signal not in (signal.SIGTERM, signal.SIGKILL)
 
     def _move(

@@ -1,7 +1,7 @@
 """Removes what dead runs left: processes, names in shared memory, folders.
 
-Safe at any time and any number at once: a folder is swept only under its lock, which the live supervisor or
-another sweep would hold; a removal that finds nothing left is fine.
+Sweeps are safe at any time, also several at once. A folder is swept only under its lock, which a live
+supervisor or another sweep would hold. Removing something that is already gone is not an error.
 """
 
 import contextlib
@@ -29,13 +29,13 @@ from robbie_mp.transport.shared_folder import (
 
 SHARED_NAME = re.compile(rf"(?:sem\.)?robbie-({RUN_ID.pattern})(?:\.[0-9a-f]{{16}})?")
 UNCLAIMED_AGE_S = 5.0
-"""A run without folder and without board may be just starting as long as its names are younger than this."""
+"""A run without folder and board may be starting while its names are younger than this."""
 UNFINISHED_AGE_S = 60.0
 
 
 @dataclass(frozen=True)
 class Swept:
-    """What a sweep removed; all empty when there was nothing to do."""
+    """What a sweep removed; all fields are empty if nothing was found."""
 
     runs: tuple[str, ...] = ()
     """Run ids."""
@@ -49,7 +49,7 @@ def sweep(bases: list[Path] | None = None, shared_memory: Path = SHARED_MEMORY) 
     """Remove what this user's dead runs left.
 
     Args:
-        bases: the folders that hold runs; by default this user's.
+        bases: the folders that hold runs; None: this user's.
         shared_memory: where named segments and semaphores appear.
     """
     bases = safe_folders() if bases is None else bases
@@ -73,7 +73,7 @@ def _sweep_folders(bases: list[Path], shared_memory: Path) -> Swept:
         if lock_fd is None:
             continue
         try:
-            if is_run and folder.exists():  # else another sweep removed it just before we got the lock
+            if is_run and folder.exists():  # otherwise another sweep removed it just before we got the lock
                 killed += kill_run_leftovers(folder.name)
                 names += remove_names(folder.name, shared_memory)
                 runs.append(folder.name)
@@ -84,7 +84,7 @@ def _sweep_folders(bases: list[Path], shared_memory: Path) -> Swept:
 
 
 def _is_abandoned(folder: Path) -> bool:
-    """Whether this is a folder whose maker died between making and locking it."""
+    """Whether the supervisor that made this folder died before locking it."""
     if not folder.name.startswith(UNFINISHED_PREFIX):
         return False
     with contextlib.suppress(FileNotFoundError):
@@ -93,7 +93,7 @@ def _is_abandoned(folder: Path) -> bool:
 
 
 def unclaimed_runs(bases: list[Path] | None = None, shared_memory: Path = SHARED_MEMORY) -> list[str]:
-    """Return dead runs that have names but no folder, as when the login session's directory was cleared."""
+    """Return dead runs with names but no folder, as after the login session's directory was cleared."""
     bases = safe_folders() if bases is None else bases
     return [
         run_id
@@ -107,7 +107,7 @@ def _sweep_unclaimed(bases: list[Path], shared_memory: Path) -> list[Swept]:
     for run_id in unclaimed_runs(bases, shared_memory):
         killed = kill_run_leftovers(run_id)
         names = remove_names(run_id, shared_memory)
-        if names or killed:  # else the run has ended in order since its names were seen
+        if names or killed:  # otherwise the run has ended normally since its names were listed
             swept.append(Swept((run_id,), tuple(names), tuple(killed)))
     return swept
 
@@ -134,7 +134,7 @@ def _is_live(run_id: str, paths: list[Path], shared_memory: Path) -> bool:
 
 
 def _read_board(run_id: str, shared_memory: Path) -> ProcessIdentity | None:
-    """Return the supervisor that a board's header names; None without a board of ours or a header."""
+    """Return the supervisor named in a board's header; None if we own no such board or it has no header."""
     folder, _, file = names.board(run_id).partition("/")
     try:
         with opened_folder(folder, shared_memory) as folder_fd:

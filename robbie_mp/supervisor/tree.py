@@ -22,17 +22,17 @@ from robbie_mp.trace.kinds import Kind
 
 
 class Dependencies:
-    """Answers by what the specs of all children say; between a restart of two there is no other tie.
+    """Knows which children are restarted together, from the `depends_on` of their specs.
 
-    As with Erlang's `rest_for_one`, but for the declared dependents only, and without waiting for their end.
+    Similar to Erlang's `rest_for_one`, but for declared dependents only, and without waiting for their end.
     """
 
     def __init__(self, children: Sequence[SupervisedChild]):
-        """Take all children, in the order of their start."""
+        """Keep the list of all children, in the order of their start."""
         self._children = children
 
     def dependents(self, child: SupervisedChild) -> list[SupervisedChild]:
-        """Return who depends on a child, directly or through others, in the order of their start."""
+        """Return the children that depend on a child, directly or indirectly, in the order of their start."""
         reached = {child.spec.name}
         grown = True
         while grown:
@@ -42,7 +42,7 @@ class Dependencies:
         return [c for c in self._children if c.spec.name in reached and c is not child]
 
     def are_settled(self, child: SupervisedChild) -> bool:
-        """Whether everyone that a child depends on is RUNNING, or will not run without help."""
+        """Whether each child that this one depends on is RUNNING, FAILED or STOPPED."""
         return all(
             (other.state is ChildState.RUNNING and not other.is_stopping)
             or (other.state is not None and other.state.is_final)
@@ -52,7 +52,7 @@ class Dependencies:
 
 
 class OrderedStop:
-    """Asks each child to end, kills it when its grace is over, and only then turns to the next."""
+    """Stops children one after another, last started first: SIGTERM, then SIGKILL after the grace period."""
 
     def __init__(
         self, children: Sequence[SupervisedChild], then: Then, reason: str, clock: Callable[[], float]
@@ -61,9 +61,9 @@ class OrderedStop:
 
         Args:
             children: in the order of their start.
-            then: what is to become of them.
+            then: what follows for each.
             reason: why; see `SupervisedChild.will_stop`.
-            clock: a time in s that never goes back.
+            clock: monotonic time in s.
         """
         for child in children:
             child.will_stop(then, reason)
@@ -73,7 +73,7 @@ class OrderedStop:
         self._kill_at_s = 0.0
 
     def step(self) -> None:
-        """Go as far as is possible now."""
+        """Do what is due now, without waiting."""
         while self._waiting and self._living() is None:
             self._current = self._waiting.pop()
             if child := self._living():
@@ -89,11 +89,11 @@ class OrderedStop:
         return not self._waiting and self._living() is None
 
     def next_in_s(self) -> float | None:
-        """Return how soon a grace is over, None if no one is waited for."""
+        """Return how soon the current grace period ends; None if no child is waited for."""
         return max(0.0, self._kill_at_s - self._clock()) if self._living() else None
 
     def _living(self) -> SupervisedChild | None:
-        """Return the child that is waited for; a successor of it that was started since is none of ours."""
+        """Return the child that is waited for, unless a later incarnation has taken its place."""
         if self._current is None:
             return None
         child, incarnation = self._current
@@ -117,8 +117,8 @@ class CannotControl(RobbieError, RuntimeError):
 
     Example scenarios:
       - the run is stopping
-      - it is stopped already
-      - it is the core, without which nothing runs
+      - the child is stopped already
+      - the child is the core, without which nothing runs
     """
 
 
@@ -126,12 +126,12 @@ class Tree:
     """Runs the children of one run, in the main thread, and returns when all have ended.
 
     The core starts first; when it is ready, all modules start at once. SIGINT, SIGTERM and SIGHUP stop the
-    run in order; a second SIGINT or SIGTERM kills all that is left at once.
+    run in order; a second SIGINT or SIGTERM kills all remaining processes at once.
 
     Attributes:
         children: in the order of their start.
-        output: what they print.
-        stop_reason: why the run stops, empty as long as it does not.
+        output: what the children print.
+        stop_reason: why the run stops; empty while it does not.
     """
 
     def __init__(
@@ -150,19 +150,19 @@ class Tree:
         Args:
             specs: the core and the modules; within each kind in the order of their start.
             run_id: marks the descendants of this run's children.
-            incarnations: the memory side.
-            output: takes what the children print.
-            each_turn: called every turn of the loop: at least every 0.1 s, more often when things happen.
-            wall_clock: what waits of semaphores are measured by (CLOCK_REALTIME).
-            clock: what everything else is measured by, in s; it never goes back.
-            spares: what warm interpreters for restarts are started by; None: every process starts cold.
+            incarnations: manages the shared memory.
+            output: receives what the children print.
+            each_turn: called in every iteration of the loop: at least every 0.1 s, more often on events.
+            wall_clock: the clock of semaphore waits (CLOCK_REALTIME), in s.
+            clock: monotonic time in s, for everything else.
+            spares: starts spare interpreters for restarts; None: every process starts cold.
 
         Raises:
             InvalidChild: two children have the same name.
         """
         names = [spec.name for spec in specs]
         if len(set(names)) < len(names):
-            raise InvalidChild(f"each child needs a name of its own, but they are {', '.join(sorted(names))}")
+            raise InvalidChild(f"each child needs a unique name; the names are {', '.join(sorted(names))}")
         self.stop_reason = ""
         self._incarnations = incarnations
         self._each_turn = each_turn
@@ -189,7 +189,7 @@ class Tree:
             orphans = stack.enter_context(OrphanReaper())
             stack.callback(self._close_output)
             stack.callback(self._spares.close)
-            stack.callback(self._kill_rest)
+            stack.callback(self._kill_remaining)
             signums = [signal.SIGINT, signal.SIGTERM]
             if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as under nohup(1)
                 signums.append(signal.SIGHUP)
@@ -199,7 +199,7 @@ class Tree:
         return int(any(child.state is ChildState.FAILED for child in self.children))
 
     def stop(self, reason: str) -> None:
-        """Begin an ordered stop; further calls change nothing."""
+        """Begin an ordered stop; further calls have no effect."""
         if self._stop:
             return
         self.stop_reason = reason
@@ -218,10 +218,10 @@ class Tree:
             child.stop_now(reason)
 
     def child(self, name: str) -> SupervisedChild:
-        """Return a child, so that a watchdog can kill it or send it a signal.
+        """Return a child.
 
         Raises:
-            NoSuchChild: there is none of that name.
+            NoSuchChild: no child has that name.
         """
         for child in self.children:
             if child.spec.name == name:
@@ -231,17 +231,18 @@ class Tree:
         raise NoSuchChild(f"no module is named {name!r}{near}")
 
     def stop_child(self, name: str, reason: str) -> SupervisedChild:
-        """Stop one child in order, for good; `restart_child` starts it again.
+        """Stop one child in order; it stays stopped until `restart_child` or `start_child`.
 
         Raises:
-            NoSuchChild: there is none of that name.
-            CannotControl: it is the core, or has ended already, or its process hangs in the kernel, or the
-                run stops.
+            NoSuchChild: no child has that name.
+            CannotControl: it is the core, has already ended, or hangs in the kernel, or the run stops.
         """
         child = self._controlled(name)
         child.output.say(Kind.SYSTEM, f"to be {reason}")
         if child.spec.kind is ChildKind.CORE:
-            raise CannotControl("without the core nothing runs; stop the whole run, or restart the core")
+            raise CannotControl(
+                "the core cannot be stopped alone, because nothing runs without it; stop the run"
+            )
         if trouble := child.when_it_ends(Then.STOPPED, reason):
             raise CannotControl(f"{name}: {trouble}; {name} stays stopped when that process has ended")
         if child.state is not None and child.state.is_final and not child.awaits_retry:
@@ -256,9 +257,9 @@ class Tree:
         """Stop one child in order if it has a process, then start it with a fresh budget.
 
         Raises:
-            NoSuchChild: there is none of that name.
-            CannotControl: its process hangs in the kernel, so that it can be started only when that has
-                ended, as it will be; or the run stops.
+            NoSuchChild: no child has that name.
+            CannotControl: the run stops, or its process hangs in the kernel; it is then started as soon as
+                that process has ended.
         """
         child = self._controlled(name)
         child.output.say(Kind.SYSTEM, f"to be {reason}")
@@ -270,15 +271,15 @@ class Tree:
         return child
 
     def start_child(self, name: str, reason: str) -> SupervisedChild:
-        """Start a child that has ended or waits, with a fresh budget.
+        """Start a child that has ended or waits for a restart, with a fresh budget.
 
         Raises:
-            NoSuchChild: there is none of that name.
-            CannotControl: it has a process, or one that hangs in the kernel, or the run stops.
+            NoSuchChild: no child has that name.
+            CannotControl: it has a process already, or one that hangs in the kernel, or the run stops.
         """
         child = self._controlled(name)
         if child.pid is not None:
-            raise CannotControl(f"{name} is {child.state} already; `robbie module restart` starts it anew")
+            raise CannotControl(f"{name} is {child.state} already; use `robbie module restart`")
         return self.restart_child(name, reason)
 
     def _controlled(self, name: str) -> SupervisedChild:
@@ -287,11 +288,11 @@ class Tree:
         return self.child(name)
 
     def watch(self, fd: int, callback: Callable[[], None]) -> None:
-        """Call back from the loop whenever a descriptor, such as a control socket, is readable."""
+        """Call back from the loop whenever a descriptor is readable."""
         self._loop.watch(fd, callback)
 
     def unwatch(self, fd: int) -> None:
-        """Stop watching a descriptor; must come before it is closed."""
+        """Stop watching a descriptor. Call this before you close it."""
         self._loop.unwatch(fd)
 
     def _say(self, text: str) -> None:
@@ -314,8 +315,8 @@ class Tree:
         return self._spares.pids.union(self.output.disk.pids, *(child.pids for child in self.children))
 
     def _turn(self) -> bool:
-        """Go round the loop once; False when the run is over."""
-        self._start_what_may()
+        """Run one iteration of the loop; return False when the run is over."""
+        self._start_allowed()
         self._loop.turn(self._timeout_s())
         for child in self.children:
             child.poll()
@@ -338,7 +339,7 @@ class Tree:
         waits += [stop.next_in_s() for stop in ([self._stop] if self._stop else self._partial_stops)]
         return min([IDLE_POLL_S, *(wait for wait in waits if wait is not None)])
 
-    def _start_what_may(self) -> None:
+    def _start_allowed(self) -> None:
         for child in self.children:
             is_core = child.spec.kind is ChildKind.CORE
             if child.state is None and (is_core or self._is_core_ready()):
@@ -348,7 +349,7 @@ class Tree:
         return all(c.state is ChildState.RUNNING for c in self.children if c.spec.kind is ChildKind.CORE)
 
     def _is_calm(self) -> bool:
-        """Whether nobody starts or stops now."""
+        """Whether no child is starting or stopping."""
         states = {child.state for child in self.children}
         return not self._partial_stops and not states & {None, ChildState.STARTING, ChildState.BACKOFF}
 
@@ -359,7 +360,7 @@ class Tree:
             self._incarnations.all_started()
 
     def _check_clock_step(self) -> None:
-        """Wake everyone when the wall clock was set: their timed waits would last as much too long."""
+        """Wake all processes when the wall clock was set: their timed waits would otherwise last too long."""
         offset_s = self._wall_clock() - self._clock()
         if abs(step_s := offset_s - self._clock_offset_s) > CLOCK_STEP_S:
             self._say(f"the wall clock was set by {step_s:+.3f} s")
@@ -369,7 +370,7 @@ class Tree:
     def _on_signal(self, signum: int) -> None:
         name = signal.Signals(signum).name
         self._say(f"got {name}")
-        # A closing terminal may send SIGHUP twice; that is nobody's impatience.
+        # A closing terminal may send SIGHUP twice; the second one is not a request to hurry.
         if self._stop and signum != signal.SIGHUP:
             self.kill_all(f"second signal, {name}")
         else:
@@ -385,7 +386,7 @@ class Tree:
             self.stop(f"{name} is FAILED: {change.reason}")
 
     def _restart_dependents(self, child: SupervisedChild) -> None:
-        """Stop who depends on a child that is restarted; they wait in BACKOFF until it is RUNNING."""
+        """Stop the dependents of a child that is restarted; they wait in BACKOFF until it is RUNNING."""
         dependents = [c for c in self._dependencies.dependents(child) if c.pid is not None]
         if running := [dependent for dependent in dependents if not dependent.is_stopping]:
             reason = f"restarted with {child.spec.name}"
@@ -400,8 +401,8 @@ class Tree:
         self._own_output.close()
         self.output.close()
 
-    def _kill_rest(self) -> None:
-        """Leave no child behind, whatever error ended the loop, but for those that cannot be killed."""
+    def _kill_remaining(self) -> None:
+        """Kill all children, whatever error ended the loop; those that cannot end are abandoned."""
         self.kill_all("the supervisor ends")
         while any(child.pid for child in self.children):
             self._loop.turn(POLL_S)

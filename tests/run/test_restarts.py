@@ -219,7 +219,7 @@ def test_core_that_stands_still_is_replaced_and_nothing_is_lost(robot: Robot) ->
     handled = figures["sink"]["handled"]
     robot.until(lambda modules: modules["sink"]["handled"] > handled + 20)
     ended = stopped(robot)
-    assert "core: BACKOFF (gave no sign of life for 0." in ended.stderr
+    assert "core: BACKOFF (sent no heartbeat for 0." in ended.stderr
     heard = robot.journal("sink")
     assert heard == list(range(heard[0], heard[0] + len(heard)))
     assert ended.modules["sink"]["restarts"] == ended.modules["source"]["restarts"] == 0

@@ -19,7 +19,7 @@ clock: {source: source}
 def test_who_waits_for_the_time_is_not_blamed_and_stops_at_once(robot: Robot) -> None:
     robot.write_profile(PROFILE)
     process = robot.start()
-    waits = "waits for the time to begin: source has not set it"
+    waits = "waiting for source to set the run's time"
     robot.until(lambda modules: modules["follows"]["status"] == waits)
     since_s = time.monotonic()
     wait_until(lambda: time.monotonic() > since_s + 0.5)

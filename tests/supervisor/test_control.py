@@ -233,7 +233,7 @@ def test_core_can_be_restarted_but_not_stopped_alone(tmp_path: Path) -> None:
         yield run.all_running
         stop, restart = Command(run, "stop", "core"), Command(run, "restart", "core")
         yield lambda: stop.is_over() and restart.is_over()
-        assert stop.refused.startswith("without the core nothing runs")
+        assert stop.refused.startswith("the core cannot be stopped alone")
         assert restart.said == "core is RUNNING, start 2"
         run.tree.stop("seen enough")
 

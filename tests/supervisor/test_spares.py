@@ -157,7 +157,7 @@ def test_spares_that_are_no_use_are_given_up_and_said(tmp_path: Path) -> None:
     run = with_spares(tmp_path, "broken_spare")
 
     def scenario() -> Scenario:
-        yield lambda: any("no further one" in text for text in run.text("supervisor", "supervisor"))
+        yield lambda: any("no more spares" in text for text in run.text("supervisor", "supervisor"))
         kill(run)
         yield lambda: run.states("child").count(RUNNING) == 2
         run.tree.stop("seen enough")
@@ -165,7 +165,7 @@ def test_spares_that_are_no_use_are_given_up_and_said(tmp_path: Path) -> None:
     assert run.play(scenario()) == 0
     assert run.text("supervisor", "stderr").count("ImportError: no numpy here") == 3
     said = [line.text for line in run.lines if line.module == "supervisor" and line.kind is Kind.WARNING]
-    assert said[-1].startswith("a spare interpreter has ended: exit code 1; no further one is started")
+    assert said[-1].startswith("a spare interpreter has ended: exit code 1; no more spares are started")
 
 
 def test_child_that_runs_another_command_takes_no_spare(tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ def test_supervision_and_output_go_on_while_the_disk_stands_still(tmp_path: Path
         longest_s = max(after - before for before, after in itertools.pairwise(turned_s))
         assert longest_s < 0.5
         stall.thaw()
-        yield lambda: any("takes something again" in text for text in run.text("supervisor", "supervisor"))
+        yield lambda: any("has recovered" in text for text in run.text("supervisor", "supervisor"))
         run.tree.stop("seen enough")
 
     assert run.play(scenario()) == 0

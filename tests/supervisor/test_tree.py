@@ -347,7 +347,7 @@ def test_error_in_the_loop_leaves_no_child_and_closes_the_memory(tmp_path: Path)
 
 
 def test_two_children_of_one_name_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidChild, match="name of its own"):
+    with pytest.raises(InvalidChild, match="needs a unique name"):
         Run(tmp_path, animal(zoo.works, "a"), animal(zoo.works, "a"))
 
 
