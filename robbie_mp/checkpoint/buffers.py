@@ -1,9 +1,11 @@
-"""Two shared-memory segments that a module's checkpoints alternate between; they outlive its incarnations.
+"""The two shared-memory segments between which a module's checkpoints alternate.
 
-Only the segment that does not hold the newest checkpoint is ever written, replaced or removed, so whatever
-the process is killed at, the newest one that was complete stays as it is. A larger state needs nothing more:
-that same segment is removed and made anew, larger, under its name. The next incarnation reads after the
-supervisor has waited for the dead process, so it sees all that one has stored.
+They outlive the module's incarnations.
+
+Only the segment without the newest checkpoint is ever written, replaced or removed. So the newest complete
+checkpoint stays intact whenever the process is killed. If the state has grown, that same segment is removed
+and created again, larger, under the same name. The next incarnation reads after the supervisor has reaped the
+dead process, so it sees everything that process stored.
 """
 
 import threading
@@ -22,15 +24,15 @@ IMAGE_BEGIN = CHECKPOINT_IMAGE * WORD_BYTES
 
 
 class CheckpointBuffers:
-    """The checkpoints of one module, as its process that lives now sees them.
+    """The checkpoints of one module, in its current process.
 
     Args:
-        run_id, slot, incarnation: whose they are.
-        limit_bytes: of one checkpoint.
+        run_id, slot, incarnation: identify the module's incarnation.
+        limit_bytes: maximum size of one checkpoint.
 
     Attributes:
-        found: the newest valid checkpoint of the incarnations before; None if there is none.
-        damaged: what was wrong with newer ones.
+        found: the newest valid checkpoint of earlier incarnations; None if there is none.
+        damaged: what was wrong with newer checkpoints.
     """
 
     def __init__(self, run_id: str, slot: int, incarnation: int, limit_bytes: int):
@@ -48,24 +50,24 @@ class CheckpointBuffers:
         keep_from_forks(self)
 
     def disown(self) -> None:
-        """Let a forked process keep nothing: it would write over the checkpoint of who forked it."""
+        """In a forked process: refuse to write, because that would overwrite the parent's checkpoint."""
         self._lock = REFUSED
 
     def write(self, state: Layout, taken_ns: int) -> None:
-        """Keep a state; the one before stays valid until this one is complete.
+        """Store a state; the previous checkpoint stays valid until this one is complete.
 
         Args:
-            state: the state, laid out.
+            state: the layout of the state.
             taken_ns: the time, ns since 1970.
 
         Raises:
-            CheckpointTooLarge: it is larger than the limit; the one before stays.
-            SharedMemoryFull: there is no room for it; the one before stays.
+            CheckpointTooLarge: the state is larger than the limit; the previous checkpoint stays.
+            SharedMemoryFull: there is no memory for it; the previous checkpoint stays.
         """
         if state.size > self._limit_bytes:
             raise CheckpointTooLarge(
-                f"a checkpoint of {state.size} bytes is more than the {self._limit_bytes} that this "
-                "module may keep; raise memory.checkpoint_bytes in the profile or keep less"
+                f"a checkpoint of {state.size} bytes exceeds this module's limit of {self._limit_bytes}; "
+                "raise memory.checkpoint_bytes in the profile, or store less"
             )
         number = 1 - self._newest
         segment = self._segment_with_room(number, state.size)
@@ -78,10 +80,10 @@ class CheckpointBuffers:
 
     @contextmanager
     def newest(self) -> Iterator[memoryview]:
-        """Hold the image of the newest checkpoint, for one other thread; it stays as it is.
+        """Hold the image of the newest checkpoint for one other thread; it does not change meanwhile.
 
         Raises:
-            LookupError: there is none.
+            LookupError: there is no checkpoint.
         """
         with self._lock:
             segment = self._held = self._segments[self._newest]
@@ -106,7 +108,10 @@ class CheckpointBuffers:
     def _attached(name: str) -> Segment | None:
         try:
             return Segment.attach(name, SegmentKind.CHECKPOINT, write=True)
-        except (SegmentMissing, SegmentMismatch):  # there is none, or its maker was killed before it was one
+        except (
+            SegmentMissing,
+            SegmentMismatch,
+        ):  # there is none, or its process was killed before it was complete
             return None
 
     def _read_newest(self) -> None:
@@ -122,13 +127,13 @@ class CheckpointBuffers:
                 if found.sequence != sequence:
                     raise CheckpointDamaged(f"checkpoint {sequence} says that it is {found.sequence}")
             except (CheckpointDamaged, CheckpointTooNew) as error:
-                self.damaged.append(str(error))  # the error itself would keep the memory mapped
+                self.damaged.append(str(error))  # keeping the error would keep the memory mapped
                 continue
             self.found, self._newest, self._sequence = found, number, sequence
             return
 
     def _segment_with_room(self, number: int, size: int) -> Segment:
-        """Return a segment to write into; a new one if that of this number is too small or held."""
+        """Return a segment to write into; a new one if the existing one is too small or held."""
         with self._lock:
             segment = self._segments[number]
             is_held = segment is self._held

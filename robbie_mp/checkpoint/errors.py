@@ -1,27 +1,27 @@
-"""What can be wrong with a checkpoint."""
+"""Errors of checkpoints."""
 
 from robbie_mp.errors import RobbieError
 
 
 class CheckpointTooLarge(RobbieError, ValueError):
-    """A state does not fit into what the profile allows a module's checkpoint."""
+    """A state exceeds the profile's limit for a module's checkpoint."""
 
 
 class UnsupportedState(RobbieError, TypeError):
     """A state contains something other than plain data and numpy arrays.
 
     Example scenarios:
-      - an object of a class, be it an Enum or a named tuple: what comes back would be something else
+      - an object of a class, even an Enum or a named tuple: it would be restored as something else
       - an array of Python objects or of records
     """
 
 
 class CheckpointDamaged(RobbieError, ValueError):
-    """Some bytes are no checkpoint, or no longer the one that was written."""
+    """The data is not a checkpoint, or was damaged after it was written."""
 
 
 class CheckpointForeign(RobbieError, ValueError):
-    """A file may have been written by somebody else, so that what it says may be forged.
+    """Another user may have written a file, so its content may be forged.
 
     Example scenarios:
       - it belongs to another user of the machine

@@ -23,11 +23,11 @@ UNFINISHED = ".new"
 
 
 class CheckpointFileError(RobbieError, OSError):
-    """The system does not let us read or rename the file of a checkpoint."""
+    """The file of a checkpoint cannot be read or renamed."""
 
 
 def checkpoint_file(workspace: Path, profile_name: str, module_name: str) -> Path:
-    """Return where the checkpoints of a profile's module are kept, the same for every run."""
+    """Return the file for the checkpoints of a profile's module; it is the same in every run."""
     return workspace / STATE_FOLDER / profile_name / f"{module_name}{SUFFIX}"
 
 
@@ -35,10 +35,10 @@ def read_file(path: Path) -> Checkpoint | None:
     """Read the checkpoint in a file; None if there is no file.
 
     Raises:
-        CheckpointDamaged: the file holds none.
-        CheckpointTooNew: it has a form that this version does not know.
-        CheckpointForeign: somebody else may have written it.
-        CheckpointFileError: it cannot be read.
+        CheckpointDamaged: the file holds no valid checkpoint.
+        CheckpointTooNew: this version does not know the file's format.
+        CheckpointForeign: another user may have written the file.
+        CheckpointFileError: the file cannot be read.
     """
     try:
         with open(path, "rb", opener=_without_waiting) as file:
@@ -54,14 +54,16 @@ def read_file(path: Path) -> Checkpoint | None:
 
 
 def write_file(path: Path, image: memoryview | bytes) -> None:
-    """Put an image in the place of the file, durably; the file before stays until the new one is complete.
+    """Replace the file by an image, durably; the old file stays until the new one is complete.
 
     Raises:
-        OSError: the disk is full, or does not let us; the file before stays.
+        OSError: the disk is full or refuses to write; the old file stays.
     """
     _make_folder(path.parent)
     unfinished = path.with_name(f"{path.name}.{os.getpid()}{UNFINISHED}")
-    unfinished.unlink(missing_ok=True)  # of a process that had our number, or a link that somebody has laid
+    unfinished.unlink(
+        missing_ok=True
+    )  # left by a process with the same pid, or a symbolic link placed by an attacker
     try:
         with open(unfinished, "xb", opener=private_opener) as file:
             file.write(image)
@@ -75,14 +77,14 @@ def write_file(path: Path, image: memoryview | bytes) -> None:
 
 
 def set_aside(path: Path, why: str) -> Path | None:
-    """Rename a file so that it is out of the way, but not lost; returns its new path, None if there is none.
+    """Rename a file to keep it without using it; return the new path, None if there is no file.
 
     Args:
         path: the checkpoint's file.
-        why: becomes part of the name; a file set aside before for the same reason is replaced.
+        why: becomes part of the new name; an earlier file set aside for the same reason is replaced.
 
     Raises:
-        CheckpointFileError: it cannot be renamed.
+        CheckpointFileError: the file cannot be renamed.
     """
     aside = path.with_name(f"{path.name}.{why}")
     try:
@@ -95,7 +97,7 @@ def set_aside(path: Path, why: str) -> Path | None:
 
 
 def remove_unfinished(path: Path) -> None:
-    """Remove what processes that were killed while they wrote this checkpoint have left."""
+    """Remove the partial files of processes that were killed while they wrote this checkpoint."""
     for unfinished in path.parent.glob(f"{path.name}.*{UNFINISHED}"):
         pid = unfinished.name.removeprefix(f"{path.name}.").removesuffix(UNFINISHED)
         if pid.isdigit() and not Path("/proc", pid).exists():
@@ -104,12 +106,12 @@ def remove_unfinished(path: Path) -> None:
 
 
 def _without_waiting(path: str, flags: int) -> int:
-    """Open a file for `open`, but do not wait for somebody to write to what may be a pipe."""
+    """Open a file for `open` without blocking, in case it is a pipe."""
     return os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC)
 
 
 def _make_folder(folder: Path) -> None:
-    """Make a folder, durably, with all that it lies in."""
+    """Make a folder and its parents, durably."""
     if not folder.is_dir():
         _make_folder(folder.parent)
         folder.mkdir(mode=PRIVATE_FOLDER, exist_ok=True)
@@ -130,8 +132,8 @@ class CheckpointWriter:
     Args:
         path: the file.
         every_s: the period.
-        newest: holds the image of the newest checkpoint while it is being written.
-        log: hears of what the disk refuses.
+        newest: holds the image of the newest checkpoint while it is written.
+        log: receives a warning if the disk refuses.
     """
 
     def __init__(
@@ -152,13 +154,13 @@ class CheckpointWriter:
         self._thread.start()
 
     def write_soon(self) -> None:
-        """Have the newest checkpoint written when its time has come; returns at once."""
+        """Have the newest checkpoint written when the period allows; return at once."""
         with self._change:
             self._is_wanted = True
             self._change.notify()
 
     def close(self) -> None:
-        """Write what is not on disk yet, and end the thread."""
+        """Write the newest checkpoint if it is not on disk yet, and end the thread."""
         with self._change:
             self._is_closing = True
             self._change.notify()
@@ -170,14 +172,14 @@ class CheckpointWriter:
             not_before_s = time.monotonic() + self._every_s
             try:
                 with self._newest() as image:
-                    # A good file is not to be replaced by an image that has been damaged since.
+                    # An image damaged in memory must not replace a good file.
                     check_crc(image, read_header(image, len(image)))
                     write_file(self._path, image)
             except (OSError, RobbieError) as error:
-                self._log.warning("the checkpoint is not on disk: %s", error)
+                self._log.warning("the checkpoint could not be written to disk: %s", error)
 
     def _waits_for_work(self, not_before_s: float) -> bool:
-        """Wait until something is to be written and may be; False at the end of it all."""
+        """Wait until a checkpoint may be written; return False when the thread should end."""
         with self._change:
             self._change.wait_for(lambda: self._is_wanted or self._is_closing)
             self._change.wait_for(lambda: self._is_closing, not_before_s - time.monotonic())

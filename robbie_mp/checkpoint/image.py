@@ -1,8 +1,8 @@
-"""The bytes of a checkpoint, the same in shared memory and on disk: its *image*.
+"""The *image* of a checkpoint: its bytes, the same in shared memory and on disk, written and read here.
 
     offset  bytes  meaning (little endian)
     0       8      magic, "ROBBIECP"
-    8       4      version of this form
+    8       4      version of this format
     12      4      CRC-32 of everything from offset 16 to the end
     16      8      size of the image
     24      8      size of the structure
@@ -12,14 +12,14 @@
     64             structure: JSON text (UTF-8)
                    pieces: the bytes of arrays, from the next multiple of 64 on
 
-The structure is the state itself, where JSON can say it: null, true, false, numbers (also NaN, Infinity and
--Infinity), strings, and lists. Everything else is an object with one key:
+The structure is the state as JSON where JSON can express it: null, true, false, numbers (also NaN, Infinity
+and -Infinity), strings, and lists. Everything else is an object with one key:
 
     {"tuple": [item, ...]}
     {"dict": [[key, value], ...]}              in order
     {"bytes": [offset, size]}
     {"array": [dtype, shape, offset]}          dtype as in numpy's array interface, as "<f4"; C order
-    {"scalar": [dtype, [], offset]}            a number of numpy
+    {"scalar": [dtype, [], offset]}            a numpy scalar
 
 An offset counts from the beginning of the pieces and is a multiple of 64.
 """
@@ -42,12 +42,12 @@ HEADER = struct.Struct("<8sIIQQQQ16x")
 CRC_BEGIN = 16
 ALIGNMENT = 64
 DTYPE = re.compile(r"[<>|][biufcSUmM][1-9][0-9]{0,8}(\[[0-9]*[A-Za-z]{1,2}(/[0-9]+)?\])?")
-"""Numbers, times, and texts of fixed length, of either byte order; no Python objects and no records."""
+"""Numbers, times and strings of fixed length, in either byte order; no Python objects and no records."""
 
 
 @dataclass(frozen=True)
 class Header:
-    """What an image says of itself."""
+    """The header of an image."""
 
     size: int
     structure_size: int
@@ -56,12 +56,12 @@ class Header:
 
 
 def aligned(size: int) -> int:
-    """Round a size up to where a piece may begin."""
+    """Round a size up to a multiple of `ALIGNMENT`, where a piece may begin."""
     return -(-size // ALIGNMENT) * ALIGNMENT
 
 
 def write_header(image: memoryview, header: Header) -> None:
-    """Write the header of an image whose other bytes are in place; its CRC makes it valid."""
+    """Write the header after all other bytes of an image; its CRC makes the image valid."""
     fields = (header.size, header.structure_size, header.sequence, header.taken_ns)
     HEADER.pack_into(image, 0, MAGIC, VERSION, 0, *fields)
     crc = zlib.crc32(image[CRC_BEGIN : header.size])
@@ -72,21 +72,25 @@ def read_header(image: memoryview, available: int) -> Header:
     """Read the header of an image and check it, but not the CRC.
 
     Args:
-        image: at least its header.
-        available: how many bytes there are; bytes beyond the image do not matter.
+        image: at least the header.
+        available: number of bytes there are; bytes after the image are ignored.
 
     Raises:
-        CheckpointDamaged: this is no image, or its end is missing.
-        CheckpointTooNew: it has a form that this version does not know.
+        CheckpointDamaged: this is not an image, or its end is missing.
+        CheckpointTooNew: this version does not know the format.
     """
     if len(image) < HEADER.size or image[: len(MAGIC)] != MAGIC:
-        raise CheckpointDamaged(f"these {available} bytes are no checkpoint: they do not begin like one")
+        raise CheckpointDamaged(f"these {available} bytes are not a checkpoint: the magic number is missing")
     _, version, _, *fields = HEADER.unpack_from(image)
     if version > VERSION:
-        raise CheckpointTooNew(f"the checkpoint has form {version}; this Robbie-MP reads up to {VERSION}")
+        raise CheckpointTooNew(
+            f"the checkpoint has format {version}; this Robbie-MP reads formats up to {VERSION}"
+        )
     header = Header(*fields)
     if version < 1 or not HEADER.size <= header.size <= available:
-        raise CheckpointDamaged(f"a checkpoint of {header.size} bytes, form {version}, in {available} bytes")
+        raise CheckpointDamaged(
+            f"a checkpoint of {header.size} bytes, format {version}, in {available} bytes"
+        )
     if aligned(HEADER.size + header.structure_size) > header.size:
         raise CheckpointDamaged(f"a structure of {header.structure_size} bytes in {header.size} bytes")
     return header
@@ -96,7 +100,7 @@ def check_crc(image: memoryview, header: Header) -> None:
     """Check that an image holds what was written.
 
     Raises:
-        CheckpointDamaged: it does not.
+        CheckpointDamaged: the CRC differs.
     """
     written = int(HEADER.unpack_from(image)[2])
     found = zlib.crc32(image[CRC_BEGIN : header.size])
@@ -111,20 +115,20 @@ Piece = bytes | NDArray[Any]
 
 @dataclass(frozen=True)
 class Layout:
-    """Where everything of a state goes; the arrays are still the state's own."""
+    """The position of each part of a state in its image; the arrays are not copied yet."""
 
     structure: bytes
     pieces: list[tuple[int, Piece]]
     size: int
-    """Of the whole image, in bytes."""
+    """Size of the whole image in bytes."""
 
     def write(self, image: memoryview, sequence: int, taken_ns: int) -> None:
         """Write an image.
 
         Args:
             image: at least `size` bytes.
-            sequence: which checkpoint of its module this is.
-            taken_ns: when, ns since 1970.
+            sequence: the number of this checkpoint of its module.
+            taken_ns: when it was taken, ns since 1970.
         """
         begin = aligned(HEADER.size + len(self.structure))
         _put(image, HEADER.size, self.structure)
@@ -140,15 +144,17 @@ def lay_out(state: object) -> Layout:
         state: None, bool, int, float, str, bytes and numpy arrays and numbers, in lists, tuples and dicts.
 
     Raises:
-        UnsupportedState: there is something else in it; the text says where.
+        UnsupportedState: the state contains something else; the text says where.
     """
     collector = _Collector()
     node = collector.node(state, "state", 0)
     try:
-        # Standard JSON has no surrogates, and Python no decimal numbers beyond some thousand digits.
+        # UTF-8 has no lone surrogates, and Python limits the digits of an integer's text.
         structure = json.dumps(node, ensure_ascii=False, separators=(",", ":")).encode()
     except ValueError as error:
-        raise UnsupportedState(f"the state holds a text or a number that cannot be kept: {error}") from error
+        raise UnsupportedState(
+            f"the state holds a string or a number that cannot be stored: {error}"
+        ) from error
     size = aligned(HEADER.size + len(structure)) + collector.size
     return Layout(structure, collector.pieces, size)
 
@@ -177,7 +183,9 @@ class _Collector:
         if kind in SCALARS:
             return value
         if depth > MAX_DEPTH:
-            raise UnsupportedState(f"{where:.60}… lies deeper than {MAX_DEPTH} levels, or contains itself")
+            raise UnsupportedState(
+                f"{where:.60}… is nested deeper than {MAX_DEPTH} levels, or contains itself"
+            )
         if kind is list:
             return self._items(value, where, depth)
         if kind is tuple:
@@ -196,7 +204,7 @@ class _Collector:
             return {"scalar": self._array(np.asarray(value), where)}
         raise UnsupportedState(
             f"{where} is a {kind.__module__}.{kind.__qualname__}; a checkpoint holds None, bool, int, float, "
-            "str, bytes and numpy arrays, in lists, tuples and dicts: convert it, as by dict(…) or int(…)"
+            "str, bytes and numpy arrays, in lists, tuples and dicts: convert it, as with dict(…) or int(…)"
         )
 
     def _items(self, items: list[Any] | tuple[Any, ...], where: str, depth: int) -> list[object]:
@@ -211,7 +219,9 @@ class _Collector:
 
     def _array(self, array: NDArray[Any], where: str) -> list[object]:
         if not DTYPE.fullmatch(array.dtype.str):
-            raise UnsupportedState(f"{where} is an array of {array.dtype}; there may be numbers and texts")
+            raise UnsupportedState(
+                f"{where} is an array of {array.dtype}; only numbers, times and strings can be stored"
+            )
         return [array.dtype.str, list(array.shape), self._place(array, array.nbytes)]
 
     def _place(self, piece: Piece, size: int) -> int:
@@ -222,7 +232,7 @@ class _Collector:
 
 
 def _put(image: memoryview, begin: int, piece: Piece) -> None:
-    """Write a piece, and zeros up to where the next one may begin."""
+    """Write a piece, then zeros up to the next multiple of `ALIGNMENT`."""
     if isinstance(piece, bytes):
         end = begin + len(piece)
         image[begin:end] = piece
@@ -234,21 +244,21 @@ def _put(image: memoryview, begin: int, piece: Piece) -> None:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A checkpoint that was read."""
+    """A checkpoint as read."""
 
     state: Any
-    """Its arrays are writable copies of their own."""
+    """Its arrays are writable copies."""
     sequence: int
     taken_ns: int
     """When it was taken, ns since 1970."""
 
 
 def decode(image: memoryview | bytes) -> Checkpoint:
-    """Read an image; bytes beyond it do not matter.
+    """Read an image; bytes after it are ignored.
 
     Raises:
-        CheckpointDamaged: this is not what was written.
-        CheckpointTooNew: it has a form that this version does not know.
+        CheckpointDamaged: the image is not as it was written.
+        CheckpointTooNew: this version does not know the format.
     """
     view = memoryview(image)
     header = read_header(view, len(view))
@@ -258,12 +268,12 @@ def decode(image: memoryview | bytes) -> Checkpoint:
         node = json.loads(bytes(view[HEADER.size : structure_end]))
         state = _Reader(view[aligned(structure_end) : header.size]).value(node)
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
-        raise CheckpointDamaged(f"the checkpoint's structure makes no sense: {error}") from error
+        raise CheckpointDamaged(f"the checkpoint's structure is invalid: {error}") from error
     return Checkpoint(state, header.sequence, header.taken_ns)
 
 
 class _Reader:
-    """Turns nodes of the structure back into values; what is not one raises some built-in error."""
+    """Turns nodes of the structure back into values; an invalid node raises some built-in error."""
 
     def __init__(self, pieces: memoryview):
         self._pieces = pieces
@@ -301,7 +311,7 @@ class _Reader:
         return np.ndarray(shape, dtype, self._piece(offset, size)).copy()
 
     def _piece(self, offset: int, size: int) -> memoryview:
-        """Return the bytes of a piece; all pieces together are no more than there is."""
+        """Return the bytes of a piece; the total size of all pieces read is bounded by the image's size."""
         self._unread -= size
         inside = size >= 0 and offset >= 0 and offset + size <= len(self._pieces)
         if not inside or offset % ALIGNMENT or self._unread < 0:
@@ -316,4 +326,4 @@ KINDS = {
     "array": _Reader.read_array,
     "scalar": _Reader.read_scalar,
 }
-"""How each kind of node is read that is not just JSON."""
+"""How to read each kind of node that is not plain JSON."""

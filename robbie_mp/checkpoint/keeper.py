@@ -1,4 +1,4 @@
-"""The checkpoints of one incarnation of a module: what it finds, and what it leaves for the next."""
+"""The checkpoints of one incarnation of a module: what it restores, and what it saves for the next."""
 
 import logging
 import time
@@ -20,19 +20,19 @@ from robbie_mp.transport.segment import SharedMemoryFull
 
 
 class Checkpoints(Protocol):
-    """What a module sees of all this."""
+    """The interface of checkpoints that a module uses."""
 
     @property
     def restored(self) -> Any:
-        """The state to go on from; None for a fresh start."""
+        """The state to continue from; None for a fresh start."""
 
     def save(self, state: object) -> bool:
-        """Keep a state outside the process; False if there is no memory for it."""
+        """Store a state outside the process; return False if there is no memory for it."""
 
 
 @dataclass(frozen=True)
 class DiskPolicy:
-    """Where checkpoints go that shall outlive the run, and how often at most."""
+    """The file for checkpoints that outlive the run, and the shortest period between writes."""
 
     path: Path
     every_s: float
@@ -41,18 +41,18 @@ class DiskPolicy:
 class CheckpointKeeper:
     """Keeps checkpoints in shared memory and, if there is a policy for it, on disk.
 
-    What an earlier incarnation of this run left comes first; what an earlier run left on disk counts only for
-    the first start. A checkpoint that cannot be read is no reason not to start: it is told, and the module
-    starts fresh; a file is kept aside.
+    The checkpoint of an earlier incarnation in this run is preferred; one on disk, from an earlier run, is
+    used for the first start only. A checkpoint that cannot be read does not prevent the start: the module
+    logs a warning and starts fresh, and a file is renamed and kept.
 
     Args:
         buffers: the shared memory.
-        disk: None keeps nothing on disk.
-        log: hears of what is found, refused or damaged.
+        disk: None: nothing is kept on disk.
+        log: receives messages about checkpoints found, refused or damaged.
 
     Attributes:
-        restored: the state to go on from; None for a fresh start.
-        refused: how many checkpoints there was no memory for.
+        restored: the state to continue from; None for a fresh start.
+        refused: number of checkpoints for which there was no memory.
     """
 
     def __init__(self, buffers: CheckpointBuffers, disk: DiskPolicy | None, log: logging.Logger):
@@ -60,25 +60,25 @@ class CheckpointKeeper:
         self._log = log
         self.refused = 0
         for damage in buffers.damaged:
-            log.warning("the newest checkpoint is left out: %s", damage)
+            log.warning("the newest checkpoint is ignored: %s", damage)
         found = buffers.found
         if found is None and disk is not None:
             found = self._read(disk.path)
         if found is not None:
-            log.info("goes on from a checkpoint that is %.1f s old", (time.time_ns() - found.taken_ns) / 1e9)
+            log.info("restored from a checkpoint that is %.1f s old", (time.time_ns() - found.taken_ns) / 1e9)
         self.restored = None if found is None else found.state
         self._disk: CheckpointWriter | None = None
         if disk is not None:
             remove_unfinished(disk.path)
             self._disk = CheckpointWriter(disk.path, disk.every_s, buffers.newest, log)
             if buffers.found is not None:
-                self._disk.write_soon()  # the process that took it may have been killed before it could
+                self._disk.write_soon()  # the process that saved it may have been killed before it wrote it
 
     def save(self, state: object) -> bool:
-        """Keep a state; False if there is no memory for it, and the one before stays.
+        """Store a state; return False if there is no memory for it. The previous checkpoint then stays.
 
         Raises:
-            UnsupportedState, CheckpointTooLarge: the one before stays.
+            UnsupportedState, CheckpointTooLarge: the state cannot be stored; the previous one stays.
         """
         try:
             self._buffers.write(lay_out(state), time.time_ns())
@@ -92,7 +92,7 @@ class CheckpointKeeper:
         return True
 
     def close(self) -> None:
-        """Bring to disk what is not there yet, and unmap the memory; it stays for the next incarnation."""
+        """Write the newest checkpoint to disk and unmap the memory, which stays for the next incarnation."""
         if self._disk is not None:
             self._disk.close()
         self._buffers.close()

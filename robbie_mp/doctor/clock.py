@@ -1,4 +1,4 @@
-"""The clocks: what messages are stamped with and what deadlines go by."""
+"""The clocks that stamp messages and measure deadlines."""
 
 import ctypes
 import time
@@ -13,9 +13,9 @@ SLOW_READ_S = 2e-6
 COARSE_S = 1e-5
 READS = 1000
 TIME_ERROR = 5
-"""What adjtimex(2) returns where nobody sets the clock."""
+"""What adjtimex(2) returns if no service sets the clock."""
 TIMEX_BYTES = 512
-"""More than struct timex has; all zero it asks and sets nothing."""
+"""More than the size of struct timex; all zero, it only reads."""
 
 
 def look_at_clock() -> Iterator[Finding]:
@@ -30,14 +30,14 @@ def look_at_clock() -> Iterator[Finding]:
 
 
 def clock_state() -> int | None:
-    """Return what adjtimex(2) says of the system's clock; None if it cannot be asked."""
+    """Return the state of the system's clock from adjtimex(2); None if the call fails."""
     libc = ctypes.CDLL(None, use_errno=True)
     state = int(libc.adjtimex(ctypes.create_string_buffer(TIMEX_BYTES)))
     return None if state < 0 else state
 
 
 def check_monotonic(resolution_s: float, read_s: float) -> Finding:
-    """Judge the clock that never goes back: its resolution, and how long reading it takes."""
+    """Judge the monotonic clock: its resolution, and how long reading it takes."""
     found = f"resolution {resolution_s * 1e9:.0f} ns, read in {read_s * 1e9:.0f} ns"
     if resolution_s > COARSE_S:
         return warn("monotonic clock", found, "boot with a kernel that has high-resolution timers")
@@ -47,9 +47,9 @@ def check_monotonic(resolution_s: float, read_s: float) -> Finding:
 
 
 def check_source(source: str | None) -> Finding:
-    """Judge what the kernel reads the time from."""
+    """Judge the hardware from which the kernel reads the time."""
     if source is None:
-        return ok("clock source", "not told")
+        return ok("clock source", "unknown")
     if source in SLOW_SOURCES:
         advice = "the kernel found the faster one unstable: see `dmesg | grep clocksource`; update the BIOS"
         return warn("clock source", f"{source}, which is slow", advice)
@@ -57,13 +57,13 @@ def check_source(source: str | None) -> Finding:
 
 
 def check_synchronised(state: int | None) -> Finding:
-    """Judge whether somebody sets the system's clock (NTP, PTP), by the state that adjtimex(2) returns."""
+    """Judge whether a service sets the system's clock (NTP, PTP), from the state of adjtimex(2)."""
     if state is None:
-        return ok("time of day", "the kernel does not tell whether somebody sets the clock")
+        return ok("time of day", "the kernel does not report whether a service sets the clock")
     if state == TIME_ERROR:
         return warn(
             "time of day",
-            "nobody sets the clock: stamps do not compare with those of other machines, and may jump later",
+            "no service sets the clock: stamps do not match those of other machines, and may jump later",
             "sudo timedatectl set-ntp true, or install chrony",
         )
     return ok("time of day", "the clock is synchronised")

@@ -1,4 +1,4 @@
-"""All checks in their order; one that cannot be made is a finding itself."""
+"""Runs all checks in order; a check that fails is itself a finding."""
 
 from collections.abc import Callable, Iterable
 
@@ -19,13 +19,13 @@ Look = Callable[[], Iterable[Finding]]
 
 
 def examine(profile: Profile | None = None) -> list[Finding]:
-    """Make all checks.
+    """Run all checks.
 
     Args:
-        profile: what is to run here; None: the machine is judged for some small robot.
+        profile: the profile to run on this machine; None: judge the machine for a small robot.
 
     Raises:
-        ProfileError: the profile names a class that is none, or sets a setting wrongly.
+        ProfileError: the profile names something that is not a module class, or a setting is wrong.
     """
     needs = Needs.of(profile) if profile else None
     looks: dict[str, Look] = {
@@ -44,16 +44,16 @@ def examine(profile: Profile | None = None) -> list[Finding]:
 
 
 def guarded(name: str, look: Look) -> list[Finding]:
-    """Return what a look finds; whatever else it runs into is a finding and ends only this look."""
+    """Return the findings of one look; any other exception is a finding and ends only this look."""
     findings: list[Finding] = []
     try:
-        # Not a comprehension: what was found before the failure counts.
+        # Not a comprehension: findings before a failure are kept.
         for finding in look():
             findings.append(finding)
     except ProfileError:
         raise
     except Exception as error:
-        found = f"could not be looked at: {type(error).__name__}: {error}"
+        found = f"could not be checked: {type(error).__name__}: {error}"
         findings.append(warn(name, found, "report this as a defect of `robbie doctor`"))
     return findings
 

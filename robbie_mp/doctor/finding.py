@@ -6,11 +6,11 @@ from pathlib import Path
 
 
 class Level(StrEnum):
-    """How bad it is."""
+    """How serious a finding is."""
 
     OK = "ok"
     WARN = "warn"
-    """A robot runs, but not as well or not as long as it could."""
+    """A robot runs, but not as well or as long as it could."""
     FAIL = "fail"
     """A robot does not run."""
 
@@ -22,28 +22,28 @@ class Finding:
     check: str
     level: Level
     found: str
-    """What is there."""
+    """What the check found."""
     advice: str = ""
-    """What to do; empty if nothing need be done."""
+    """What you should do; empty if nothing."""
 
 
 def ok(check: str, found: str) -> Finding:
-    """Return that all is well."""
+    """Return a finding without a problem."""
     return Finding(check, Level.OK, found)
 
 
 def warn(check: str, found: str, advice: str) -> Finding:
-    """Return that something could be better."""
+    """Return a finding that something could be better."""
     return Finding(check, Level.WARN, found, advice)
 
 
 def fail(check: str, found: str, advice: str) -> Finding:
-    """Return that a robot would not run."""
+    """Return a finding that a robot would not run."""
     return Finding(check, Level.FAIL, found, advice)
 
 
 def size(count: float) -> str:
-    """Write a number of bytes as people do: 64 MiB."""
+    """Format a number of bytes for people, such as 64 MiB."""
     for unit in ("B", "KiB", "MiB", "GiB"):
         if count < 1024:
             return f"{count:.0f} {unit}" if count >= 10 or unit == "B" else f"{count:.1f} {unit}"
@@ -52,7 +52,7 @@ def size(count: float) -> str:
 
 
 def read_line(file: Path) -> str | None:
-    """Return the first line of a file, None if there is no such file or it may not be read."""
+    """Return the first line of a file; None if it cannot be read."""
     try:
         return file.read_text(errors="replace").partition("\n")[0].strip()
     except OSError:
@@ -60,7 +60,7 @@ def read_line(file: Path) -> str | None:
 
 
 def read_number(file: Path) -> int | None:
-    """Return the number in a file's first line, None if there is none, as where it says `max`."""
+    """Return the number in a file's first line; None if there is no number, as in `max`."""
     try:
         return int(read_line(file) or "")
     except ValueError:

@@ -1,4 +1,4 @@
-"""What supervision needs of the kernel."""
+"""What the supervisor needs from the kernel."""
 
 import contextlib
 import errno
@@ -35,7 +35,7 @@ def look_at_kernel() -> Iterator[Finding]:
 
 
 def try_pidfd() -> str:
-    """Return what is wrong with pidfd_open(2) and poll(2) on what it returns, '' if nothing is."""
+    """Return what is wrong with pidfd_open(2) and poll(2) on a pidfd, '' if nothing."""
     try:
         fd = os.pidfd_open(os.getpid())
     except (OSError, AttributeError) as error:
@@ -50,21 +50,21 @@ def try_pidfd() -> str:
 
 
 def try_waitid() -> str:
-    """Return what is wrong with waitid(2) on a pidfd, '' if nothing is."""
+    """Return what is wrong with waitid(2) on a pidfd, '' if nothing."""
     with contextlib.ExitStack() as stack:
         try:
             fd = os.pidfd_open(os.getpid())
             stack.callback(os.close, fd)
             os.waitid(P_PIDFD, fd, os.WEXITED | os.WNOHANG)
         except ChildProcessError:
-            return ""  # understood: this process is no child of its own
+            return ""  # expected: this process is not its own child
         except (OSError, AttributeError) as error:
             return str(error)
     return ""
 
 
 def _try(call: Callable[[], object]) -> str:
-    """Return what is wrong with a call, '' if nothing is."""
+    """Return what is wrong with a call, '' if nothing."""
     try:
         call()
     except OSError as error:
@@ -73,7 +73,7 @@ def _try(call: Callable[[], object]) -> str:
 
 
 def check_release(system: str, release: str) -> Finding:
-    """Judge the kernel's version, as `6.1.0-rpi`."""
+    """Judge the kernel's version, such as `6.1.0-rpi`."""
     found = f"{system} {release}"
     match = re.match(r"(\d+)\.(\d+)", release)
     if system != "linux" or match is None or (int(match[1]), int(match[2])) < OLDEST:
@@ -82,15 +82,15 @@ def check_release(system: str, release: str) -> Finding:
 
 
 def check_machine(byteorder: str, largest_size: int, machine: str) -> Finding:
-    """Judge the processor's words: shared memory is little-endian words of 64 bits."""
+    """Judge the processor's words: shared memory consists of little-endian 64-bit words."""
     found = f"{machine}, {byteorder}-endian, {largest_size.bit_length() + 1} bits"
     if byteorder != "little" or largest_size.bit_length() < 63:
-        return fail("architecture", found, "use a 64-bit little-endian system, as x86-64 or aarch64")
+        return fail("architecture", found, "use a 64-bit little-endian system, such as x86-64 or aarch64")
     return ok("architecture", found)
 
 
 def check_calls(problems: dict[str, str]) -> Finding:
-    """Judge the system calls that supervision rests on: what is wrong with each, '' if nothing is."""
+    """Judge the system calls that the supervisor needs, given what is wrong with each ('': nothing)."""
     broken = [f"{name}: {problem}" for name, problem in problems.items() if problem]
     if broken:
         return fail("system calls", "; ".join(broken), ASK_FOR_KERNEL)
@@ -98,7 +98,7 @@ def check_calls(problems: dict[str, str]) -> Finding:
 
 
 def check_proc(has_stat: bool, has_tasks: bool) -> Finding:
-    """Judge /proc, by which processes are told apart."""
+    """Judge /proc, by which the supervisor identifies processes."""
     if not (has_stat and has_tasks):
-        return fail("/proc", "is missing or tells nothing", "sudo mount -t proc proc /proc")
-    return ok("/proc", "tells of processes")
+        return fail("/proc", "is missing or empty", "sudo mount -t proc proc /proc")
+    return ok("/proc", "shows processes")

@@ -22,7 +22,7 @@ def look_at_limits(needs: Needs | None) -> Iterator[Finding]:
     """Judge this machine's limits."""
     yield check_descriptors(resource.getrlimit(resource.RLIMIT_NOFILE)[0], needs)
     threads = own_threads()
-    is_exempt = os.geteuid() == 0  # the kernel lets root have as many as it likes
+    is_exempt = os.geteuid() == 0  # the kernel does not limit root
     limit = UNLIMITED if is_exempt else resource.getrlimit(resource.RLIMIT_NPROC)[0]
     yield check_processes(limit, threads, os.cpu_count() or 1, needs)
     yield check_file_size(resource.getrlimit(resource.RLIMIT_FSIZE)[0], needs)
@@ -33,7 +33,7 @@ def look_at_limits(needs: Needs | None) -> Iterator[Finding]:
 
 
 def own_threads() -> int:
-    """Return how many threads of this user there are: RLIMIT_NPROC counts these."""
+    """Return the number of this user's threads, which RLIMIT_NPROC limits."""
     uid = os.geteuid()
     count = 0
     for process in psutil.process_iter():
@@ -50,8 +50,8 @@ def _number(limit: int) -> str:
 
 
 def check_descriptors(limit: int, needs: Needs | None) -> Finding:
-    """Judge RLIMIT_NOFILE: a process holds a descriptor for each map, and the supervisor for each child."""
-    found = f"a process may have {_number(limit)} (RLIMIT_NOFILE)"
+    """Judge RLIMIT_NOFILE: a process needs a descriptor for each mapping, the supervisor for each child."""
+    found = f"a process may open {_number(limit)} (RLIMIT_NOFILE)"
     wanted = needs.descriptors if needs else ENOUGH_DESCRIPTORS
     if needs:
         found += f"; {needs.profile} takes {needs.descriptors_to_start} to start, at most {wanted}"
@@ -63,7 +63,7 @@ def check_descriptors(limit: int, needs: Needs | None) -> Finding:
 
 
 def check_processes(limit: int, threads: int, processors: int, needs: Needs | None) -> Finding:
-    """Judge RLIMIT_NPROC against the threads that this user has; numpy starts one for each processor."""
+    """Judge RLIMIT_NPROC against this user's threads; numpy starts one for each processor."""
     found = f"this user may have {_number(limit)} threads and has {threads} (RLIMIT_NPROC)"
     wanted = needs.processes * processors if needs else ENOUGH_PROCESSES
     if needs:
@@ -76,10 +76,10 @@ def check_processes(limit: int, threads: int, processors: int, needs: Needs | No
 
 
 def check_file_size(limit: int, needs: Needs | None) -> Finding:
-    """Judge RLIMIT_FSIZE, which holds for segments of shared memory as well; in bytes."""
+    """Judge RLIMIT_FSIZE in bytes; it also limits segments of shared memory."""
     if limit == UNLIMITED:
         return ok("file size", "unlimited (RLIMIT_FSIZE)")
-    found = f"at most {size(limit)} (RLIMIT_FSIZE), which holds for shared memory too"
+    found = f"at most {size(limit)} (RLIMIT_FSIZE), which also limits shared memory"
     wanted = needs.largest_file_bytes if needs else ENOUGH_PROCESSES << 20
     if limit < wanted:
         return fail("file size", f"{found}; needed: {size(wanted)}", f"ulimit -f unlimited; {ON_LOGIN}")
@@ -87,10 +87,10 @@ def check_file_size(limit: int, needs: Needs | None) -> Finding:
 
 
 def check_pids(pid_max: int | None, container_max: int | None) -> Finding:
-    """Judge how many processes the kernel, and the container if it is one, have room for."""
+    """Judge how many processes the kernel and the container, if any, allow."""
     known = [count for count in (pid_max, container_max) if count is not None]
     if not known:
-        return ok("process numbers", "the kernel does not tell how many there can be")
+        return ok("process numbers", "the kernel does not report the limit")
     found = f"{min(known)} processes and threads fit into this {'container' if container_max else 'machine'}"
     if min(known) < ENOUGH_PROCESSES:
         return fail("process numbers", found, "raise pids.max of the container (docker: --pids-limit)")
@@ -100,7 +100,7 @@ def check_pids(pid_max: int | None, container_max: int | None) -> Finding:
 
 
 def check_optional(memlock: int, rtprio: int, needs: Needs | None) -> Finding:
-    """Judge limits that only some robots need: locked bytes, real-time priority."""
+    """Judge limits that only some robots need: locked memory, real-time priority."""
     locked = "unlimited memory" if memlock == UNLIMITED else size(memlock)
     found = (
         f"a module may lock {locked} (RLIMIT_MEMLOCK) and have real-time priority up to {_number(rtprio)} "
@@ -113,6 +113,6 @@ def check_optional(memlock: int, rtprio: int, needs: Needs | None) -> Finding:
 
 
 def check_system_v(shmmax: int | None, shmmni: int | None) -> Finding:
-    """Tell kernel.shm*, which people look at first and which does not matter here."""
-    found = f"kernel.shmmax is {shmmax}, kernel.shmmni {shmmni}; the POSIX kind, used here, obeys neither"
+    """Report kernel.shm*, which people check first although it does not matter here."""
+    found = f"kernel.shmmax is {shmmax}, kernel.shmmni {shmmni}; neither limits POSIX shared memory"
     return ok("System V", found)

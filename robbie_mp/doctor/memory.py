@@ -1,4 +1,4 @@
-"""Shared memory, working memory, swap, and the disk that results are written to."""
+"""Shared memory, working memory, swap, and the disk for results."""
 
 import os
 import secrets
@@ -20,7 +20,7 @@ from robbie_mp.transport.shared_folder import SHARED_MEMORY, make_folder, remove
 from robbie_mp.transport.wakeup import Wakeup
 
 ENOUGH_SHARED_BYTES = 256 << 20
-"""What one module may fill, as long as its profile says nothing else; containers often have 64 MB in all."""
+"""The default limit of one module; containers often have only 64 MB in total."""
 ENOUGH_DISK_BYTES = 1 << 30
 SWAPPED_SHARE = 0.1
 CGROUP = Path("/sys/fs/cgroup")
@@ -43,9 +43,9 @@ def look_at_memory(needs: Needs | None) -> Iterator[Finding]:
 
 
 def probe_shared_memory() -> str:
-    """Make a segment and a semaphore and remove them; return what went wrong, '' if nothing did.
+    """Create and remove a segment and a semaphore; return what went wrong, '' if nothing did.
 
-    Their names are like those of a run, so that a probe that was killed is swept as a dead run is.
+    They are named like those of a run, so that the leftovers of a killed probe are swept like a dead run's.
     """
     run_id = secrets.token_hex(4)
     try:
@@ -63,18 +63,18 @@ def probe_shared_memory() -> str:
 
 
 def check_usable(problem: str) -> Finding:
-    """Judge whether segments and semaphores can be made."""
+    """Judge whether segments and semaphores can be created."""
     if problem:
         return fail(
             "shared memory",
-            f"no segment or semaphore can be made: {problem}",
-            "mount it writable for all: sudo mount -t tmpfs -o mode=1777 tmpfs /dev/shm",
+            f"segments or semaphores cannot be created: {problem}",
+            "mount it writable for all users: sudo mount -t tmpfs -o mode=1777 tmpfs /dev/shm",
         )
-    return ok("shared memory", "segments and semaphores can be made")
+    return ok("shared memory", "segments and semaphores can be created")
 
 
 def check_shared_memory(total: int, free: int, needs: Needs | None) -> Finding:
-    """Judge the room in /dev/shm, all in bytes."""
+    """Judge the space in /dev/shm, in bytes."""
     found = f"{size(free)} of {size(total)} are free in /dev/shm"
     wanted = ENOUGH_SHARED_BYTES if needs is None else needs.limit_bytes
     megabytes = ceil((wanted + total - free) / (1 << 20))
@@ -93,11 +93,11 @@ def check_shared_memory(total: int, free: int, needs: Needs | None) -> Finding:
 
 
 def check_working_memory(available: int, needs: Needs | None) -> Finding:
-    """Judge memory in bytes that is free for processes; shared memory is taken from it."""
+    """Judge the memory available to processes, in bytes; shared memory is part of it."""
     found = f"{size(available)} are available"
     if needs is None:
         return ok("memory", found)
-    process_bytes = 40 << 20  # an interpreter with numpy and Robbie-MP, before it does anything
+    process_bytes = 40 << 20  # an idle interpreter with numpy and Robbie-MP
     start = needs.start_bytes + needs.processes * process_bytes
     most = needs.limit_bytes + needs.processes * process_bytes
     found += f"; {needs.profile} takes about {size(start)} to start, {size(most)} with shared memory full"
@@ -110,7 +110,7 @@ def check_working_memory(available: int, needs: Needs | None) -> Finding:
 
 def check_swap(total: int, used: int) -> Finding:
     """Judge swap space, in bytes: shared memory may be swapped out too."""
-    found = f"{size(used)} of {size(total)} are used" if total else "there is none"
+    found = f"{size(used)} of {size(total)} are used" if total else "none"
     if total and used > SWAPPED_SHARE * total:
         advice = "messages may have to be read from disk: free memory, then sudo swapoff -a && sudo swapon -a"
         return warn("swap", found, advice)

@@ -1,4 +1,4 @@
-"""What a profile takes of the machine, reckoned from its limits."""
+"""The resources that a profile needs, computed from its limits."""
 
 from dataclasses import dataclass
 from math import ceil, log2
@@ -10,27 +10,27 @@ from robbie_mp.transport.layout import CLOCK_WORDS, board_words, core_words, in_
 from robbie_mp.transport.words import WORD_BYTES
 
 OWN_DESCRIPTORS = 32
-"""Of a process that runs nothing yet."""
+"""Of a process that has just started."""
 DESCRIPTORS_OF_A_CHILD = 9
-"""That the supervisor holds of each: pidfd, pipes, a spare's socket, maps of its rings, and some room."""
+"""The supervisor's descriptors for each child: pidfd, pipes, a spare's socket, maps of rings, a reserve."""
 DESCRIPTORS_OF_A_MAP = 1
 
 
 @dataclass(frozen=True)
 class Needs:
-    """What a run takes.
+    """The resources of a run.
 
     Attributes:
-        profile: its name.
-        start_bytes: shared memory of tables, rings, and each module's first segment.
-        limit_bytes: shared memory if each module fills its messages and both of its checkpoints to the limit,
-            and as many tools are attached as may be.
+        profile: the profile's name.
+        start_bytes: shared memory for tables, rings, and each module's first segment.
+        limit_bytes: shared memory if each module's messages and both its checkpoints reach their limits and
+            the maximum number of tools is attached.
         largest_file_bytes: the largest single segment.
         processes: supervisor, core, modules and spares.
-        descriptors_to_start: of the process that needs most of them, as long as little is mapped.
+        descriptors_to_start: needed at the start by the process that needs most.
         descriptors: the same when every module maps every segment of every other.
-        realtime_priority: the highest that any process asks for; 0: none does.
-        limits_wake_latency: some process asks that processors sleep less deeply.
+        realtime_priority: the highest that any process requests; 0: none.
+        limits_wake_latency: whether any process limits the depth of processor sleep.
     """
 
     profile: str
@@ -45,7 +45,7 @@ class Needs:
 
     @classmethod
     def of(cls, profile: Profile) -> Self:
-        """Reckon what a profile needs."""
+        """Compute what a profile needs."""
         core, memories = profile.core, [module.memory for module in profile.modules]
         slots = len(memories) + 1
         rows = slots + profile.tools.count
@@ -75,5 +75,5 @@ class Needs:
 
 
 def segments(memory: MemoryLimits) -> int:
-    """Return how many data segments a module can make, each twice as large as the one before."""
+    """Return how many data segments a module can create, each twice as large as the previous one."""
     return ceil(log2(memory.limit_bytes / memory.segment_bytes + 1))

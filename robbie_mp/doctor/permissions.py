@@ -1,4 +1,4 @@
-"""Who may do what: folders of runs, serial ports, and what happens to shared memory after a log-out."""
+"""Permissions: the folder for runs, serial ports, and whether systemd removes shared memory at log-out."""
 
 import grp
 import os
@@ -12,7 +12,7 @@ from robbie_mp.run.run_directory import base_folders, privacy_problem
 SERIAL_PORTS = ("ttyUSB*", "ttyACM*", "ttyAMA*", "ttyTHS*")
 LOGIN_SETTINGS = ("/usr/lib/systemd", "/etc/systemd", "/run/systemd")
 FIRST_LOGIN_UID = 1000
-"""systemd removes nothing of system users, whose numbers are smaller."""
+"""systemd does not remove shared memory of system users, which have smaller numbers."""
 
 
 def look_at_permissions() -> Iterator[Finding]:
@@ -30,7 +30,7 @@ def look_at_permissions() -> Iterator[Finding]:
 
 
 def login_setting(key: str, folders: Sequence[str] = LOGIN_SETTINGS) -> str | None:
-    """Return a setting of systemd-logind, None if no file has it; see logind.conf(5)."""
+    """Return a setting of systemd-logind, None if no file sets it; see logind.conf(5)."""
     files = [Path(folder, "logind.conf") for folder in folders]
     files += sorted(
         (file for folder in folders for file in Path(folder, "logind.conf.d").glob("*.conf")),
@@ -53,7 +53,7 @@ def _user_name() -> str:
     try:
         return pwd.getpwuid(os.geteuid()).pw_name
     except KeyError:
-        return str(os.geteuid())  # as in containers, whose users have no names
+        return str(os.geteuid())  # in containers, users may have no names
 
 
 def _group_of(file: Path) -> str:
@@ -69,22 +69,22 @@ def _own_groups() -> frozenset[str]:
         try:
             names.add(grp.getgrgid(number).gr_name)
         except KeyError:
-            continue  # it has no name
+            continue  # the group has no name
     return frozenset(names)
 
 
 def check_run_folder(base: Path, runtime: str | None) -> Finding:
-    """Judge the folder in which runs make theirs.
+    """Judge the folder for runs.
 
     Args:
-        base: that folder; it need not be there yet.
-        runtime: the variable XDG_RUNTIME_DIR.
+        base: the folder; it need not exist yet.
+        runtime: the value of XDG_RUNTIME_DIR.
     """
     try:
         problem = privacy_problem(base)
     except OSError:
         is_writable = os.access(base.parent, os.W_OK | os.X_OK)
-        problem = "" if is_writable else f"cannot be made in {base.parent}"
+        problem = "" if is_writable else f"cannot be created in {base.parent}"
     else:
         if not problem and not os.access(base, os.W_OK | os.X_OK):
             problem = "cannot be written to"
@@ -93,19 +93,19 @@ def check_run_folder(base: Path, runtime: str | None) -> Finding:
     if runtime and not base.is_relative_to(runtime):
         return warn(
             "run folder",
-            f"{base}, for XDG_RUNTIME_DIR={runtime} is no folder of this user",
-            "unset XDG_RUNTIME_DIR, or log in as this user rather than by sudo or su",
+            f"{base}, because XDG_RUNTIME_DIR={runtime} is not a folder of this user",
+            "unset XDG_RUNTIME_DIR, or log in as this user instead of using sudo or su",
         )
     return ok("run folder", str(base))
 
 
 def check_serial_ports(ports: Mapping[str, bool], group: str, groups: frozenset[str]) -> Finding:
-    """Judge the serial ports, as of laser range finders and bases.
+    """Judge the serial ports, which connect laser range finders and drive bases.
 
     Args:
-        ports: whether each may be read and written.
-        group: whose they are.
-        groups: those of this user.
+        ports: whether this user may read and write each.
+        group: the group that owns them.
+        groups: the groups of this user.
     """
     closed = [port for port, is_open in ports.items() if not is_open]
     if closed and group not in groups:
@@ -116,7 +116,7 @@ def check_serial_ports(ports: Mapping[str, bool], group: str, groups: frozenset[
         return warn("serial ports", f"{', '.join(closed)} may not be opened", advice)
     if not ports:
         is_member = "is" if group in groups else "is not"
-        return ok("serial ports", f"there is none; this user {is_member} in group {group}, which owns them")
+        return ok("serial ports", f"there are none; this user {is_member} in group {group}, which owns them")
     return ok("serial ports", f"{', '.join(ports)} may be opened")
 
 
@@ -125,14 +125,14 @@ def check_removal(uid: int, setting: str | None, *, lingers: bool) -> Finding:
 
     Args:
         uid: the user.
-        setting: RemoveIPC as it is set; None: the default, yes.
-        lingers: whether systemd keeps this user's services without a login.
+        setting: the value of RemoveIPC; None: the default, yes.
+        lingers: whether systemd keeps this user's services running without a login.
     """
     removes = (setting or "yes").lower() in ("yes", "true", "on", "1")
     if uid < FIRST_LOGIN_UID or not removes or lingers:
-        return ok("log-out", "leaves shared memory alone")
+        return ok("log-out", "does not affect shared memory")
     return warn(
         "log-out",
-        "when this user has logged out everywhere, systemd removes the shared memory of robots that run",
+        "when this user's last session ends, systemd removes the shared memory of running robots",
         "loginctl enable-linger, or RemoveIPC=no in /etc/systemd/logind.conf",
     )

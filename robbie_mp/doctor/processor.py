@@ -1,4 +1,4 @@
-"""Processors: how many there are for us, and whether they run at full speed."""
+"""The processors: how many this process may use, and whether they run at full speed."""
 
 import os
 from collections import Counter
@@ -13,7 +13,7 @@ PROCESSORS = Path("/sys/devices/system/cpu")
 QUOTA = Path("/sys/fs/cgroup/cpu.max")
 ENOUGH_PROCESSORS = 2
 DYNAMIC_DRIVERS = ("intel_pstate", "amd-pstate-epp")
-"""With these, `powersave` is the name of a governor that does follow the load."""
+"""With these drivers, the governor named `powersave` does follow the load."""
 
 
 def look_at_processors(needs: Needs | None) -> Iterator[Finding]:
@@ -49,10 +49,10 @@ def check_governor(governors: Mapping[str, int], driver: str | None) -> Finding:
 
     Args:
         governors: how many processors have each.
-        driver: which sets the frequencies.
+        driver: the driver that sets the frequencies.
     """
     if not governors:
-        return ok("frequency", "no governor is told, as in a virtual machine")
+        return ok("frequency", "no governor is reported, as in a virtual machine")
     found = ", ".join(f"{name} ({count})" for name, count in governors.items())
     if "powersave" in governors and driver not in DYNAMIC_DRIVERS:
         advice = "they stay at their lowest frequency: sudo cpupower frequency-set -g schedutil"
@@ -64,8 +64,8 @@ def check_wake_latency(*, may_limit: bool, needs: Needs | None) -> Finding:
     """Judge whether a robot may keep processors from deep sleep.
 
     Args:
-        may_limit: the device for it can be written.
-        needs: whether the robot asks for that.
+        may_limit: whether the device for this can be written.
+        needs: the robot's needs; None: unknown.
     """
     may = "may" if may_limit else "may not"
     found = f"a robot {may} keep processors from deep sleep ({DEVICE})"

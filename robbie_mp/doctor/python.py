@@ -21,7 +21,7 @@ REQUIREMENT = re.compile(r"([\w.-]+)\s*(?:>=\s*([0-9.]+))?[^;]*(?:;.*extra\s*==\
 
 @dataclass(frozen=True)
 class Requirement:
-    """A package, its oldest version, and the extra that asks for it ('': Robbie-MP itself)."""
+    """A package, its oldest version, and the extra that requires it ('': Robbie-MP itself)."""
 
     package: str
     oldest: str
@@ -29,7 +29,7 @@ class Requirement:
 
     @classmethod
     def parse(cls, text: str) -> "Requirement":
-        """Read a requirement as Robbie-MP writes them: `scipy>=1.11; extra == "robot"`."""
+        """Parse a requirement as Robbie-MP writes it: `scipy>=1.11; extra == "robot"`."""
         match = REQUIREMENT.match(text)
         package, oldest, extra = match.groups(default="") if match else (text, "", "")
         return cls(package, oldest, extra)
@@ -49,7 +49,7 @@ def is_gil_enabled() -> bool:
 
 
 def own_requirements() -> list[Requirement]:
-    """Return what Robbie-MP asks for: as it was installed, or as the checkout says that it is run from."""
+    """Return Robbie-MP's requirements: of the installed package, or of the checkout it runs from."""
     project = Path(robbie_mp.__file__).parents[1] / "pyproject.toml"
     if project.is_file():
         said = tomllib.loads(project.read_text())["project"]
@@ -74,7 +74,11 @@ def check_version(version: tuple[int, int], implementation: str, is_gil_enabled:
     if version < OLDEST:
         return fail("Python", found, f"use CPython {OLDEST[0]}.{OLDEST[1]} or later")
     if implementation != "cpython" or not is_gil_enabled:
-        return warn("Python", found, "Robbie-MP is tested with CPython with its global lock only; use that")
+        return warn(
+            "Python",
+            found,
+            "Robbie-MP is tested only with CPython with the global interpreter lock; use that",
+        )
     return ok("Python", found)
 
 
@@ -84,8 +88,8 @@ def check_packages(
     """Judge the packages, in one line for Robbie-MP itself and one for each extra.
 
     Args:
-        requirements: what is asked for.
-        installed: the version of each package, None if it is not there.
+        requirements: the required packages.
+        installed: the version of each package, None if it is not installed.
     """
     groups: dict[str, list[Requirement]] = defaultdict(list)
     for requirement in requirements:
@@ -105,13 +109,13 @@ def _judge(extra: str, count: int, missing: list[str], old: list[str]) -> Findin
     target = f"{DISTRIBUTION}[{extra}]" if extra else DISTRIBUTION
     advice = f"pip install --upgrade '{target}'"
     if not missing and not old:
-        return ok(name, "all are there")
+        return ok(name, "all are installed")
     lists = {"missing": missing, "too old": old}
     found = "; ".join(f"{what}: {', '.join(packages)}" for what, packages in lists.items() if packages)
     if not extra:
         return fail(name, found, advice)
     if len(missing) == count:
-        return ok(name, f"is not installed; to have it: {advice}")
+        return ok(name, f"is not installed; to install it: {advice}")
     return warn(name, found, advice)
 
 
@@ -120,10 +124,10 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 def look_at_modules(profile: Profile) -> Iterator[Finding]:
-    """Import every module of a profile, in another process.
+    """Import every module of a profile in another process.
 
     Raises:
-        ProfileError: a class is none, or a setting is wrong.
+        ProfileError: something named as a module class is not one, or a setting is wrong.
     """
     yield check_modules(len(profile.modules), preflight(profile).failures)
 
@@ -132,8 +136,10 @@ def check_modules(count: int, failures: Mapping[str, str]) -> Finding:
     """Judge the modules by the tracebacks of those that cannot be imported."""
     if not failures:
         return ok("modules", f"all {count} can be imported")
-    last_words = {name: text.strip().splitlines()[-1] for name, text in failures.items() if text.strip()}
-    found = "; ".join(f"{name} cannot be imported: {line}" for name, line in last_words.items())
-    needs_package = any("No module named" in line for line in last_words.values())
-    advice = "install what is missing: pip install" if needs_package else "mend it; `robbie run` shows more"
+    last_lines = {name: text.strip().splitlines()[-1] for name, text in failures.items() if text.strip()}
+    found = "; ".join(f"{name} cannot be imported: {line}" for name, line in last_lines.items())
+    needs_package = any("No module named" in line for line in last_lines.values())
+    advice = (
+        "install what is missing: pip install" if needs_package else "fix the error; `robbie run` shows more"
+    )
     return fail("modules", found or ", ".join(failures), advice)

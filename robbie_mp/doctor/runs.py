@@ -1,4 +1,4 @@
-"""Runs on this machine: those that live, and what dead ones left."""
+"""Runs on this machine: live ones, and what dead ones left."""
 
 from collections.abc import Iterator, Sequence
 
@@ -15,7 +15,7 @@ def look_at_runs() -> Iterator[Finding]:
 
 
 def check_runs(live: int, dead: Sequence[str]) -> Finding:
-    """Judge how many runs live, and the ids of those that are dead but left something."""
+    """Judge the number of live runs, and the ids of dead runs that left something."""
     found = f"{live} live" if live else "none is live"
     if dead:
         found += f"; dead ones left something: {', '.join(dead)}"

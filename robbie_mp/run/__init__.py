@@ -1,1 +1,1 @@
-"""What all processes of a run agree on: its plan, its folder, its time, and how to talk to its supervisor."""
+"""What all processes of a run share: its plan, its folder, its clock, and the commands to its supervisor."""

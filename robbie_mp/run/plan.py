@@ -1,4 +1,4 @@
-"""What the supervisor tells its children: one JSON file in the run directory, written before any starts."""
+"""The run plan: a JSON file in the run's folder that the supervisor writes before it starts any child."""
 
 import json
 from collections.abc import Iterable
@@ -25,22 +25,22 @@ from robbie_mp.transport.run_memory import RingSizes
 
 PLAN_FILE = "plan.json"
 SUPERVISOR_MEMORY_BYTES = 1 << 20
-"""What the supervisor's own messages may hold."""
+"""Limit of the shared memory for the supervisor's messages."""
 TOOL_MEMORY_BYTES = 64 << 20
-"""What a tool that publishes may hold."""
+"""Limit of the shared memory for a tool's messages."""
 CORE = "core"
-"""Name of the core among the processes of a run."""
+"""Name of the core's process."""
 
 
 @dataclass(frozen=True)
 class PlannedModule:
-    """What a module's process and the core need to know of a module."""
+    """What the module's process and the core need to know about a module."""
 
     name: str
     class_path: str
     settings: dict[str, Any]
     folder_of: dict[str, str]
-    """What a relative path in a setting starts from, for settings where that is not the workspace."""
+    """For path settings that are not relative to the workspace: the folder they are relative to."""
     memory: MemoryLimits
     queue: QueueLimits
     checkpoint: CheckpointPolicy
@@ -49,7 +49,7 @@ class PlannedModule:
 
 @dataclass(frozen=True)
 class RunPlan:
-    """A run as its processes see it. Module number i has slot i + 1; slot 0 is the supervisor's."""
+    """A run, as its processes know it. Module number i has slot i + 1; slot 0 is the supervisor's."""
 
     run_id: str
     profile_name: str
@@ -60,12 +60,12 @@ class RunPlan:
     config: dict[str, Any]
     modules: tuple[PlannedModule, ...]
     spare_imports: list[str]
-    """What a spare interpreter imports ahead."""
+    """Packages that a spare interpreter imports in advance."""
     tools: ToolLimits
     clock: ClockSettings
     types: list[tuple[str, int, str, str]]
-    """The robot's own message types, as far as its modules' files declare them when they are imported: what a
-    `TypeDescription` holds, but plain, for the core and spares read this and need no messages."""
+    """The robot's own message types that its modules declare on import. Each is the content of a
+    `TypeDescription` as a plain tuple, so that the core and spares need not import `messages`."""
 
     @classmethod
     def of_profile(
@@ -105,10 +105,10 @@ class RunPlan:
 
     @property
     def tool_queue(self) -> QueueLimits:
-        """Bounds of what waits for an attached tool.
+        """Bounds of the queue of an attached tool.
 
-        However many there are, they hold at most a quarter of the rows of the core's tables, of the messages
-        that a module may have on their way, and (but for one message each) of any module's memory.
+        All tools together hold at most a quarter of the rows of the core's tables, of the messages that a
+        module may have in flight, and, except for one message each, of any module's memory.
         """
         shares = 4 * max(self.tools.count, 1)
         rows = min(self.core.handles, self.core.references, OUTSTANDING_LIMIT) // shares
@@ -120,12 +120,12 @@ class RunPlan:
 
     @property
     def tool_names(self) -> list[str]:
-        """Names of the tools' rows on the board, which no module can have."""
+        """Names of the tools' rows on the board; no module can have such a name."""
         return [f"{TOOL_PREFIX}{number}" for number in range(1, self.tools.count + 1)]
 
     @property
     def names(self) -> list[str]:
-        """Names of the board's rows."""
+        """Names of the board's rows, in order."""
         return ["supervisor", *(module.name for module in self.modules), *self.tool_names, CORE]
 
     def save(self, run_directory: Path) -> None:
@@ -134,7 +134,7 @@ class RunPlan:
 
     @classmethod
     def load(cls, run_directory: Path) -> Self:
-        """Read what the supervisor wrote."""
+        """Read the plan that the supervisor wrote."""
         data = json.loads((run_directory / PLAN_FILE).read_text())
         core = data["core"]
         core |= {"restart": RestartPolicy(**core["restart"]), "scheduling": Scheduling(**core["scheduling"])}

@@ -1,8 +1,8 @@
-"""The run's time, where a module turns it: what plays a log, or steps a simulation.
+"""The run's clock, set by a module that plays a log or steps a simulation.
 
-A profile names that module (`clock.source`). The others follow: their stamps, periods and `self.clock` are
-the run's time, which may go faster or slower than the machine's, stand still, or be set to another time. It
-does not go back but by such a *jump*, which is counted.
+A profile names that module (`clock.source`). All other modules use the run's time for stamps, periods and
+`self.clock`. It may run faster or slower than the machine's time, stand still, or be set to another time. It
+goes back only by such a *jump*, and jumps are counted.
 """
 
 import math
@@ -21,11 +21,11 @@ MAX_RATE = 1e6
 
 
 class InvalidRate(RobbieError, ValueError):
-    """Time cannot go at that rate."""
+    """The rate of a clock is negative, not a number, or too high."""
 
 
 class _Row(NamedTuple):
-    """What the clock says: it was `run_ns` at `machine_ns`, and goes on at `rate`."""
+    """One setting of the clock: it was `run_ns` at `machine_ns` and continues at `rate`."""
 
     machine_ns: int
     run_ns: int
@@ -35,21 +35,21 @@ class _Row(NamedTuple):
     smooth_since_ns: int
 
     def at(self, machine_ns: int) -> int:
-        """The run's time at a moment of the machine's monotonic time.
+        """Return the run's time at a moment of the machine's monotonic time.
 
-        For moments before it went at this rate, as of messages from before the time has begun, that is the
-        time from which on it has: going back at the rate of now would lead anywhere, even below 0.
+        For moments before the clock ran at this rate, return the time at which that began: extrapolating back
+        at the present rate could give any time, even a negative one.
         """
         run_ns = self.run_ns + ((machine_ns - self.machine_ns) * self.rate >> 32)
         return max(self.smooth_since_ns, min(run_ns, self.limit_ns))
 
     def goes_on_smoothly(self, machine_ns: int, rate: int) -> bool:
-        """Whether time that goes on at a rate has gone at the same one until then, without a stop."""
+        """Whether time continues at an unchanged rate, without having stopped."""
         return 0 < rate == self.rate and self.at(machine_ns) < self.limit_ns
 
 
 class _Rows:
-    """The rows of the clock's segment, written in turn; the newest counts, the others tell of the past."""
+    """The rows of the clock's segment, written in rotation. The newest is valid; older ones hold the past."""
 
     def __init__(self, words: Words):
         self._words = words
@@ -58,7 +58,7 @@ class _Rows:
         self._fence = new_fence()
 
     def read(self) -> _Row | None:
-        """Return the row that counts; None before the run's time has begun."""
+        """Return the newest row; None before the run's time has begun."""
         while number := self._words[layout.CLOCK_NUMBER]:
             self._fence()
             row = _Row(*self._read(_offset(number)))
@@ -68,10 +68,10 @@ class _Rows:
         return None
 
     def read_at(self, machine_ns: int) -> _Row | None:
-        """Return the row that counted at a moment, or the oldest there is; None as for `read`."""
+        """Return the row that was valid at a moment, or the oldest one; None as for `read`."""
         row = self.read()
         while row is not None and machine_ns < row.machine_ns and row.at(machine_ns) <= row.smooth_since_ns:
-            # Whoever turns the clock may be writing the row after the newest, where the oldest was.
+            # The writer may be writing the row after the newest, in the place of the oldest.
             newest = self._words[layout.CLOCK_NUMBER]
             oldest = max(1, newest - layout.CLOCK_ROW_COUNT + 2)
             after = bisect_right(range(oldest, newest + 1), machine_ns, key=self._machine_ns)
@@ -86,7 +86,7 @@ class _Rows:
         return self._words[_offset(number) // WORD_BYTES]
 
     def write(self, row: _Row) -> None:
-        """Make another row the one that counts; one that is half written never does."""
+        """Write a row, then make it the newest; a partly written row never becomes valid."""
         number = self._words[layout.CLOCK_NUMBER] + 1
         self._write(_offset(number), *row)
         self._fence()
@@ -99,9 +99,9 @@ def _offset(number: int) -> int:
 
 
 class RunClock:
-    """Tells the run's time; see `robbie_mp.module.clock.Clock`.
+    """Reads the run's time; see `robbie_mp.module.clock.Clock`.
 
-    Both readings are the same where a module turns the clock: nanoseconds since the epoch.
+    Both readings are the same for a run's clock: nanoseconds since the epoch.
 
     Args:
         segment: the run's clock.
@@ -111,7 +111,7 @@ class RunClock:
         self._segment = segment
         self._rows = _Rows(segment.words)
         self._latest = 0, 0
-        """Jumps and time as they were told last."""
+        """Jumps and time as last returned."""
 
     @classmethod
     def attach(cls, run_id: str) -> "RunClock":
@@ -132,8 +132,8 @@ class RunClock:
     def now_ns(self) -> int:
         """Nanoseconds since the epoch; before the run's time has begun, 0.
 
-        Who turns the clock may stop it at a time that has just passed, for it looks at the machine's clock a
-        little before its row counts. Nobody is told an earlier time for that.
+        The writer may stop the clock at a time that has just passed, because it reads the machine's clock
+        shortly before its row becomes valid. This method never returns an earlier time for that reason.
         """
         row = self._rows.read()
         if row is None:
@@ -142,7 +142,7 @@ class RunClock:
         return latest[1]
 
     monotonic_ns = now_ns
-    """Likewise; goes back by a jump, and never else."""
+    """Likewise; goes back only by a jump."""
 
     def at(self, machine_ns: int) -> int:
         """The run's time at a moment of the machine's monotonic time.
@@ -168,9 +168,9 @@ class RunClock:
 
 
 class ClockWriter:
-    """Turns the run's clock. Belongs to the one module that the profile names.
+    """Sets the run's clock. Only the module that the profile names has one.
 
-    A new incarnation of that module finds the clock as the last one left it.
+    A new incarnation of that module finds the clock as the previous one left it.
 
     Args:
         segment: the run's clock, mapped for writing.
@@ -187,32 +187,34 @@ class ClockWriter:
 
     @property
     def now_ns(self) -> int | None:
-        """The run's time; None if it has not begun."""
+        """Return the run's time; None if it has not begun."""
         row = self._rows.read()
         return row.at(time.monotonic_ns()) if row else None
 
     def play(self, at_ns: int, rate: float = 1.0, limit_ns: int = WORD_MAX) -> None:
-        """Let time go on from `at_ns`.
+        """Let time continue from `at_ns`.
 
         Args:
-            at_ns: no earlier than it is; see `jump`.
-            rate: s of the run in each s of the machine.
-            limit_ns: time stops there, unless this is called again before: so it stops soon after a crash of
-                who turns the clock.
+            at_ns: not earlier than the present time; see `jump`.
+            rate: seconds of the run per second of the machine.
+            limit_ns: time stops there unless this is called again before. So time stops soon after the module
+                that sets the clock has crashed.
 
         Raises:
-            InvalidRate: the rate is negative, not a number, or absurd.
+            InvalidRate: the rate is negative, not a number, or too high.
         """
         if not 0 <= rate <= MAX_RATE:
-            raise InvalidRate(f"time cannot go at {rate} times real time; give a rate from 0 to {MAX_RATE:g}")
+            raise InvalidRate(
+                f"time cannot run at {rate} times real time; give a rate from 0 to {MAX_RATE:g}"
+            )
         self._write(at_ns, round(rate * RATE_ONE), limit_ns, is_jump=False)
 
     def pause(self, at_ns: int) -> None:
-        """Let time stand still; called again and again, it goes in steps."""
+        """Stop time at `at_ns`; call this repeatedly to step it."""
         self._write(at_ns, 0, WORD_MAX, is_jump=False)
 
     def jump(self, at_ns: int) -> None:
-        """Set another time, earlier or later, and let it stand still there."""
+        """Set another time, earlier or later, and stop there."""
         self._write(at_ns, 0, WORD_MAX, is_jump=True)
 
     def _write(self, at_ns: int, rate: int, limit_ns: int, *, is_jump: bool) -> None:

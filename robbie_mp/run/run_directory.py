@@ -1,12 +1,12 @@
-"""The folder of a run: it says that the run exists, who supervises it, and whether that one still lives.
+"""The folder of a run. It shows that the run exists, which process supervises it, and whether that is alive.
 
-`$XDG_RUNTIME_DIR/robbie/RUNID`, or `/tmp/robbie-UID/RUNID` where there is no such directory. The supervisor
-holds a lock (flock(2)) on the folder itself for as long as it lives; the kernel drops it with the process. A
-folder appears under its name only when it is locked already, so one that is not locked belongs to a dead run.
-The lock also keeps systemd-tmpfiles from clearing the folder away under a robot that runs for weeks.
+The folder is `$XDG_RUNTIME_DIR/robbie/RUNID`, or `/tmp/robbie-UID/RUNID` where there is no such directory.
+The supervisor holds a lock (flock(2)) on the folder while it lives; the kernel releases it with the process.
+A folder is locked before it gets its name, so a folder without a lock belongs to a dead run. The lock also
+keeps systemd-tmpfiles from removing the folder of a robot that runs for weeks.
 
-A run's segments lie in the folder `robbie-RUNID` of /dev/shm, which is made together with this one; the names
-of its semaphores start with `sem.robbie-RUNID.`.
+A run's segments are in the folder `robbie-RUNID` of /dev/shm, which is made together with this one. The names
+of its semaphores begin with `sem.robbie-RUNID.`.
 """
 
 import contextlib
@@ -32,24 +32,24 @@ from robbie_mp.transport.shared_folder import NamesTaken, make_folder, remove_na
 RUN_ID = re.compile(r"[0-9a-f]{8}")
 UNFINISHED_PREFIX = "new-"
 MAX_TRIES = 100
-"""Run ids of 32 random bits that may be taken."""
+"""How many random run ids of 32 bits are tried."""
 RECORD_NAME = "run.json"
 PROFILE_FILE = "profile.yaml"
-"""The profile as merged, for who records the run."""
+"""The merged profile, for recordings of the run."""
 
 
 class UnsafeRunFolder(RobbieError, PermissionError):
-    """The folder for runs could be changed by somebody else, or is none.
+    """Other users could change the folder for runs, or it is not a folder.
 
     Example scenarios:
-      - another user made /tmp/robbie-1000 first, to see or replace what is written there
-      - its mode lets a group write
+      - another user created /tmp/robbie-1000 first, to read or replace what is written there
+      - its mode allows a group to write
     """
 
 
 @dataclass(frozen=True)
 class RunRecord:
-    """What `run.json` says."""
+    """The content of `run.json`."""
 
     run_id: str
     profile: str
@@ -69,7 +69,7 @@ class KnownRun:
     folder: Path
     is_live: bool
     record: RunRecord | None
-    """None if its supervisor died before it could write it."""
+    """None if the supervisor died before it wrote the record."""
 
 
 class RunDirectory:
@@ -77,8 +77,8 @@ class RunDirectory:
 
     Attributes:
         run_id: eight hexadecimal digits.
-        folder: for whatever belongs to the run and ends with it, such as a control socket.
-        record: what was written to run.json.
+        folder: holds what exists only during the run, such as the control socket.
+        record: the content of run.json.
     """
 
     def __init__(self, folder: Path, record: RunRecord, lock_fd: int):
@@ -89,11 +89,11 @@ class RunDirectory:
 
     @classmethod
     def create(cls, profile_name: str, output_directory: Path, base: Path | None = None) -> Self:
-        """Make a new run's folder and lock it until `remove`, or until this process dies.
+        """Make a new run's folder and lock it until `remove` or the end of this process.
 
         Raises:
-            UnsafeRunFolder: the folder for all runs is not ours alone.
-            NamesTaken: somebody has taken every name that was tried.
+            UnsafeRunFolder: other users could change the folder for runs.
+            NamesTaken: every run id that was tried is in use.
         """
         base = base_folders()[0] if base is None else base
         _make_private(base)
@@ -125,7 +125,8 @@ class RunDirectory:
         """Remove the folder with what is left of the run in shared memory, then unlock it.
 
         Args:
-            disk: what removes it; what it leaves on a stalled disk is removed by the next sweep. None: we do.
+            disk: removes the folder; if the disk has stalled, the next sweep removes the rest. None: this
+                process removes it.
         """
         remove_names(self.run_id)
         if disk:
@@ -140,8 +141,8 @@ def base_folders() -> list[Path]:
     """Return the folders that may hold runs of this user; new ones go to the first."""
     folders = [Path(f"/tmp/robbie-{os.geteuid()}")]
     runtime = os.environ.get("XDG_RUNTIME_DIR")
-    # Under sudo the variable may still name the other user's directory, which is not ours to write to.
-    # In one that others can write to, they could put a folder of theirs in the place of ours.
+    # Under sudo the variable may still name the other user's directory.
+    # Where other users can write, they could replace our folder with theirs.
     if runtime and os.path.exists(runtime) and not _parent_problem(runtime):
         folders.insert(0, Path(runtime) / "robbie")
     return folders
@@ -152,7 +153,7 @@ def _parent_problem(folder: str) -> str:
 
 
 def safe_folders() -> list[Path]:
-    """Return those of `base_folders` that exist and that nobody else can have put anything into."""
+    """Return those of `base_folders` that exist and that other users cannot have changed."""
     return [base for base in base_folders() if os.path.lexists(base) and not privacy_problem(base)]
 
 
@@ -169,7 +170,7 @@ def list_runs(bases: list[Path] | None = None) -> list[KnownRun]:
 
 
 def is_live(folder: Path) -> bool:
-    """Whether the supervisor of a run lives."""
+    """Whether the supervisor of a run is alive."""
     lock_fd = lock_folder(folder, shared=True)
     if lock_fd is not None:
         os.close(lock_fd)
@@ -177,7 +178,7 @@ def is_live(folder: Path) -> bool:
 
 
 def lock_folder(folder: Path, *, shared: bool = False) -> int | None:
-    """Lock a folder and return the descriptor that holds the lock; None if it is gone or locked already."""
+    """Lock a folder; return the descriptor that holds the lock, None if it is locked or does not exist."""
     try:
         fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
     except FileNotFoundError:
@@ -191,7 +192,7 @@ def lock_folder(folder: Path, *, shared: bool = False) -> int | None:
 
 
 def read_record(folder: Path) -> RunRecord | None:
-    """Return what a run's folder says of it; None if that is missing or damaged."""
+    """Return the record in a run's folder; None if it is missing or damaged."""
     try:
         return RunRecord(**json.loads((folder / RECORD_NAME).read_text()))
     except (OSError, ValueError, TypeError):
@@ -205,21 +206,21 @@ def _run_folders(bases: list[Path]) -> Iterator[Path]:
 
 
 def _reserve_run_id(base: Path) -> str:
-    """Find a run id that nobody has, and make the folder of its shared memory, so that nobody can take it."""
+    """Find an unused run id and reserve it by making the folder of its shared memory."""
     for _ in range(MAX_TRIES):
         run_id = secrets.token_hex(4)
         if not (base / run_id).exists():
             with contextlib.suppress(FileExistsError):
                 make_folder(run_id)
                 return run_id
-    raise NamesTaken(f"all {MAX_TRIES} run ids that were tried are taken, such as {run_id}")
+    raise NamesTaken(f"all {MAX_TRIES} run ids that were tried are in use, such as {run_id}")
 
 
 def privacy_problem(base: Path) -> str:
-    """Return why a folder is not safe to hold runs, '' if it is.
+    """Return why a folder is not safe for runs, '' if it is safe.
 
     Raises:
-        FileNotFoundError: there is no such folder.
+        FileNotFoundError: the folder does not exist.
     """
     return ownership_problem(os.lstat(base), folder=True)
 

@@ -17,7 +17,7 @@ from robbie_mp.linux.private_files import make_private_folder
 from robbie_mp.profile.model import TraceSettings
 from robbie_mp.trace.channel import LogRecord, parse_line
 from robbie_mp.trace.crash import CrashReport, report_name, report_place
-from robbie_mp.trace.disk_writer import CLOSE_LIMIT_S, DiskWriter
+from robbie_mp.trace.disk_writer import MAX_FLUSH_S, DiskWriter
 from robbie_mp.trace.entry import Entry, EntryNumbers
 from robbie_mp.trace.kinds import ALL_KINDS, KIND_OF_STREAM, Kind, kind_of_level
 from robbie_mp.visible_text import visible
@@ -145,7 +145,7 @@ class OutputStore:
             return f"the disk of {self.folder} has recovered after {lasted_s:.1f} s"
         return ""
 
-    def flush(self, limit_s: float = CLOSE_LIMIT_S) -> bool:
+    def flush(self, limit_s: float = MAX_FLUSH_S) -> bool:
         """Wait until all is written; return False if the disk accepts nothing for `limit_s`."""
         return self.disk.flush(limit_s)
 

@@ -1,8 +1,8 @@
-"""How log records go from a child to the supervisor whole: lines of JSON in a pipe beside the child's output.
+"""The log channel: carries structured log records from a child to the supervisor, as JSON lines in a pipe.
 
-The writing end comes as an inherited descriptor whose number is in the variable `ROBBIE_LOG_CHANNEL`. A child
-never waits for the supervisor: what finds no room in the pipe is counted, and the count goes with the next
-record. Errors find room for longer than everything else, for they tell why a child ends.
+The child inherits the writing end; the variable `ROBBIE_LOG_CHANNEL` holds its number. A child never waits
+for the supervisor. A record that does not fit into the pipe is counted; the next record carries the count.
+Part of the pipe is reserved for errors, because they tell why a child ends.
 """
 
 import array
@@ -20,17 +20,17 @@ from robbie_mp.linux.forks import keep_from_forks
 
 CHANNEL_VARIABLE = "ROBBIE_LOG_CHANNEL"
 CAPACITY_BYTES = 1 << 20
-"""What an ordinary process may ask for on Linux (fs.pipe-max-size); room for thousands of records."""
+"""The most that an unprivileged process may set (fs.pipe-max-size); enough for thousands of records."""
 LINE_BYTES = 1 << 15
 TEXT_CHARACTERS = 4096
 TRACEBACK_CHARACTERS = 12288
-_ENCODER = json.JSONEncoder(ensure_ascii=False)  # json.dumps would make one each time
+_ENCODER = json.JSONEncoder(ensure_ascii=False)  # json.dumps would create one for each call
 
 
 def open_channel() -> tuple[int, int]:
     """Return the supervisor's end and the child's end of a new channel, both non-blocking."""
     reader, writer = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
-    with contextlib.suppress(OSError):  # all pipes of this user together have a limit, too
+    with contextlib.suppress(OSError):  # the pipes of one user together have a limit too
         fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, CAPACITY_BYTES)
     return reader, writer
 
@@ -39,7 +39,7 @@ class ChannelHandler(logging.Handler):
     """Sends log records to the supervisor.
 
     Attributes:
-        dropped: records that found no room and are not reported yet.
+        dropped: number of records that did not fit and are not reported yet.
     """
 
     def __init__(self, fd: int):
@@ -48,20 +48,20 @@ class ChannelHandler(logging.Handler):
         self._capacity_bytes = fcntl.fcntl(fd, fcntl.F_GETPIPE_SZ)
         self._waiting_bytes = array.array("i", [0])
         self._rest = b""
-        """Of a line that found room in part."""
+        """The rest of a line that fitted only partly."""
         self.dropped = 0
         keep_from_forks(self)
 
     def disown(self) -> None:
-        """Let a forked process go on with a line of its own; the rest of the last one is not its to send."""
+        """In a forked process: start with a new line. The parent sends the rest of the last one."""
         self._rest = b""
         self.dropped = 0
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Send a record or count it."""
+        """Send a record, or count it if it does not fit."""
         try:
             line = self._line(record)
-        except Exception:  # its arguments do not fit its text, as logging allows
+        except Exception:  # its arguments do not match its format, which logging allows
             self.handleError(record)
             return
         if record.levelno < logging.ERROR and self._is_filling():
@@ -70,7 +70,7 @@ class ChannelHandler(logging.Handler):
             self.send(line)
 
     def send(self, line: bytes) -> bool:
-        """Send a line; False if it did not go, and was counted."""
+        """Send a line; return False if it did not fit and was counted."""
         try:
             if self._rest:
                 self._rest = self._rest[os.write(self._fd, self._rest) :]
@@ -85,7 +85,7 @@ class ChannelHandler(logging.Handler):
         return True
 
     def close(self) -> None:
-        """Say how many records were dropped at last; the pipe stays open for who still logs."""
+        """Send the last count of dropped records; the pipe stays open for other threads that still log."""
         if self.dropped:
             self.send(json.dumps({"dropped": self.dropped}).encode() + b"\n")
         super().close()
@@ -112,16 +112,16 @@ class ChannelHandler(logging.Handler):
             data["text"] = _head(text, longest)
             if trace:
                 data["traceback"] = _tail(trace, longest * TRACEBACK_CHARACTERS // TEXT_CHARACTERS)
-            # Half a surrogate pair is legal in a Python text; escaped like this it is so in JSON as well.
+            # A lone surrogate is valid in a Python string; escaped like this it is valid in JSON too.
             line = _ENCODER.encode(data).encode(errors="backslashreplace")
             longest //= 2
         return line + b"\n"
 
 
 def log_to_supervisor() -> ChannelHandler | None:
-    """Have this process's log records sent to the supervisor; None if nobody has opened a channel for it.
+    """Send this process's log records to the supervisor; return None if it has no log channel.
 
-    Also what the warnings module says, and exceptions that end a thread.
+    Warnings of the `warnings` module and exceptions that end a thread are sent too.
     """
     number = os.environ.pop(CHANNEL_VARIABLE, None)
     if number is None:
@@ -163,12 +163,12 @@ def _tail(text: str, longest: int) -> str:
 
 
 PLAUSIBLE_S = 3600.0
-"""A record cannot be older than this, nor newer than now by more; clocks may be set meanwhile."""
+"""A record's time may differ from the present by this much, because clocks may be set."""
 
 
 @dataclass(frozen=True)
 class LogRecord:
-    """A log record as a child has sent it."""
+    """A log record as a child sent it."""
 
     time_s: float
     level: int
@@ -182,16 +182,16 @@ class LogRecord:
 
 @dataclass(frozen=True)
 class LogLine:
-    """What a child has said."""
+    """The content of one line of a log channel."""
 
     record: LogRecord | None
-    """None if there is nothing but the count."""
+    """None if the line holds only the count."""
     dropped: int
-    """Records that it could not send."""
+    """Number of records that the child could not send."""
 
 
 def parse_line(line: bytes, now_s: float) -> LogLine | None:
-    """Return what is in a line; None if no `ChannelHandler` has made it."""
+    """Return the content of a line; None if no `ChannelHandler` made it. The sender is not trusted."""
     try:
         data = json.loads(line)
     except (ValueError, RecursionError):
@@ -226,6 +226,6 @@ def _count(value: object) -> int:
 
 
 def _time(value: object, now_s: float) -> float:
-    if isinstance(value, float) and abs(now_s - value) < PLAUSIBLE_S:  # which not-a-number is not
+    if isinstance(value, float) and abs(now_s - value) < PLAUSIBLE_S:  # false for NaN
         return value
     return now_s

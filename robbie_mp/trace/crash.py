@@ -1,4 +1,4 @@
-"""What is kept of each abnormal end of a process: a JSON file each, below the folder of the trace."""
+"""Crash reports: one JSON file for each abnormal end of a process, in a folder of the trace."""
 
 import json
 import os
@@ -18,7 +18,7 @@ _BEGIN_OF_TRACEBACK = ("CRITICAL ", "Fatal Python error: ", "Traceback (most rec
 
 @dataclass(frozen=True)
 class LastMessage:
-    """The last message that a module has taken."""
+    """The last message that a module took."""
 
     type_name: str
     topic: str
@@ -30,10 +30,10 @@ class LastMessage:
 
 @dataclass(frozen=True)
 class LastWords:
-    """What a process has left in shared memory."""
+    """What a process left in shared memory."""
 
     activity: str = ""
-    """What it was doing, as "handler on_scan of sensor_msgs/msg/LaserScan"."""
+    """What it was doing, such as "handler on_scan of sensor_msgs/msg/LaserScan"."""
     activity_s: float = 0.0
     """For how long."""
     message: LastMessage | None = None
@@ -43,7 +43,7 @@ class LastWords:
 
 @dataclass(frozen=True)
 class CrashReport:
-    """All that is known of one abnormal end."""
+    """All that is known about one abnormal end."""
 
     module: str
     incarnation: int
@@ -52,21 +52,21 @@ class CrashReport:
     """Unix time."""
     uptime_s: float
     reason: str
-    """In words, such as "killed by SIGSEGV"."""
+    """For people, such as "killed by SIGSEGV"."""
     exit_code: int | None
     signal: int | None
     cpu_s: float
     hints: list[str]
-    """What else may have to do with it, such as memory that has run out."""
+    """Possible causes, such as lack of memory."""
     last_words: LastWords
     said: list[str]
-    """The last lines that it logged or printed on standard error, stack dumps among them."""
+    """The last lines that it logged or printed on standard error, including stack dumps."""
     printed: list[str]
     """The last lines on standard output."""
 
     @property
     def traceback(self) -> list[str]:
-        """The lines that say where it was, of Python or of faulthandler; empty if there are none."""
+        """The traceback, from Python or faulthandler; empty if there is none."""
         for begin in _BEGIN_OF_TRACEBACK:
             for at in range(len(self.said) - 1, -1, -1):
                 if self.said[at].startswith(begin):
@@ -74,7 +74,7 @@ class CrashReport:
         return []
 
     def lines(self) -> list[str]:
-        """Return the report for people."""
+        """Return the report as text for people."""
         stamp = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(self.time_s))
         words = self.last_words
         made = [
@@ -105,7 +105,7 @@ class CrashReport:
 
     @classmethod
     def from_json(cls, text: str) -> Self | None:
-        """Return what was written; None if it is none."""
+        """Return the report in a text; None if it is not a report."""
         try:
             data: dict[str, Any] = json.loads(text)
             words = data["last_words"]
@@ -117,20 +117,20 @@ class CrashReport:
 
 
 class CrashFolder:
-    """The reports of a run; of each process only the newest are kept."""
+    """The crash reports of a run; only the newest of each process are kept."""
 
     def __init__(self, folder: Path, keep: int):
-        """Prepare; the folder is made for the first report.
+        """Prepare; the folder is made with the first report.
 
         Args:
-            folder: of the trace.
-            keep: how many reports of each process.
+            folder: the folder of the trace.
+            keep: how many reports of each process to keep.
         """
         self._folder = folder / CRASH_FOLDER
         self._keep = keep
 
     def keep(self, module: str, name: str, data: bytes) -> bool:
-        """Write what `CrashReport.to_json` made, and remove what is too old; False if the disk refuses it."""
+        """Write a report from `CrashReport.to_json` and remove old ones; return False if the disk refuses."""
         path = self._folder / name
         try:
             make_private_folder(self._folder)
@@ -152,16 +152,16 @@ def report_name(report: CrashReport) -> str:
 
 
 def report_place(report: CrashReport) -> str:
-    """Return where a report is, below the folder of the trace."""
+    """Return the path of a report, relative to the folder of the trace."""
     return f"{CRASH_FOLDER}/{report_name(report)}"
 
 
 def report_files(folder: Path, module: str | None = None) -> list[Path]:
-    """Return the files of reports below the folder of a trace, the oldest first.
+    """Return the files of the reports in a trace, oldest first.
 
     Args:
-        folder: of the trace.
-        module: whose; None: everybody's.
+        folder: the folder of the trace.
+        module: only reports of this process; None: of all.
     """
     found = []
     for path in (folder / CRASH_FOLDER).glob("*.json"):

@@ -1,7 +1,7 @@
-"""Hands what is to be written to a process of its own, so that the supervisor never waits for a disk.
+"""Passes all writing to a separate process, so that the supervisor never waits for a disk.
 
-A process and not a thread: one that sleeps on a stalled disk cannot be killed, and a thread like that would
-keep the supervisor itself from ending. See `robbie_mp.trace.writer_process`.
+It is a process and not a thread, because neither can be killed while it sleeps on a stalled disk: a thread
+would keep the supervisor from ending. See `robbie_mp.trace.writer_process`.
 """
 
 import contextlib
@@ -20,27 +20,27 @@ from typing import Self
 from robbie_mp.trace import writer_process
 
 PIPE_BYTES = 1 << 20
-"""What an ordinary process may ask for on Linux (fs.pipe-max-size)."""
+"""The most that an unprivileged process may set (fs.pipe-max-size)."""
 MAX_WAITING_BYTES = 8 << 20
-CLOSE_LIMIT_S = 5.0
-"""So long the end of a run waits for a disk that does not take anything more."""
-START_EVERY_S = 1.0
+MAX_FLUSH_S = 5.0
+"""How long the end of a run waits for a disk that accepts nothing."""
+RESTART_PERIOD_S = 1.0
 OnDone = Callable[[bool], None]
 
 
 class DiskWriter:
-    """Gives orders to a process that writes; no call waits for the disk, but for `flush` and `close`.
+    """Sends orders to the process that writes. Only `flush` and `close` wait for the disk.
 
-    What finds no room, because too many bytes wait already, is refused at once. A process that died is
-    replaced; what it had not answered counts as refused.
+    An order is refused at once if too many bytes wait already. A writer process that died is replaced; orders
+    that it had not acknowledged count as refused.
 
     Args:
-        max_waiting_bytes: bound of all that the disk has not taken yet.
-        clock: a time in s that never goes back.
+        max_waiting_bytes: limit for the data that the disk has not accepted yet.
+        clock: monotonic time in s.
 
     Attributes:
         on_restart: called when a dead process was replaced, before any other order.
-        unfinished: orders that the disk had not taken when this was closed.
+        unfinished: number of orders that the disk had not accepted when this was closed.
     """
 
     def __init__(
@@ -61,23 +61,23 @@ class DiskWriter:
         self._was_started = self._is_closed = False
         self._process: subprocess.Popen[bytes] | None = None
         self._past: list[subprocess.Popen[bytes]] = []
-        """Processes that were let go and are not reaped yet."""
+        """Former writer processes that are not reaped yet."""
         self._orders = self._answers = -1
         self._start()
 
     @property
     def pids(self) -> set[int]:
-        """The process, if there is one."""
+        """The pid of the process, if there is one."""
         return {self._process.pid} if self._process else set()
 
     @property
     def waiting(self) -> int:
-        """How many orders the disk has not taken yet."""
+        """The number of orders that the disk has not accepted yet."""
         return len(self._unanswered)
 
     @property
     def stalled_s(self) -> float:
-        """For how long the disk has taken nothing though something waits."""
+        """For how long the disk has accepted nothing although orders wait."""
         return self._clock() - self._answered_s if self._unanswered else 0.0
 
     def order(self, order: Sequence[str], data: bytes, on_done: OnDone = lambda _is_done: None) -> None:
@@ -85,8 +85,8 @@ class DiskWriter:
 
         Args:
             order: its name and arguments; see `robbie_mp.trace.writer_process`.
-            data: what is to be written.
-            on_done: called in this thread, now or later, with whether the disk has taken it.
+            data: the data to write.
+            on_done: called in this thread, now or later, with whether the disk accepted it.
         """
         self.turn()
         frame = json.dumps([*order, len(data)]).encode() + b"\n" + data
@@ -102,16 +102,16 @@ class DiskWriter:
         self._send()
 
     def turn(self) -> None:
-        """Hear what was done, and send what found no room before; called every turn of the loop."""
+        """Read acknowledgements and send waiting orders; called in every iteration of the loop."""
         self._past = [process for process in self._past if process.poll() is None]
         if self._process:
-            self._hear()
+            self._read_acknowledgements()
             self._send()
 
-    def flush(self, limit_s: float = CLOSE_LIMIT_S) -> bool:
-        """Wait until all is written; False if the disk takes nothing for so long.
+    def flush(self, limit_s: float = MAX_FLUSH_S) -> bool:
+        """Wait until all is written; return False if the disk accepts nothing for `limit_s`.
 
-        When that was waited for in vain, it is not waited for again before the disk takes something.
+        After such a failure, further calls do not wait until the disk has accepted something.
         """
         self.turn()
         begin_s = self._clock()
@@ -123,10 +123,10 @@ class DiskWriter:
             self.turn()
         return not self._unanswered
 
-    def close(self, limit_s: float = CLOSE_LIMIT_S) -> None:
-        """Wait for what is still to be written, as `flush`, and let the process end.
+    def close(self, limit_s: float = MAX_FLUSH_S) -> None:
+        """Wait until all is written, as `flush` does, and let the process end.
 
-        What the disk has not taken by then is refused; but the process goes on trying.
+        Orders that the disk has not accepted by then count as refused, but the process keeps trying.
         """
         self._is_closed = True
         self.flush(limit_s)
@@ -134,7 +134,7 @@ class DiskWriter:
         self._let_go(limit_s if not self.waiting else 0.0)
         for process in self._past:
             if process.poll() is None:
-                process.returncode = 0  # it sleeps on the disk; Popen would otherwise wait for it some day
+                process.returncode = 0  # it sleeps on the disk; otherwise Popen would wait for it later
 
     def __enter__(self) -> Self:
         """Return the writer."""
@@ -147,12 +147,12 @@ class DiskWriter:
         self.close()
 
     def _start(self) -> bool:
-        if self._is_closed or self._clock() - self._started_s < START_EVERY_S:
+        if self._is_closed or self._clock() - self._started_s < RESTART_PERIOD_S:
             return False
         self._started_s = self._clock()
         theirs, self._orders = os.pipe2(os.O_CLOEXEC)
         self._answers, answers = os.pipe2(os.O_CLOEXEC)
-        with contextlib.suppress(OSError):  # all pipes of this user together have a limit, too
+        with contextlib.suppress(OSError):  # the pipes of one user together have a limit too
             fcntl.fcntl(self._orders, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         os.set_blocking(self._orders, False)
         os.set_blocking(self._answers, False)
@@ -161,7 +161,7 @@ class DiskWriter:
                 [sys.executable, "-P", "-m", writer_process.__name__],
                 stdin=theirs,
                 stdout=answers,
-                stderr=subprocess.DEVNULL,  # else a terminal or a pipe would stay open as long as it lives
+                stderr=subprocess.DEVNULL,  # otherwise it would keep a terminal or a pipe open
                 start_new_session=True,
             )
         except OSError:
@@ -189,7 +189,7 @@ class DiskWriter:
         except OSError:  # it has died
             self._let_go(0.0)
 
-    def _hear(self) -> None:
+    def _read_acknowledgements(self) -> None:
         try:
             while answers := os.read(self._answers, 4096):
                 self._answered_s = self._clock()
@@ -203,13 +203,13 @@ class DiskWriter:
         self._let_go(0.0)  # it has died
 
     def _let_go(self, limit_s: float) -> None:
-        """Be done with the process; it ends at the end of its input, sooner or later."""
+        """Close the process's input, at the end of which it ends, and drop all unacknowledged orders."""
         if self._process is None:
             return
         process, self._process = self._process, None
         os.close(self._orders)
         if limit_s:
-            select.select([self._answers], [], [], limit_s)  # the end of its output is the end of it
+            select.select([self._answers], [], [], limit_s)  # its output ends when it ends
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(limit_s)
         os.close(self._answers)

@@ -1,4 +1,4 @@
-"""One entry of the trace, and the line of JSON it is written as."""
+"""One entry of the trace, and the JSON line that stores it."""
 
 import json
 import time
@@ -11,21 +11,21 @@ from robbie_mp.trace.kinds import Kind
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One thing that a process said, or the supervisor about it. A text may have several lines."""
+    """Something that a process logged or printed, or a remark of the supervisor. May have several lines."""
 
     number: int
-    """Counts up over the run, in the order in which the supervisor heard of things; about Unix time in µs."""
+    """Increases in the order in which the supervisor received the entries; about Unix time in µs."""
     time_s: float
-    """Unix time: of a log record when it was made, of printed lines when they were read."""
+    """Unix time in s: when a log record was made, or when printed lines were read."""
     kind: Kind
     module: str
     incarnation: int
     stream: str
     """"log", "stdout" or "stderr": where it came from; "supervisor" for its remarks about the module."""
     text: str
-    """Without its end of line; control characters are escaped."""
+    """Without the end of line; control characters are escaped."""
     logger: str = ""
-    """Name of the logger, of log records. So are the following."""
+    """Name of the logger. This and the following fields are set for log records only."""
     level: str = ""
     where: str = ""
     """File and line of the call."""
@@ -33,7 +33,7 @@ class Entry:
     """Empty for the main thread."""
     traceback: str = ""
     crash_report: str = ""
-    """File of the report, below the folder of the trace, if this entry is about a crash."""
+    """If this entry is about a crash: the report's file, relative to the folder of the trace."""
 
     def lines(self) -> list[str]:
         """Return what a terminal shows: the level of a log record, the text, and the traceback."""
@@ -41,7 +41,7 @@ class Entry:
         return (f"{text}\n{self.traceback}" if self.traceback else text).split("\n")
 
     def to_line(self) -> bytes:
-        """Return the entry as a line of JSON in ASCII, without < and > so that it may stand in HTML."""
+        """Return the entry as a line of ASCII JSON, without < and > so that it can be embedded in HTML."""
         data: dict[str, object] = {
             "number": self.number,
             "time_s": self.time_s,
@@ -57,7 +57,7 @@ class Entry:
 
     @classmethod
     def from_line(cls, line: bytes) -> Self | None:
-        """Return what `to_line` wrote; None for anything else, such as half a line."""
+        """Return the entry in a line from `to_line`; None for anything else, such as a partial line."""
         try:
             data: dict[str, Any] = json.loads(line)
             return cls(**(data | {"kind": Kind(data["kind"])}))
@@ -65,18 +65,18 @@ class Entry:
             return None
 
 
-_ENCODER = json.JSONEncoder(separators=(",", ":"))  # json.dumps would make one each time
+_ENCODER = json.JSONEncoder(separators=(",", ":"))  # json.dumps would create one for each call
 _OPTIONAL = tuple(field.name for field in fields(Entry))[7:]
 
 
 class EntryNumbers:
-    """Numbers that count up even when the clock is set back, and go on in the next run."""
+    """Numbers that increase even if the clock is set back, and continue in the next run."""
 
     def __init__(self, wall_clock: Callable[[], float] = time.time):
         self._wall_clock = wall_clock
         self._last = 0
 
     def next(self) -> int:
-        """Return a number above all before."""
+        """Return a number higher than all before."""
         self._last = max(self._last + 1, int(self._wall_clock() * 1e6))
         return self._last

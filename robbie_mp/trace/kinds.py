@@ -17,7 +17,7 @@ from robbie_mp.linux.private_files import write_private
 
 
 class Kind(StrEnum):
-    """How much an entry matters."""
+    """How important an entry is."""
 
     ERROR = "error"
     WARNING = "warning"
@@ -28,7 +28,7 @@ class Kind(StrEnum):
 
 ALL_KINDS = frozenset(Kind)
 KIND_OF_STREAM = {"stdout": Kind.INFO, "stderr": Kind.WARNING}
-"""Of what is printed: libraries in C complain on standard error, and say there what they do as well."""
+"""Kinds of printed lines. C libraries print warnings as well as progress on standard error."""
 _LOWEST_LEVELS = (
     (Kind.SYSTEM, logging.DEBUG),
     (Kind.INFO, logging.INFO),
@@ -47,7 +47,7 @@ def kind_of_level(level: int) -> Kind:
 
 
 def lowest_level(kinds: Collection[Kind]) -> int:
-    """Return the lowest level of log records that is worth making when these kinds are recorded."""
+    """Return the lowest level of log records to make when these kinds are recorded."""
     return next((level for kind, level in _LOWEST_LEVELS if kind in kinds), logging.CRITICAL + 1)
 
 
@@ -55,7 +55,7 @@ RECORDED_FILE = "recorded_kinds.json"
 
 
 def write_recorded(run_folder: Path, recorded: Mapping[str, Collection[Kind]]) -> None:
-    """Say which kinds are recorded of each child, and of the supervisor's remarks."""
+    """Write which kinds are recorded of each child and of the supervisor's remarks."""
     unfinished = run_folder / f"{RECORDED_FILE}.new"
     write_private(unfinished, recorded_as_json(recorded).decode())
     os.replace(unfinished, run_folder / RECORDED_FILE)
@@ -68,7 +68,7 @@ def recorded_as_json(recorded: Mapping[str, Collection[Kind]]) -> bytes:
 
 
 def read_recorded(run_folder: Path) -> dict[str, list[Kind]]:
-    """Return which kinds are recorded of whom; {} if nobody has said."""
+    """Return the kinds recorded of each process; {} if the file is missing."""
     try:
         told = json.loads((run_folder / RECORDED_FILE).read_text())
         return {name: [Kind(kind) for kind in kinds] for name, kinds in told.items()}
@@ -77,13 +77,13 @@ def read_recorded(run_folder: Path) -> dict[str, list[Kind]]:
 
 
 def read_level(run_folder: Path, name: str) -> int:
-    """Return the lowest level of log records that a child is to make."""
+    """Return the lowest level of log records that a child should make."""
     kinds = read_recorded(run_folder).get(name)
     return logging.INFO if kinds is None else lowest_level(kinds)
 
 
 def follow_level(run_folder: Path, name: str) -> None:
-    """Log at the level that is said for this process, now and whenever that changes."""
+    """Set this process's log level, now and whenever the recorded kinds change."""
     root = logging.getLogger()
     signal.signal(signal.SIGURG, lambda _signal, _frame: root.setLevel(read_level(run_folder, name)))
     root.setLevel(read_level(run_folder, name))

@@ -1,9 +1,9 @@
 """The trace as a web page that needs no network and no server.
 
-The page is `page.html` and then one comment of HTML for each entry, appended as things happen; the script in
-it reads the comments. HTML lets the end tags of body and document be left out. So the file is a whole, valid
-page after every write, whoever is killed when: there is nothing at its end that would have to be moved or
-closed. A page that has reached its bound becomes `trace.1.html`, and a new one begins.
+The page is `page.html` followed by one HTML comment for each entry; the script in the page reads these.
+HTML allows the end tags of body and document to be omitted. So the file is a complete, valid page after every
+write, even if the writer is killed: nothing at its end must be moved or closed. A page that reaches its size
+limit is renamed to `trace.1.html`, and a new page begins.
 """
 
 from importlib.resources import files
@@ -18,17 +18,17 @@ class TracePage:
     """Appends entries to the page of a run.
 
     Attributes:
-        dropped: entries that the disk refused.
+        dropped: number of entries that the disk refused.
     """
 
     def __init__(self, folder: Path, page_bytes: int, pages: int, *, begin_anew: bool = True):
-        """Begin a new page, unless told otherwise; a former run's is kept as an older one.
+        """Begin a new page by default; an earlier run's page is kept as an older one.
 
         Args:
-            folder: of the trace.
-            page_bytes: bound of each page.
-            pages: how many are kept.
-            begin_anew: False: go on with the page that is there.
+            folder: the folder of the trace.
+            page_bytes: maximum size of each page.
+            pages: how many pages are kept.
+            begin_anew: False: continue the existing page.
         """
         head = files("robbie_mp.trace").joinpath("page.html").read_bytes()
         self._file = RotatingFile(folder / PAGE_NAME, page_bytes, pages, head)
@@ -37,10 +37,10 @@ class TracePage:
         self.dropped = 0
 
     def write(self, lines: list[bytes]) -> None:
-        """Append entries as `Entry.to_line` makes them: without < and >, so that none ends its comment."""
+        """Append entries from `Entry.to_line`: they hold no < and >, so none can end its comment."""
         if not self._file.write(b"".join([b"<!--" + line + b"-->" for line in lines])):
             self.dropped += len(lines)
 
     def close(self) -> None:
-        """Close the file; the page is as whole as it was."""
+        """Close the file; the page stays valid."""
         self._file.close()

@@ -16,12 +16,12 @@ EXPECTED_BYTES = 256
 
 
 def module_names(output_directory: Path) -> list[str]:
-    """Return who has said anything, in alphabetical order."""
+    """Return the processes that have entries, in alphabetical order."""
     return sorted({path.name.split(".")[0] for path in trace_folder(output_directory).glob(f"*{SUFFIX}")})
 
 
 def last_entries(output_directory: Path, module: str, count: int) -> list[Entry]:
-    """Return the newest entries of one module, or of "core" or "supervisor"; empty if there are none."""
+    """Return the newest entries of a module, of "core" or of "supervisor"; empty if there are none."""
     found: list[Entry] = []
     for path in reversed(files_of(trace_folder(output_directory), module)):
         found = _last_of_file(path, count - len(found)) + found
@@ -31,11 +31,11 @@ def last_entries(output_directory: Path, module: str, count: int) -> list[Entry]
 
 
 def entries(output_directory: Path, modules: list[str] | None = None) -> Iterator[Entry]:
-    """Yield the entries of a run in the order in which the supervisor heard them.
+    """Yield the entries of a run in the order in which the supervisor received them.
 
     Args:
         output_directory: where the run writes its results.
-        modules: whose; None: everybody's.
+        modules: only entries of these; None: of all.
     """
     folder = trace_folder(output_directory)
     names = module_names(output_directory) if modules is None else modules
@@ -43,23 +43,23 @@ def entries(output_directory: Path, modules: list[str] | None = None) -> Iterato
 
 
 def crash_reports(output_directory: Path, module: str | None = None, newest: int = 0) -> list[CrashReport]:
-    """Return the reports of a run's crashes, the oldest first.
+    """Return the crash reports of a run, oldest first.
 
     Args:
         output_directory: where the run writes its results.
-        module: whose; None: everybody's.
-        newest: only so many, the newest; 0: all that are kept.
+        module: only reports of this process; None: of all.
+        newest: only this number of newest reports; 0: all that are kept.
     """
     reports = []
     for path in report_files(trace_folder(output_directory), module)[-newest:]:
-        with contextlib.suppress(FileNotFoundError):  # it was too old meanwhile
+        with contextlib.suppress(FileNotFoundError):  # it was removed as too old
             if report := CrashReport.from_json(path.read_text()):
                 reports.append(report)
     return reports
 
 
 def _last_of_file(path: Path, count: int) -> list[Entry]:
-    """Read from the end, more and more, until there are enough entries."""
+    """Read from the end, in growing pieces, until there are enough entries."""
     read_bytes = count * EXPECTED_BYTES
     while True:
         try:
@@ -83,11 +83,11 @@ def _entries_of(folder: Path, module: str) -> Iterator[Entry]:
                     if entry := Entry.from_line(line):
                         yield entry
         except FileNotFoundError:
-            continue  # rotated away meanwhile
+            continue  # rotated away in the meantime
 
 
 def files_of(folder: Path, module: str) -> list[Path]:
-    """Return the files of a module, the oldest first; the last one need not exist."""
+    """Return the files of a module, oldest first; the last one need not exist."""
     numbered = {}
     for path in folder.glob(f"{module}.*{SUFFIX}"):
         number = path.name.removeprefix(f"{module}.").removesuffix(SUFFIX)
@@ -97,27 +97,27 @@ def files_of(folder: Path, module: str) -> list[Path]:
 
 
 def trace_folder(output_directory: Path) -> Path:
-    """Return where a run's trace is."""
+    """Return the folder of a run's trace."""
     return output_directory / LOG_FOLDER
 
 
 class TraceFollower:
-    """Knows how far it has read each module's files."""
+    """Reads what is new in a run's trace, call by call, while its files rotate."""
 
     def __init__(self, output_directory: Path, modules: Collection[str] | None = None):
         """Prepare to read from the beginning.
 
         Args:
             output_directory: where the run writes its results.
-            modules: whose entries; None: everybody's.
+            modules: only entries of these; None: of all.
         """
         self._output_directory = output_directory
         self._modules = modules
         self._read: dict[str, tuple[int, int]] = {}
-        """By module: inode of the newest file that was read, and how far."""
+        """By module: the inode of the newest file read, and the offset read up to."""
 
     def read_new(self) -> list[Entry]:
-        """Return what came since the last call, in the order in which the supervisor heard it."""
+        """Return the entries since the last call, in the order in which the supervisor received them."""
         names = module_names(self._output_directory) if self._modules is None else self._modules
         found = [entry for name in names for entry in self._new_of(name)]
         return sorted(found, key=lambda entry: entry.number)
@@ -133,7 +133,7 @@ class TraceFollower:
             try:
                 with path.open("rb") as file:
                     if os.fstat(file.fileno()).st_ino != inode:
-                        break  # rotated since we looked; next time
+                        break  # rotated since it was listed; it is read next time
                     file.seek(offset)
                     data = file.read()
             except FileNotFoundError:

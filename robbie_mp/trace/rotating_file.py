@@ -1,4 +1,4 @@
-"""A log file that never grows beyond its bound."""
+"""A log file with a maximum size."""
 
 import contextlib
 import os
@@ -8,20 +8,20 @@ from robbie_mp.linux.private_files import PRIVATE_FILE
 
 
 class RotatingFile:
-    """Appends to a file; when `a.log` is full it becomes `a.1.log`, that becomes `a.2.log`, the oldest goes.
+    """Appends to a file. A full `a.log` becomes `a.1.log`, that one `a.2.log`; the oldest is removed.
 
-    logging.handlers.RotatingFileHandler prints a traceback for each line that a full disk refuses; here the
-    caller learns of it and goes on.
+    logging.handlers.RotatingFileHandler prints a traceback for each line that a full disk refuses. Here the
+    caller gets a return value and continues.
     """
 
     def __init__(self, path: Path, max_bytes: int, files: int, head: bytes = b""):
-        """Prepare; the file is opened when there is something to write.
+        """Prepare; the file is opened with the first write.
 
         Args:
             path: the newest file; its folder exists.
-            max_bytes: bound of each file.
-            files: how many, the newest included.
-            head: what each file begins with.
+            max_bytes: maximum size of each file.
+            files: number of files, including the newest.
+            head: the beginning of each file.
         """
         self.path = path
         self._max_bytes = max_bytes
@@ -31,7 +31,7 @@ class RotatingFile:
         self._size = 0
 
     def write(self, data: bytes) -> bool:
-        """Append; False if the disk refused, as when it is full."""
+        """Append; return False if the disk refused, for example because it is full."""
         try:
             fd = self._open() if self._fd is None else self._fd
             if self._size > len(self._head) and self._size + len(data) > self._max_bytes:
@@ -43,7 +43,7 @@ class RotatingFile:
         return written == len(data)
 
     def begin_anew(self) -> None:
-        """Begin a new file with the next write, even if there is one already, such as a former run's."""
+        """Begin a new file with the next write, even if one exists, such as an earlier run's."""
         with contextlib.suppress(OSError):
             self._shift()
 
@@ -78,5 +78,5 @@ class RotatingFile:
 
 
 def numbered(path: Path, number: int) -> Path:
-    """Return what a file is called when so many newer ones have been begun."""
+    """Return the path of a file after `number` newer ones have been begun."""
     return path.with_name(f"{path.stem}.{number}{path.suffix}") if number else path

@@ -1,10 +1,10 @@
-"""What runs in the process that writes a run's files: `python -m robbie_mp.trace.writer_process`.
+"""The process that writes a run's files: `python -m robbie_mp.trace.writer_process`.
 
-A disk may stall for seconds, and who writes to it then sleeps in the kernel. The supervisor must not, so it
-hands all it writes to this process (`robbie_mp.trace.disk_writer`). Orders come on standard input, one
-after another: a line of JSON, `[NAME, ARGUMENTS…, LENGTH]`, and LENGTH bytes. Each is answered on standard
-output by one byte, `1` if it is done and `0` if the disk refused it. At the end of its input, as when the
-supervisor was killed, the process has written all that it was given, and ends.
+A disk may stall for seconds, and a process that writes to it then sleeps in the kernel. The supervisor must
+not sleep, so it sends all data to this process (`robbie_mp.trace.disk_writer`). Orders arrive on standard
+input: a line of JSON, `[NAME, ARGUMENTS…, LENGTH]`, and LENGTH bytes. The process acknowledges each order on
+standard output with one byte: `1` if it is done, `0` if the disk refused it. At the end of its input, for
+example because the supervisor was killed, it has written everything it received, and it ends.
 """
 
 import json
@@ -26,7 +26,7 @@ REFUSED = b"0"
 
 
 class Writer:
-    """Carries out orders; each returns whether the disk has taken it."""
+    """Carries out orders; each method returns whether the disk accepted it."""
 
     def __init__(self) -> None:
         self._folder = Path()
@@ -43,7 +43,7 @@ class Writer:
         }
 
     def carry_out(self, order: list[str], data: bytes) -> bool:
-        """Do as one order says; False if the disk refused it."""
+        """Carry out one order; return False if the disk refused it."""
         try:
             return self._orders[order[0]](data, *order[1:])
         except OSError:
@@ -89,25 +89,24 @@ class Writer:
 
 
 def serve(orders: BinaryIO, answers: int) -> None:
-    """Carry out all orders that come, and answer each."""
+    """Carry out all orders and acknowledge each."""
     writer = Writer()
     while line := orders.readline():
         *order, length = json.loads(line)
         data = orders.read(length)
         if len(data) < length:
-            break  # the supervisor was killed within it
+            break  # the supervisor was killed while it sent the order
         answer = DONE if writer.carry_out(order, data) else REFUSED
         if answers >= 0:
             try:
                 os.write(answers, answer)
             except OSError:
-                answers = -1  # nobody listens any more
+                answers = -1  # the supervisor has ended
     writer.close()
 
 
 if __name__ == "__main__":
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(
-            number, signal.SIG_IGN
-        )  # who stops a whole session or group wants its last words written
+        # A signal to the whole session or group must not lose the last entries.
+        signal.signal(number, signal.SIG_IGN)
     serve(sys.stdin.buffer, sys.stdout.fileno())

@@ -1,4 +1,4 @@
-"""What goes into a checkpoint comes out of it; what is no checkpoint is called so."""
+"""A state survives encoding and decoding; data that is not a checkpoint is refused."""
 
 import contextlib
 import json
@@ -88,8 +88,8 @@ def itself() -> list[Any]:
         ([np.zeros(2, [("x", "f4")])], r"state\[0\] is an array of \[\('x', '<f4'\)\]"),
         ([np.ma.masked_array([1])], r"MaskedArray"),
         (object(), "state is a builtins.object"),
-        ("\ud800", "cannot be kept"),
-        ([10**5000], "cannot be kept"),
+        ("\ud800", "cannot be stored"),
+        ([10**5000], "cannot be stored"),
         (nested(200), "deeper than 100 levels"),
         (itself(), "contains itself"),
     ],

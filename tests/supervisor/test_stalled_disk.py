@@ -164,7 +164,7 @@ def test_ordered_stop_with_a_stalled_disk_is_bounded_and_what_is_lost_is_counted
 def test_writer_that_dies_is_replaced_and_what_it_had_not_written_is_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(disk_writer, "START_EVERY_S", 0.0)
+    monkeypatch.setattr(disk_writer, "RESTART_PERIOD_S", 0.0)
     run = Run(tmp_path, animal(zoo.works_busily))
 
     def scenario() -> Scenario:
