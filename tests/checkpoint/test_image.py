@@ -125,7 +125,7 @@ def test_any_cut_is_noticed() -> None:
 def test_newer_form_is_called_so() -> None:
     image = bytearray(encode(STATE))
     struct.pack_into("<I", image, 8, 2)
-    with pytest.raises(CheckpointTooNew, match="form 2"):
+    with pytest.raises(CheckpointTooNew, match="format 2"):
         decode(bytes(image))
 
 

@@ -181,7 +181,7 @@ def test_full_disk_is_told_and_the_module_goes_on(
         full.setattr(os, "fsync", refuse)
         assert keeper.save([1])
         keeper.close()
-    assert "not on disk: [Errno 28] No space" in caplog.text
+    assert "not be written to disk: [Errno 28] No space" in caplog.text
     assert on_disk(path) is None
 
 
