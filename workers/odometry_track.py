@@ -1,4 +1,4 @@
-"""What wheel odometry said, in the order it came, and where between it a laser sweep belongs."""
+"""Wheel odometry in order of arrival, and its interpolation at a sweep's stamp."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from workers.planar_pose import compose, relative
 from workers.row_log import RowLog
 
 SAME_STAMP_S = 1e-4
-SEARCHED = 200  # newest entries looked through for a sweep's stamp
+SEARCHED = 200  # newest entries searched for a sweep's stamp
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class OdometryTrack:
         self.log.add([stamp_s, *np.asarray(pose, float)])
 
     def numbered(self, position: int) -> Place:
-        """Return an entry by its number; one forgotten or yet to come gives the nearest there is."""
+        """Return an entry by its number, or the nearest one if that was dropped or is yet to come."""
         row = int(np.clip(position - self.log.forgotten, 0, len(self.log) - 1))
         return Place(row + self.log.forgotten, self.log.rows[row, 1:].copy())
 

@@ -1,4 +1,4 @@
-"""A bounded log of rows of numbers, for what a robot gathers all its life."""
+"""A bounded log of rows of numbers."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +10,7 @@ FIRST_ROOM = 1024
 
 
 class RowLog:
-    """Rows of floats in the order they came; at its limit it forgets the older half.
+    """Rows of floats in order of arrival; at its limit the log drops the older half.
 
     Args:
         columns: Numbers in a row.

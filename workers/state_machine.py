@@ -1,4 +1,4 @@
-"""A small state machine: states, transitions and time-outs are declared, everything else is an error."""
+"""A small state machine: states, transitions and time-outs are declared; all else is an error."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -14,28 +14,28 @@ class IllegalTransition(RuntimeError):
 
 @dataclass(frozen=True)
 class TimeOut(Generic[State]):
-    """How long a state may last, and where the machine goes then."""
+    """The maximum duration of a state, and the state that follows."""
 
     after_s: float
     to: State
 
 
 class StateMachine(Generic[State]):
-    """Holds one state of an Enum and knows for how long.
+    """Holds one state of an Enum and measures its duration.
 
     Args:
         initial: The first state.
         transitions: From each state, where it may go; a state that may go nowhere is final.
         clock: Returns the time in s.
-        time_outs: Of the states that have one; `expire` looks at them.
+        time_outs: For states with a time-out; `expire` applies them.
         on_change: Called with the new state after each transition, as `Module.show_state`.
 
     Raises:
-        ValueError: The declaration leaves a state of the Enum out, or lets a time-out go where no transition
-            does.
+        ValueError: A state of the Enum has no declared transitions, or a time-out is not among the declared
+            transitions.
 
     Attributes:
-        reason: Why the machine is in its state, as the last transition told.
+        reason: The reason given with the last transition.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class StateMachine(Generic[State]):
 
     @property
     def state(self) -> State:
-        """Return the present state."""
+        """Return the current state."""
         return self._state
 
     @property
@@ -67,11 +67,11 @@ class StateMachine(Generic[State]):
 
     @property
     def is_final(self) -> bool:
-        """Say whether no transition leads out of the present state."""
+        """Return whether no transition leads out of the current state."""
         return not self._transitions[self._state]
 
     def expire(self) -> bool:
-        """Go on if the present state has lasted too long, and say whether it has."""
+        """Leave the current state if its time-out has passed; return whether it has."""
         time_out = self._time_outs.get(self._state)
         if time_out is None or self.time_in_state_s < time_out.after_s:
             return False

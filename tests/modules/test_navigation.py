@@ -144,7 +144,7 @@ def test_emergency_stop_of_the_base_is_waited_for(robot: Robot) -> None:
     [
         (PoseStamped(header=Header(frame_id="odom")), "must be given in the frame 'map', not 'odom'"),
         (PoseStamped(pose=pose_of(math.nan, 0.0, 0.0)), "must have finite coordinates"),
-        (PoseStamped(pose=pose_of(50.0, 0.0, 0.0)), "nobody knows what is at the goal"),
+        (PoseStamped(pose=pose_of(50.0, 0.0, 0.0)), "the goal lies in unknown space"),
     ],
 )
 def test_goal_that_cannot_be_is_unreachable_and_the_reason_is_told(

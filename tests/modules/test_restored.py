@@ -217,4 +217,4 @@ def test_exploration_that_was_on_its_way_home_goes_on_home() -> None:
         for _ in range(3):
             see(restarted, 1.5)
             restarted.advance(0.06)
-        assert present(restarted.module.explorer).state == "drives home"
+        assert present(restarted.module.explorer).state == "driving home"

@@ -1,1 +1,1 @@
-"""Drives the robot to what its map does not show yet."""
+"""Exploration: drives the robot to the unknown parts of its map."""

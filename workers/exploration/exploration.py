@@ -1,7 +1,8 @@
-"""Exploration: choose the frontier to drive to, until none of use can be reached any more.
+"""Exploration: choose the frontier to drive to, until no useful one is reachable.
 
-After Yamauchi, "A frontier-based approach for autonomous exploration" (CIRA 1997); the choice weighs the way
-against what there is to see, as in Burgard et al., "Coordinated multi-robot exploration" (T-RO 2005).
+After Yamauchi, "A frontier-based approach for autonomous exploration" (CIRA 1997); the choice weighs the path
+length against the expected information, as in Burgard et al., "Coordinated multi-robot exploration" (T-RO
+2005).
 """
 
 import math
@@ -20,11 +21,11 @@ SAME_GOAL_M = 0.5
 
 
 class PlanResult(StrEnum):
-    """What came out of looking for a way."""
+    """Result of planning."""
 
-    GO = "a way was found"
-    EXPLORED = "no frontier of use can be reached"
-    NO_WAY = "the robot is not near any place where it can drive"
+    GO = "a path was found"
+    EXPLORED = "no useful frontier is reachable"
+    NO_WAY = "the robot is not near any drivable place"
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Plan:
     """Where to go and how.
 
     Attributes:
-        result: Whether there is a way.
+        result: Whether there is a path.
         path: `(N, 2)`, m, map frame, from the robot to the goal; empty unless there is one.
         cost_m: Length of the path, more where it passes near obstacles.
         frontiers: All frontiers of useful length, also those that cannot be reached.
@@ -57,12 +58,12 @@ class ExplorationSettings:
         min_frontier_m: Shorter frontiers are not worth a visit.
         near_frontier_m: A frontier counts as reached from a drivable cell this near.
         snap_m: The robot may be this far from a drivable cell (inside the clearance, or after a pose jump).
-        gain: A frontier's length, up to `max_gain_m`, saves so much of the way to it.
+        gain: Path length that a metre of frontier is worth, up to `max_gain_m` of frontier.
         max_gain_m: Longer frontiers gain no more.
-        turn_m_per_rad: What turning towards the frontier costs.
-        stay_m: What changing the goal costs; keeps the robot from dithering.
-        avoid_m: Goals this near to one given up are left out.
-        max_avoided: So many given-up goals are remembered; beyond that the oldest is tried again.
+        turn_m_per_rad: Cost of turning towards the frontier.
+        stay_m: Cost of changing the goal; keeps the robot from dithering.
+        avoid_m: Goals this near to an abandoned goal are skipped.
+        max_avoided: Maximum number of abandoned goals remembered; beyond it the oldest is tried again.
     """
 
     min_frontier_m: float = 0.4
@@ -77,7 +78,7 @@ class ExplorationSettings:
 
 
 class FrontierExploration:
-    """Plans on one map after the other; between maps it remembers its goal and the goals given up."""
+    """Plans on successive maps; remembers its goal and the abandoned goals between them."""
 
     def __init__(self, settings: ExplorationSettings | None = None) -> None:
         self._settings = settings or ExplorationSettings()
@@ -86,17 +87,17 @@ class FrontierExploration:
 
     @property
     def avoided_xy_m(self) -> NDArray[np.float64]:
-        """Return the goals given up: `(N, 2)`, m, map frame."""
+        """Return the abandoned goals: `(N, 2)`, m, map frame."""
         return np.array(self._avoided).reshape(-1, 2)
 
     def give_up_goal(self) -> None:
-        """Look for another goal from now on, and not near the present one."""
+        """Abandon the current goal and its surroundings."""
         if self._goal is not None:
             self._avoided.append(self._goal)
         self._goal = None
 
     def plan_exploration(self, grid: NavigationGrid, pose: ArrayLike) -> Plan:
-        """Choose a frontier and plan the way to it.
+        """Choose a frontier and plan a path to it.
 
         Args:
             grid: The newest map.
@@ -124,7 +125,7 @@ class FrontierExploration:
         return Plan(PlanResult.GO, grid.middles_m(ways.path(best)), float(ways.cost_m[best]), frontiers)
 
     def plan_way_to(self, grid: NavigationGrid, pose: ArrayLike, goal_xy_m: ArrayLike) -> Plan:
-        """Plan the way to a given place, or as near to it as `snap_m`."""
+        """Plan a path to a given place, ending within `snap_m` of it."""
         start = grid.nearest(grid.drivable, pose, self._settings.snap_m)
         if start is None:
             return Plan(PlanResult.NO_WAY)

@@ -33,16 +33,16 @@ class Explorer:
 
     Args:
         clock: Returns the time in s; the stamps of all inputs are in this time.
-        guard: The last check of every command; knows laser and body.
+        guard: Checks every command against the newest sweep.
         settings: How the task is carried out.
         follower: Steers along the planned ways.
-        exploration: Chooses where to go.
+        exploration: Chooses the goals.
         home_xy_m: Where to return to; the first pose if absent.
 
     Attributes:
-        machine: The task's states and why the present one was entered.
+        machine: The task's state, and the reason for the last transition.
         plan: The newest plan: path, goal and frontiers.
-        exploring_ended: Why exploring has ended; None while it has not.
+        exploring_ended: Why exploring ended; None before that.
         home_xy_m: `(2,)`, m, map frame; None before the first pose.
     """
 
@@ -77,12 +77,12 @@ class Explorer:
 
     @property
     def state(self) -> ExplorerState:
-        """Return what the robot does."""
+        """Return the current state."""
         return self.machine.state
 
     @property
     def status(self) -> str:
-        """Return what the robot does, why, and how much it knows, in one line."""
+        """Return state, reason and known area in one line."""
         known_m2 = self._grid.known_m2 if self._grid is not None else 0.0
         return (
             f"{self.state} ({self.machine.reason}); {known_m2:.1f} m2 free, "
@@ -104,7 +104,7 @@ class Explorer:
         self._sweep = np.asarray(ranges_m, float), stamp_s
 
     def drive(self) -> Velocity:
-        """Return the speeds for the drive: ahead (m/s) and of the turn (rad/s)."""
+        """Return the speeds for the drive: forward (m/s) and turn rate (rad/s)."""
         if self.machine.is_final:
             return HALT
         senses = self._senses()
@@ -113,7 +113,7 @@ class Explorer:
                 self.machine.go(ExplorerState.WAIT, "pose or laser is missing or too old")
             return HALT
         if self.state is ExplorerState.WAIT:
-            self._resume("sees again")
+            self._resume("map, pose and laser are available")
         if self.state is ExplorerState.RECOVER:
             return self._free_itself(senses.ranges_m)
         if self._clock() - self._planned_s >= self.settings.plan_period_s:
@@ -132,7 +132,7 @@ class Explorer:
         return _Senses(self._grid, pose, ranges_m)
 
     def _resume(self, reason: str) -> None:
-        """Go on with what the robot was doing, with a new plan."""
+        """Resume exploring or returning, with a new plan."""
         self._began_s = min(self._began_s, self._clock())
         self._planned_s = -math.inf
         self._moved_s = self._clock()
@@ -151,10 +151,10 @@ class Explorer:
             self._judge_return(pose)
 
     def _judge_exploration(self, pose: NDArray[np.float64]) -> None:
-        # One map may be caught half drawn; two in a row are believed.
+        # A single map may be incomplete, so two in a row are required.
         self._explored_plans = self._explored_plans + 1 if self.plan.result is PlanResult.EXPLORED else 0
         if self._clock() - self._began_s > self.settings.time_limit_s:
-            self._end_exploration("the time is over")
+            self._end_exploration("the time limit is reached")
         elif self._explored_plans >= 2:
             self._end_exploration(PlanResult.EXPLORED)
         elif self.plan.result is PlanResult.NO_WAY:
@@ -165,12 +165,12 @@ class Explorer:
 
     def _judge_return(self, pose: NDArray[np.float64]) -> None:
         if self._follower.is_arrived(pose):
-            self.machine.go(ExplorerState.DONE, "is home")
+            self.machine.go(ExplorerState.DONE, "at home")
         elif self.plan.result is PlanResult.NO_WAY or self._is_idle():
-            self._recover("comes no nearer to home", pose)
+            self._recover("no progress towards home", pose)
 
     def _is_idle(self) -> bool:
-        """Say whether the goal has not come nearer for too long."""
+        """Return whether there has been no progress towards the goal for too long."""
         if self.plan.goal_xy_m is None:
             return False
         idle_s = self._progress.idle_s(self.plan.goal_xy_m, self.plan.cost_m, self._clock())
@@ -203,14 +203,14 @@ class Explorer:
         if wanted[0] == 0.0 or allowed[0] != 0.0:
             self._moved_s = self._clock()
         elif self._clock() - self._moved_s > self.settings.blocked_s:
-            self._recover("something is in the way", senses.pose)
+            self._recover("an obstacle blocks the path", senses.pose)
             return HALT
         return allowed
 
     def _free_itself(self, ranges_m: NDArray[np.float64]) -> Velocity:
-        """Back off as far as the laser allows, else turn on the spot to see more."""
+        """Back up as far as the laser allows, else turn on the spot to see more."""
         if self.machine.time_in_state_s > self.settings.recover_s:
-            self._resume("has freed itself")
+            self._resume("recovery finished")
             return HALT
         backwards = self._guard.checked(ranges_m, (-RECOVER_M_PER_S, 0.0))
         return backwards if backwards[0] != 0.0 else (0.0, RECOVER_RAD_PER_S)

@@ -6,13 +6,13 @@ from enum import StrEnum
 
 
 class ExplorerState(StrEnum):
-    """What an exploring robot does."""
+    """States of an exploring robot."""
 
-    WAIT = "waits for map, pose and laser"
-    EXPLORE = "drives to a frontier"
-    RECOVER = "frees itself"
-    RETURN = "drives home"
-    DONE = "stands, its task ended"
+    WAIT = "waiting for map, pose and laser"
+    EXPLORE = "driving to a frontier"
+    RECOVER = "recovering"
+    RETURN = "driving home"
+    DONE = "done"
 
 
 TRANSITIONS = {
@@ -34,14 +34,14 @@ class ExplorerSettings:
     """How the task is carried out.
 
     Attributes:
-        clearance_m: Planned ways keep the robot's centre this far from obstacles.
-        plan_period_s: A new way is planned this often.
-        stale_s: Poses and sweeps older than this halt the robot.
-        patience_s: A goal that has not come nearer for so long is given up.
-        blocked_s: A robot that wants to drive and may not for so long frees itself.
-        recover_s: How long it tries to.
-        max_recoveries: After so many at one place it ends exploring, or returning.
-        time_limit_s: After so long it ends exploring, whatever is left.
+        clearance_m: Planned paths keep the robot's centre this far from obstacles.
+        plan_period_s: Time between plans.
+        stale_s: Poses and sweeps older than this stop the robot.
+        patience_s: A goal is abandoned after this time without progress.
+        blocked_s: The robot starts a recovery after being blocked for this time.
+        recover_s: Duration of a recovery.
+        max_recoveries: After this number at one place the robot stops exploring or returning.
+        time_limit_s: After this time exploring ends.
         returns_home: Whether it drives back to where it started.
     """
 

@@ -1,4 +1,4 @@
-"""Frontiers: where what is known to be free meets what was never seen.
+"""Frontiers: the borders between free and unknown space.
 
 After Yamauchi, "A frontier-based approach for autonomous exploration" (CIRA 1997).
 """
@@ -20,7 +20,7 @@ class Frontier:
 
     Attributes:
         cells: `(N, 2)`, (row, column).
-        middle_xy_m: `(2,)`, m, map frame: the cell nearest to the mean of all.
+        middle_xy_m: `(2,)`, m, map frame: the cell nearest to the mean of all cells.
         length_m: Number of cells times their edge.
     """
 
@@ -36,9 +36,9 @@ def find_frontiers(grid: NavigationGrid, min_length_m: float) -> list[Frontier]:
 
     Args:
         grid: What is free and what is unknown.
-        min_length_m: Shorter ones are left out; about as wide as the robot is right.
+        min_length_m: Shorter ones are skipped; use about the robot's width.
     """
-    # Beyond the grid everything is unknown; opening must not eat the grid's edge.
+    # Everything outside the grid is unknown; the padding keeps the opening from eroding the edge.
     unknown = ndimage.binary_opening(np.pad(grid.unknown, 1, constant_values=True), ALL_EIGHT)[1:-1, 1:-1]
     border = grid.free & ndimage.binary_dilation(unknown)
     labels, count = ndimage.label(border, ALL_EIGHT)

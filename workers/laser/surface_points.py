@@ -9,7 +9,7 @@ from workers.planar_pose import relative, rotate, transform_points
 
 NEIGHBOURS_EACH_SIDE = 6
 SMALLEST_REACH_M = 0.2
-REACH_PER_RANGE = 0.06  # a wall seen at a grazing angle leaves wide gaps between far beams
+REACH_PER_RANGE = 0.06  # far beams are far apart on a wall seen at a grazing angle
 FLATNESS = 0.1  # greatest share of the spread across a surface to that along it
 
 
@@ -20,7 +20,7 @@ class SurfacePoints:
     Attributes:
         points: `(N, 2) float64`, m.
         normals: `(N, 2) float64`, unit vectors to the side it was seen from; zero where
-            there is no surface to be made out.
+            no surface is recognised.
     """
 
     points: NDArray[np.float64]
@@ -42,7 +42,7 @@ class SurfacePoints:
         return self.moved(relative(pose, np.zeros(3)))
 
     def thinned(self, most: int) -> "SurfacePoints":
-        """Leave out points, evenly, until no more than `most` are left."""
+        """Drop points evenly until at most `most` are left."""
         every = -(-len(self) // most)
         return SurfacePoints(self.points[::every], self.normals[::every])
 
@@ -51,7 +51,7 @@ class SurfacePoints:
 
     @staticmethod
     def joined(scans: "list[SurfacePoints]") -> "SurfacePoints":
-        """Put scans given in one frame together."""
+        """Concatenate scans given in one frame."""
         return SurfacePoints(
             np.concatenate([scan.points for scan in scans]), np.concatenate([scan.normals for scan in scans])
         )

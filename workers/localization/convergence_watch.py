@@ -1,4 +1,4 @@
-"""When a localisation is sure: not before it has been for some way, and then as long as it is not refuted."""
+"""Decides whether a localisation has converged, and whether it has been lost again."""
 
 from dataclasses import dataclass
 
@@ -7,17 +7,17 @@ from workers.localization.particle_cloud import Cluster
 
 @dataclass(frozen=True)
 class ConvergenceSettings:
-    """What being sure takes.
+    """Criteria of convergence and loss.
 
     Attributes:
-        weight: The best cluster has so much of all weight, ...
-        spread_m: ... its particles spread no more than this ...
-        spread_rad: ... and this, ...
-        agreement: ... and so many returns lie on the map's obstacles, ...
-        lasting_m: ... all of it over so much of the way.
-        lost_jump_m: Who has been sure is so no more when the estimate jumps farther, ...
-        lost_weight: ... when the cluster has less of all weight, ...
-        lost_agreement: ... or fewer returns lie on the map's obstacles.
+        weight: Converged: minimum share of all weight in the best cluster.
+        spread_m: Converged: maximum spread of its positions.
+        spread_rad: Converged: maximum spread of its headings.
+        agreement: Converged: minimum share of returns on the map's obstacles.
+        lasting_m: Converged: distance travelled over which all of these must hold.
+        lost_jump_m: Lost: the estimate jumps farther than this.
+        lost_weight: Lost: the best cluster has a smaller share of all weight.
+        lost_agreement: Lost: a smaller share of returns lies on the map's obstacles.
     """
 
     weight: float = 0.95
@@ -31,10 +31,10 @@ class ConvergenceSettings:
 
 
 class ConvergenceWatch:
-    """Looks at one estimate after the other.
+    """Judges successive estimates.
 
     Attributes:
-        converged: Whether the newest one is sure.
+        converged: Whether the newest estimate has converged.
     """
 
     def __init__(self, settings: ConvergenceSettings | None = None) -> None:
@@ -43,13 +43,13 @@ class ConvergenceWatch:
         self._since_m: float | None = None
 
     def judge(self, best: Cluster, jump_m: float, agreement: float, travelled_m: float) -> bool:
-        """Tell whether an estimate is sure.
+        """Return whether an estimate has converged.
 
         Args:
             best: Where most particles are.
-            jump_m: How far that is from where the last estimate and odometry put the robot.
+            jump_m: Distance from the pose predicted by the last estimate and odometry.
             agreement: Share of the newest sweep's returns that lie on the map's obstacles.
-            travelled_m: How far the robot has come.
+            travelled_m: Distance travelled so far.
         """
         settings = self._settings
         if self.converged:

@@ -11,12 +11,12 @@ from scipy import ndimage
 from workers.maps.navigation_grid import OCCUPIED_PERCENT
 
 BATCH = 50_000  # ends looked up at once: what fits into the processor's caches
-SURFACE_M = 0.3  # so near to its end a beam may touch the obstacle that it ends at
+SURFACE_M = 0.3  # this close to its end, a beam may touch the obstacle that it ends at
 HALF_A_TURN = np.pi
 
 
 class MapWithoutRoom(ValueError):
-    """A map in which no cell is free, or none is occupied: nobody can be localised in it."""
+    """A map without free or without occupied cells: no robot can be localised in it."""
 
 
 class LikelihoodField:
@@ -26,15 +26,15 @@ class LikelihoodField:
         cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown.
         resolution_m: Edge of a cell.
         corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
-        deviation_m: Standard deviation of a beam's end, from noise, cells, and what the map got wrong.
-        outliers: Likelihood of an end far from all obstacles (people, doors), that of one on an obstacle
-            being 1.
+        deviation_m: Standard deviation of a beam's end, from noise, cell size, and errors of the map.
+        outliers: Likelihood of an end far from all obstacles (people, doors), relative to one on an
+            obstacle.
 
     Raises:
         MapWithoutRoom: The map has no free or no occupied cell.
 
     Attributes:
-        worst: The least logarithm of a likelihood that there is.
+        worst: The smallest possible logarithm of a likelihood.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class LikelihoodField:
             raise MapWithoutRoom("a map to localise in needs free and occupied cells")
         self.resolution_m = resolution_m
         self.corner_xy_m = np.asarray(corner_xy_m, float)
-        # One more cell on each side, for everything that is outside.
+        # One more cell on each side stands for everything outside.
         self._occupied = np.pad(occupied, 1)
         distance = ndimage.distance_transform_edt(~np.pad(occupied, 1)) * resolution_m
         self.distance_m = distance.astype(np.float32)
@@ -67,7 +67,7 @@ class LikelihoodField:
         return len(self._free_cells) * self.resolution_m**2
 
     def random_poses(self, count: int, random: np.random.Generator) -> NDArray[np.float64]:
-        """Draw poses evenly from all that are free: `(count, 3)`, m and rad, map frame."""
+        """Draw poses uniformly from free space: `(count, 3)`, m and rad, map frame."""
         cells = self._free_cells[random.integers(len(self._free_cells), size=count)]
         xy = (cells[:, ::-1] + random.random((count, 2))) * self.resolution_m + self.corner_xy_m
         return np.column_stack([xy, random.uniform(-HALF_A_TURN, HALF_A_TURN, count)])
@@ -75,7 +75,7 @@ class LikelihoodField:
     def log_likelihoods(self, poses: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return for each pose the mean over all beams of the logarithm of their likelihood.
 
-        A pose within an obstacle cannot be, and has the worst there is.
+        A pose inside an obstacle is impossible and gets `worst`.
 
         Args:
             poses: `(N, 3)`, m and rad, map frame.
@@ -96,8 +96,8 @@ class LikelihoodField:
     def blocked(self, poses: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return for each pose `(N, 3)` the share `(N,)` of beams that would pass through an obstacle.
 
-        Follows each beam from the robot in steps as long as the nearest obstacle is far (sphere tracing,
-        Hart, The Visual Computer 12, 1996), which the distance transform makes few.
+        Follows each beam in steps as long as the distance to the nearest obstacle (sphere tracing, Hart, The
+        Visual Computer 12, 1996).
 
         Args:
             poses: `(N, 3)`, m and rad, map frame.
@@ -122,7 +122,7 @@ class LikelihoodField:
             room = distance.take(self._cells(x, y))
             hit = room < 0.5 * self.resolution_m
             np.add.at(hits, robot[hit & (left > 0)], 1)
-            # A cell's distance holds for its middle only.
+            # A cell's distance is exact only at its middle.
             step = np.maximum(room - self.resolution_m, self.resolution_m)
             left = left - step
             on = ~hit & (left > 0)
@@ -153,9 +153,9 @@ class LikelihoodField:
         return cells
 
     def _number(self, offset_m: NDArray[np.float64], size: int) -> NDArray[np.int64]:
-        """Return the number of the row or column at an offset, which is written over."""
+        """Return the number of the row or column at an offset; overwrites the offset."""
         offset_m /= self.resolution_m
-        # Adding 1 for the margin first makes truncation the floor of all that matters.
+        # With 1 added for the margin all relevant values are positive, so truncation is the floor.
         offset_m += 1
         np.clip(offset_m, 0, size - 1, out=offset_m)
         return offset_m.astype(np.int64)

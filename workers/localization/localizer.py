@@ -1,10 +1,10 @@
 """Monte Carlo localisation: where a robot is on a given map, from odometry and a planar laser.
 
 Dellaert, Fox, Burgard and Thrun, "Monte Carlo localization for mobile robots" (ICRA 1999), with as many
-particles as are needed (KLD-sampling, see `particle_cloud`). Who sees that the sweeps do not fit any more
-adds particles where the newest sweep would fit: the share of Gutmann and Fox, "An experimental comparison of
-localization methods continued" (IROS 2002), the places of Lenser and Veloso, "Sensor resetting localization
-for poorly modelled mobile robots" (ICRA 2000).
+particles as are needed (KLD-sampling, see `particle_cloud`). When sweeps stop fitting, particles are added
+where the newest sweep would fit: their share after Gutmann and Fox, "An experimental comparison of
+localization methods continued" (IROS 2002), their places after Lenser and Veloso, "Sensor resetting
+localization for poorly modelled mobile robots" (ICRA 2000).
 """
 
 from collections import deque
@@ -26,27 +26,27 @@ MOST_WAITING = 5
 FEWEST_RETURNS = 10
 TRACED_BEAMS = 30
 CANDIDATE_BEAMS = 30  # enough to tell which places are worth a particle
-GENTLE = 0.3  # candidates lie coarsely, so that even the right ones do not fit quite
+GENTLE = 0.3  # candidates are coarse, so even the right ones fit only roughly
 JITTER = (0.1, 0.1, 0.05)  # m, m, rad: what is between two candidates
 AGREES_M = 0.25  # a return this near to an obstacle of the map agrees with it
 SLOW, FAST = 0.02, 0.3  # how quickly the averages of the fit follow
-BEARABLE = 0.8  # share of the usual fit below which other places are tried
+BEARABLE = 0.8  # other places are tried below this share of the usual fit
 
 
 @dataclass(frozen=True)
 class LocalizationSettings:
-    """How the robot is looked for.
+    """Settings of the localisation.
 
     Attributes:
-        min_particles: Kept even when the pose is sure.
-        min_searching: Kept as long as it is not: with few, one of several equal places would soon have all.
-        max_particles: Never more than these.
+        min_particles: Minimum number after convergence.
+        min_searching: Minimum number before it; with fewer, one of several similar places would soon win.
+        max_particles: Maximum number.
         candidates: Poses tried when the robot may be anywhere; for large maps more are better.
-        beams: Of each sweep, evenly chosen.
-        independent_beams: As many beams' worth of evidence a sweep gives: neighbours see the same wall.
-        update_m: A sweep counts when the robot has moved so far since the last that did ...
-        update_rad: ... or turned so far.
-        expected_fit: Where sweeps fit worse (0 ... 1), other places are tried.
+        beams: Number of beams used of each sweep, evenly spaced.
+        independent_beams: Effective number of independent beams: neighbouring beams see the same wall.
+        update_m: A sweep is used when the robot has moved this far since the last one used ...
+        update_rad: ... or turned this far.
+        expected_fit: Other places are tried when sweeps fit worse than this (0 to 1).
     """
 
     min_particles: int = 300
@@ -62,16 +62,16 @@ class LocalizationSettings:
 
 @dataclass(frozen=True)
 class Localization:
-    """What is known after a sweep.
+    """The estimate after a sweep.
 
     Attributes:
         stamp_s: Of the sweep.
         pose: Where the robot most likely was (x m, y m, heading rad), map frame.
-        converged: Whether that is sure.
+        converged: Whether the estimate has converged.
         spread_m: Standard deviation of all particles' positions.
         spread_rad: Standard deviation of their headings.
         agreement: Share of the sweep's returns that lie on the map's obstacles.
-        particles: How many there are.
+        particles: Number of particles.
     """
 
     stamp_s: float
@@ -85,7 +85,7 @@ class Localization:
 
 @dataclass(frozen=True)
 class _Beams:
-    """What is used of a sweep, in the robot's frame, m.
+    """The beams used of a sweep, in the robot's frame, m.
 
     Attributes:
         stamp_s: Of the sweep.
@@ -99,17 +99,17 @@ class _Beams:
 
 
 class Localizer:
-    """Finds and follows a robot on a map; it begins knowing nothing, unless told a pose.
+    """Finds and tracks a robot on a map; starts without a pose unless you give one.
 
     Args:
         field: The map.
-        settings: How the robot is looked for.
-        laser_pose: Where the laser sits on the robot (x m, y m, heading rad).
-        seed: Of chance: the same inputs and seed give the same poses.
-        noise: How unsure odometry is.
+        settings: Settings of the localisation.
+        laser_pose: The laser's mounting pose on the robot (x m, y m, heading rad).
+        seed: Random seed; the same inputs and seed give the same poses.
+        noise: Uncertainty of odometry.
 
     Attributes:
-        newest: What is known since the last sweep that counted; None before the first.
+        newest: The estimate after the last sweep used; None before the first.
         recoveries: How often particles were added because sweeps did not fit.
     """
 
@@ -138,19 +138,19 @@ class Localizer:
         self._slow = self._fast = 1.0
 
     def start_at(self, pose: ArrayLike, spread_m: float = 0.3, spread_rad: float = 0.2) -> None:
-        """Begin anew near a pose (x m, y m, heading rad), map frame, that somebody knows."""
+        """Restart near a known pose (x m, y m, heading rad), map frame."""
         spread = np.array([spread_m, spread_m, spread_rad])
         count = self.settings.max_particles
         self._cloud = ParticleCloud(np.asarray(pose, float) + self._random.normal(size=(count, 3)) * spread)
         self._forget()
 
     def start_anywhere(self) -> None:
-        """Begin anew, knowing nothing: the next sweep tells where the robot may be."""
+        """Restart globally: the next sweep decides where the robot may be."""
         self._cloud = None
         self._forget()
 
     def add_odometry(self, stamp_s: float, pose: ArrayLike) -> None:
-        """Add where odometry sees the robot (x m, y m, heading rad; odometry frame)."""
+        """Add an odometry pose (x m, y m, heading rad; odometry frame)."""
         self._odometry.add(stamp_s, pose)
         self._use_waiting()
 
@@ -159,7 +159,7 @@ class Localizer:
     ) -> None:
         """Add a sweep: ranges `(N,)`, m, +inf or beyond the maximum for no return; and directions.
 
-        It counts when odometry has come as far as its stamp, and the robot has moved since the last one.
+        It is used once odometry has reached its stamp, if the robot has moved since the last sweep used.
         """
         ranges, angles = np.asarray(ranges_m, float), np.asarray(angles_rad, float)
         with np.errstate(invalid="ignore"):
@@ -184,7 +184,7 @@ class Localizer:
         return compose(self.newest.pose, relative(self._at, self._odometry.log.rows[-1, 1:]))
 
     def state(self) -> dict[str, Any]:
-        """Return what a localizer in a new process needs to go on; the odometry must be the same."""
+        """Return what a localizer in a new process needs to continue; odometry must be continuous."""
         if self._cloud is None or self._at is None:
             return {}
         return {
@@ -220,7 +220,7 @@ class Localizer:
                 self._weigh(beams)
 
     def _moves_to(self, odometry: NDArray[np.float64]) -> bool:
-        """Carry the particles to where odometry was at a sweep; tell whether that sweep counts."""
+        """Move the particles by odometry up to a sweep; return whether to use that sweep."""
         step = np.zeros(3) if self._at is None else relative(self._at, odometry)
         way_m = float(np.hypot(step[0], step[1]))
         stands = way_m < self.settings.update_m and abs(step[2]) < self.settings.update_rad
@@ -234,7 +234,7 @@ class Localizer:
         return True
 
     def _weigh(self, beams: _Beams) -> None:
-        """Let a sweep judge the particles."""
+        """Weigh the particles by a sweep."""
         if self._cloud is None:
             self._cloud = ParticleCloud(self._fitting(self.settings.max_particles, beams.ends))
         cloud = self._cloud
@@ -245,7 +245,7 @@ class Localizer:
         self._resample(cloud, beams.ends, float(cloud.weights @ np.exp(fits)))
 
     def _judged(self, beams: _Beams, cloud: ParticleCloud) -> Localization:
-        """Say where the robot is, and whether that is sure."""
+        """Return the estimate."""
         best = cloud.heaviest_cluster()
         agreement = float((self.field.distances_m(best.pose, beams.ends) < AGREES_M).mean())
         jump_m = 0.0 if self._expected is None else float(np.hypot(*(best.pose - self._expected)[:2]))
@@ -254,7 +254,7 @@ class Localizer:
         return Localization(beams.stamp_s, best.pose, converged, spread_m, spread_rad, agreement, len(cloud))
 
     def _resample(self, cloud: ParticleCloud, ends: NDArray[np.float64], fit: float) -> None:
-        """Draw particles anew if few of them have most of the weight, or other places must be tried."""
+        """Resample if few particles have most of the weight or other places must be tried."""
         settings = self.settings
         self._slow += SLOW * (fit - self._slow)
         self._fast += FAST * (fit - self._fast)

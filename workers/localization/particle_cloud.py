@@ -1,6 +1,6 @@
-"""Particles: many guesses at where the robot is, each with a weight.
+"""Particles: weighted hypotheses of the robot's pose.
 
-How many are needed follows from how many places they are spread over: Fox, "KLD-sampling: adaptive particle
+The number needed follows from the number of places they occupy: Fox, "KLD-sampling: adaptive particle
 filters" (NIPS 2001).
 """
 
@@ -14,13 +14,13 @@ from workers.planar_pose import compose, wrap_angle
 BIN_M, BIN_RAD = 0.2, np.radians(10)
 KLD_ERROR = 0.04  # between the particles' distribution and the true one, not exceeded ...
 KLD_QUANTILE = 2.33  # ... with a probability of 0.99 (quantile of the normal distribution)
-# What belongs together when asked where most of the weight is.
+# Radius of a cluster.
 CLUSTER_M, CLUSTER_RAD = 0.5, 0.5
 
 
 @dataclass(frozen=True)
 class MotionNoise:
-    """How unsure odometry is: standard deviations for one step."""
+    """Uncertainty of odometry: standard deviations for one step."""
 
     per_step_m: float = 0.01
     per_m: float = 0.1
@@ -32,7 +32,7 @@ class MotionNoise:
 
 @dataclass(frozen=True)
 class Cluster:
-    """Where the heaviest particles are.
+    """The cluster with most weight.
 
     Attributes:
         pose: Their mean (x m, y m, heading rad), map frame.
@@ -63,11 +63,11 @@ class ParticleCloud:
 
     @property
     def effective_count(self) -> float:
-        """Return how many particles of equal weight would say as much."""
+        """Return the equivalent number of particles of equal weight."""
         return float(1.0 / (self.weights**2).sum())
 
     def move(self, step: ArrayLike, noise: MotionNoise, random: np.random.Generator) -> None:
-        """Carry all particles along a step of odometry (x m, y m, heading rad; robot's frame)."""
+        """Move all particles by a step of odometry (x m, y m, heading rad; robot's frame)."""
         dx, dy, turn = np.abs(np.asarray(step, float))
         way = float(np.hypot(dx, dy))
         across = noise.per_step_m + noise.per_m * way + noise.m_per_rad * turn
@@ -83,14 +83,14 @@ class ParticleCloud:
         self.weights = weights / weights.sum()
 
     def drawn(self, count: int, random: np.random.Generator) -> NDArray[np.float64]:
-        """Draw poses `(count, 3)` by weight, with as little chance as possible (low-variance sampling)."""
+        """Draw poses `(count, 3)` by weight (low-variance sampling)."""
         places = (np.arange(count) + random.random()) / count
         numbers = np.searchsorted(np.cumsum(self.weights), places).clip(0, len(self) - 1)
         poses: NDArray[np.float64] = self.poses[numbers]
         return poses
 
     def needed(self, least: int, most: int) -> int:
-        """Return how many particles are enough for the places that hold weight."""
+        """Return how many particles the occupied places need."""
         heavy = self.poses[self.weights > 0.01 / len(self)]
         bins = np.floor(heavy / [BIN_M, BIN_M, BIN_RAD]).astype(np.int64)
         rest = max(1, len(np.unique(bins, axis=0)) - 1)
@@ -99,7 +99,7 @@ class ParticleCloud:
         return int(np.clip(count, least, most))
 
     def heaviest_cluster(self) -> Cluster:
-        """Return where most of the weight is: around the best particle, moved to the mean of its vicinity."""
+        """Return the cluster around the best particle, centred on the mean of its vicinity."""
         middle = self.poses[np.argmax(self.weights)]
         for _ in range(3):
             apart = _apart(self.poses, middle)

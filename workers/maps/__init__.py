@@ -1,1 +1,1 @@
-"""Maps as other workers use them: grids to plan on, files, pictures."""
+"""Maps for other workers: navigation grids, files, pictures."""

@@ -17,7 +17,7 @@ OCCUPIED_ABOVE, FREE_BELOW = 0.65, 0.196
 
 
 class MapFileError(ValueError):
-    """A map file that cannot be used; the text says the file and what was expected."""
+    """An invalid map file; the message names the file and what was expected."""
 
 
 @dataclass(frozen=True)

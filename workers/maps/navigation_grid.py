@@ -1,4 +1,4 @@
-"""An occupancy grid as a robot that drives needs it: where it may be, and how far obstacles are."""
+"""An occupancy grid for navigation: drivable cells and distances to obstacles."""
 
 from copy import copy
 
@@ -47,11 +47,11 @@ class NavigationGrid:
         return float(self.free.sum()) * self.resolution_m**2
 
     def around_robot(self, xy_m: ArrayLike, body_radius_m: float, clearance_m: float) -> "NavigationGrid":
-        """Return the grid for a robot that must get out of where it stands.
+        """Return the grid for a robot that must leave a narrow place.
 
-        The robot fits where it stands, whatever the map says: the cells under its body are free, as with
-        `footprint_clearing_enabled` of ROS 2's costmaps. It may pass elsewhere with the clearance that it has
-        now, if that is less than the given one, so what let it in lets it out again.
+        The cells under the robot's body count as free even if the map says otherwise, as with
+        `footprint_clearing_enabled` of ROS 2's costmaps. If the robot's current clearance is less than the
+        given one, paths may use it, so the robot can leave by the way it came.
 
         Args:
             xy_m: Where it stands, m, map frame.
@@ -69,7 +69,7 @@ class NavigationGrid:
         return around
 
     def clear(self, clearance_m: float) -> NDArray[np.bool_]:
-        """Return which cells `(H, W)` are free and so far from obstacles."""
+        """Return which cells `(H, W)` are free and at least this far from obstacles."""
         # Half a cell: an obstacle reaches from the middle of its cell to the edge.
         clear: NDArray[np.bool_] = self.free & (
             self.obstacle_distance_m >= clearance_m + self.resolution_m / 2
@@ -83,7 +83,7 @@ class NavigationGrid:
         return int(np.clip(row, 0, height - 1)), int(np.clip(column, 0, width - 1))
 
     def holds(self, xy_m: ArrayLike) -> bool:
-        """Say whether a point, m, map frame, lies on the grid."""
+        """Return whether a point, m, map frame, lies on the grid."""
         column, row = (np.asarray(xy_m, float)[:2] - self._corner) / self.resolution_m
         return bool(0 <= row < self.free.shape[0] and 0 <= column < self.free.shape[1])
 

@@ -1,4 +1,4 @@
-"""The last check before a command goes to the drive: does the newest laser sweep leave room to stop?
+"""The last check before a command goes to the drive: does the newest sweep leave room to stop?
 
 After the admissible velocities of Fox, Burgard and Thrun, "The dynamic window approach to collision
 avoidance" (IEEE RAM, 1997): a speed is allowed if the robot can stop before it touches anything on its arc.
@@ -23,10 +23,10 @@ class GuardSettings:
     Attributes:
         body_radius_m: The body is round; turning on the spot touches nothing.
         margin_m: Kept free around the body.
-        deceleration_m_per_s2: What the brakes surely do.
-        reaction_s: Age of a sweep plus what passes until the drive obeys.
-        look_m: Farther along the arc nothing matters.
-        min_linear_m_per_s: Slower than this the robot stands.
+        deceleration_m_per_s2: Guaranteed deceleration.
+        reaction_s: Age of a sweep plus the drive's reaction time.
+        look_m: Checked distance along the arc.
+        min_linear_m_per_s: The robot stops instead of driving slower than this.
         crawl_m_per_s: Speed while almost touching something, ahead or not; with more room ...
         speed_per_room_per_s: ... it grows by this.
     """
@@ -42,11 +42,11 @@ class GuardSettings:
 
 
 class CollisionGuard:
-    """Slows the robot down, and halts it, before it touches what the laser sees.
+    """Slows and stops the robot before it touches anything the laser sees.
 
     Args:
         angles_rad: `(N,)`, directions of the laser's beams in the laser's frame.
-        mount: The laser's pose (x, y, heading) in the robot's frame, m and rad.
+        mount: The laser's mounting pose (x, y, heading) in the robot's frame, m and rad.
         settings: The robot's body and brakes.
     """
 
@@ -63,7 +63,7 @@ class CollisionGuard:
 
         Args:
             ranges_m: `(N,)`: +inf or NaN nothing measured, -inf something too near to measure (REP 117).
-            wanted: Speed ahead and of the turn.
+            wanted: Forward speed and turn rate.
         """
         linear, angular = wanted
         if linear == 0.0:
@@ -78,7 +78,7 @@ class CollisionGuard:
     def free_way_m(self, ranges_m: ArrayLike, linear_m_per_s: float, angular_rad_per_s: float) -> float:
         """Return how far the robot can drive on an arc until something is nearer than the margin.
 
-        Where the robot is that near already, ways that lead farther from it are free.
+        If an obstacle is nearer than the margin already, arcs that lead away from it are free.
         """
         return self._free_way_m(self._near_points(ranges_m), linear_m_per_s, angular_rad_per_s)
 
@@ -100,7 +100,7 @@ class CollisionGuard:
 
     def _near_points(self, ranges_m: ArrayLike) -> NDArray[np.float64]:
         """Return what the sweep hit near the robot: `(K, 2)`, m, robot frame."""
-        # What is too near to measure is taken to touch the body, so that the robot may still leave it.
+        # What is too near to measure counts as touching the body, so that the robot may still drive away.
         measured = np.asarray(ranges_m, float)
         ranges = np.where(np.isneginf(measured), self._settings.body_radius_m, measured)
         reach_m = self._settings.look_m + self._settings.body_radius_m + self._settings.margin_m
@@ -108,13 +108,13 @@ class CollisionGuard:
         return transform_points(self._mount, ranges[near, None] * self._beams[near])
 
     def _near_limit(self, points: NDArray[np.float64]) -> float:
-        """Return the fastest speed beside what is near, wherever it is."""
+        """Return the maximum speed near obstacles in any direction."""
         nearest_m = float(np.hypot(*points.T).min(initial=np.inf))
         room_m = max(0.0, nearest_m - self._settings.body_radius_m)
         return self._settings.crawl_m_per_s + self._settings.speed_per_room_per_s * room_m
 
     def _admissible(self, free_way_m: float) -> float:
-        """Return the fastest speed from which reaction and braking end within the way."""
+        """Return the maximum speed from which the robot can stop within the distance."""
         braking, reaction_s = self._settings.deceleration_m_per_s2, self._settings.reaction_s
         return math.sqrt((braking * reaction_s) ** 2 + 2 * braking * free_way_m) - braking * reaction_s
 

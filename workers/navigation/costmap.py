@@ -1,4 +1,4 @@
-"""Costmap: the map that is given, and on it what the laser sees now.
+"""Costmap: the given map plus the obstacles that the laser sees now.
 
 Layers as in Lu, Hershberger and Smart, "Layered costmaps for context-sensitive navigation" (IROS 2014). The
 inflation around obstacles is that of `NavigationGrid` (what the robot would touch) and `PathField` (what is
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from workers.maps.navigation_grid import OCCUPIED_PERCENT, NavigationGrid, distance_cells
 from workers.navigation.live_obstacles import LiveObstacles
 
-KNOWN_M = 0.2  # what is seen so near to an obstacle of the map is that obstacle
+KNOWN_M = 0.2  # a return this near to an obstacle of the map belongs to that obstacle
 
 
 class Costmap:
@@ -24,7 +24,7 @@ class Costmap:
         clearance_m: The robot's centre keeps this far from obstacles.
 
     Attributes:
-        static_grid: The map alone.
+        static_grid: The map without live obstacles.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class Costmap:
         self.static_grid = self._grid(self._cells)
 
     def grid(self, obstacles: LiveObstacles, now_s: float) -> NavigationGrid:
-        """Return where the robot may be, now.
+        """Return the map with the current obstacles.
 
         Args:
             obstacles: What the laser sees.

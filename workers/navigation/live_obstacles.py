@@ -1,4 +1,4 @@
-"""Obstacles that the laser sees now, whatever the map says; what is not seen any more is forgotten.
+"""Obstacles that the laser sees now, on the map or not; those no longer seen are forgotten.
 
 The obstacle layer of Marder-Eppstein et al., "The office marathon" (ICRA 2010), with the decay of Macenski et
 al., "Spatio-temporal voxel layer" (IJARS 2020); kept as a list of cells, so it does not depend on the map.
@@ -14,13 +14,13 @@ HERE = np.zeros(3)
 
 
 class LiveObstacles:
-    """Cells that beams ended in not long ago.
+    """Cells that beams hit recently.
 
     Args:
         resolution_m: Edge of a cell.
-        range_m: Farther returns are not used.
-        decay_s: A cell is forgotten so long after it was last hit.
-        most: Cells kept; beyond that those hit longest ago are left out.
+        range_m: Farther returns are ignored.
+        decay_s: A cell is forgotten this long after its last hit.
+        most: Maximum number of cells; beyond it those hit longest ago are dropped.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class LiveObstacles:
         self._hit_s = np.empty(0)
 
     def see(self, laser: ArrayLike, sweep: LaserSweep, now_s: float) -> None:
-        """Take a sweep: what was hit is there, what was looked through is not.
+        """Add a sweep: cells hit are obstacles, cells seen to be free are not.
 
         Args:
             laser: Pose of the laser (x m, y m, heading rad), map frame.
@@ -53,13 +53,13 @@ class LiveObstacles:
         hit = np.floor(self._hits(laser, sweep) / self._resolution_m).astype(np.int64)
         cells = np.concatenate([hit, self._cells[kept]])
         hit_s = np.concatenate([np.full(len(hit), now_s), self._hit_s[kept]])
-        # Of equal cells the first one stays: the newest.
+        # Of equal cells, keep the first one: the newest.
         _, first = np.unique(cells, axis=0, return_index=True)
         first = np.sort(first)[: self._most]
         self._cells, self._hit_s = cells[first], hit_s[first]
 
     def points(self, now_s: float) -> NDArray[np.float64]:
-        """Return the middles of the cells that obstacles are in now: `(N, 2)`, m, map frame."""
+        """Return the middles of the current obstacle cells: `(N, 2)`, m, map frame."""
         return self._middles(self._cells[now_s - self._hit_s < self._decay_s])
 
     def _middles(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -1,8 +1,8 @@
-"""Local control: along the path, and around what is in the way.
+"""Local control: along the path and around obstacles.
 
-The dynamic window approach (Fox, Burgard and Thrun, IEEE RAM 1997), in the space of arcs: of the arcs that
-the robot can drive freely it takes the one that ends best. As long as the path itself is free it is followed
-by pure pursuit alone.
+The dynamic window approach (Fox, Burgard and Thrun, IEEE RAM 1997), in the space of arcs: of the free
+arcs, it takes the one with the best end. While the path itself is free, the robot follows it by pure pursuit
+alone.
 """
 
 import math
@@ -18,18 +18,18 @@ from workers.planar_pose import relative
 
 @dataclass(frozen=True)
 class LocalSettings:
-    """How arcs are chosen.
+    """Settings of the local planner.
 
     Attributes:
-        free_share: The path counts as free if the guard leaves so much of the wanted speed.
-        curvatures_per_m: Sharpest arc tried ...
-        arcs: ... and how many, to both sides.
-        step_m: Arcs are judged by where they lead in so much of the way.
-        least_way_m: Arcs with less free way are not driven.
-        heading_weight_m: What pointing away from the target by 1 rad costs.
-        change_weight_m: What changing the curvature by the sharpest one costs.
-        max_linear_m_per_s: Around obstacles.
-        max_angular_rad_per_s: Fastest turn.
+        free_share: The path counts as free if the guard allows this share of the wanted speed.
+        curvatures_per_m: Maximum curvature tried.
+        arcs: Number of arcs tried, on both sides together.
+        step_m: Arcs are judged by their end after this distance.
+        least_way_m: Arcs with a shorter free distance are not driven.
+        heading_weight_m: Cost of 1 rad between heading and target.
+        change_weight_m: Cost of changing the curvature by the maximum curvature.
+        max_linear_m_per_s: Maximum forward speed around obstacles.
+        max_angular_rad_per_s: Maximum turn rate.
     """
 
     free_share: float = 0.3
@@ -44,15 +44,15 @@ class LocalSettings:
 
 
 class LocalPlanner:
-    """Finds the next speeds.
+    """Chooses the next speeds.
 
     Args:
-        guard: Knows laser and body; nothing is driven that it forbids.
+        guard: Checks every command against the newest sweep.
         follower: Steers along the path.
-        settings: How arcs are chosen.
+        settings: Settings of the local planner.
 
     Attributes:
-        avoiding: Whether the last speeds led around something.
+        avoiding: Whether the last speeds led around an obstacle.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class LocalPlanner:
         self._curvature = 0.0
 
     def velocity(self, pose: ArrayLike, ranges_m: ArrayLike) -> Velocity:
-        """Return the speeds for the drive; standing still means that every arc is blocked.
+        """Return the speeds for the drive; HALT if every arc is blocked.
 
         Args:
             pose: The robot's (x, y, heading), m and rad, map frame.
@@ -97,7 +97,7 @@ class LocalPlanner:
         return best
 
     def _cost_m(self, curvature: float, way_m: float, target: NDArray[np.float64]) -> float:
-        """Judge an arc by where the robot is, and points to, at its end."""
+        """Return an arc's cost, from position and heading at its end."""
         settings, turn = self._settings, curvature * way_m
         chord = way_m * (math.sin(turn / 2) / (turn / 2) if abs(turn) > 1e-6 else 1.0)
         dx, dy = target - chord * np.array([math.cos(turn / 2), math.sin(turn / 2)])

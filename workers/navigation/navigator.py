@@ -1,7 +1,7 @@
 """Driving to goals: from map, poses and sweeps to the speeds of the drive, with a state machine.
 
-It plans on the map and what the laser sees now, drives around what is in the way, frees itself when it does
-not come on, and gives a goal up with a reason.
+The navigator plans on the map and the obstacles that the laser sees, drives around obstacles, runs recoveries
+when it makes no progress, and gives a goal up with a reason.
 """
 
 import math
@@ -35,9 +35,9 @@ from workers.state_machine import StateMachine
 BACK_UP_M_PER_S = 0.15
 ROTATE_RAD_PER_S = 0.8
 ALIGN_PER_S, LEAST_ALIGN_RAD_PER_S, MOST_ALIGN_RAD_PER_S = 2.0, 0.2, 1.0
-TRACKED = 400  # poses kept to find a sweep's place among them
+TRACKED = 400  # poses kept to interpolate a sweep's pose
 PROGRESS_M = 0.5
-DETOUR_M = 1.0  # a way that has become so much longer is another way
+DETOUR_M = 1.0  # a path that is this much longer than before counts as a detour
 
 
 class _Situation(NamedTuple):
@@ -50,21 +50,21 @@ class _Situation(NamedTuple):
 
 
 class Navigator:
-    """Drives to one goal after the other; call `drive` at a steady 10 to 20 Hz.
+    """Drives to successive goals; call `drive` at a steady 10 to 20 Hz.
 
     Args:
         clock: Returns the time in s; the stamps of all inputs are in this time.
-        guard: The last check of every command; knows laser and body.
+        guard: Checks every command against the newest sweep.
         follower: Steers along the planned ways.
-        settings: How goals are driven to.
-        laser_pose: Where the laser sits on the robot (x m, y m, heading rad).
-        obstacles: Remembers what the laser sees.
+        settings: Settings of the navigator.
+        laser_pose: The laser's mounting pose on the robot (x m, y m, heading rad).
+        obstacles: The obstacles that the laser sees.
 
     Attributes:
-        machine: The states, and why the present one was entered.
+        machine: The state, and the reason for the last transition.
         follower: Steers along the planned ways.
         goal: (x m, y m, heading rad), map frame; None before the first.
-        recoveries: How often the robot has tried to free itself, since the last progress.
+        recoveries: Number of recoveries since the last progress.
     """
 
     def __init__(
@@ -96,24 +96,24 @@ class Navigator:
 
     @property
     def state(self) -> NavigatorState:
-        """Return what the robot does."""
+        """Return the current state."""
         return self.machine.state
 
     @property
     def path(self) -> NDArray[np.float64]:
-        """Return the planned way `(N, 2)`, m, map frame; empty if there is none."""
+        """Return the planned path `(N, 2)`, m, map frame; empty if there is none."""
         return self.follower.path
 
     @property
     def distance_left_m(self) -> float | None:
-        """Return how far it is along the planned way; None if there is none."""
+        """Return the remaining length of the planned path; None if there is none."""
         if self._pose is None or not len(self.path):
             return None
         return self.follower.way_left_m(self._pose[0])
 
     @property
     def status(self) -> str:
-        """Return what the robot does and why, in one line."""
+        """Return state and reason in one line."""
         left = self.distance_left_m
         way = "" if left is None or self.state in RESTING else f"; {left:.1f} m left"
         around = ", around an obstacle" if self.state is NavigatorState.DRIVE and self._local.avoiding else ""
@@ -122,13 +122,13 @@ class Navigator:
         )
 
     def go_to(self, goal: ArrayLike) -> None:
-        """Drive to (x m, y m, heading rad), map frame, instead of whatever goal there was."""
+        """Drive to (x m, y m, heading rad), map frame; replaces the old goal."""
         self.goal = np.asarray(goal, float)
         self._renew()
         self.machine.go(NavigatorState.DRIVE, "a new goal")
 
     def refuse(self, reason: str) -> None:
-        """Give up whatever goal there was, because the new one is none."""
+        """Drop the old goal because the new one is invalid."""
         self.goal = None
         self._end(NavigatorState.UNREACHABLE, reason)
 
@@ -147,7 +147,7 @@ class Navigator:
         Args:
             pose: (x, y, heading), m and rad, map frame.
             stamp_s: When the robot was there, in the time of the sweeps' stamps.
-            told_s: When that was said, in the clock's time.
+            told_s: When the pose was published, in the clock's time.
         """
         self._pose = np.asarray(pose, float), told_s
         self._track.add(stamp_s, pose)
@@ -158,16 +158,16 @@ class Navigator:
 
         Args:
             sweep: What it measured.
-            ranges_m: `(N,)`, as the laser gave them, so that what is too near is told from nothing (REP 117).
+            ranges_m: `(N,)`, as the laser gave them, which distinguishes too near from no return (REP 117).
             stamp_s: When it was taken, in the time of the poses' stamps.
-            told_s: When that was said, in the clock's time.
+            told_s: When the sweep was published, in the clock's time.
         """
         self._sweep = np.asarray(ranges_m, float), told_s
         self._waiting = sweep, stamp_s
         self._place_sweep()
 
     def _place_sweep(self) -> None:
-        """Remember what the newest sweep saw, when it is known where the robot was just then."""
+        """Add the newest sweep to the obstacles once the robot's pose at its stamp is known."""
         if self._waiting is None:
             return
         sweep, stamp_s = self._waiting
@@ -177,11 +177,11 @@ class Navigator:
             self._waiting = None
 
     def see_emergency_stop(self, reason: str) -> None:
-        """Learn why the drive is in an emergency stop; '' if it is not."""
+        """Take the reason of the emergency stop; '' if there is none."""
         self._emergency = reason
 
     def drive(self) -> Velocity | None:
-        """Return the speeds for the drive, ahead (m/s) and of the turn (rad/s); None: it is not ours."""
+        """Return forward speed (m/s) and turn rate (rad/s); None if there is no goal to drive to."""
         if self.state in RESTING:
             return None
         stopped = self._what_stops()
@@ -191,7 +191,7 @@ class Navigator:
             return HALT
         if self.state in STOPPED:
             self._renew()
-            self.machine.go(NavigatorState.DRIVE, "has all it needs again")
+            self.machine.go(NavigatorState.DRIVE, "map, pose and laser are available again")
         elif self.machine.expire():
             self._planned_s, self._moved_s = -math.inf, self._clock()
         return HALT if self.state in RESTING else self._act(self._situation())
@@ -219,7 +219,7 @@ class Navigator:
         return self._along_path(situation) if self.state is NavigatorState.DRIVE else HALT
 
     def _what_stops(self) -> NavigatorState | None:
-        """Return why the robot must stand; None if it may drive."""
+        """Return the state in which the robot must stop; None if it may drive."""
         if self._emergency:
             return NavigatorState.EMERGENCY_STOP
         if self._is_old(self._sweep):
@@ -241,7 +241,7 @@ class Navigator:
         return seen is None or self._clock() - seen[1] > self.settings.stale_s
 
     def _renew(self) -> None:
-        """Forget how the present goal has gone so far."""
+        """Reset the progress towards the goal."""
         self.follower.follow(())
         self._progress.restart()
         self._planned_s, self._moved_s = -math.inf, self._clock()
@@ -258,7 +258,7 @@ class Navigator:
         self.follower.follow(())
         on_map = self._way(situation, situation.costmap.static_grid)
         if on_map.obstruction is Obstruction.NONE:
-            self._recover("the way is blocked by something that is not on the map")
+            self._recover("an obstacle that is not on the map blocks the path")
         elif on_map.obstruction in (Obstruction.ROBOT, Obstruction.NO_WAY):
             self._squeeze_through(situation, on_map.obstruction)
         else:
@@ -282,7 +282,7 @@ class Navigator:
         return plan_way(grid, situation.pose, situation.goal[:2], settings.snap_m, settings.tolerance_m)
 
     def _take(self, way: Way) -> None:
-        """Follow a new way, unless the robot has come no nearer for too long."""
+        """Follow a new path, unless there has been no progress for too long."""
         if way.cost_m > self._cost_m + DETOUR_M:
             self._detours += 1
             self._best_m = math.inf
@@ -293,34 +293,34 @@ class Navigator:
         self.follower.follow(way.path)
         idle_s = self._progress.idle_s(way.path[-1], way.cost_m, self._clock())
         if self._detours > self.settings.max_detours:
-            self._end(NavigatorState.UNREACHABLE, "the way turned out to be blocked again and again")
+            self._end(NavigatorState.UNREACHABLE, "the path was blocked repeatedly")
         elif idle_s > self.settings.patience_s:
-            self._recover("comes no nearer to the goal")
+            self._recover("no progress towards the goal")
 
     def _along_path(self, situation: _Situation) -> Velocity:
         if self.follower.is_arrived(situation.pose):
-            self.machine.go(NavigatorState.ALIGN, "has come to the place")
+            self.machine.go(NavigatorState.ALIGN, "at the goal's position")
             return HALT
         allowed = self._local.velocity(situation.pose, situation.ranges_m)
         if allowed != HALT:
             self._moved_s = self._clock()
         elif self._clock() - self._moved_s > self.settings.blocked_s:
-            self._recover("something is in the way")
+            self._recover("an obstacle blocks the path")
         return allowed
 
     def _aligned(self, situation: _Situation) -> Velocity:
         """Turn to the goal's heading; the larger the angle left, the faster."""
         off_rad = float(wrap_angle(situation.goal[2] - situation.pose[2]))
         if abs(off_rad) <= self.settings.heading_tolerance_rad:
-            self._end(NavigatorState.ARRIVED, "the goal is reached")
+            self._end(NavigatorState.ARRIVED, "goal reached")
             return HALT
         speed = min(max(abs(off_rad) * ALIGN_PER_S, LEAST_ALIGN_RAD_PER_S), MOST_ALIGN_RAD_PER_S)
         return 0.0, math.copysign(speed, off_rad)
 
     def _recover(self, reason: str) -> None:
-        """Try to get free, each time in another way; when nothing has helped, give up."""
+        """Try the next recovery; give the goal up after too many."""
         if self.recoveries == self.settings.max_recoveries:
-            self._end(NavigatorState.UNREACHABLE, f"{reason}; {self.recoveries} attempts did not help")
+            self._end(NavigatorState.UNREACHABLE, f"{reason}; {self.recoveries} recovery attempts failed")
             return
         action = RECOVERIES[self.recoveries % len(RECOVERIES)]
         self.recoveries += 1

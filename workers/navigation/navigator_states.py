@@ -7,28 +7,27 @@ from workers.state_machine import TimeOut
 
 
 class NavigatorState(StrEnum):
-    """What a robot that drives to goals does."""
+    """States of a robot that drives to goals."""
 
-    IDLE = "has no goal"
-    DRIVE = "drives to the goal"
-    ALIGN = "turns to the goal's heading"
-    CLEAR_COSTMAP = "forgets what the laser saw, and looks anew"
-    BACK_UP = "backs off"
-    ROTATE = "turns to look around"
-    ARRIVED = "is at the goal"
-    UNREACHABLE = "has given the goal up"
-    STOPPED_NO_MAP = "stands, for there is no map"
-    STOPPED_NO_POSE = "stands, for nobody says where it is"
-    STOPPED_NO_LASER = "stands, for the laser is silent"
-    EMERGENCY_STOP = "stands until the emergency stop is released"
+    IDLE = "no goal"
+    DRIVE = "driving to the goal"
+    ALIGN = "turning to the goal's heading"
+    CLEAR_COSTMAP = "clearing obstacles seen by the laser"
+    BACK_UP = "backing up"
+    ROTATE = "turning to look around"
+    ARRIVED = "at the goal"
+    UNREACHABLE = "goal given up"
+    STOPPED_NO_MAP = "stopped: no map"
+    STOPPED_NO_POSE = "stopped: no pose"
+    STOPPED_NO_LASER = "stopped: the laser is silent"
+    EMERGENCY_STOP = "emergency stop"
 
 
 S = NavigatorState
 RESTING = frozenset({S.IDLE, S.ARRIVED, S.UNREACHABLE})
 RECOVERIES = (S.CLEAR_COSTMAP, S.BACK_UP, S.ROTATE)
 STOPPED = frozenset({S.STOPPED_NO_MAP, S.STOPPED_NO_POSE, S.STOPPED_NO_LASER, S.EMERGENCY_STOP})
-# Without a goal, or with all it needs, DRIVE is where it begins; a goal may be cancelled, and what stops the
-# robot may come, at any time.
+# A goal may start, be cancelled or become unreachable at any time, and the robot may be stopped at any time.
 _ALWAYS = {S.IDLE, S.DRIVE, S.UNREACHABLE}
 TRANSITIONS = {
     **dict.fromkeys(RESTING, _ALWAYS),
@@ -41,7 +40,7 @@ TRANSITIONS = {
 
 @dataclass(frozen=True)
 class NavigatorSettings:
-    """How goals are driven to.
+    """Settings of the navigator.
 
     Attributes:
         clearance_m: Planned ways keep the robot's centre this far from obstacles.

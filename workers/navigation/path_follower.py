@@ -1,8 +1,8 @@
 """Following a path with a differential drive.
 
 Pure pursuit: drive the arc that leads through a point of the path some way ahead (Coulter, "Implementation
-of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992); turn on the spot when it lies too far
-aside.
+of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992); turn on the spot when the point lies
+too far aside.
 """
 
 import math
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from workers.planar_pose import relative
 
 Velocity = tuple[float, float]
-"""Speed ahead (m/s) and of the turn (rad/s, positive to the left)."""
+"""Forward speed (m/s) and turn rate (rad/s, positive to the left)."""
 
 HALT: Velocity = (0.0, 0.0)
 
@@ -24,14 +24,14 @@ class FollowerSettings:
     """How the robot follows a path.
 
     Attributes:
-        max_linear_m_per_s: Fastest speed ahead.
-        max_angular_rad_per_s: Fastest turn.
-        deceleration_m_per_s2: For the halt at the path's end.
-        lookahead_m: How far ahead on the path the point lies that the robot steers for.
+        max_linear_m_per_s: Maximum forward speed.
+        max_angular_rad_per_s: Maximum turn rate.
+        deceleration_m_per_s2: Deceleration at the path's end.
+        lookahead_m: Distance along the path to the point that the robot steers for.
         turn_above_rad: Turn on the spot when the point lies farther aside than this ...
         drive_below_rad: ... until it lies nearer than this.
-        turn_gain_per_s: Speed of the turn on the spot per angle left.
-        arrived_m: The path's end counts as reached this near.
+        turn_gain_per_s: Turn rate on the spot per remaining angle.
+        arrived_m: Distance at which the path's end counts as reached.
     """
 
     max_linear_m_per_s: float = 0.5
@@ -45,7 +45,7 @@ class FollowerSettings:
 
 
 class PathFollower:
-    """Steers along the newest path; a new path may be given at any time, and new settings, too."""
+    """Steers along the newest path; path and settings may change at any time."""
 
     def __init__(self, settings: FollowerSettings | None = None) -> None:
         self.settings = settings or FollowerSettings()
@@ -59,7 +59,7 @@ class PathFollower:
 
     @property
     def is_turning(self) -> bool:
-        """Say whether the robot turns on the spot."""
+        """Return whether the robot turns on the spot."""
         return self._turning
 
     def follow(self, path: ArrayLike) -> None:
@@ -67,13 +67,13 @@ class PathFollower:
         self._path = np.asarray(path, float).reshape(-1, 2)
 
     def is_arrived(self, pose: ArrayLike) -> bool:
-        """Say whether the path's end is reached; without a path it is not."""
+        """Return whether the path's end is reached; False without a path."""
         if len(self._path) == 0:
             return False
         return float(np.hypot(*(self._path[-1] - np.asarray(pose, float)[:2]))) <= self.settings.arrived_m
 
     def way_left_m(self, pose: ArrayLike) -> float:
-        """Return how far it is along the path to its end; without a path 0."""
+        """Return the remaining length of the path; 0 without a path."""
         return self._target(np.asarray(pose, float)[:2])[1] if len(self._path) else 0.0
 
     def target_xy_m(self, pose: ArrayLike) -> NDArray[np.float64]:

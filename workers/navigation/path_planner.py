@@ -1,6 +1,6 @@
-"""Shortest paths of a robot to every place on a grid, keeping away from obstacles where it can.
+"""Shortest paths to every place on a grid, keeping away from obstacles where possible.
 
-Dijkstra's algorithm (1959) over the drivable cells and their eight neighbours; one search gives the way to
+Dijkstra's algorithm (1959) over the drivable cells and their eight neighbours; one search gives the path to
 every possible goal.
 """
 
@@ -14,12 +14,12 @@ from workers.maps.navigation_grid import Cell, NavigationGrid
 # Cells nearer to an obstacle than this cost more, up to 1 + DETOUR times as much.
 COMFORT_M = 0.55
 DETOUR = 3.0
-# Half of the neighbours, (rows, columns); the other half are the same edges seen from the other end.
+# Half of the neighbours, (rows, columns); the graph is undirected.
 NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 class PathField:
-    """The cheapest ways from one cell to all others.
+    """The cheapest paths from one cell to all others.
 
     Args:
         grid: Where the robot may be.
@@ -53,7 +53,7 @@ class PathField:
             ValueError: No way leads to the goal.
         """
         if not np.isfinite(self.cost_m[goal]):
-            raise ValueError(f"no way leads to the cell {goal}; ask cost_m before asking for a path")
+            raise ValueError(f"no path leads to the cell {goal}; check cost_m before you ask for a path")
         nodes = [self._node(goal)]
         while nodes[-1] != self._start:
             nodes.append(int(self._before[nodes[-1]]))

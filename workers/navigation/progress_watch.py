@@ -1,4 +1,4 @@
-"""Notices when a robot does not come nearer to its goal any more."""
+"""Detects that a robot makes no progress towards its goal."""
 
 import math
 
@@ -9,10 +9,10 @@ SAME_GOAL_M = 0.5
 
 
 class ProgressWatch:
-    """Remembers when the way to the goal last became shorter.
+    """Remembers when the remaining path last became shorter.
 
     Args:
-        step_m: The way must become shorter by this much to count as progress.
+        step_m: The path must become shorter by this much to count as progress.
     """
 
     def __init__(self, step_m: float = 0.1) -> None:
@@ -30,7 +30,7 @@ class ProgressWatch:
 
         Args:
             goal_xy_m: (x, y); one far from the last one is a new goal.
-            way_m: What is left of the way.
+            way_m: The remaining length of the path.
             now_s: The time.
         """
         goal = np.asarray(goal_xy_m, float)

@@ -1,4 +1,4 @@
-"""The way to a given place, or why there is none."""
+"""The path to a given place, or why there is none."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -11,13 +11,13 @@ from workers.navigation.path_planner import PathField
 
 
 class Obstruction(StrEnum):
-    """Why there is no way."""
+    """Why there is no path."""
 
     NONE = ""
-    ROBOT = "the robot is not near any place where it can drive"
-    UNKNOWN_GOAL = "nobody knows what is at the goal"
-    OCCUPIED_GOAL = "the goal lies in an obstacle, or too near to one"
-    NO_WAY = "no way leads to the goal"
+    ROBOT = "the robot is not near any drivable place"
+    UNKNOWN_GOAL = "the goal lies in unknown space"
+    OCCUPIED_GOAL = "the goal lies in or too near to an obstacle"
+    NO_WAY = "no path leads to the goal"
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,14 @@ class Way:
 def plan_way(
     grid: NavigationGrid, pose: ArrayLike, goal_xy_m: ArrayLike, snap_m: float, tolerance_m: float
 ) -> Way:
-    """Plan the cheapest way.
+    """Plan the cheapest path.
 
     Args:
         grid: Where the robot may be.
         pose: The robot's (x, y, heading), m and rad, map frame.
-        goal_xy_m: Where it shall go, m, map frame.
-        snap_m: The robot may be so far from a drivable cell (inside the clearance, or after a pose jump).
-        tolerance_m: The way may end so far from the goal.
+        goal_xy_m: The goal, m, map frame.
+        snap_m: Maximum distance of the robot from a drivable cell, as inside the clearance or after a jump.
+        tolerance_m: Maximum distance of the path's end from the goal.
     """
     if grid.nearest(grid.drivable, pose, snap_m) is None:
         return Way(Obstruction.ROBOT)
@@ -53,7 +53,7 @@ def plan_way(
         unknown = not grid.holds(goal_xy_m) or grid.unknown[grid.cell(goal_xy_m)]
         return Way(Obstruction.UNKNOWN_GOAL if unknown else Obstruction.OCCUPIED_GOAL)
     untried = grid.drivable
-    # A robot in a narrow pocket, which a cell of noise has cut off, gets out by another place in its reach.
+    # If noise has cut off the nearest drivable place, start from another one within reach.
     while (start := grid.nearest(untried, pose, snap_m)) is not None:
         ways = PathField(grid, start)
         reached = np.isfinite(ways.cost_m)

@@ -58,8 +58,8 @@ def test_robot_drives_around_what_is_not_on_the_map() -> None:
 @pytest.mark.parametrize(
     ("goal", "reason"),
     [
-        ((0.9, 5.0, 0.0), "the goal lies in an obstacle"),
-        ((20.0, 1.0, 0.0), "nobody knows what is at the goal"),
+        ((0.9, 5.0, 0.0), "the goal lies in or too near to an obstacle"),
+        ((20.0, 1.0, 0.0), "the goal lies in unknown space"),
     ],
 )
 def test_goal_that_nobody_can_drive_to_is_given_up_at_once(
@@ -80,7 +80,7 @@ def test_goal_behind_a_wall_without_a_door_is_given_up() -> None:
     world.navigator.see_map(known, 0.05, world.corner)
     world.navigator.go_to((7.0, 1.0, 0.0))
     world.run(2.0)
-    assert world.navigator.machine.reason == "no way leads to the goal"
+    assert world.navigator.machine.reason == "no path leads to the goal"
 
 
 @pytest.mark.parametrize("goal_x_m", [1.0, 3.0])
@@ -122,7 +122,7 @@ def test_way_that_stays_blocked_is_given_up_after_all_recoveries() -> None:
     world.run(60.0)
     assert {"CLEAR_COSTMAP", "BACK_UP", "ROTATE"} <= set(world.states)
     assert world.navigator.state is NavigatorState.UNREACHABLE
-    assert "3 attempts did not help" in world.navigator.machine.reason
+    assert "3 recovery attempts failed" in world.navigator.machine.reason
     assert world.drive.collisions == 0
 
 
