@@ -209,7 +209,7 @@ def test_a_declaration_that_makes_no_sense_is_refused() -> None:
 
     assert refusal(Untyped) == "Untyped.x needs a type, as in `x: float = setting(…)`"
     assert "a setting cannot have the type" in refusal(Wrong)
-    assert "only X | None" in refusal(Ambiguous)
+    assert "the only unions are X | None" in refusal(Ambiguous)
     assert refusal(BadDefault) == "BadDefault.x: expected int, at least 1; got 0 (int)"
 
 
