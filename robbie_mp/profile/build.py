@@ -1,4 +1,4 @@
-"""Build the profile from its merged tree, and say everything that is wrong with it."""
+"""Builds the profile from its merged tree, and reports everything that is wrong with it."""
 
 import re
 from collections.abc import Sequence
@@ -40,11 +40,11 @@ def build_profile(name: str, tree: Node, *, workspace: Path, current_folder: Pat
     Args:
         name: The profile's name.
         tree: What `merge_profile` returned.
-        workspace: What relative paths in files start from.
-        current_folder: What relative paths on the command line start from.
+        workspace: Relative paths in files start from this folder.
+        current_folder: Relative paths on the command line start from this folder.
 
     Raises:
-        ProfileError: with every problem.
+        ProfileError: The tree is not a valid profile; it lists every problem.
     """
     builder = _Builder(current_folder)
     profile = builder.profile(name, tree, workspace)
@@ -54,7 +54,7 @@ def build_profile(name: str, tree: Node, *, workspace: Path, current_folder: Pat
 
 
 class _Builder:
-    """Collects problems while it builds; what is wrong is replaced by a default to find the next problem."""
+    """Collects problems while it builds; it replaces wrong values by defaults to find the next problem."""
 
     def __init__(self, current_folder: Path) -> None:
         self.current_folder = current_folder
@@ -124,7 +124,7 @@ class _Builder:
     def class_path(self, module: Node, content: dict[str, Node], where: str, siblings: list[str]) -> str:
         node = content.get("class")
         if not isinstance(module.value, dict):
-            return ""  # which is reported already
+            return ""  # which has already been reported
         if node is None:
             near = did_you_mean(where.removeprefix("modules."), siblings)
             self.report(module.place, f"{where}: has no class{near or '; expected package.module:Class'}")
@@ -171,7 +171,8 @@ class _Builder:
     ) -> T:
         """Build a dataclass from the map of its fields.
 
-        What is not in the map is as in `default`, else as the class has it; fields in `built` are done.
+        A field that is not in the map has its value from `default`, or else the default of the class. Fields
+        in `built` are already built.
         """
         hints = get_type_hints(cls)
         names = [field.name for field in fields(cls)]  # type: ignore[arg-type]

@@ -1,8 +1,8 @@
-"""The process in which a profile's classes are imported and their settings checked.
+"""The process that imports a profile's classes and checks their settings.
 
-Run by `robbie_mp.profile.preflight` as `python -m robbie_mp.profile.check`: a team's code may print, hang,
-start threads or crash when it is imported, and none of that may happen to who asks. The request is one JSON
-document on standard input; the answer is one JSON event on each line of what was standard output.
+`robbie_mp.profile.preflight` runs it as `python -m robbie_mp.profile.check`. A team's code may print, hang,
+start threads or crash when it is imported, and none of that may harm the caller. The request is one JSON
+document on standard input; the answer is one JSON event per line on the original standard output.
 """
 
 import importlib
@@ -25,11 +25,11 @@ Class = TypeVar("Class")
 
 
 class NotAModule(Exception):
-    """The profile names a class that is not there, or that no module can be made of."""
+    """The profile names a class that does not exist, or that is not a module class."""
 
 
 def main() -> None:
-    """Check every module of the request and end, whatever threads the imported code has started."""
+    """Check every module of the request and exit, even if the imported code has started threads."""
     request = json.load(sys.stdin)
     die_with_parent(request["asked_by"])
     events = _keep_output_for_events()
@@ -42,12 +42,12 @@ def main() -> None:
         raise
     _emit(events, {"ready": True})
     for module in request["modules"]:
-        # If who asked is killed, nobody ends us in a hanging import but this.
+        # If the caller is killed, only this ends the process in an import that hangs.
         signal.setitimer(signal.ITIMER_REAL, request["timeout_s"] + 1)
         _emit(events, {"begin": module["name"]})
         others = [name for name in request["names"] if name != module["name"]]
         result = _examine(module, base, Path(request["workspace"]), others)
-        if os.getpid() != this_process:  # the import has forked
+        if os.getpid() != this_process:  # the imported code has forked
             os._exit(0)
         _emit(events, {"result": result})
     _emit(events, {"end": True})
@@ -55,7 +55,7 @@ def main() -> None:
 
 
 def _keep_output_for_events() -> TextIO:
-    """Return a stream to standard output that nobody else finds; prints of imported code go nowhere."""
+    """Return a private stream to standard output, and discard what imported code prints."""
     events = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     nowhere = os.open(os.devnull, os.O_RDWR)
     for descriptor in (0, 1, 2):
@@ -70,7 +70,7 @@ def _emit(events: TextIO, event: dict[str, object]) -> None:
 
 
 def _examine(module: dict[str, Any], base: type, workspace: Path, others: list[str]) -> dict[str, object]:
-    """Return what is wrong with a module and its complete settings, or the failure of its own code."""
+    """Return a module's errors and its complete settings, or the failure of its code."""
     errors: list[tuple[tuple[str, ...], str]] = []
     settings: dict[str, object] = {}
     further: list[TypeDescription] = []
@@ -87,7 +87,7 @@ def _examine(module: dict[str, Any], base: type, workspace: Path, others: list[s
         errors.append((("settings", error.setting), str(error)))
     except NotAModule as error:
         errors.append((("class",), str(error)))
-    except BaseException:  # even sys.exit: it is the code's failure, and not the profile's
+    except BaseException:  # even sys.exit: the fault is in the code, not in the profile
         failure = traceback.format_exc()
     known = own_types()
     known += [one for one in further if one.name not in {declared.name for declared in known}]
@@ -101,17 +101,17 @@ def _hook(cls: type, name: str) -> Callable[..., Any]:
 
 
 def load_class(class_path: str, base: type[Class]) -> type[Class]:
-    """Import the class that `package.module:Class` names.
+    """Import the class named by `package.module:Class`.
 
     Raises:
         NotAModule: there is no such module or class, or the class is not derived from `base`.
-        BaseException: whatever the imported code raises.
+        BaseException: anything that the imported code raises.
     """
     module_name, _, class_name = class_path.partition(":")
     try:
         module = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
-        # Only if what is missing is the named module or a package around it; else its own import failed.
+        # Only if the named module or a package around it is missing; otherwise one of its imports failed.
         if error.name and (module_name + ".").startswith(error.name + "."):
             near = did_you_mean(error.name, _siblings(error.name))
             raise NotAModule(f"there is no Python module {error.name!r}{near}") from None
@@ -127,7 +127,7 @@ def load_class(class_path: str, base: type[Class]) -> type[Class]:
 
 
 def _siblings(module_name: str) -> list[str]:
-    """Return the names of the modules next to where a module should be."""
+    """Return the names of the modules in the package where a module should be."""
     package_name, dot, _ = module_name.rpartition(".")
     workspace = sys.path[:1]
     folders = list(getattr(sys.modules.get(package_name), "__path__", [])) if dot else workspace

@@ -1,4 +1,4 @@
-"""Run `robbie_mp.profile.check` in a process that cannot harm its caller, and hear what it finds."""
+"""Runs `robbie_mp.profile.check` in a process that cannot harm its caller, and reads its results."""
 
 import json
 import os
@@ -18,19 +18,19 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.profile.model import ModuleSpec, Profile
 
 START_TIME_S = 30.0
-"""How long the checking process may take until it begins: no module's fault on a busy machine."""
+"""How long the checking process may take to start, in s: on a busy machine that is no module's fault."""
 CLOSING_TIME_S = 2.0
-"""How long the checking process may live on after it has closed its output."""
+"""How long the checking process may keep running after it has closed its output, in s."""
 
 
 class PreflightError(RobbieError, RuntimeError):
-    """The checking process itself did not work; nothing is known about the profile."""
+    """The checking process itself failed; nothing is known about the profile."""
 
 
 def check_events(
     profile: Profile, modules: Sequence[ModuleSpec], timeout_s: float, base_class: str
 ) -> Generator[dict[str, Any], None, None]:
-    """Run one checking process and yield what it says.
+    """Run one checking process and yield its events.
 
     Yields:
         For each module `{"begin": name}`, then `{"result": {"errors": [[key, text]…], "settings": {…},
@@ -71,7 +71,7 @@ def check_events(
 
 @contextmanager
 def _checking_process(request: dict[str, Any]) -> Iterator[subprocess.Popen[bytes]]:
-    """Start the process; at the end kill it and what it may have started."""
+    """Start the process; at the end kill it and all processes that it started."""
     package_root = str(Path(robbie_mp.__file__).parent.parent)
     search_path = os.pathsep.join(filter(None, [package_root, os.environ.get("PYTHONPATH")]))
     with tempfile.TemporaryFile("w+") as request_file:
@@ -93,14 +93,14 @@ def _checking_process(request: dict[str, Any]) -> Iterator[subprocess.Popen[byte
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
-    """Kill a process and what it has started; not waited for yet, it still owns its number."""
+    """Kill a process and its children; its process id is not reused until it is waited for."""
     if process.returncode is None:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
 
 
 def _lines(stream: IO[bytes], timeout_s: float) -> Iterator[bytes | None]:
-    """Yield each line of a pipe; None instead of one that does not come in time, the first one apart."""
+    """Yield each line of a pipe; None for a line that is not in time. The first line has its own limit."""
     poll = select.poll()
     poll.register(stream, select.POLLIN)
     pending = b""
@@ -121,7 +121,7 @@ def _lines(stream: IO[bytes], timeout_s: float) -> Iterator[bytes | None]:
 
 
 def _how_it_ended(process: subprocess.Popen[bytes]) -> str:
-    """Say how a process ended that has closed its output."""
+    """Return in words how a process ended that has closed its output."""
     ending = os.pidfd_open(process.pid)
     try:
         poll = select.poll()

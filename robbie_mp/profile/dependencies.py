@@ -1,4 +1,4 @@
-"""Check which modules depend on which: every name is one, and no module depends on itself."""
+"""Checks the dependencies between modules: every name is a module, and there is no cycle."""
 
 from collections.abc import Iterator, Mapping
 
@@ -10,7 +10,7 @@ KEY = "depends_on"
 
 
 def read_dependencies(modules: Mapping[str, Node]) -> tuple[dict[str, tuple[str, ...]], list[Problem]]:
-    """Return the names that each module depends on, and everything that is wrong with them.
+    """Return the names of the modules that each module depends on, and all problems.
 
     Args:
         modules: the profile's modules by name.
@@ -33,7 +33,7 @@ def read_dependencies(modules: Mapping[str, Node]) -> tuple[dict[str, tuple[str,
 
 
 def _entries(name: str, module: Node, problems: list[Problem]) -> Iterator[Node]:
-    """Yield the names that a module's key lists; note what is no name."""
+    """Yield the names in a module's list of dependencies; report entries that are not names."""
     node = module.value.get(KEY) if isinstance(module.value, dict) else None
     if node is None:
         return
@@ -58,14 +58,16 @@ def _what_is_wrong(entry: str, name: str, modules: Mapping[str, Node]) -> str:
 
 
 def _cycle(names: Mapping[str, tuple[str, ...]]) -> list[str]:
-    """Return modules of which each depends on the next, and the last on the first; empty if there is none."""
+    """Return a cycle: modules of which each depends on the next, and the last on the first; empty if none."""
     left = dict(names)
     while free := [name for name, needed in left.items() if not any(other in left for other in needed)]:
         for name in free:
             del left[name]
     if not left:
         return []
-    path = [next(iter(left))]  # all that are left need another of them: following that leads into a cycle
+    path = [
+        next(iter(left))
+    ]  # each module left depends on another one left: following these leads into a cycle
     while (following := next(other for other in left[path[-1]] if other in left)) not in path:
         path.append(following)
     return path[path.index(following) :]

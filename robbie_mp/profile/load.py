@@ -1,4 +1,4 @@
-"""Load a profile: find it, merge it with its parents and overrides, check its form."""
+"""Loads a profile: finds it, merges it with its parents and overrides, checks its form."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,18 +10,18 @@ from robbie_mp.profile.workspace import locate
 
 
 def load_profile(name_or_file: str, start: Path | None = None, overrides: Sequence[str] = ()) -> Profile:
-    """Return a profile of the workspace that `start` is in.
+    """Return a profile of the workspace that contains `start`.
 
-    What this checks is the form. Whether its classes exist and take its settings is up to
-    `robbie_mp.profile.preflight`, which has to import them.
+    This checks only the form. `robbie_mp.profile.preflight` checks whether the classes exist and accept the
+    settings, because it must import them.
 
     Args:
-        name_or_file: As `demo`, `sim/arena`, or the path of a file in a folder profiles/.
+        name_or_file: A name such as `demo` or `sim/arena`, or the path of a file in a folder profiles/.
         start: A folder in the workspace; the current directory by default.
         overrides: Each `MODULE.SETTING=VALUE` or `CONFIG.KEY=VALUE`, the value in YAML.
 
     Raises:
-        ProfileError: with every problem found, each with file and line.
+        ProfileError: The profile cannot be used; it lists every problem with file and line.
     """
     here = Path.cwd()
     workspace, name = locate(name_or_file, start or here)

@@ -1,4 +1,4 @@
-"""Merge a profile with its parents and with what the command line overrides."""
+"""Merges a profile with its parents and with the overrides of the command line."""
 
 from collections.abc import Sequence
 from functools import reduce
@@ -12,12 +12,11 @@ from robbie_mp.suggest import did_you_mean
 def merge_profile(workspace: Workspace, name: str, overrides: Sequence[str] = ()) -> Node:
     """Return the merged content of a profile as a map.
 
-    Parents come first, in their order, each before its children and each once only: with two parents that
-    have a parent in common, what either of them changes of it stays changed. Maps merge, null removes,
-    everything else replaces.
+    Parents come first, in their order, each before its children and each only once. If two parents share a
+    parent, the changes that either makes to it are kept. Maps merge, null removes, everything else replaces.
 
     Raises:
-        ProfileError: a file is missing or no YAML, or a parent is its own ancestor.
+        ProfileError: a file is missing or is not YAML, or a profile is its own ancestor.
     """
     lineage: dict[str, Node] = {}
     _collect(workspace, name, (), None, lineage)
@@ -26,7 +25,7 @@ def merge_profile(workspace: Workspace, name: str, overrides: Sequence[str] = ()
 
 
 def merge(base: Node | None, over: Node) -> Node:
-    """Return `base` with `over` on top; a key that is new comes last."""
+    """Return `base` overridden by `over`; new keys come last."""
     if not isinstance(over.value, dict):
         return over
     merged = dict(base.value) if base and isinstance(base.value, dict) else {}
@@ -41,7 +40,7 @@ def merge(base: Node | None, over: Node) -> Node:
 def _collect(
     workspace: Workspace, name: str, children: tuple[str, ...], place: Place | None, lineage: dict[str, Node]
 ) -> None:
-    """Add a profile to the lineage after its parents; `place` is where a child names it."""
+    """Add a profile to the lineage after its parents; `place` is where its child names it."""
     if name in children:
         chain = " → ".join((*children[children.index(name) :], name))
         raise refuse(f"parents: a profile cannot be its own ancestor: {chain}", place)
@@ -69,17 +68,17 @@ def _names(parents: Node | None) -> list[Node]:
 
 
 def override(profile: Node, overrides: Sequence[str]) -> Node:
-    """Return the profile with each `NAME.SETTING=value` or `config.key=value` on top.
+    """Return the profile overridden by each `NAME.SETTING=value` or `config.key=value`.
 
     Raises:
-        ProfileError: one has another form, or names neither a module nor a key that `config` has.
+        ProfileError: an override has another form, or names neither a module nor a key of `config`.
     """
     return reduce(merge, [_read_override(text, profile) for text in overrides], profile)
 
 
 def _read_override(text: str, profile: Node) -> Node:
     key, equals, value_text = text.partition("=")
-    option = f"--set {key}"  # not the value: it may be a secret that should not be here
+    option = f"--set {key}"  # without the value, which may be a secret
     place = Place(option)
     name, _, setting = key.partition(".")
     if not (equals and key):

@@ -1,8 +1,8 @@
-"""Check the classes and settings of a profile before any process of the robot starts.
+"""Checks the classes and settings of a profile before any process of the robot starts.
 
-The classes are imported in a process of their own (`robbie_mp.profile.check`), so that nothing they do can
-harm the caller. A class that is not there or whose settings are wrong is an error of the profile. Code that
-raises, hangs or crashes is not: the supervisor will start it, and show it as FAILED with its traceback.
+A separate process (`robbie_mp.profile.check`) imports the classes, so that their code cannot harm the caller.
+A missing class or a wrong setting is an error of the profile. Code that raises, hangs or crashes is not: the
+supervisor starts it, and shows it as FAILED with its traceback.
 """
 
 from contextlib import closing
@@ -20,17 +20,17 @@ OWN_CODE = "robbie_mp."
 
 @dataclass
 class Preflight:
-    """What the check has found out."""
+    """The result of the check."""
 
     settings: dict[str, dict[str, object]] = field(default_factory=dict)
-    """By module that is not in `failures`: every setting, given or default; absolute paths, as text."""
+    """For each module that is not in `failures`: every setting, given or default; paths absolute, as str."""
     failures: dict[str, str] = field(default_factory=dict)
-    """By module whose code failed, its settings unchecked: the traceback, or how the process ended."""
+    """For each module whose code failed, its settings unchecked: the traceback, or how the process ended."""
     types: dict[str, TypeDescription] = field(default_factory=dict)
-    """By name: the message types that the imported code declares, without the stock types."""
+    """The message types that the imported code declares, by name, without the stock types."""
 
     def add(self, module: str, result: dict[str, Any]) -> None:
-        """Take in what the checking process says of a module."""
+        """Add the result of the checking process for a module."""
         self.types |= {name: TypeDescription(name, *rest) for name, *rest in result.get("types", ())}
         if result["failure"]:
             self.failures[module] = result["failure"]
@@ -43,19 +43,19 @@ def preflight(profile: Profile, *, timeout_s: float = 10.0, base_class: str = BA
 
     Args:
         profile: What `load_profile` returned.
-        timeout_s: How long one import may take; longer is a failure of that module.
-        base_class: What every class must be derived from, as `package.module:Class`.
+        timeout_s: How long one import may take; if it takes longer, the module fails.
+        base_class: Every class must be derived from this one, written as `package.module:Class`.
 
     Raises:
-        ProfileError: with every class that is no module, and every wrong, unknown or missing setting.
-        PreflightError: the checking process could not do its work.
+        ProfileError: It lists every class that is not a module, and every wrong, unknown or missing setting.
+        PreflightError: The checking process failed.
     """
     findings = Preflight()
     problems: list[Problem] = []
-    # Services come last: they may ask for the message types that the robot's own code declares.
+    # Services come last: they may need the message types that the robot's code declares.
     waiting = sorted(profile.modules, key=lambda module: module.class_path.startswith(OWN_CODE))
     while waiting:
-        current = ""  # the module being imported, or else the last one that was
+        current = ""  # the module being imported, or else the last one imported
         with closing(check_events(profile, waiting, timeout_s, base_class)) as events:
             for event in events:
                 match event:
@@ -77,11 +77,11 @@ def preflight(profile: Profile, *, timeout_s: float = 10.0, base_class: str = BA
 def _without_crashed(
     waiting: list[ModuleSpec], crashed: str, reason: str, findings: Preflight
 ) -> list[ModuleSpec]:
-    """Note the failure of the module that ended the process, and of others whose code is in the same file."""
+    """Record the failure of the module that ended the process, and of others with code in the same file."""
     if not crashed:
         raise PreflightError(f"the process that checks the profile's classes {reason}")
     file_of = {module.name: module.class_path.partition(":")[0] for module in waiting}
-    if crashed not in file_of:  # it was through already: a thread that it left behind has ended the process
+    if crashed not in file_of:  # its check was done: a thread that it left behind has ended the process
         return waiting
     same = [name for name, file in file_of.items() if file == file_of[crashed]]
     findings.failures |= dict.fromkeys(same, f"{file_of[crashed]}: {reason} while it was imported")
@@ -89,7 +89,7 @@ def _without_crashed(
 
 
 def _problems(profile: Profile, module: str, errors: list[tuple[list[str], str]]) -> list[Problem]:
-    """Return the errors of a module, each with the place of its key."""
+    """Return a module's errors, each with the place of its key."""
     return [
         Problem(f"modules.{module}.{key[0]}: {text}", profile.place_of("modules", module, *key))
         for key, text in errors

@@ -1,4 +1,4 @@
-"""What is wrong with a profile, and where."""
+"""Problems of a profile, each with its place."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ class Place:
     """Where a value was written: a line of a file, or an option of the command line."""
 
     source: Path | str
-    """The file; or the option as it was typed."""
+    """The file, or the option as typed."""
     line: int = 0
-    """From 1; 0 on the command line."""
+    """Line number from 1; 0 on the command line."""
 
     def __str__(self) -> str:
-        """Return file:line, the file as seen from the current directory if it is below that."""
+        """Return file:line, with the file relative to the current directory if it is below it."""
         if isinstance(self.source, str):
             return self.source
         here = Path.cwd()
@@ -37,7 +37,7 @@ class Problem:
 
 
 class ProfileError(RobbieError, ValueError):
-    """A profile cannot be used; the text has one line for each problem."""
+    """A profile cannot be used; the text has a line for each problem."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(problems)

@@ -1,7 +1,7 @@
-"""Read YAML into a tree in which every value knows where it was written.
+"""Reads YAML into a tree in which every value knows where it was written.
 
 The scalars are those of the YAML 1.2 core schema (https://yaml.org/spec/1.2.2/#103-core-schema): only true
-and false are booleans, so `no` is a text, and `1e-3` is a number. Tags that would build objects are refused.
+and false are booleans, so `no` is a str, and `1e-3` is a number. Tags that would build objects are refused.
 """
 
 import re
@@ -29,12 +29,12 @@ CORE_SCHEMA = {
 }
 MAX_DEPTH = 32
 MAX_VALUES = 100_000
-"""A few lines of nested aliases can stand for billions of values."""
+"""A limit, because a few lines of nested aliases can expand to billions of values."""
 
 
 @dataclass(frozen=True)
 class Node:
-    """A value of a profile with its place; a map's values have the places of their keys."""
+    """A value of a profile with its place; the values of a map have the places of their keys."""
 
     value: "dict[str, Node] | list[Node] | bool | int | float | str | None"
     place: Place
@@ -56,7 +56,8 @@ def read_file(file: Path) -> Node:
     """Read a YAML file.
 
     Raises:
-        ProfileError: it cannot be read, is not UTF-8 or not YAML, or has something a profile may not have.
+        ProfileError: the file cannot be read, is not UTF-8 or not YAML, or contains something that a profile
+            may not contain.
     """
     try:
         content = file.read_bytes()
@@ -75,7 +76,7 @@ def read_text(text: str, source: Path | str) -> Node:
 
     Args:
         text: One YAML document.
-        source: The file that it is from, or the option of the command line.
+        source: The file it comes from, or the option of the command line.
 
     Raises:
         ProfileError: as `read_file`.
@@ -94,8 +95,8 @@ def read_text(text: str, source: Path | str) -> Node:
         raise
     except RecursionError:
         raise refuse(f"YAML: nested deeper than {MAX_DEPTH} levels", _at(source, loader.line + 1)) from None
-    except (ValueError, OverflowError):  # PyYAML passes on what chr() says of an escape like "\UFFFFFFFF"
-        raise refuse("YAML: no such character", _at(source, loader.line + 1)) from None
+    except (ValueError, OverflowError):  # PyYAML passes on the error of chr() for an escape like "\UFFFFFFFF"
+        raise refuse("YAML: an escape names no character", _at(source, loader.line + 1)) from None
     finally:
         loader.dispose()
 
@@ -113,7 +114,7 @@ def _syntax_error(error: yaml.MarkedYAMLError, source: Path | str) -> ProfileErr
 
 
 class _Converter:
-    """Turns PyYAML's nodes into ours."""
+    """Converts PyYAML's nodes into ours."""
 
     def __init__(self, source: Path | str) -> None:
         self.source = source
@@ -121,13 +122,13 @@ class _Converter:
         self.count = 0
 
     def convert(self, node: yaml.Node, place: Place | None = None) -> Node:
-        """Convert a node; `place` is that of its key, if it is the value of one."""
+        """Convert a node; `place` is the place of its key, if it has one."""
         place = place or self.place_of(node)
         self.count += 1
         if self.count > MAX_VALUES:
             raise refuse(f"YAML: more than {MAX_VALUES} values, aliases counted in full", place)
         if any(node is outer for outer in self.open):
-            raise refuse("YAML: an alias (*) inside of what it stands for", place)
+            raise refuse("YAML: an alias (*) inside the value that it refers to", place)
         if len(self.open) == MAX_DEPTH:
             raise refuse(f"YAML: nested deeper than {MAX_DEPTH} levels", place)
         self.open.append(node)
@@ -141,12 +142,12 @@ class _Converter:
             self.open.pop()
 
     def convert_map(self, node: yaml.MappingNode) -> dict[str, Node]:
-        """Convert a map, whose keys must be texts and differ."""
+        """Convert a map, whose keys must be different str."""
         result: dict[str, Node] = {}
         for key_node, value_node in node.value:
             key, place = self.convert(key_node).value, self.place_of(key_node)
             if not isinstance(key, str):
-                raise refuse(f"YAML: expected a text as key; got {key_node.value!r:.40}; quote it", place)
+                raise refuse(f"YAML: expected a str as key; got {key_node.value!r:.40}; quote it", place)
             if key in result:
                 raise refuse(f"YAML: key {key!r} is set twice, first at {result[key].place}", place)
             if key == "<<":
@@ -155,14 +156,14 @@ class _Converter:
         return result
 
     def convert_scalar(self, node: yaml.Node, place: Place) -> bool | int | float | str | None:
-        """Convert a scalar by its tag, which the core schema gave it if the file did not."""
+        """Convert a scalar by its tag; the core schema gives it one if the file does not."""
         text, kind = node.value, node.tag.removeprefix(TAG)
         if not isinstance(node, yaml.ScalarNode) or kind not in ("null", "bool", "int", "float", "str"):
             raise refuse(f"YAML: tag {node.tag!r} is not supported in a profile", place)
         if kind == "str":
             return str(text)
         if not any(tag == node.tag and pattern.match(text) for tag, pattern in CORE_SCHEMA[None]):
-            raise refuse(f"YAML: {text!r:.40} is no {kind}", place)
+            raise refuse(f"YAML: {text!r:.40} is not of type {kind}", place)
         if kind == "int":
             return self.convert_int(text, place)
         if kind == "float":
@@ -170,7 +171,7 @@ class _Converter:
         return text.lower() == "true" if kind == "bool" else None
 
     def convert_int(self, text: str, place: Place) -> int:
-        """Convert a whole number, which must fit into 64 bits as everything it can be used for."""
+        """Convert an int, which must fit into 64 bits."""
         number = int(text, {"0o": 8, "0x": 16}.get(text[:2], 10)) if len(text) < 64 else 1 << 64
         if not -(1 << 63) <= number < 1 << 64:
             raise refuse(f"YAML: {text:.40} does not fit into 64 bits", place)

@@ -1,4 +1,4 @@
-"""Show a merged profile with the origin of each value."""
+"""Shows a merged profile with the origin of each value."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
@@ -27,7 +27,7 @@ class Line:
 
 
 class _Dumper(yaml.SafeDumper):
-    # A text that is something else in YAML 1.1 is quoted as well, for who feeds the output to other programs.
+    # Also quote a str that means something else in YAML 1.1, for other programs that read the output.
     yaml_implicit_resolvers = yaml.SafeDumper.yaml_implicit_resolvers | CORE_SCHEMA
 
     def ignore_aliases(self, data: object) -> bool:
@@ -35,11 +35,11 @@ class _Dumper(yaml.SafeDumper):
 
 
 def as_tree(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> dict[str, Any]:
-    """Return the profile as maps, lists and scalars, under the keys that a profile file has.
+    """Return the profile as maps, lists and scalars, with the keys of a profile file.
 
     Args:
-        profile: What to show.
-        settings: By module: all its settings as its class takes them, so far as that is known.
+        profile: The profile to show.
+        settings: For each module, all its settings as its class takes them, as far as they are known.
     """
     modules = {module.name: _module_tree(module, settings.get(module.name, {})) for module in profile.modules}
     return {
@@ -66,11 +66,11 @@ def _plain(value: Any) -> Any:
         return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, list):
         return [_plain(element) for element in value]
-    return str(value) if isinstance(value, str) else value  # a StrEnum becomes its text
+    return str(value) if isinstance(value, str) else value  # a StrEnum becomes a plain str
 
 
 def origins(profile: Profile, tree: Mapping[str, Any]) -> dict[KeyPath, str]:
-    """Return for each scalar or list of the tree file:line, the option that set it, or "default"."""
+    """Return for each scalar or list of the tree its file:line, the option that set it, or "default"."""
     return {path: str(profile.origins.get(path, DEFAULT)) for path in _leaves(tree, ())}
 
 
@@ -83,7 +83,7 @@ def _leaves(tree: Mapping[str, Any], path: KeyPath) -> Iterator[KeyPath]:
 
 
 def to_lines(tree: Mapping[str, Any], origins: Mapping[KeyPath, str], path: KeyPath = ()) -> Iterator[Line]:
-    """Yield the tree as YAML, each value on one line with its origin as comment."""
+    """Yield the tree as YAML, each value on one line with its origin as a comment."""
     indent = "  " * len(path)
     for key, value in tree.items():
         here = (*path, key)
@@ -95,7 +95,7 @@ def to_lines(tree: Mapping[str, Any], origins: Mapping[KeyPath, str], path: KeyP
 
 
 def as_profile(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> str:
-    """Return the text of a profile without parents that says the same; arguments as for `as_tree`."""
+    """Return the text of an equal profile without parents; arguments as for `as_tree`."""
     tree = as_tree(profile, settings)
     return "".join(f"{line.text}\n" for line in to_lines(tree, origins(profile, tree)))
 
@@ -113,8 +113,10 @@ def _dump(value: object, *, allow_unicode: bool) -> str:
 
 
 def inline(value: object) -> str:
-    """Return a value as YAML on one line, which a profile may contain just so."""
+    """Return a value as YAML on one line, as a profile may contain it."""
     text = _dump(value, allow_unicode=True)
-    if visible(text) != text:  # PyYAML would write what terminals obey as it is, and read some as blanks
+    if (
+        visible(text) != text
+    ):  # PyYAML would write control characters unescaped, and read some of them as blanks
         text = _dump(value, allow_unicode=False)
     return text.removesuffix("\n").removesuffix("\n...").rstrip("\n")

@@ -1,4 +1,4 @@
-"""Find a robot's workspace, the folder that contains profiles/, and the profiles in it."""
+"""Finds a robot's workspace, the folder that contains profiles/, and the profiles in it."""
 
 import os
 import re
@@ -16,7 +16,7 @@ NAME = re.compile(r"\w[\w.-]*(/\w[\w.-]*)*")
 
 @dataclass(frozen=True)
 class Workspace:
-    """A folder with profiles/, whose other folders hold the robot's code."""
+    """A folder with profiles/; its other folders contain the robot's code."""
 
     root: Path
 
@@ -26,23 +26,23 @@ class Workspace:
         return self.root / FOLDER
 
     def names(self) -> list[str]:
-        """Return the names of all profiles, as `demo` or `sim/arena`, sorted."""
+        """Return the names of all profiles, such as `demo` or `sim/arena`, sorted."""
         files = self.folder.rglob("*" + SUFFIX)
         return sorted(file.relative_to(self.folder).with_suffix("").as_posix() for file in files)
 
     def file_of(self, name: str) -> Path:
-        """Return where the profile of a name is kept; whether there is such a file is another question."""
+        """Return the path of a profile's file, which need not exist."""
         return self.folder / (name + SUFFIX)
 
     def read(self, name: str, place: Place | None = None) -> Node:
         """Read a profile; an empty file is an empty map.
 
         Args:
-            name: As `demo` or `sim/arena`.
-            place: Where it is named, if in another profile.
+            name: Such as `demo` or `sim/arena`.
+            place: Where another profile names it, if one does.
 
         Raises:
-            ProfileError: there is no such profile, or it is no YAML map.
+            ProfileError: there is no such profile, or it is not a YAML map.
         """
         file = self.file_of(name)
         if not NAME.fullmatch(name) or not file.is_file():
@@ -59,7 +59,7 @@ class Workspace:
 
 
 def find_workspace(start: Path) -> Workspace:
-    """Return the workspace of a folder: itself or the nearest above it that contains profiles/.
+    """Return the workspace of a folder: this folder, or the nearest one above it, that contains profiles/.
 
     Raises:
         ProfileError: there is none.
@@ -72,10 +72,10 @@ def find_workspace(start: Path) -> Workspace:
 
 
 def locate(name_or_file: str, start: Path) -> tuple[Workspace, str]:
-    """Return workspace and name of a profile given by name, or as a path that ends with .yaml.
+    """Return the workspace and name of a profile that is given by name, or by a path that ends with .yaml.
 
     Raises:
-        ProfileError: there is no workspace, or the file is in none.
+        ProfileError: there is no workspace, or the file is not in one.
     """
     if not name_or_file.endswith(SUFFIX):
         return find_workspace(start), name_or_file
@@ -83,4 +83,4 @@ def locate(name_or_file: str, start: Path) -> tuple[Workspace, str]:
     for folder in file.parents:
         if folder.name == FOLDER:
             return Workspace(folder.parent), file.relative_to(folder).with_suffix("").as_posix()
-    raise refuse(f"{file} is in no folder {FOLDER}/, so it belongs to no robot")
+    raise refuse(f"{file} is not in a folder {FOLDER}/, so it belongs to no robot")

@@ -1,6 +1,6 @@
-"""The scene graph: where everything is, in the frame of everything else, at every moment of the last seconds.
+"""The scene graph: the pose of every frame in every other frame, at any time in the last seconds.
 
-How to describe one, and how to ask it: docs/scene-graph.md.
+How to describe and query it: docs/scene-graph.md.
 """
 
 from robbie_mp.scene_graph.errors import (

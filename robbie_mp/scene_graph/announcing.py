@@ -1,4 +1,4 @@
-"""What a scene graph says of itself: the messages that others follow it by."""
+"""Messages that publish the state of a scene graph, so that others can follow it."""
 
 from collections.abc import Iterable
 from contextlib import suppress
@@ -19,11 +19,11 @@ from robbie_mp.scene_graph.node import JointType, Node
 
 
 def transforms_at(graph: SceneGraph, moved: Iterable[tuple[str, int]]) -> TFMessage:
-    """Say where nodes were in their parents.
+    """Return the poses of nodes in their parents.
 
     Args:
-        graph: the graph that they are part of.
-        moved: names, each with a time, ns; what is not remembered any more is left out.
+        graph: the graph that the nodes are part of.
+        moved: names of nodes, each with a time in ns; times that the graph no longer remembers are left out.
     """
     transforms = []
     for name, time_ns in moved:
@@ -33,13 +33,13 @@ def transforms_at(graph: SceneGraph, moved: Iterable[tuple[str, int]]) -> TFMess
 
 
 def fixed_transforms(graph: SceneGraph, now_ns: int) -> TFMessage:
-    """Say where the nodes are that are fixed to their parents."""
+    """Return the poses of all nodes that are fixed to their parents."""
     fixed = [node for node in graph if node.parent is not None and node.joint is None]
     return TFMessage(transforms=[_stamped(graph, node, now_ns) for node in fixed])
 
 
 def state_of(graph: SceneGraph) -> SceneGraphState:
-    """Say all of it."""
+    """Return the whole scene graph as a message."""
     nodes = [_node_state(graph, node) for node in graph]
     newest = max((node.stamp.nanoseconds for node in nodes), default=0)
     return SceneGraphState(header=Header(stamp=Time.from_nanoseconds(newest)), nodes=nodes)

@@ -1,4 +1,4 @@
-"""Bodies: what moves as one. All nodes that are fixed to one another are of the same body."""
+"""Rigid bodies: all nodes that are fixed to one another belong to the same body."""
 
 import math
 from collections.abc import Callable
@@ -11,12 +11,12 @@ PoseAt = Callable[[int], Pose7]
 
 
 class Body:
-    """A rigid part of the world, and where it is in the one it moves against.
+    """A rigid body, and its pose in the body that it moves against.
 
     Args:
-        parent: the body it moves against; None for that of a root.
-        history: what says when it was where; None for that of a root.
-        pose_at: its pose in the parent at a time, ns.
+        parent: the body that it moves against; None for the body of a root.
+        history: its motion over time; None for the body of a root.
+        pose_at: returns its pose in the parent at a time, in ns.
     """
 
     __slots__ = ("depth", "history", "parent", "pose_at", "root")
@@ -36,7 +36,7 @@ class Body:
 
 
 class PlacedNode:
-    """A node, the body it is part of, and its constant place in that."""
+    """A node, the body that it is part of, and its constant pose in that body."""
 
     __slots__ = ("body", "node", "place")
 
@@ -47,7 +47,7 @@ class PlacedNode:
 
 
 def root_node(node: Node) -> PlacedNode:
-    """Return a node without a parent, with a body of its own."""
+    """Return a node without a parent, in a new body."""
     return PlacedNode(node, Body(node.name, None, None, lambda _time_ns: IDENTITY), IDENTITY)
 
 
@@ -57,7 +57,7 @@ def fixed_node(node: Node, parent: PlacedNode) -> PlacedNode:
 
 
 def jointed_node(node: Node, joint: Joint, parent: PlacedNode, history: History[float]) -> PlacedNode:
-    """Return a node that moves by the position of a joint, or of the one it follows."""
+    """Return a node that moves with the position of its joint, or of the joint that this one follows."""
     base = compose(parent.place, node.origin)
     mimic = joint.mimic
     multiplier, offset = (mimic.multiplier, mimic.offset) if mimic else (1.0, 0.0)
@@ -70,7 +70,7 @@ def jointed_node(node: Node, joint: Joint, parent: PlacedNode, history: History[
 
 
 def floating_node(node: Node, parent: PlacedNode, history: History[Pose7]) -> PlacedNode:
-    """Return a node that moves by whole poses."""
+    """Return a floating node, which is placed by whole poses."""
     base = parent.place
 
     def pose_at(time_ns: int) -> Pose7:

@@ -1,4 +1,4 @@
-"""What a file says about nodes: each with the place where it says so, and what is wrong with it."""
+"""The nodes that a file describes, each with its place in the file, and the problems of the file."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,14 +14,14 @@ Made = TypeVar("Made")
 
 
 class Described(NamedTuple):
-    """A node, and where it is described."""
+    """A node, and the place where it is described."""
 
     node: Node
     place: Place
 
 
 class Description:
-    """The nodes of one file and of those it includes, and all that is wrong with them."""
+    """The nodes of a file and of the files that it includes, and all their problems."""
 
     def __init__(self, file: Path) -> None:
         self.file = file
@@ -33,7 +33,7 @@ class Description:
         self.problems.append(Problem(text, place))
 
     def attempt(self, place: Place, make: Callable[[], Made], instead: Made) -> Made:
-        """Return what `make` makes, or `instead` if that is refused, which is noted."""
+        """Return the result of `make`; if it raises an error, note the problem and return `instead`."""
         try:
             return make()
         except SceneGraphError as error:
@@ -41,19 +41,20 @@ class Description:
             return instead
 
     def include(self, other: "Description", prefix: str, hanger: Described) -> None:
-        """Take over another file's nodes, with a prefix before all names.
+        """Add another file's nodes, with a prefix before all names.
 
         Args:
             other: the description of the other file.
-            prefix: such as "red/".
-            hanger: how the root of the other hangs here; its own name does not count.
+            prefix: prefix of all names, such as "red/".
+            hanger: says where the other file's root is attached; its name is ignored.
         """
         self.problems.extend(other.problems)
         roots = [node for node, _ in other.nodes if node.parent is None]
         if hanger.node.parent is not None and len(roots) > 1:
             names = ", ".join(repr(root.name) for root in roots)
             self.wrong(
-                f"{other.file.name} has several roots ({names}); only one can be hung up", hanger.place
+                f"{other.file.name} has several roots ({names}); only a tree with one root can be attached",
+                hanger.place,
             )
         for node, place in other.nodes:
             made = Described(prefixed(node, prefix), place)
@@ -63,7 +64,7 @@ class Description:
 
 
 def prefixed(node: Node, prefix: str) -> Node:
-    """Return a node with a prefix before its name and all others that it mentions."""
+    """Return a node with a prefix before its name and before all names that it refers to."""
     joint = node.joint
     if joint is not None:
         mimic = joint.mimic and replace(joint.mimic, joint=prefix + joint.mimic.joint)
@@ -80,6 +81,6 @@ def make_node(
     origin: RigidTransform,
     joint: Joint | None,
 ) -> None:
-    """Add a node to a description; if it makes no sense, one that children can hang on."""
+    """Add a node to a description; if it is invalid, add a placeholder as a parent for its children."""
     node = description.attempt(place, lambda: Node(name, parent, origin, joint), Node(name or "?", parent))
     description.nodes.append(Described(node, place))

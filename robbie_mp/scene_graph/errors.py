@@ -1,4 +1,4 @@
-"""What can be wrong with a scene graph, or with a question to it."""
+"""Errors of scene graphs and of queries."""
 
 from collections.abc import Iterable
 
@@ -12,12 +12,12 @@ class SceneGraphError(RobbieError):
 
 
 class UnknownNode(SceneGraphError, LookupError):
-    """There is no node, or no joint, of this name; the text names near ones.
+    """There is no node, or no joint, of this name; the text suggests similar names.
 
     Args:
         text: what is missing.
-        name: the name that was asked for.
-        known: all that there are.
+        name: the requested name.
+        known: all known names.
     """
 
     def __init__(self, text: str, name: str = "", known: Iterable[str] = ()) -> None:
@@ -26,20 +26,20 @@ class UnknownNode(SceneGraphError, LookupError):
         self._known = tuple(known)
 
     def __str__(self) -> str:
-        """Return the text; near names are looked for only now, since that takes long and is seldom read."""
+        """Return the text; similar names are searched only now, because that is slow and seldom needed."""
         return f"{self.args[0]}{did_you_mean(self.name, self._known)}"
 
 
 class NeverPlaced(SceneGraphError, LookupError):
-    """A node that moves has not been placed yet: no message has come for it, or none of its joint."""
+    """A moving node has no pose yet: no message about it or its joint has arrived."""
 
 
 class Disconnected(SceneGraphError, LookupError):
-    """Two nodes have no common ancestor, so neither lies in the frame of the other."""
+    """Two nodes have no common ancestor, so neither has a pose in the frame of the other."""
 
 
 class TooOld(SceneGraphError, ValueError):
-    """The time lies before everything that is remembered of a node; `by_s` says how much."""
+    """The time lies before the remembered history of a node, by `by_s`."""
 
     def __init__(self, text: str, by_s: float) -> None:
         super().__init__(text)
@@ -47,11 +47,11 @@ class TooOld(SceneGraphError, ValueError):
 
 
 class TooNew(SceneGraphError, ValueError):
-    """The time lies after everything that is known of a node; `by_s` says how much.
+    """The time lies after the newest known pose of a node, by `by_s`.
 
     Example scenarios:
-      - the odometry of this moment is still on its way: ask again after the next message, or for no time,
-        which means the newest that is known of both nodes
+      - the odometry of this moment has not arrived yet: query again after the next message, or without a
+        time, which means the newest time known for both nodes
     """
 
     def __init__(self, text: str, by_s: float) -> None:
@@ -60,19 +60,19 @@ class TooNew(SceneGraphError, ValueError):
 
 
 class NotMovable(SceneGraphError, TypeError):
-    """A node or joint was to be moved in a way that its kind does not have."""
+    """A node or joint cannot be moved in this way, because of its type."""
 
 
 class NotAPose(SceneGraphError, ValueError):
-    """Numbers that are no pose or joint position: not finite, or a quaternion that is not of length 1."""
+    """Numbers are not a pose or joint position: not finite, or a quaternion whose length is not 1."""
 
 
 class DuplicateNode(SceneGraphError, ValueError):
-    """Two nodes, or two joints, have the same name; in one graph every name is there once."""
+    """Two nodes, or two joints, of a graph have the same name."""
 
 
 class MissingParent(SceneGraphError, LookupError):
-    """A node hangs on a node that does not exist, or a joint follows one that does not."""
+    """The parent of a node, or the joint that another joint follows, does not exist."""
 
 
 class NodeCycle(SceneGraphError, ValueError):
@@ -80,11 +80,11 @@ class NodeCycle(SceneGraphError, ValueError):
 
 
 class BadJoint(SceneGraphError, ValueError):
-    """A joint is described in a way that makes no sense, such as an axis without a direction."""
+    """The description of a joint is invalid, such as an axis without a direction."""
 
 
 class SceneFileError(SceneGraphError, ValueError):
-    """A scene file or URDF cannot be used; the text has one line for each problem, with file and line."""
+    """A scene file or URDF cannot be used; the text has a line for each problem, with file and line."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(problems)

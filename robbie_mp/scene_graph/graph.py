@@ -1,4 +1,4 @@
-"""The scene graph: a tree of frames, each with what is known of its place over the last seconds."""
+"""The scene graph: a tree of frames, each with the history of its pose over the last seconds."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -23,7 +23,7 @@ HISTORY_LIMIT = 5000
 
 
 class SceneGraph:
-    """A tree of nodes; ask it for the pose of one in the frame of another, at a time.
+    """A tree of nodes; it gives you the pose of any node in the frame of another at a time.
 
         graph = SceneGraph([
             Node("map"),
@@ -33,16 +33,16 @@ class SceneGraph:
         graph.move("base_link", time_ns, RigidTransform.of((1.0, 2.0, 0.0)))
         X_ML = graph.pose("map", "laser", time_ns)
 
-    All frames that no joint separates are one rigid body. An answer composes one pose for each joint on the
-    way, so its cost grows with their number, and not with that of the nodes.
+    Frames without a joint between them form one rigid body. A query composes one pose for each joint on the
+    path, so its cost grows with the number of joints, not with the number of nodes.
 
     Args:
-        nodes: in any order. There may be several trees, but no pose leads from one to the other.
-        history_s: how much of the past is remembered of each joint, s.
-        history_limit: how many values of each joint, at most.
+        nodes: the nodes, in any order. There may be several trees, but no poses between them.
+        history_s: how much of each joint's past is remembered, in s.
+        history_limit: most values that are remembered for each joint.
 
     Raises:
-        DuplicateNode, MissingParent, NodeCycle, BadJoint: the nodes make no tree; the first problem of them.
+        DuplicateNode, MissingParent, NodeCycle, BadJoint: the nodes do not form trees; the first problem.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class SceneGraph:
         for node in parents_first(nodes):
             self._place(node)
 
-    # -- what there is ---------------------------------------------------------------------------------
+    # -- nodes and joints ------------------------------------------------------------------------------
 
     def __contains__(self, name: object) -> bool:
         return name in self._nodes
@@ -84,17 +84,17 @@ class SceneGraph:
         """Return the joint of a name.
 
         Raises:
-            UnknownNode: there is none that has positions of its own.
+            UnknownNode: there is no such joint, or it follows another joint.
         """
         return self._find_joint(name)[0]
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints that have positions of their own."""
+        """Names of the joints that do not follow another joint."""
         return tuple(self._joints)
 
     def newest_ns(self, name: str) -> int | None:
-        """Return when a node has been placed in its parent last; None if never, or if it is fixed.
+        """Return the newest time (ns) of a node's pose in its parent; None if there is none, or it is fixed.
 
         Raises:
             UnknownNode: there is none.
@@ -106,35 +106,35 @@ class SceneGraph:
     # -- changes ---------------------------------------------------------------------------------------
 
     def add(self, node: Node) -> None:
-        """Add a node whose parent is there.
+        """Add a node whose parent is in the graph.
 
         Raises:
-            DuplicateNode: there is a node or joint of this name.
-            MissingParent: its parent, or the joint that it follows, is not there.
+            DuplicateNode: the graph has a node or joint of this name.
+            MissingParent: its parent, or the joint that it follows, is not in the graph.
         """
         if node.name in self._nodes:
-            raise DuplicateNode(f"node {node.name!r} is there already")
+            raise DuplicateNode(f"node {node.name!r} exists already")
         if node.parent is not None and node.parent not in self._nodes:
             hint = did_you_mean(node.parent, self._nodes)
-            raise MissingParent(f"node {node.name!r} hangs on {node.parent!r}, which is missing{hint}")
+            raise MissingParent(f"the parent of node {node.name!r}, {node.parent!r}, does not exist{hint}")
         if is_joint(node):
             self._add_joint(node)
         self._place(node)
 
     def hang(self, node: Node) -> None:
-        """Hang a node elsewhere, or otherwise: `node` takes the place of that of the same name.
+        """Attach a node to another parent or in another way: `node` replaces the node of the same name.
 
-        What hangs on it goes with it. If it is floating, where it was is forgotten.
+        Its children move with it. If it is floating, its history is deleted.
 
         Raises:
-            UnknownNode: there is none of this name.
-            NotMovable: it moves by a joint, or would; such nodes stay where they are.
-            MissingParent, NodeCycle: it cannot hang there.
+            UnknownNode: there is no node of this name.
+            NotMovable: the old or the new node has a joint; such nodes cannot be moved to another parent.
+            MissingParent, NodeCycle: the node cannot be attached there.
         """
         before = self._find(node.name).node
         for each in (before, node):
             if each.joint is not None and each.joint.type is not JointType.FLOATING:
-                raise NotMovable(f"node {node.name!r} cannot be hung elsewhere: it moves by a joint")
+                raise NotMovable(f"node {node.name!r} cannot get another parent: it moves by a joint")
         nodes = [node if placed is before else placed for placed in self]
         for _, error in tree_problems(nodes):
             raise error
@@ -144,26 +144,28 @@ class SceneGraph:
             self._place(each)
 
     def move(self, name: str, time_ns: int, pose: RigidTransform) -> None:
-        """Say where a floating node was in its parent (X_PN) at a time.
+        """Set the pose of a floating node in its parent (X_PN) at a time, in ns.
 
         Raises:
-            UnknownNode: there is none of this name.
+            UnknownNode: there is no node of this name.
             NotMovable: it is not floating.
-            TooOld: that is longer ago than what is remembered.
+            TooOld: the time lies before the remembered history.
         """
         history = self._floating.get(name)
         if history is None:
             kind = self._find(name).node.joint_type
-            raise NotMovable(f"node {name!r} is {kind}, not floating; only floating nodes are given poses")
+            raise NotMovable(
+                f"node {name!r} is {kind}, not floating; poses can be set for floating nodes only"
+            )
         history.add(time_ns, pose)
 
     def set_joint(self, name: str, time_ns: int, position: float) -> None:
-        """Say what the position (rad or m) of a joint was at a time. Its limits are not enforced.
+        """Set the position (rad or m) of a joint at a time, in ns. Its limits are not enforced.
 
         Raises:
-            UnknownNode: there is no joint of this name that has positions of its own.
+            UnknownNode: there is no such joint, or it follows another joint.
             NotAPose: the position is not finite.
-            TooOld: that is longer ago than what is remembered.
+            TooOld: the time lies before the remembered history.
         """
         _, history = self._find_joint(name)
         if not math.isfinite(position):
@@ -171,27 +173,27 @@ class SceneGraph:
         history.add(time_ns, position)
 
     def forget(self) -> None:
-        """Forget all that moves was where, as after a jump of time; the nodes stay."""
+        """Delete the history of everything that moves, as after a jump of time; the nodes stay."""
         for _, joint in self._joints.values():
             joint.forget()
         for floating in self._floating.values():
             floating.forget()
 
-    # -- questions -------------------------------------------------------------------------------------
+    # -- queries ---------------------------------------------------------------------------------------
 
     def pose(self, a: str, b: str, time_ns: int | None = None) -> RigidTransform:
         """Return X_AB, the pose of node `b` in the frame of node `a`.
 
         Args:
-            a: the frame in which it is to be.
-            b: what is looked for.
-            time_ns: when; None for the newest time at which everything between them is known.
+            a: the node in whose frame the pose is expressed.
+            b: the node whose pose is returned.
+            time_ns: the time; None for the newest time at which every joint between them is known.
 
         Raises:
-            UnknownNode: one of them is not there.
+            UnknownNode: one of the nodes does not exist.
             Disconnected: they are in different trees.
-            NeverPlaced: something between them has never been placed.
-            TooOld, TooNew: at that time something between them was not known any more, or not yet.
+            NeverPlaced: a joint between them has no position or pose yet.
+            TooOld, TooNew: for this time, a joint between them is no longer, or not yet, known.
         """
         placed_a, placed_b = self._find(a), self._find(b)
         if time_ns is None:
@@ -200,7 +202,7 @@ class SceneGraph:
         if of_a.root != of_b.root:
             self._refuse_disconnected(placed_a, placed_b)
         pose_a, pose_b = placed_a.place, placed_b.place
-        # Up from both, always from the deeper one, until they meet.
+        # Go up from both nodes, always from the deeper one, until the paths meet.
         while of_a is not of_b:
             if of_b.depth >= of_a.depth:
                 pose_b = compose(of_b.pose_at(time_ns), pose_b)
@@ -211,7 +213,7 @@ class SceneGraph:
         return RigidTransform._make(relative(pose_a, pose_b))
 
     def newest_common_ns(self, a: str, b: str) -> int:
-        """Return the newest time for which X_AB is known; 0 if it never changes.
+        """Return the newest time (ns) for which X_AB is known; 0 if it never changes.
 
         Raises:
             UnknownNode, Disconnected, NeverPlaced: as for `pose`.
@@ -237,7 +239,7 @@ class SceneGraph:
             f"one is below {a.body.root!r}, the other below {b.body.root!r}"
         )
 
-    # -- making ----------------------------------------------------------------------------------------
+    # -- construction ----------------------------------------------------------------------------------
 
     def _find(self, name: str) -> PlacedNode:
         placed = self._nodes.get(name)
@@ -255,7 +257,7 @@ class SceneGraph:
         joint = node.joint
         assert joint is not None
         if joint.name in self._joints:
-            raise DuplicateNode(f"joint {joint.name!r} is there already")
+            raise DuplicateNode(f"joint {joint.name!r} exists already")
         between = circular if joint.type is JointType.CONTINUOUS else linear
         history = History(f"joint {joint.name!r}", between, *self._keep)
         self._joints[joint.name] = (joint, history)
@@ -267,13 +269,13 @@ class SceneGraph:
         elif joint is None:
             placed = fixed_node(node, self._nodes[node.parent])
         elif joint.type is JointType.FLOATING:
-            made = History(f"the place of node {node.name!r}", interpolate, *self._keep)
+            made = History(f"the pose of node {node.name!r}", interpolate, *self._keep)
             history = self._floating.setdefault(node.name, made)
             placed = floating_node(node, self._nodes[node.parent], history)
         else:
             leader = joint.mimic.joint if joint.mimic else joint.name
             if leader not in self._joints:
                 hint = did_you_mean(leader, self._joints)
-                raise MissingParent(f"joint {joint.name!r} follows {leader!r}, which is missing{hint}")
+                raise MissingParent(f"joint {joint.name!r} follows {leader!r}, which does not exist{hint}")
             placed = jointed_node(node, joint, self._nodes[node.parent], self._joints[leader][1])
         self._nodes[node.name] = placed

@@ -1,4 +1,4 @@
-"""What was known of a moving thing at which time."""
+"""The history of a joint position or a pose."""
 
 import math
 from bisect import bisect_left, bisect_right
@@ -9,20 +9,21 @@ from robbie_mp.scene_graph.errors import NeverPlaced, TooNew, TooOld
 
 Value = TypeVar("Value")
 REFUSALS_IN_A_ROW = 10
-"""After so many values that are too old, it is the newest one whose time was wrong."""
+"""After this number of values that are too old, the newest value counts as the one with the wrong time."""
 
 
 class History(Generic[Value]):
-    """The values of the last seconds, by time; what lies between two of them is interpolated.
+    """The values of the last seconds, by time; it interpolates between them.
 
-    It is bounded by time and by number, whichever comes first. One value from the future, as a sensor gives
-    whose clock is not set yet, makes all others too old; so if many in a row are, it begins anew with them.
+    Its length and its number of values are limited. A single value from the future, such as from a sensor
+    whose clock is not set yet, makes all others too old; after many such values in a row the history starts
+    again with them.
 
     Args:
-        owner: whose it is, for the texts of errors.
-        between: gives the value at a share (0 to 1) of the way from one to the next.
-        keep_s: how much is remembered, back from the newest value.
-        limit: how many values at most.
+        owner: what the values belong to, for error texts.
+        between: interpolates: returns the value at a share (0 to 1) of the way from one value to the next.
+        keep_s: how much is remembered before the newest value, in s.
+        limit: most values.
     """
 
     def __init__(
@@ -52,14 +53,14 @@ class History(Generic[Value]):
             NeverPlaced: there is none.
         """
         if not self._times:
-            raise NeverPlaced(f"{self.owner} has never been given; it comes with messages")
+            raise NeverPlaced(f"{self.owner} is not known yet; it arrives with messages")
         return self._times[-1]
 
     def add(self, time_ns: int, value: Value) -> None:
-        """Note a value. They may come late; a second one of the same time takes the first one's place.
+        """Add a value. Values may arrive late; a second value of the same time replaces the first.
 
         Raises:
-            TooOld: it is older than what is remembered.
+            TooOld: the time lies before the remembered history.
         """
         times, values = self._times, self._values
         if not times or time_ns > times[-1]:
@@ -121,27 +122,27 @@ class History(Generic[Value]):
         return self._between(self._values[place - 1], self._values[place], share)
 
     def forget(self) -> None:
-        """Forget everything, as after a jump of time."""
+        """Delete all values, as after a jump of time."""
         self._times.clear()
         self._values.clear()
 
     def _forget_old(self) -> None:
         times = self._times
         old = max(bisect_right(times, times[-1] - self._keep_ns) - 1, len(times) - self._limit)
-        if old > 0:  # one that is older than what is remembered stays, to interpolate from
+        if old > 0:  # one value before the remembered time stays, to interpolate from
             del times[:old], self._values[:old]
 
 
 def linear(first: float, second: float, share: float) -> float:
-    """Return what lies between two positions."""
+    """Interpolate between two positions."""
     return first + share * (second - first)
 
 
 def circular(first: float, second: float, share: float) -> float:
-    """Return what lies between two angles (rad), the shorter way round."""
+    """Interpolate between two angles (rad), the shorter way round."""
     return first + share * math.remainder(second - first, 2.0 * math.pi)
 
 
 def seconds(time_ns: int) -> str:
-    """Return a time for people."""
+    """Return a time in words."""
     return f"{time_ns / 1e9:.6f} s"

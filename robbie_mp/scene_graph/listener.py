@@ -1,4 +1,4 @@
-"""The scene graph in any module: learnt from the transforms that the robot publishes."""
+"""A scene graph for any module, built from the transforms that the robot publishes."""
 
 from robbie_mp.messages import TFMessage, TimeJump, TransformStamped
 from robbie_mp.module.module import Module
@@ -13,7 +13,7 @@ FLOATING = Joint(JointType.FLOATING)
 
 
 class SceneGraphListener:
-    """Follows the robot's transforms, and answers where things are.
+    """Subscribes to the robot's transforms and answers queries for poses.
 
         def setup(self) -> None:
             self.scene = SceneGraphListener(self)
@@ -22,14 +22,15 @@ class SceneGraphListener:
         def on_scan(self, scan: LaserScan) -> None:
             X_ML = self.scene.pose("map", "laser", scan.header.stamp.nanoseconds)
 
-    It hears TFMessage on the topics `tf` and `tf_static`, whoever publishes it: the SceneGraphService, a
-    playback, a ROS robot. Right after its start it knows little; fixed transforms are repeated once a second.
+    It subscribes to TFMessage on the topics `tf` and `tf_static`; the publisher may be the SceneGraphService,
+    a playback or a ROS robot. Right after its start it knows little; fixed transforms are published again
+    once a second.
 
     Args:
-        module: the module that it is part of; make it in `setup()`.
-        history_s: how much of the past it remembers, s.
-        hears_time_jumps: subscribe to TimeJump, and forget everything then. False for a module that
-            subscribes to that itself: it should call `forget()`.
+        module: the module that it is part of; create the listener in `setup()`.
+        history_s: how much of the past it remembers, in s.
+        hears_time_jumps: subscribe to TimeJump, and delete the history at each jump. Use False if your module
+            subscribes to TimeJump; then call `forget()` at each jump.
     """
 
     def __init__(self, module: Module, *, history_s: float = HISTORY_S, hears_time_jumps: bool = True):
@@ -44,18 +45,18 @@ class SceneGraphListener:
         """Return X_AB, the pose of node `b` in the frame of node `a`.
 
         Args:
-            a: the frame in which it is to be.
-            b: what is looked for.
-            time_ns: when; None for the newest time at which everything between them is known.
+            a: the node in whose frame the pose is expressed.
+            b: the node whose pose is returned.
+            time_ns: the time; None for the newest time at which every joint between them is known.
 
         Raises:
-            UnknownNode, Disconnected: nothing, or not enough, has been heard of one of them.
-            TooOld, TooNew: at that time something between them was not known any more, or not yet.
+            UnknownNode, Disconnected: the transforms received so far do not place one of the nodes.
+            TooOld, TooNew: for this time, a joint between them is no longer, or not yet, known.
         """
         return self.graph.pose(a, b, time_ns)
 
     def forget(self) -> None:
-        """Forget where everything that moves was."""
+        """Delete the history of everything that moves."""
         self.graph.forget()
 
     def _on_transforms(self, message: TFMessage) -> None:

@@ -1,4 +1,4 @@
-"""What a scene graph is made of: nodes, and the joints on which they move."""
+"""The parts of a scene graph: nodes, and the joints that move them."""
 
 import math
 from dataclasses import dataclass
@@ -9,17 +9,17 @@ from robbie_mp.scene_graph.rigid_transform import IDENTITY, RigidTransform
 
 
 class JointType(StrEnum):
-    """How a node may move in its parent; the words are those of URDF."""
+    """How a node may move in its parent, with the terms of URDF."""
 
     FIXED = "fixed"
     REVOLUTE = "revolute"
     """Turns about an axis, between limits; rad."""
     CONTINUOUS = "continuous"
-    """Turns about an axis without end; rad."""
+    """Turns about an axis without limits; rad."""
     PRISMATIC = "prismatic"
     """Slides along an axis; m."""
     FLOATING = "floating"
-    """Is anywhere: whole poses are given for it, such as odometry."""
+    """Moves freely: whole poses are set, such as from odometry."""
 
 
 JOINT_TYPES = tuple(kind.value for kind in JointType)
@@ -40,10 +40,10 @@ class Joint:
 
     Attributes:
         type: any but FIXED.
-        name: as joint states name it; '' for a floating one, which is named by its node.
-        axis: (3,) in the node's frame; is made a unit vector.
+        name: its name in joint states; '' for a floating joint, which has the name of its node.
+        axis: (3,) in the node's frame; it is normalized.
         limits: least and greatest position, rad or m; None if there are none.
-        mimic: the joint it follows, if it has no position of its own.
+        mimic: the joint that it follows; None if it has its own position.
     """
 
     type: JointType
@@ -56,12 +56,12 @@ class Joint:
         """Check what does not depend on other nodes.
 
         Raises:
-            BadJoint: something makes no sense.
+            BadJoint: the description is invalid.
         """
         if self.type is JointType.FIXED:
             raise BadJoint("a node that is fixed has no joint; leave it out")
         if (self.type is JointType.FLOATING) != (not self.name):
-            raise BadJoint("a joint needs a name, unless it is floating: then it has none")
+            raise BadJoint("every joint needs a name, except floating joints, which have none")
         length = math.hypot(*self.axis)
         if not (math.isfinite(length) and length > 1e-9):
             raise BadJoint(f"the axis of joint {self.name!r} must have a direction; got {self.axis}")
@@ -70,7 +70,7 @@ class Joint:
         if self.limits is not None and not self.limits[0] <= self.limits[1]:
             raise BadJoint(f"limits of joint {self.name!r} must be [lower, upper]; got {list(self.limits)}")
         if self.mimic is not None and self.type is JointType.FLOATING:
-            raise BadJoint("a floating joint cannot follow another one")
+            raise BadJoint("a floating joint cannot follow another joint")
 
     def allows(self, position: float) -> bool:
         """Return whether a position is within the limits."""
@@ -79,11 +79,11 @@ class Joint:
 
 @dataclass(frozen=True)
 class Node:
-    """A frame of the world: where it hangs, and how it may move there.
+    """A frame: its parent, its pose in the parent, and how it may move there.
 
     Attributes:
         name: unique in its graph.
-        parent: the node it hangs on; None for a root.
+        parent: the name of its parent; None for a root.
         origin: X_PN, its pose in the parent, with the joint (if any) at position 0.
         joint: None if it is fixed.
     """
@@ -97,16 +97,16 @@ class Node:
         """Check what does not depend on other nodes.
 
         Raises:
-            BadJoint: something makes no sense.
+            BadJoint: the description is invalid.
         """
         if not self.name:
             raise BadJoint("a node needs a name")
         if self.parent is None and (self.joint is not None or self.origin != IDENTITY):
-            raise BadJoint(f"node {self.name!r} has no parent, so it has neither place nor joint")
+            raise BadJoint(f"node {self.name!r} has no parent, so it can have neither a pose nor a joint")
         if self.joint and self.joint.type is JointType.FLOATING and self.origin != IDENTITY:
-            raise BadJoint(f"node {self.name!r} is floating, so messages place it; leave its own place out")
+            raise BadJoint(f"node {self.name!r} is floating, so messages set its pose; leave its pose out")
 
     @property
     def joint_type(self) -> JointType:
-        """FIXED, or that of its joint."""
+        """The type of its joint; FIXED if it has none."""
         return self.joint.type if self.joint else JointType.FIXED

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from robbie_mp.scene_graph.errors import NotAPose
 
 UNIT_TOLERANCE = 1e-3
-"""Quaternions that people write with four digits count as unit quaternions; they are then made exactly so."""
+"""Tolerance of a quaternion's length, so that four written digits suffice; it is then normalized."""
 
 Pose7 = tuple[float, float, float, float, float, float, float]
 
@@ -49,7 +49,7 @@ class RigidTransform(NamedTuple):
     def from_rpy(
         cls, translation: Sequence[float] = (0.0, 0.0, 0.0), rpy: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> "RigidTransform":
-        """Return the pose with rotations about the parent's x, then y, then z axis: roll, pitch, yaw in rad.
+        """Return a pose that rotates about the parent's x, then y, then z axis: roll, pitch, yaw in rad.
 
         Raises:
             NotAPose: a number is not finite.
@@ -103,7 +103,7 @@ class RigidTransform(NamedTuple):
         return RigidTransform(*relative(self, IDENTITY))
 
     def apply(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return points (N, 3) or (3,), m, B frame, as they are in A."""
+        """Transform points (N, 3) or (3,), m, from frame B to frame A."""
         matrix = self.matrix
         return np.asarray(points, np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
 
@@ -152,7 +152,7 @@ def interpolate(first: Pose7, second: Pose7, share: float) -> Pose7:
     The translation is interpolated linearly; the rotation at constant angular velocity, the shorter way round
     (slerp: Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985).
     """
-    if first == second:  # as corrections are most of the time
+    if first == second:  # usual for corrections
         return first
     px, py, pz, ax, ay, az, aw = first
     x, y, z, bx, by, bz, bw = second
@@ -179,15 +179,15 @@ def interpolate(first: Pose7, second: Pose7, share: float) -> Pose7:
 
 
 def unit(quaternion: Sequence[float]) -> tuple[float, float, float, float]:
-    """Return a quaternion (4,) at exactly length 1.
+    """Return a quaternion (4,) normalized to length 1.
 
     Raises:
-        NotAPose: its length is not nearly 1.
+        NotAPose: its length is not close to 1.
     """
     x, y, z, w = map(float, quaternion)
     length = math.hypot(x, y, z, w)
     if not abs(length - 1.0) <= UNIT_TOLERANCE:
-        hint = "; all 0: nobody has filled it in" if length == 0 else ""
+        hint = "; all 0: the field was never set" if length == 0 else ""
         raise NotAPose(
             f"expected a unit quaternion (x, y, z, w); got {(x, y, z, w)}, whose length is {length:.6g}{hint}"
         )

@@ -29,7 +29,8 @@ def read_scene(file: Path) -> list[Node]:
     """Read the nodes of a scene graph from a YAML file, or from a URDF (`.urdf` or `.xml`).
 
     Raises:
-        SceneFileError: it cannot be read, or describes no tree; the text has a line for each problem.
+        SceneFileError: the file cannot be read, or does not describe a tree; the text has a line for each
+            problem.
     """
     description = _describe(file, ())
     if not description.problems:
@@ -57,7 +58,7 @@ def _describe(file: Path, including: tuple[Path, ...]) -> Description:
     _describe_nodes(description, fields)
     _describe_includes(description, fields, (*including, file.resolve()))
     if not description.nodes and not description.problems:
-        description.wrong("there are no nodes in it", root.place)
+        description.wrong("the file describes no nodes", root.place)
     return description
 
 

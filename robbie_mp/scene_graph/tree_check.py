@@ -1,4 +1,4 @@
-"""Is it a tree? What is wrong with a set of nodes as a whole."""
+"""Checks that nodes form a tree."""
 
 from collections.abc import Iterator, Sequence
 
@@ -8,16 +8,19 @@ from robbie_mp.suggest import did_you_mean
 
 
 def tree_problems(nodes: Sequence[Node]) -> Iterator[tuple[Node, SceneGraphError]]:
-    """Yield everything that keeps nodes from being a tree (or several), each with the node it is found at."""
+    """Yield every reason why the nodes are not one or several trees, each with the node concerned."""
     by_name: dict[str, Node] = {}
     for node in nodes:
         if node.name in by_name:
-            yield node, DuplicateNode(f"node {node.name!r} is there twice; every name may be there once")
+            yield node, DuplicateNode(f"node {node.name!r} is described twice")
         by_name.setdefault(node.name, node)
     for node in nodes:
         if node.parent is not None and node.parent not in by_name:
             hint = did_you_mean(node.parent, by_name)
-            yield node, MissingParent(f"node {node.name!r} hangs on {node.parent!r}, which is missing{hint}")
+            yield (
+                node,
+                MissingParent(f"the parent of node {node.name!r}, {node.parent!r}, does not exist{hint}"),
+            )
     yield from _cycles(by_name)
     yield from _joint_problems(nodes)
 
@@ -42,7 +45,10 @@ def _joint_problems(nodes: Sequence[Node]) -> Iterator[tuple[Node, SceneGraphErr
     for node in nodes:
         name = node.joint.name if node.joint else ""
         if name and name in joints:
-            yield node, DuplicateNode(f"joint {name!r} is there twice, also at node {joints[name].name!r}")
+            yield (
+                node,
+                DuplicateNode(f"joint {name!r} is described twice, also at node {joints[name].name!r}"),
+            )
         joints.setdefault(name, node)
     for node in nodes:
         mimic = node.joint.mimic if node.joint else None
@@ -53,7 +59,9 @@ def _joint_problems(nodes: Sequence[Node]) -> Iterator[tuple[Node, SceneGraphErr
             hint = did_you_mean(mimic.joint, filter(None, joints))
             yield (
                 node,
-                MissingParent(f"joint {node.joint.name!r} follows {mimic.joint!r}, which is missing{hint}"),
+                MissingParent(
+                    f"joint {node.joint.name!r} follows {mimic.joint!r}, which does not exist{hint}"
+                ),
             )
         elif leader.mimic is not None:
             yield node, BadJoint(f"joint {node.joint.name!r} follows {mimic.joint!r}, which follows another")
@@ -65,12 +73,12 @@ def parents_first(nodes: Sequence[Node]) -> list[Node]:
     for node in nodes:
         children.setdefault(node.parent, []).append(node)
     ordered = list(children.get(None, []))
-    for node in ordered:  # grows meanwhile
+    for node in ordered:  # grows during the loop
         ordered.extend(children.get(node.name, []))
     return ordered
 
 
 def is_joint(node: Node) -> bool:
-    """Return whether a node moves by a joint position of its own."""
+    """Return whether a node has a joint that does not follow another one."""
     joint = node.joint
     return joint is not None and joint.type is not JointType.FLOATING and joint.mimic is None

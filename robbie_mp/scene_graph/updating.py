@@ -1,4 +1,4 @@
-"""Applies what a robot says of its motion to its scene graph, and notes what has moved."""
+"""Applies a robot's motion messages to its scene graph, and records which nodes have moved."""
 
 from collections.abc import Container
 
@@ -11,15 +11,15 @@ from robbie_mp.scene_graph.warn_once import WarnOnce
 
 
 class SceneUpdater:
-    """Moves the nodes of a scene graph as messages say.
+    """Moves the nodes of a scene graph by messages.
 
-    What a message on a topic such as "red/odom" calls "base_link" is "red/base_link", if that is a node.
-    What cannot be applied is ignored, counted, and told once.
+    "base_link" in a message on a topic such as "red/odom" means "red/base_link", if there is such a node.
+    A message, or part of one, that cannot be applied is ignored, counted, and reported once.
 
     Args:
-        graph: what is to be moved.
-        base: the node whose pose map poses are, without prefix.
-        warnings: where to tell.
+        graph: the graph whose nodes move.
+        base: the node that map poses place, without prefix.
+        warnings: reports what is ignored.
     """
 
     def __init__(self, graph: SceneGraph, base: str, warnings: WarnOnce):
@@ -36,25 +36,25 @@ class SceneUpdater:
                 self._nodes_of_joint[node.joint.name].append(node.name)
         self._waiting: dict[str, PoseStamped] = {}
         self.moved: dict[tuple[str, int], None] = {}
-        """What has moved and has not been taken yet: names of nodes, and times (ns)."""
+        """Nodes that have moved since `take_moved` was last called: names, and times (ns)."""
         self.corrections: dict[str, tuple[str, RigidTransform]] = {}
-        """For each robot's prefix, the node that was moved to make map poses come true, and its pose."""
+        """For each robot's prefix, the node that was moved to apply its map poses, and the node's pose."""
 
     def take_moved(self) -> list[tuple[str, int]]:
-        """Return what has moved since the last time."""
+        """Return the nodes that have moved since the last call."""
         taken = list(self.moved)
         self.moved.clear()
         return taken
 
     def forget(self) -> None:
-        """Forget where everything was."""
+        """Delete the history of everything that moves."""
         self._graph.forget()
         self._waiting.clear()
         self.moved.clear()
         self.corrections.clear()
 
     def add_joint_state(self, topic: str, state: JointState) -> None:
-        """Move joints."""
+        """Apply a message with joint positions."""
         time_ns = state.header.stamp.nanoseconds
         positions = state.position.tolist()
         if len(positions) not in (0, len(state.name)):
@@ -75,7 +75,7 @@ class SceneUpdater:
         try:
             hangs_on = self._graph.node(name).parent
             if hangs_on != parent:
-                raise Disconnected(f"node {name!r} hangs on {hangs_on!r}, not on {parent!r}")
+                raise Disconnected(f"the parent of node {name!r} is {hangs_on!r}, not {parent!r}")
             self._move(name, odometry.header.stamp.nanoseconds, from_pose(odometry.pose.pose))
             if prefix in self.corrections:
                 corrected, pose = self.corrections[prefix]
@@ -88,9 +88,9 @@ class SceneUpdater:
             self.add_map_pose(topic, waiting)
 
     def add_map_pose(self, topic: str, pose: PoseStamped) -> None:
-        """Move the odometry frame so that the robot is where its map pose says.
+        """Move the odometry frame so that the robot has its map pose.
 
-        A map pose may come before the odometry of its time: then it waits for that.
+        If a map pose arrives before the odometry of its time, it waits for that odometry.
         """
         prefix = prefix_of(topic)
         try:
@@ -101,7 +101,7 @@ class SceneUpdater:
             self._warnings.ignore(f"a map pose on {topic!r}", error)
 
     def correct(self, prefix: str, name: str, since_ns: int, pose: RigidTransform) -> None:
-        """Move a node to stay there, at each time of the robot's odometry, until the next map pose."""
+        """Set a node's pose at each time of the robot's odometry, until the next map pose."""
         self._move(name, since_ns, pose)
         self.corrections[prefix] = (name, pose)
 
@@ -115,13 +115,13 @@ class SceneUpdater:
             self._move(base, time_ns, X_MB)
             return
         X_MC = X_MB @ self._graph.pose(base, corrected, time_ns)
-        # What has been told of the past stays as it was told: the correction counts from now on.
+        # Published poses of the past stay as they are: the correction applies from now on.
         known_ns, told_ns = self._graph.newest_ns(base), self._graph.newest_ns(corrected)
         now_ns = time_ns if known_ns is None or told_ns is None else min(known_ns, told_ns)
         self.correct(prefix, corrected, max(time_ns, now_ns), X_MC)
 
     def _child_on_the_way(self, ancestor: str, name: str) -> str:
-        """Return the child of `ancestor` that is, or bears, the node `name`."""
+        """Return the child of `ancestor` that is the node `name` or is above it."""
         above = self._graph.node(ancestor).name
         node = self._graph.node(name)
         while node.parent is not None:
@@ -148,7 +148,7 @@ class SceneUpdater:
 
 
 def prefix_of(name: str) -> str:
-    """Return what stands before the last part of a topic or name: "red/" of "red/odom", "" of "odom"."""
+    """Return the prefix of a topic or name: "red/" of "red/odom", "" of "odom"."""
     return name[: name.rfind("/") + 1]
 
 

@@ -1,4 +1,4 @@
-"""Reads the tree of links and joints of a URDF (https://wiki.ros.org/urdf/XML), and nothing else of it."""
+"""Reads only the tree of links and joints of a URDF (https://wiki.ros.org/urdf/XML)."""
 
 import math
 from pathlib import Path
@@ -15,7 +15,7 @@ Triple = tuple[float, float, float]
 
 
 def describe_urdf(file: Path) -> Description:
-    """Return the nodes that a URDF describes: one for each link, named by it; problems are noted in it."""
+    """Return the nodes that a URDF describes, one for each link with the link's name, and all problems."""
     description = Description(file)
     try:
         robot = read_xml(file)
@@ -23,7 +23,7 @@ def describe_urdf(file: Path) -> Description:
         description.problems.extend(error.problems)
         return description
     if robot.tag != "robot":
-        description.wrong(f"a URDF begins with <robot>, not with <{robot.tag}>", robot.place)
+        description.wrong(f"the root element of a URDF is <robot>, not <{robot.tag}>", robot.place)
         return description
     _Robot(description, robot).describe()
     return description
@@ -48,13 +48,15 @@ class _Robot:
         roots = [name for name in links if name not in self._joint_of_child]
         if len(roots) != 1 and not self._description.problems:
             names = ", ".join(map(repr, roots)) or "none"
-            self._wrong(self._robot, f"expected one link that is no joint's child; got {names}")
+            self._wrong(
+                self._robot, f"expected exactly one link that is not the child of a joint; got {names}"
+            )
 
     def _note_joint(self, joint: Element, links: dict[str, Element]) -> None:
         for role in ("parent", "child"):
             name = self._link_of(joint, role)
             if name not in links:
-                what = f"joint {self._attribute(joint, 'name')!r}: its {role} {name!r} is no link"
+                what = f"joint {self._attribute(joint, 'name')!r}: its {role} {name!r} is not a link"
                 self._wrong(joint, what + did_you_mean(name, links))
         child = self._link_of(joint, "child")
         before = self._joint_of_child.setdefault(child, joint)

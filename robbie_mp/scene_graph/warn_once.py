@@ -1,16 +1,16 @@
-"""Says what is wrong with messages once, and not with every message."""
+"""Logs a warning about messages once, not for every message."""
 
 import logging
 
 LIMIT = 100
-"""Different warnings; whoever has so many knows."""
+"""Most different warnings."""
 
 
 class WarnOnce:
-    """Warns of each thing once.
+    """Logs each warning once.
 
     Args:
-        log: where to.
+        log: where to log.
     """
 
     def __init__(self, log: logging.Logger):
@@ -20,12 +20,12 @@ class WarnOnce:
         """How often a message, or a part of one, was ignored."""
 
     def ignore(self, what: str, why: object) -> None:
-        """Count something that is ignored, and say why if that has not been said of `what`."""
+        """Count something that is ignored; log the reason if none has been logged for `what`."""
         self.ignored += 1
         self.say(f"{what} is ignored", why)
 
     def say(self, what: str, text: object) -> None:
-        """Say something of `what`, once; `text` is made a text only then."""
+        """Log a warning about `what` once; `text` is converted to str only then."""
         if what not in self._said and len(self._said) < LIMIT:
             self._said.add(what)
-            self._log.warning("%s: %s (said once)", what, text)
+            self._log.warning("%s: %s (logged once)", what, text)

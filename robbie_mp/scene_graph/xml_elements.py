@@ -1,4 +1,4 @@
-"""Reads XML into elements that know their lines. Document types, and with them entities, are refused."""
+"""Reads XML into elements that know their lines. It refuses document types, and so entities."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,7 +33,7 @@ def read_xml(file: Path) -> Element:
     """Read an XML file.
 
     Raises:
-        SceneFileError: it cannot be read, is not XML, or has a document type.
+        SceneFileError: the file cannot be read, is not XML, or has a document type.
     """
     reader = _Reader(file)
     try:
@@ -45,7 +45,7 @@ def read_xml(file: Path) -> Element:
         raise SceneFileError([Problem(text, Place(file, error.lineno))]) from None
     except SceneFileError:
         raise
-    except (LookupError, ValueError) as error:  # what Python says of an encoding that it does not know
+    except (LookupError, ValueError) as error:  # Python's errors for an unknown encoding
         raise SceneFileError([Problem(f"not XML: {error}", Place(file, 1))]) from None
     return reader.root
 

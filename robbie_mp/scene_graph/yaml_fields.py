@@ -1,4 +1,4 @@
-"""The fields of a map in a scene file: read as what they must be, with every mistake noted."""
+"""Reads the fields of a map in a scene file with their types, and notes every problem."""
 
 import math
 
@@ -12,10 +12,10 @@ class Fields:
     """A map of a scene file.
 
     Args:
-        description: where mistakes are noted.
-        path: the way to the map, for the texts, as "nodes.laser".
-        node: what stands there; nothing at all counts as an empty map.
-        known: the keys it may have.
+        description: collects the problems.
+        path: the path of the map for error texts, such as "nodes.laser".
+        node: the value; null counts as an empty map.
+        known: the allowed keys.
     """
 
     def __init__(self, description: Description, path: str, node: Yaml, known: tuple[str, ...]):
@@ -35,15 +35,15 @@ class Fields:
         return key in self.values
 
     def path_of(self, key: str) -> str:
-        """Return the way to a value."""
+        """Return the path of a value."""
         return f"{self._path}.{key}" if self._path else key
 
     def place_of(self, key: str) -> Place:
-        """Return where a value stands, or the map if it is missing."""
+        """Return the place of a value, or of the map if the value is missing."""
         return self.values[key].place if key in self.values else self.place
 
     def text(self, key: str) -> str | None:
-        """Return a text; None if there is none."""
+        """Return a str; None if it is missing."""
         value = self.values[key].value if key in self.values else None
         if value is None or (isinstance(value, str) and value):
             return value
@@ -51,7 +51,7 @@ class Fields:
         return None
 
     def required_text(self, key: str) -> str:
-        """Return a text that must be there; '' if it is missing, which is noted."""
+        """Return a required str; if it is missing, note the problem and return ''."""
         if key not in self.values and self._is_map:
             self._description.wrong(f"{self.path_of(key)}: missing; expected a text", self.place)
         return self.text(key) or ""
@@ -66,7 +66,7 @@ class Fields:
         return default if value is None else value
 
     def numbers(self, key: str, count: int) -> tuple[float, ...] | None:
-        """Return a list of so many finite numbers; None if there is none."""
+        """Return a list of `count` finite numbers; None if it is missing."""
         if key not in self.values:
             return None
         value = self.values[key].value

@@ -61,6 +61,6 @@ def test_without_a_workspace_the_error_says_where_to_go(tmp_path: Path) -> None:
     ):
         load_profile("demo", tmp_path)
     with pytest.raises(
-        ProfileError, match=r"/demo\.yaml is in no folder profiles/, so it belongs to no robot$"
+        ProfileError, match=r"/demo\.yaml is not in a folder profiles/, so it belongs to no robot$"
     ):
         load_profile("demo.yaml", tmp_path)

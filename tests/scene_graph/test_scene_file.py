@@ -92,7 +92,7 @@ def of_b(fields: str) -> str:
         ),
         (
             "nodes:\n  base: \n  a: {parent: bas}",
-            "3: node 'a' hangs on 'bas', which is missing; did you mean 'base'?",
+            "3: the parent of node 'a', 'bas', does not exist; did you mean 'base'?",
         ),
         (
             "nodes:\n  a:\n  b:\n    parent: a\n    quaternion: [0, 0, 0, 2]",
@@ -113,7 +113,10 @@ def of_b(fields: str) -> str:
             of_b("joint: {type: revolut}"),
             "3: nodes.b.joint.type: there is no joint type 'revolut'; did you mean 'revolute'?",
         ),
-        (of_b("joint: {type: revolute}"), "3: a joint needs a name, unless it is floating: then it has none"),
+        (
+            of_b("joint: {type: revolute}"),
+            "3: every joint needs a name, except floating joints, which have none",
+        ),
         (of_b("joint: {name: j}"), "3: nodes.b.joint.type: missing; expected a text"),
         (of_b("joint: 5"), "3: nodes.b.joint: expected a map with keys such as 'type'"),
         ("nodes:\n  a:\n  b: {parent: 3}", "3: nodes.b.parent: expected a text; got 3"),
@@ -121,7 +124,7 @@ def of_b(fields: str) -> str:
         ("include: {file: a}", "1: include: expected a list of maps"),
         ("include:\n  - {prefix: a/}", "2: include[0].file: missing; expected a text"),
         ("include:\n  - {file: scene.yaml}", "2: include[0].file: 'scene.yaml' includes itself"),
-        ("", "1: there are no nodes in it"),
+        ("", "1: the file describes no nodes"),
         ("nodes: [", "1: YAML: "),
     ],
 )
@@ -139,11 +142,9 @@ def test_all_problems_are_told_at_once(tmp_path: Path) -> None:
 def test_problems_of_included_files_have_their_places(tmp_path: Path) -> None:
     write(tmp_path, "nodes:\n  a:\n  laser: {parent: a}\n", "one.yaml")
     two = write(tmp_path, "nodes:\n  b:\n  laser: {parent: b}\ninclude:\n  - {file: one.yaml}\n", "two.yaml")
-    assert problems(two) == [
-        "one.yaml:3: node 'laser' is there twice; every name may be there once, first at two.yaml:3"
-    ]
+    assert problems(two) == ["one.yaml:3: node 'laser' is described twice, first at two.yaml:3"]
     three = write(tmp_path, "include:\n  - file: one.yaml\n    parent: nowhere\n", "three.yaml")
-    assert problems(three) == ["three.yaml:2: node 'a' hangs on 'nowhere', which is missing"]
+    assert problems(three) == ["three.yaml:2: the parent of node 'a', 'nowhere', does not exist"]
     four = write(tmp_path, "nodes: {a: , b: }", "four.yaml")
     five = write(tmp_path, f"nodes: {{w: }}\ninclude:\n  - {{file: {four.name}, parent: w}}", "five.yaml")
     assert "four.yaml has several roots ('a', 'b')" in problems(five)[0]

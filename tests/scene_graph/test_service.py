@@ -250,7 +250,7 @@ def test_odometry_from_the_future_does_not_stop_the_robot_for_good(file: Path) -
             "odom",
             r"odometry on 'odom' is ignored: there is no node 'base'; did",
         ),
-        (odometry(1.0, 0.0, child="laser"), "odom", "'laser' hangs on 'base_link', not on 'odom'"),
+        (odometry(1.0, 0.0, child="laser"), "odom", "the parent of node 'laser' is 'base_link', not 'odom'"),
         (odometry(1.0, math.nan), "odom", "expected finite numbers as translation"),
         (joints(1.0, pan_join=1.0), "", "'pan_join' is ignored: there is no joint 'pan_join'; did you mean"),
         (joints(1.0, pan_joint=math.inf), "", "must be a finite number, not inf"),
@@ -281,7 +281,7 @@ def test_what_cannot_be_applied_is_told_once_and_counted(
 def test_wrong_scene_files_are_told_before_anything_starts(tmp_path: Path) -> None:
     file = tmp_path / "robot.yaml"
     file.write_text("nodes:\n  a: {parent: b}\n")
-    with pytest.raises(SettingError, match=r"robot.yaml:2: node 'a' hangs on 'b', which is missing"):
+    with pytest.raises(SettingError, match=r"robot.yaml:2: the parent of node 'a', 'b', does not exist"):
         serve(file)
 
 

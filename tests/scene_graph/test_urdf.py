@@ -80,7 +80,7 @@ def test_it_may_be_included_with_a_prefix_and_followers(tmp_path: Path) -> None:
         (
             '<parent link="elbow"/>',
             '<parent link="elbo"/>',
-            "15: joint 'push': its parent 'elbo' is no link; did",
+            "15: joint 'push': its parent 'elbo' is not a link; did",
         ),
         ('<parent link="slide"/>', "", "19: joint 'bolts' has no <parent link=…>"),
         (
@@ -106,7 +106,7 @@ def test_it_may_be_included_with_a_prefix_and_followers(tmp_path: Path) -> None:
         (
             '<link name="elbow"/>',
             '<link name="elbow"/><link name="elbow"/>',
-            "11: node 'elbow' is there twice",
+            "11: node 'elbow' is described twice",
         ),
     ],
 )
@@ -118,4 +118,7 @@ def test_wrong_urdfs_are_refused_with_line(tmp_path: Path, old: str, new: str, s
 
 def test_deep_nesting_and_other_xml_are_refused(tmp_path: Path) -> None:
     assert "nested deeper than 64" in problems(write(tmp_path, "<robot>" + "<a>" * 100, "arm.urdf"))[0]
-    assert "begins with <robot>, not with <html>" in problems(write(tmp_path, "<html/>", "arm.urdf"))[0]
+    assert (
+        "the root element of a URDF is <robot>, not <html>"
+        in problems(write(tmp_path, "<html/>", "arm.urdf"))[0]
+    )
