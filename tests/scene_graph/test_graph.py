@@ -268,7 +268,7 @@ def test_poses_that_are_none_are_refused() -> None:
         NotAPose, match=r"unit quaternion .* got \(0\.0, 0\.0, 0\.0, 2\.0\), whose length is 2"
     ):
         RigidTransform.of((0, 0, 0), (0, 0, 0, 2))
-    with pytest.raises(NotAPose, match="nobody has filled it in"):
+    with pytest.raises(NotAPose, match="the field was never set"):
         RigidTransform.of((0, 0, 0), (0, 0, 0, 0))
     with pytest.raises(NotAPose, match="finite numbers as translation"):
         RigidTransform.of((0, math.inf, 0))
@@ -284,7 +284,7 @@ def test_joints_that_make_no_sense_are_refused() -> None:
         Joint(JointType.REVOLUTE, "j", limits=(1.0, -1.0))
     with pytest.raises(BadJoint, match="needs a name"):
         Joint(JointType.REVOLUTE)
-    with pytest.raises(BadJoint, match="messages place it"):
+    with pytest.raises(BadJoint, match="messages set its pose"):
         Node("a", "b", at_x(1.0), FLOATING)
     with pytest.raises(BadJoint, match="no parent"):
         Node("a", None, at_x(1.0))

@@ -96,7 +96,7 @@ def test_it_may_be_included_with_a_prefix_and_followers(tmp_path: Path) -> None:
         (
             '<link name="tool"/>',
             '<link name="tool"/><link name="x"/>',
-            "2: expected one link that is no joint's",
+            "2: expected exactly one link that is not the child of a joint",
         ),
         (
             '<material name="grey"/>',
