@@ -1,6 +1,6 @@
-"""Messages: declared as classes, encoded as ROS 2 does (CDR), described by ros2msg schemas.
+"""Messages: declared as classes, encoded like ROS 2 messages (CDR), described by ros2msg schemas.
 
-How to declare one, versions, loans and limits: docs/messages.md.
+How to declare messages, versions, loans and limits: docs/messages.md.
 """
 
 from robbie_mp.messages.declaration import Upgrade

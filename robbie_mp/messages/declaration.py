@@ -40,7 +40,7 @@ TAKEN_NAMES = frozenset(
         "self",
     }
 )
-"""What `Message` has itself, or generated code needs."""
+"""Names that `Message` itself has, or that generated code needs."""
 
 
 class Constant(NamedTuple):
@@ -55,8 +55,8 @@ class Upgrade(NamedTuple):
     """One step from a version of a message type to the next.
 
     Attributes:
-        step: takes the fields of the older version, returns those of the next one.
-        schema: the ros2msg text of the older version; "" if it always comes with the bytes.
+        step: a function from the fields of the older version to those of the next.
+        schema: the ros2msg text of the older version; "" if it always accompanies the bytes.
     """
 
     step: Callable[[dict[str, Any]], dict[str, Any]]
@@ -64,7 +64,7 @@ class Upgrade(NamedTuple):
 
 
 class Declaration(NamedTuple):
-    """What the body of a message class declares."""
+    """The content of a message class's body."""
 
     fields: tuple[Field, ...]
     constants: tuple[Constant, ...]
@@ -74,7 +74,7 @@ def read_declaration(class_name: str, type_name: str, namespace: Mapping[str, An
     """Return the fields and constants that the namespace of a class body declares.
 
     Raises:
-        DeclarationError: the type name or a field's name or annotation is not possible.
+        DeclarationError: the type name, or the name or annotation of a field, is not allowed.
         FieldError: a default does not fit its field.
     """
     if not TYPE_NAME.fullmatch(type_name):
@@ -92,7 +92,7 @@ def read_declaration(class_name: str, type_name: str, namespace: Mapping[str, An
 
 
 def _annotations(class_name: str, namespace: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the annotations of a class body, evaluated by typing as those of a class that has only them."""
+    """Return the annotations of a class body, evaluated by `typing` on a class with nothing else."""
     about = {
         name: namespace[name] for name in namespace if name.startswith("__annot") or name == "__module__"
     }
@@ -100,12 +100,12 @@ def _annotations(class_name: str, namespace: Mapping[str, Any]) -> dict[str, Any
         return get_type_hints(type(class_name, (), about), include_extras=True)
     except NameError as error:
         raise DeclarationError(
-            f"{class_name}: {error}; types of fields must be known in its module when the class is made"
+            f"{class_name}: {error}; the types of fields must be defined before the class"
         ) from error
 
 
 def _constant(name: str, annotation: Any, namespace: Mapping[str, Any]) -> list[Constant]:
-    """Return the constant; none for a class variable that ROS has no type for."""
+    """Return the constant; None for a class variable whose type ROS does not have."""
     kind = Text() if annotation is str else primitive_of(annotation)
     return (
         []
@@ -121,7 +121,7 @@ def _field(
         advice = (
             f"call it {python_name(name)}, the schema will say {name}"
             if name.isidentifier()
-            else "call it another"
+            else "choose another name"
         )
         raise DeclarationError(f"{class_name}.{name}: a field cannot have this name; {advice}")
     kind = field_type(f"{class_name}.{name}", annotation)
@@ -132,20 +132,20 @@ def _field(
 
 
 def python_name(schema_name: str) -> str:
-    """Return what a field is called in Python: an underscore follows a name that is taken."""
+    """Return a field's name in Python: a reserved name gets an underscore at its end."""
     taken = keyword.iskeyword(schema_name) or schema_name in TAKEN_NAMES
     return f"{schema_name}_" if taken else schema_name
 
 
 def field_type(path: str, annotation: Any) -> FieldType:
-    """Return the field type that an annotation stands for.
+    """Return the field type of an annotation.
 
     Args:
         path: class and field, for the error text.
         annotation: such as `float32`, `Array[float32]`, `list[Point]`, `str`, a message class.
 
     Raises:
-        DeclarationError: it stands for none.
+        DeclarationError: the annotation is not a field type.
     """
     if get_origin(annotation) is Annotated:
         plain, *notes = get_args(annotation)
@@ -171,7 +171,7 @@ def _limited(path: str, kind: FieldType, note: FixedLength | MaxLength) -> Field
         return replace(kind, length=note.length)
     if isinstance(note, MaxLength) and isinstance(kind, Numbers | Items | Text):
         return replace(kind, max_length=note.length)
-    raise DeclarationError(f"{path}: {note} says nothing about a {kind}")
+    raise DeclarationError(f"{path}: {note} does not apply to a {kind}")
 
 
 def _items(path: str, annotation: Any) -> Items:

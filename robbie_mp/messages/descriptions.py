@@ -1,4 +1,4 @@
-"""Message types as text, for programs that cannot import the classes, and classes made of such texts."""
+"""Message types as text, for programs that cannot import the classes, and classes made from such texts."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class TypeDescription(NamedTuple):
     name: str
     version: int
     schema: str
-    """Its ros2msg text, with those of the types in it."""
+    """Its ros2msg text, with the texts of the types in it."""
     python_module: str = ""
-    """Where its class is declared; '' if it is known as text only."""
+    """Where its class is declared; '' if only its text is known."""
 
     @classmethod
     def of(cls, message_type: type[Message]) -> TypeDescription:
@@ -33,12 +33,12 @@ class TypeDescription(NamedTuple):
 
 
 def own_types() -> list[TypeDescription]:
-    """Describe all message types that this process has declared by now, except the stock types."""
+    """Describe all message types that this process has declared so far, except the stock types."""
     return [TypeDescription.of(one) for one in own_classes()]
 
 
 def own_classes() -> list[type[Message]]:
-    """Return all message classes that this process has declared by now, except the stock types."""
+    """Return all message classes that this process has declared so far, except the stock types."""
     stock = set(stock_registry())
     own = {
         one.type_name: one
@@ -56,7 +56,7 @@ def _subclasses(message_type: type[Message]) -> Iterator[type[Message]]:
 
 
 class KnownTypes:
-    """The stock types, and those of a robot by their descriptions.
+    """The stock types, and a robot's types given by their descriptions.
 
     Args:
         descriptions: the robot's own types.
@@ -71,10 +71,10 @@ class KnownTypes:
         return sorted([*self._own, *(one.type_name for one in self._stock)])
 
     def find(self, name: str) -> str:
-        """Return the full name of a type that is named in full, as `package/Type`, or by `Type` alone.
+        """Return the full name of a type; `name` is full, or `package/Type`, or only `Type`.
 
         Raises:
-            UnknownType: there is none, or there are several.
+            UnknownType: there is no such type, or there are several.
         """
         names = self.names()
         full = full_name(name)
@@ -97,7 +97,7 @@ class KnownTypes:
         return self._own.get(found) or TypeDescription.of(self._stock.get(found))
 
     def get(self, name: str) -> type[Message]:
-        """Return the class of a type, for the robot's own types one made of the description.
+        """Return the class of a type; for a robot's type, a class made from its description.
 
         Raises:
             UnknownType: as for `find`.

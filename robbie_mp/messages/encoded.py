@@ -1,4 +1,4 @@
-"""Messages that are passed on as their bytes, of types that this program may have no class for."""
+"""Checks of encoded messages, whose types may have no class in this program."""
 
 from robbie_mp.messages.codec.placement import ENCAPSULATION_SIZE
 from robbie_mp.messages.declaration import TYPE_NAME
@@ -8,27 +8,27 @@ _CDR_LITTLE_ENDIAN = b"\x00\x01"
 
 
 def check_encapsulation(type_name: str, data: memoryview) -> None:
-    """See that bytes begin as an encoding does; nothing more can be said without the class.
+    """Check that bytes begin like an encoded message; further checks would need the class.
 
     Raises:
-        DecodeError: they do not.
+        DecodeError: they do not begin with a supported encapsulation.
     """
     if len(data) < ENCAPSULATION_SIZE or data[:2] != _CDR_LITTLE_ENDIAN:
         begin = bytes(data[:ENCAPSULATION_SIZE]).hex(" ") or "nothing"
         raise DecodeError(
-            f"{type_name}: {len(data)} bytes that begin with {begin} are no encoding; XCDR1 little endian "
-            "begins with 00 01 00 00"
+            f"{type_name}: {len(data)} bytes that begin with {begin} are not an encoded message; XCDR1 "
+            "little endian begins with 00 01 00 00"
         )
 
 
 def check_type(type_name: str, version: int) -> None:
-    """See that a type can be called so.
+    """Check the name and version of a type.
 
     Raises:
-        DeclarationError: it is no ROS name.
-        VersionError: versions are counted from 1.
+        DeclarationError: the name is not the full ROS name of a message type.
+        VersionError: the version is less than 1.
     """
     if not TYPE_NAME.fullmatch(type_name):
-        raise DeclarationError(f"{type_name!r} is no full name of a type such as 'sensor_msgs/msg/Image'")
+        raise DeclarationError(f"{type_name!r} is not the full name of a type, as 'sensor_msgs/msg/Image'")
     if not 1 <= version < 1 << 32:
         raise VersionError(f"{type_name}: version {version}; versions are counted from 1")

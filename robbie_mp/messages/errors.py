@@ -1,4 +1,4 @@
-"""What the messages package refuses, and why."""
+"""Errors of the messages package."""
 
 from robbie_mp.errors import RobbieError
 
@@ -8,7 +8,7 @@ class MessageError(RobbieError):
 
 
 class DeclarationError(MessageError, TypeError):
-    """A message class is declared in a way that has no encoding."""
+    """The declaration of a message class has no encoding."""
 
 
 class FieldError(MessageError):
@@ -24,7 +24,7 @@ class FieldValueError(FieldError, ValueError):
 
 
 class BufferTooSmall(MessageError, ValueError):
-    """A message does not fit into the buffer it should be written to."""
+    """A message does not fit into the given buffer."""
 
 
 class DecodeError(MessageError, ValueError):
@@ -44,4 +44,4 @@ class DuplicateType(MessageError, ValueError):
 
 
 class VersionError(MessageError, ValueError):
-    """Bytes of another version of a message type cannot become the version we have."""
+    """Bytes of another version of a message type cannot be converted to this program's version."""

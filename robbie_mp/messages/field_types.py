@@ -1,4 +1,4 @@
-"""What a field of a message can be: the five kinds of types that CDR and ros2msg share."""
+"""The types of message fields: the five kinds that CDR and ros2msg share."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from robbie_mp.messages.errors import DeclarationError
 
 @dataclass(frozen=True, slots=True)
 class Primitive:
-    """One number or truth value of fixed size.
+    """A number or bool of fixed size.
 
     Attributes:
-        name: its name in ros2msg, as in `float32`.
+        name: its name in ros2msg, such as `float32`.
         code: its letter in the struct module.
-        size: bytes, which is its alignment too.
+        size: its size and alignment in bytes.
         zero: its default.
     """
 
@@ -28,7 +28,7 @@ class Primitive:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """The numpy type of its arrays: little endian, as on the wire."""
+        """The numpy type of its arrays: little endian, as in the encoding."""
         return np.dtype("<" + self.code)
 
     def __str__(self) -> str:
@@ -47,7 +47,7 @@ class Text:
 
 @dataclass(frozen=True, slots=True)
 class Nested:
-    """Another message inside a message."""
+    """A message inside another message."""
 
     layout: MessageLayout
 
@@ -102,9 +102,9 @@ class _Default:
 
 
 DEFAULT: Any = _Default()
-"""What a field is when it is not given: 0, False, "", empty, or the nested type's default.
+"""Assign it to a field so that type checkers accept a constructor call without the field.
 
-That is so without it, too; but a type checker lets a field be left out only if something is assigned to it.
+The value is 0, False, "", empty, or the nested type's default, as for any field left out at run time.
 """
 
 
@@ -115,7 +115,7 @@ class Field:
     Attributes:
         name: its name in Python.
         type: what it holds.
-        declared_default: what the declaration says it is when it is not given.
+        declared_default: the default in the declaration.
     """
 
     name: str
@@ -124,12 +124,12 @@ class Field:
 
     @property
     def schema_name(self) -> str:
-        """Its name in ros2msg; only in Python an underscore follows names that Python or Message needs."""
+        """Its name in ros2msg, without the underscore that follows reserved names in Python."""
         return self.name.removesuffix("_")
 
     @property
     def default(self) -> Any:
-        """What the field is when it is not given."""
+        """The value of the field if the constructor gets none."""
         return natural_default(self.type) if self.declared_default is DEFAULT else self.declared_default
 
 
@@ -138,11 +138,11 @@ class MessageLayout:
     """A message type as the codec sees it.
 
     Attributes:
-        type_name: its ROS name, as in `sensor_msgs/msg/LaserScan`.
-        version: counts the changes of its fields, from 1.
-        fields: in the order in which they are encoded.
-        blank: the class of a message that is being filled: it has the slots and lets them be set.
-        final: the class that a filled message gets, which lets nothing be set: the message class itself.
+        type_name: its ROS name, such as `sensor_msgs/msg/LaserScan`.
+        version: version number from 1; it grows whenever the fields change.
+        fields: the fields, in the order of the encoding.
+        blank: the class of a message while its fields are set: it has the slots and is mutable.
+        final: the immutable class of a complete message: the message class itself.
     """
 
     type_name: str
@@ -177,7 +177,7 @@ class MaxLength:
 
 
 def short_name(type_name: str) -> str:
-    """Return a type name as ros2msg texts write it: `std_msgs/Header` for `std_msgs/msg/Header`."""
+    """Return a type name as written in ros2msg texts: `std_msgs/Header` for `std_msgs/msg/Header`."""
     package, _, name = type_name.split("/")
     return f"{package}/{name}"
 
@@ -198,6 +198,6 @@ def natural_default(kind: FieldType) -> Any:
 
 
 def constant_array(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Return the array, read-only from now on, so that many messages can share it."""
+    """Make the array read-only, so that many messages can share it, and return it."""
     array.flags.writeable = False
     return array

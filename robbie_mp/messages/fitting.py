@@ -1,6 +1,6 @@
-"""Makes a value what a field holds, or says why it cannot be.
+"""Converts a value to the type of a field, or raises an error that says why it cannot.
 
-The constructors do the common cases themselves and come here with the others.
+Constructors handle the common cases themselves and call this for the others.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Pr
 
 
 def fit(path: str, kind: FieldType, value: Any) -> Any:
-    """Return `value` as a field of this type holds it.
+    """Return `value` converted to the type of a field.
 
     Args:
         path: message type and field, for the error text.
         kind: the field's type.
-        value: what was given.
+        value: the given value.
 
     Raises:
-        FieldTypeError: it has a type that the field cannot hold.
-        FieldValueError: it is out of range, too long, or of the wrong shape.
+        FieldTypeError: the value has a type that the field cannot hold.
+        FieldValueError: the value is out of range, too long, or of the wrong shape.
     """
     match kind:
         case Primitive():
@@ -44,7 +44,7 @@ def fit(path: str, kind: FieldType, value: Any) -> Any:
 
 
 def wrong_type(path: str, expected: str, value: Any) -> FieldError:
-    """Return the error for a value that is something else."""
+    """Return the error for a value of another type."""
     return FieldTypeError(f"{path}: expected {expected}, got {reprlib.repr(value)} ({type(value).__name__})")
 
 
@@ -106,7 +106,7 @@ def _as_array(path: str, kind: Numbers, value: Any) -> np.ndarray[Any, Any]:
     if isinstance(value, bytes | bytearray) and kind.element.code == "B":
         return np.frombuffer(value, np.uint8)
     if isinstance(value, bool | int | float | str):
-        hint = "; an int stands for a number of elements in a loan only" if isinstance(value, int) else ""
+        hint = "; an int as the number of elements works only in a loan" if isinstance(value, int) else ""
         raise FieldTypeError(
             f"{path}: expected an array for {kind}, got {value!r} ({type(value).__name__}){hint}"
         )

@@ -1,4 +1,4 @@
-"""Messages written in place: the large arrays are filled where the subscribers will read them."""
+"""Messages written in place: you fill large arrays in the memory that subscribers read."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _Message = TypeVar("_Message", bound=Message)
 
 @dataclass(frozen=True, slots=True)
 class Layout(Generic[_Message]):
-    """Where everything in a message will be, before some of its arrays have contents.
+    """The layout of a message before some of its arrays have contents.
 
     Attributes:
-        size: bytes of the encoding.
-        loaned: the fields whose elements are left to be filled.
+        size: size of the encoding in bytes.
+        loaned: the fields whose elements are filled later.
     """
 
     size: int
@@ -27,17 +27,17 @@ class Layout(Generic[_Message]):
     _outline: _Message
 
     def write(self, buffer: memoryview, offset: int = 0) -> _Message:
-        """Write all but the elements of the loaned arrays.
+        """Write everything except the elements of the loaned arrays.
 
         Args:
             buffer: writable bytes.
             offset: where in the buffer the encoding begins.
 
         Returns:
-            The message; its loaned arrays are writable views of the buffer, with whatever was there.
+            The message; its loaned arrays are writable views of the buffer and are not initialized.
 
         Raises:
-            BufferTooSmall: it does not fit.
+            BufferTooSmall: the message does not fit.
         """
         if not self.loaned:
             self._outline.encode_into(buffer, offset)
@@ -47,12 +47,12 @@ class Layout(Generic[_Message]):
 
 
 def lay_out(message_type: type[_Message], fields: Mapping[str, object]) -> Layout[_Message]:
-    """Plan a message some of whose arrays will be filled in place.
+    """Lay out a message of which some arrays will be filled in place.
 
     Args:
         message_type: its class.
-        fields: as its constructor takes them; but an int for a sequence of numbers (`Array[…]`, a field of
-            the message itself) lends that many elements, not initialised.
+        fields: as for its constructor; but an int for a sequence of numbers (an `Array[…]` of the message
+            itself, not of a nested one) lends this number of elements, which are not initialized.
 
     Raises:
         FieldError: a value does not fit its field.
@@ -69,7 +69,7 @@ def lay_out(message_type: type[_Message], fields: Mapping[str, object]) -> Layou
 
 
 class _Elements:
-    """Stands for a lent array while its place is not known; all that the encoder asks for is the length."""
+    """A placeholder for a lent array whose address is not known yet; the encoder needs only its length."""
 
     __slots__ = ("_count",)
 

@@ -1,4 +1,4 @@
-"""What a message is: immutable typed data that knows its encoding."""
+"""The base class of messages: immutable typed data with an encoding."""
 
 from __future__ import annotations
 
@@ -19,15 +19,18 @@ if TYPE_CHECKING:
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)
 class MessageType(type):
-    """Makes a message class of a class body: fields become slots, the codec is generated.
+    """Creates a message class from a class body: fields become slots, and the codec is generated.
 
     Args:
         class_name: the name of the class.
         bases: `Message`, or none for `Message` itself.
         namespace: the class body.
-        name: its ROS name, as in `sensor_msgs/msg/LaserScan`.
-        version: counts the changes of its fields, from 1.
-        upgrades: for each older version how it becomes the next one.
+        name: its ROS name, such as `sensor_msgs/msg/LaserScan`.
+        version: version number from 1; raise it whenever you change the fields.
+        upgrades: for each older version, the step to the next one.
+
+    Raises:
+        DeclarationError: the class cannot be a message type; the text says why.
     """
 
     def __new__(
@@ -41,7 +44,7 @@ class MessageType(type):
         version: int = 1,
         upgrades: Mapping[int, Upgrade] | None = None,
     ) -> MessageType:
-        """Make the class."""
+        """Create the class."""
         if not bases:
             return super().__new__(metacls, class_name, bases, namespace)
         if bases != (Message,):
@@ -79,17 +82,19 @@ class Message(metaclass=MessageType):
             angle_min: float32  # rad
             ranges: Array[float32]  # (N,) m
 
-    Its constructor takes them as keyword arguments. What is left out is 0, False, "", empty, or what the
-    declaration says. It raises FieldError for a value that does not fit. Arrays are not copied: do not
-    change one that you gave to a message.
+    Its constructor takes them as keyword arguments. A field that you leave out is 0, False, "", empty, or has
+    its declared default. Arrays are not copied: do not change an array after you gave it to a message.
+
+    Raises:
+        FieldError: a value does not fit its field.
     """
 
     __slots__ = ()
 
     type_name: ClassVar[str]
-    """Its ROS name, as in `sensor_msgs/msg/LaserScan`."""
+    """Its ROS name, such as `sensor_msgs/msg/LaserScan`."""
     version: ClassVar[int]
-    """Counts the changes of its fields, from 1."""
+    """Version number from 1; it grows whenever the fields change."""
 
     has_views: ClassVar[bool]
     """Whether a decoded message may hold arrays that are views of the buffer it was decoded from."""
@@ -101,15 +106,15 @@ class Message(metaclass=MessageType):
     """The source of the functions generated so far, by name."""
     _loan_encoders: ClassVar[dict[frozenset[str], LoanEncoder]]
 
-    # Four functions are generated for each class when they are first called: these here generate them.
+    # Four functions are generated for each class at their first call, by these functions.
 
     def __new__(cls, **fields: Any) -> Self:
-        """Make a message."""
+        """Create a message."""
         made: Self = _install(cls, "__new__")(cls, **fields)
         return made
 
     def encoded_size(self) -> int:
-        """Return the bytes of the encoding, the 4 of the encapsulation header included."""
+        """Return the size of the encoding in bytes, with the 4 bytes of the encapsulation header."""
         size: int = _install(type(self), "encoded_size")(self)
         return size
 
@@ -117,15 +122,15 @@ class Message(metaclass=MessageType):
         """Write the encoding (XCDR1, little endian) into a buffer.
 
         Args:
-            buffer: writable bytes. Arrays in it are aligned if the place is a multiple of 8, plus 4.
-            offset: where in the buffer.
+            buffer: writable bytes. Arrays are aligned if the encoding begins at a multiple of 8, plus 4.
+            offset: where in the buffer the encoding begins.
 
         Returns:
-            The size of the encoding.
+            The size of the encoding in bytes.
 
         Raises:
-            BufferTooSmall: it does not fit.
-            FieldError: a list or an array was changed after the message was made and does not fit its field.
+            BufferTooSmall: the message does not fit.
+            FieldError: a list or array was changed after the message was created, and no longer fits.
         """
         size: int = _install(type(self), "encode_into")(self, buffer, offset)
         return size
@@ -138,20 +143,23 @@ class Message(metaclass=MessageType):
 
     @classmethod
     def decode(cls, buffer: Buffer) -> Self:
-        """Return the message that these bytes encode.
+        """Decode a message.
 
         Its arrays are views of the buffer, read-only if the buffer is; each keeps the object `buffer` alive.
 
+        Args:
+            buffer: the encoding with its 4 bytes of encapsulation.
+
         Raises:
-            DecodeError: the bytes are no encoding of this type.
+            DecodeError: the bytes do not encode a message of this type.
         """
         message: Self = _install(cls, "decode")(buffer)
         return message
 
     def forget_arrays(self) -> None:
-        """Let go of the message's own arrays (not those of nested messages); they become as if not given.
+        """Replace the message's arrays (not those of nested messages) by their defaults.
 
-        For who lent the memory they lie in and takes it back; nobody else should see a message change.
+        Only for the code that lent their memory and takes it back; no other code may see a message change.
         """
         for field in fields_of(type(self)):
             if isinstance(field.type, Numbers):
@@ -159,7 +167,7 @@ class Message(metaclass=MessageType):
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise AttributeError(
-            f"{type(self).__name__} is immutable; make one with another {name}: see replace()"
+            f"{type(self).__name__} is immutable; create a copy with another {name}: see replace()"
         )
 
     def __delattr__(self, name: str) -> NoReturn:
@@ -191,7 +199,7 @@ def _decode_as(message_type: type[Message], data: bytes) -> Message:
 
 
 def _install(message_type: type[Message], name: str) -> Callable[..., Any]:
-    """Generate one of the four functions of a message class, give it to the class, and return it."""
+    """Generate one of the four functions of a message class, install it in the class, and return it."""
     made, message_type._source[name] = generate(message_type._layout, name)
     made.__doc__ = getattr(message_type, name).__doc__
     made.__qualname__ = f"{message_type.__qualname__}.{name}"
@@ -200,19 +208,19 @@ def _install(message_type: type[Message], name: str) -> Callable[..., Any]:
 
 
 def fields_of(message_type: type[Message]) -> tuple[Field, ...]:
-    """Return the fields of a message type, in the order in which they are encoded."""
+    """Return the fields of a message type, in the order of the encoding."""
     return message_type._layout.fields
 
 
 def nested(message_type: type[Message]) -> Nested:
-    """Return the field type of a message type that is a field of another."""
+    """Return the field type for a message nested in another."""
     return Nested(message_type._layout)
 
 
 def loan_encoder(message_type: type[Message], loaned: frozenset[str]) -> LoanEncoder:
-    """Return the function that encodes a message around the elements of the sequences named in `loaned`.
+    """Return the function that encodes a message except the elements of the sequences named in `loaned`.
 
-    It is generated when it is first needed, and kept by the class.
+    It is generated at the first call, and kept by the class.
     """
     known = message_type._loan_encoders
     if loaned not in known:
@@ -225,6 +233,10 @@ _Message = TypeVar("_Message", bound=Message)
 
 def replace(message: _Message, **changes: Any) -> _Message:
     """Return a copy of a message with some fields changed.
+
+    Args:
+        message: the original; it does not change.
+        changes: the new values of fields, by name.
 
     Raises:
         FieldError: a value does not fit its field.

@@ -1,4 +1,4 @@
-"""Messages as plain dictionaries, and back."""
+"""Converts messages to plain dictionaries and back."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _Message = TypeVar("_Message", bound=Message)
 
 
 def as_dict(message: Message) -> dict[str, Any]:
-    """Return the fields of a message by name; nested messages as dictionaries too, arrays as they are."""
+    """Return the fields of a message by name; nested messages become dictionaries, arrays stay."""
     return {field.name: _plain(getattr(message, field.name)) for field in fields_of(type(message))}
 
 

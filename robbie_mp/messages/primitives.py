@@ -1,7 +1,7 @@
 """The names that declare fields: `float32`, `uint8`, …, and `Array[float32]`.
 
-A type checker sees them as `float`, `int`, `bool` and `numpy.ndarray`; a message class finds in them what to
-encode. Plain `bool` and `str` need no name of their own here.
+A type checker sees them as `float`, `int`, `bool` and `numpy.ndarray`; a message class reads the encoding
+from them. Plain `bool` and `str` can be used directly.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ PRIMITIVES: dict[str, Primitive] = {
 
 
 def primitive_of(annotation: object) -> Primitive | None:
-    """Return the primitive that an annotation such as `float32` or `bool` stands for; None if none."""
+    """Return the primitive of an annotation such as `float32` or `bool`; None if it has none."""
     if annotation is bool:
         return PRIMITIVES["bool"]
     if get_origin(annotation) is Annotated:
@@ -50,19 +50,19 @@ if TYPE_CHECKING:
 
     _Element = TypeVar("_Element")
     _Length = TypeVar("_Length", default=Any)
-    # Type checkers see an array; element type and length are for the encoding.
+    # Type checkers see an array; the encoding uses element type and length.
     Array = TypeAliasType("Array", NDArray[Any], type_params=(_Element, _Length))
 else:
 
     class Array:
         """A one-dimensional numpy array of primitives: `Array[float32]`, or `Array[float64, Literal[36]]`.
 
-        With a length it is a fixed array, which has always that many elements. `Array[float64, 36]` means the
-        same, but type checkers accept a number in a type as `Literal` only.
+        With a length it is an array of fixed length. `Array[float64, 36]` means the same, but type checkers
+        accept a number in a type only as `Literal`.
         """
 
         def __class_getitem__(cls, parameters: object) -> object:
-            """Return the annotation for arrays of the primitive, of the length if one is given."""
+            """Return the annotation for arrays of the primitive, of fixed length if one is given."""
             element, length = parameters if isinstance(parameters, tuple) else (parameters, None)
             if get_origin(length) is Literal:
                 (length,) = get_args(length)

@@ -14,7 +14,7 @@ class TypeRegistry:
     """Knows message types by their ROS names.
 
     Args:
-        message_types: what it knows from the start, with what is nested in them.
+        message_types: the types that it knows from the start, with the types nested in them.
     """
 
     def __init__(self, message_types: Iterable[type[Message]] = ()):
@@ -23,10 +23,10 @@ class TypeRegistry:
             self.add(message_type)
 
     def add(self, message_type: type[Message]) -> None:
-        """Make a type known, and the types nested in it.
+        """Add a type and the types nested in it.
 
         Raises:
-            DuplicateType: another type, with other fields or of another version, has the name.
+            DuplicateType: another type with this name has other fields or another version.
         """
         for one in (message_type, *nested_types(message_type)):
             known = self._types.setdefault(one.type_name, one)
@@ -37,10 +37,10 @@ class TypeRegistry:
                 )
 
     def get(self, name: str) -> type[Message]:
-        """Return the type called `name`: `sensor_msgs/msg/LaserScan`, or short `sensor_msgs/LaserScan`.
+        """Return the type of a name such as `sensor_msgs/msg/LaserScan`, or short `sensor_msgs/LaserScan`.
 
         Raises:
-            UnknownType: there is none.
+            UnknownType: there is no such type.
         """
         found = self._types.get(full_name(name))
         if found is None:
@@ -64,5 +64,5 @@ class TypeRegistry:
 
 
 def full_name(name: str) -> str:
-    """Return the full form of a type name that may be short: `std_msgs/Header` is `std_msgs/msg/Header`."""
+    """Return the full form of a type name: `std_msgs/msg/Header` for `std_msgs/Header`."""
     return name.replace("/", "/msg/") if name.count("/") == 1 else name

@@ -1,4 +1,4 @@
-"""The ros2msg text of a message type, as MCAP files carry it.
+"""Writes the ros2msg text of a message type, as contained in MCAP files.
 
 Source: https://mcap.dev/spec/registry#ros2msg; the definitions themselves are described in
 https://docs.ros.org/en/rolling/Concepts/Basic/About-Interfaces.html
@@ -30,7 +30,7 @@ SEPARATOR = "=" * 80
 
 
 def schema_text(message_type: type[Message]) -> str:
-    """Return the definition of a type followed by those of all types in it, directly or not."""
+    """Return the definition of a type, followed by those of all types nested in it."""
     nested = (
         f"{SEPARATOR}\nMSG: {short_name(inner.type_name)}\n{_definition(inner)}"
         for inner in nested_types(message_type)
@@ -39,7 +39,7 @@ def schema_text(message_type: type[Message]) -> str:
 
 
 def nested_types(message_type: type[Message]) -> list[type[Message]]:
-    """Return all types in a type, directly or not, each once, in the order in which they first occur."""
+    """Return all types nested in a type, each once, in the order of their first occurrence."""
     found: dict[str, type[Message]] = {}
     for inner in _directly_nested(message_type):
         for one in (inner, *nested_types(inner)):
@@ -85,7 +85,7 @@ def _field_line(field: Field) -> str:
 
 
 def _default(field: Field) -> str:
-    """Return the default as a definition states it; "" if it goes without saying or cannot be said."""
+    """Return the default as written in a definition; "" if it is implicit or has no notation."""
     kind, value = field.type, field.declared_default
     if value is DEFAULT or isinstance(kind, Nested) or isinstance(getattr(kind, "element", None), Nested):
         return ""

@@ -1,4 +1,4 @@
-"""Message types from ros2msg texts, for logs of types that this program does not declare.
+"""Creates message types from ros2msg texts, for logs with types that this program does not declare.
 
 Source of the grammar: https://docs.ros.org/en/rolling/Concepts/Basic/About-Interfaces.html
 """
@@ -23,35 +23,35 @@ COMMENT = re.compile(r"""("(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*')|\#.*""")
 LINE = re.compile(r"(?P<type>\S+)\s+(?P<name>[A-Za-z]\w*)(?:\s*=\s*(?P<constant>.*)|\s+(?P<default>.*))?")
 TYPE = re.compile(r"(?P<base>[\w/]+)(?:<=(?P<text>\d+))?(?P<several>\[(?P<bounded><=)?(?P<count>\d*)\])?")
 MAX_TEXT_BYTES = 256 << 10
-"""Of a definition with all types in it, comments included."""
+"""Longest definition with all types in it, including comments."""
 MAX_LINE_CHARACTERS = 4096
 MAX_FIELDS = 5000
-"""Of a message, and of all messages in it wherever they stand: code is generated for each of them."""
+"""Most fields of a message with all nested messages: code is generated for each of them."""
 MAX_NESTING = 16
-"""Messages within messages; generated code has a loop for each list, and Python allows 20 of these."""
+"""Deepest nesting of messages; generated code has a loop for each list, and Python allows 20 nested ones."""
 MAX_FIXED_BYTES = 64 << 20
-"""Of a message without any element in its sequences: that much a message takes that nobody has filled."""
+"""Largest message with empty sequences: the memory that a message takes before any field is set."""
 OBJECT_BYTES = 64
-"""About what a number, a text or a message by itself takes in Python."""
+"""Approximate size of a number, a str or an empty message in Python."""
 KNOWN_ANYWAY = {
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
     "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec",
 }
-"""What some writers leave out, because it is built into theirs."""
+"""Definitions that some writers leave out, because they are built in there."""
 
 
 def message_type_from_schema(type_name: str, text: str, version: int = 1) -> type[Message]:
-    """Make a message class from a ros2msg text.
+    """Create a message class from a ros2msg text.
 
     Args:
-        type_name: as in `sensor_msgs/msg/LaserScan`.
+        type_name: full name, such as `sensor_msgs/msg/LaserScan`.
         text: its definition and those of the types in it, as `schema_text` returns them.
-        version: what the class says its version is.
+        version: the version of the new class.
 
     Raises:
-        SchemaError: the text is not understood, incomplete, needs what CDR decoders here lack (wstring), or
-            is of a message with more fields, deeper, or larger than any should be: a text of 2 kB can
-            describe one with more fields than there is memory.
+        SchemaError: the text is invalid or incomplete, uses wstring, which the decoders do not support, or
+            describes a message beyond the limits of number of fields, nesting or size: a text of 2 kB can
+            describe a message with more fields than fit into memory.
     """
     if len(text) > MAX_TEXT_BYTES:
         raise SchemaError(
@@ -67,7 +67,7 @@ def message_type_from_schema(type_name: str, text: str, version: int = 1) -> typ
         try:
             definitions[_short(named[1])] = other[named.end() :]
         except ValueError:
-            raise SchemaError(f"{type_name}: {named[1]!r} in its schema is no name of a type") from None
+            raise SchemaError(f"{type_name}: {named[1]!r} in its schema is not the name of a type") from None
     if named := NAME_LINE.match(first):
         first = first[named.end() :]
     return _Builder(definitions).build(type_name, first, version)
@@ -78,30 +78,30 @@ def _short(name: str) -> str:
 
 
 class _Extent(NamedTuple):
-    """How much a message or a field is, with all that is in it."""
+    """The extent of a message or a field with everything nested in it."""
 
     fields: int = 1
     nesting: int = 0
     fixed_bytes: int = OBJECT_BYTES
 
     def times(self, count: int) -> _Extent:
-        """Return the extent of a list of these, whose code is there once."""
+        """Return the extent of a list of these; the code for its elements exists once."""
         return self._replace(fixed_bytes=OBJECT_BYTES + count * self.fixed_bytes)
 
     def and_field(self, other: _Extent) -> _Extent:
         """Return the extent of a message with one more field.
 
         Raises:
-            ValueError: there is more than may be.
+            ValueError: a limit is exceeded.
         """
         fields, fixed_bytes = self.fields + other.fields, self.fixed_bytes + other.fixed_bytes
         nesting = max(self.nesting, other.nesting)
         if fields > MAX_FIELDS:
             raise ValueError(
-                f"more than {MAX_FIELDS} fields, those of messages in it counted; that is the limit"
+                f"more than {MAX_FIELDS} fields, including those of nested messages; that is the limit"
             )
         if nesting > MAX_NESTING:
-            raise ValueError(f"messages in messages, more than {MAX_NESTING} deep; that is the limit")
+            raise ValueError(f"messages nested more than {MAX_NESTING} deep; that is the limit")
         if fixed_bytes > MAX_FIXED_BYTES:
             raise ValueError(f"arrays of fixed length of {fixed_bytes} bytes; the limit is {MAX_FIXED_BYTES}")
         return _Extent(fields, nesting, fixed_bytes)
@@ -140,17 +140,17 @@ class _Builder:
                     raise SchemaError(
                         f"{type_name}: in the line {content!r:.200} of its schema: {error}"
                     ) from error
-        self.extents[type_name] = extent  # known before the class is made, which looks at all in it
+        self.extents[type_name] = extent  # checked before the class is created, which processes every field
         try:
             made = MessageType(
                 type_name.rpartition("/")[2], (Message,), body, name=type_name, version=version
             )
             return cast(type[Message], made)
         except MessageError as error:
-            raise SchemaError(f"{type_name}: its schema makes no message type: {error}") from error
+            raise SchemaError(f"{type_name}: its schema does not describe a message type: {error}") from error
 
     def _extent(self, kind: FieldType) -> _Extent:
-        """Return how much a field is."""
+        """Return the extent of a field."""
         match kind:
             case Nested():
                 inner = self.extents[kind.layout.type_name]
@@ -165,7 +165,7 @@ class _Builder:
     def _declare(
         self, type_name: str, line: str, annotations: dict[str, Any], body: dict[str, Any]
     ) -> FieldType | None:
-        """Take a line in; return the type of its field, None for a constant."""
+        """Process a line; return the type of its field, or None for a constant."""
         parts = LINE.fullmatch(line)
         if not parts:
             raise ValueError("expected 'type name', 'type name default' or 'type NAME=value'")
@@ -186,7 +186,7 @@ class _Builder:
     def _type(self, owner: str, text: str) -> FieldType:
         parts = TYPE.fullmatch(text)
         if not parts or (parts["text"] and parts["base"] != "string"):
-            raise ValueError(f"{text!r} is no type")
+            raise ValueError(f"{text!r} is not a type")
         element = self._element(owner, parts["base"], int(parts["text"]) if parts["text"] else None)
         if not parts["several"]:
             return element
@@ -216,7 +216,7 @@ class _Builder:
             self.made[short] = None
             self.nesting += 1
             if self.nesting > MAX_NESTING:
-                raise ValueError(f"messages in messages, more than {MAX_NESTING} deep; that is the limit")
+                raise ValueError(f"messages nested more than {MAX_NESTING} deep; that is the limit")
             self.made[short] = self.build(short.replace("/", "/msg/"), self.definitions[short], version=1)
             self.nesting -= 1
         made = self.made[short]

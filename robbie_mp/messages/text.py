@@ -1,4 +1,4 @@
-"""How messages show themselves."""
+"""The `repr` of messages."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 SHOWN = 6
-"""Elements of an array or list that are shown; of longer ones the first few and the last."""
+"""Number of elements shown of an array or list; of longer ones, the first few and the last."""
 
 
 def represent(class_name: str, fields: Iterable[tuple[str, Any]]) -> str:

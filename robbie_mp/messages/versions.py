@@ -1,6 +1,6 @@
-"""How messages of an older version become what the program has now.
+"""Converts messages of an older version to the version of this program.
 
-A class at version 3 says how version 1 becomes 2 and 2 becomes 3:
+A class at version 3 declares the steps from version 1 to 2 and from 2 to 3:
 
     class Battery(Message, name="team_msgs/msg/Battery", version=3, upgrades={
         1: Upgrade(percent_to_ratio, schema="float32 percent"),
@@ -9,8 +9,8 @@ A class at version 3 says how version 1 becomes 2 and 2 becomes 3:
         ratio: float32
         cells: uint8
 
-A step works on plain dictionaries (see `as_dict`), because there is no class for the versions between.
-Old bytes are decoded by the old schema, which the log carries; `schema` is for bytes that come without.
+A step works on plain dictionaries (see `as_dict`), because older versions have no class. Old bytes are
+decoded with the old schema, which the log contains; `schema` is for bytes without one.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ _Message = TypeVar("_Message", bound=Message)
 
 
 def decode_version(message_type: type[_Message], data: Buffer, version: int, schema: str = "") -> _Message:
-    """Decode bytes that were written as some version of a message type, and bring them up to date.
+    """Decode bytes of any version of a message type, and convert them to the version of this program.
 
     Args:
-        message_type: the class we have.
+        message_type: this program's class.
         data: the encoding.
-        version: which version was written.
-        schema: the ros2msg text that came with the bytes; "" if none did.
+        version: the version of the bytes.
+        schema: the ros2msg text that came with the bytes; "" if there was none.
 
     Raises:
-        VersionError: the version is newer than ours, a step or the old schema is missing, a step fails, or
-            the schema is not what this version has here.
-        DecodeError: the bytes are no encoding of that version.
-        SchemaError: the schema text is not understood.
+        VersionError: the version is newer than the class, a step or the old schema is missing, a step fails,
+            or the schema differs from the class of the same version.
+        DecodeError: the bytes do not encode a message of this version.
+        SchemaError: the schema text is invalid.
     """
     return VersionDecoder(message_type, version, schema).decode(data)
 
@@ -52,12 +52,12 @@ class VersionDecoder(Generic[_Message]):
     """Decodes many messages of one version, as `decode_version` does one.
 
     Args:
-        message_type: the class we have.
-        version: which version was written.
-        schema: the ros2msg text that came with the bytes; "" if none did.
+        message_type: this program's class.
+        version: the version of the bytes.
+        schema: the ros2msg text that came with the bytes; "" if there was none.
 
     Raises:
-        VersionError, SchemaError: as `decode_version`, for all but what only a message can show.
+        VersionError, SchemaError: as `decode_version`, except for errors of a single message.
     """
 
     def __init__(self, message_type: type[_Message], version: int, schema: str = ""):
@@ -82,11 +82,11 @@ class VersionDecoder(Generic[_Message]):
         self._written = message_type_from_schema(message_type.type_name, schema, version)
 
     def decode(self, data: Buffer) -> _Message:
-        """Decode a message and bring it up to date.
+        """Decode a message and convert it to the version of this program.
 
         Raises:
             VersionError: a step fails.
-            DecodeError: the bytes are no encoding of the version.
+            DecodeError: the bytes do not encode a message of this version.
         """
         if not self._steps:
             return self._type.decode(data)
@@ -112,12 +112,12 @@ def _step(message_type: type[Message], number: int, written: int) -> Upgrade:
 
 
 def _check_same_layout(message_type: type[Message], schema: str) -> None:
-    """Refuse a schema that lays fields out in another way than the class of the same version."""
+    """Refuse a schema with another layout than the class of the same version."""
     if not schema or schema == schema_text(message_type):
         return
     written = message_type_from_schema(message_type.type_name, schema)
     if layout(written) != layout(message_type):
         raise VersionError(
             f"{message_type.type_name}: what was written as version {message_type.version} has other fields "
-            "than the class; whoever changes a message, or one nested in it, raises its version"
+            "than the class; raise the version when you change a message or one nested in it"
         )

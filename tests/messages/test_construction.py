@@ -92,7 +92,7 @@ WRONG_TYPES = [
     (PointCloud2, {"is_dense": 1}, "is_dense: expected a bool, got 1 (int)"),
     (Header, {"frame_id": b"map"}, "frame_id: expected a str, got b'map' (bytes)"),
     (LaserScan, {"header": Time()}, "header: expected a Header, got Time(sec=0, nanosec=0) (Time)"),
-    (LaserScan, {"ranges": 360}, "an int stands for a number of elements in a loan only"),
+    (LaserScan, {"ranges": 360}, "an int as the number of elements works only in a loan"),
     (LaserScan, {"ranges": "far"}, "ranges: expected an array for float32[], got 'far' (str)"),
     (LaserScan, {"ranges": ["far"]}, "ranges: expected an array of float32, got one of <U3"),
     (LaserScan, {"ranges": [None]}, "ranges: expected an array of float32, got one of object"),

@@ -79,8 +79,8 @@ def test_only_types_with_numpy_arrays_in_them_have_views() -> None:
         (list[list[str]], "sequences of sequences"),
         (dict[str, str], "fields are"),
         (object, "fields are"),
-        (Annotated[float32, MaxLength(3)], "says nothing about a float32"),
-        (Annotated[str, FixedLength(3)], "says nothing about a string"),
+        (Annotated[float32, MaxLength(3)], "does not apply to a float32"),
+        (Annotated[str, FixedLength(3)], "does not apply to a string"),
     ],
 )
 def test_what_has_no_encoding_is_refused_with_advice(annotation: object, advice: str) -> None:

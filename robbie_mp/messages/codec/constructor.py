@@ -1,7 +1,7 @@
-"""Writes the constructor, which makes sure that a message that exists can be encoded.
+"""Writes the constructor, which ensures that every existing message can be encoded.
 
-It also makes the values what a decoder would return (a float32 field holds a number that float32 has, an
-integer is an `int`), so that publisher and subscriber see the same message.
+It also converts values to what a decoder returns (a float32 field holds a float32 value, an integer is an
+`int`), so that publisher and subscriber see the same message.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def write_constructor(source: Source, layout: MessageLayout) -> None:
 
 
 def _write_check(source: Source, field: Field) -> None:
-    """Append the check of one field; only a value that is not plainly right is looked at closely."""
+    """Append the check of one field; only a value that fails the fast check gets the slow one."""
     fit = f'{field.name} = _fit("{field.name}", {field.name})'
     if isinstance(field.type, Items):
         source.line(fit)
@@ -46,7 +46,7 @@ def _write_check(source: Source, field: Field) -> None:
 
 
 def _write_scalars(source: Source, fields: Sequence[Field]) -> None:
-    """Append the check of all numbers at once: they are packed and unpacked again."""
+    """Append the check of all numbers at once: pack them and unpack them again."""
     if not fields:
         return
     scalars = Struct("<" + "".join(field.type.code for field in fields if isinstance(field.type, Primitive)))
@@ -60,7 +60,7 @@ def _write_scalars(source: Source, fields: Sequence[Field]) -> None:
 
 
 def _doubt(source: Source, field: Field) -> str:
-    """Return the condition under which a value needs a closer look; "" if it was looked at already."""
+    """Return the condition under which a value needs the slow check; "" if it has been checked."""
     name, kind = field.name, field.type
     match kind:
         case Primitive(name="bool"):

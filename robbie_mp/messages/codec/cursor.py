@@ -1,4 +1,4 @@
-"""The position in the buffer, as far as it is known while the code is written."""
+"""The position in the buffer, as far as the code generator knows it."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from robbie_mp.messages.codec.source import Source
 
 
 class Cursor:
-    """Where the generated code is: at a number known now, or at what the variable `_i` will hold.
+    """The position of the generated code: a number known now, or the future value of the variable `_i`.
 
     Args:
-        source: where lines that move `_i` are appended.
+        source: gets the lines that move `_i`.
     """
 
     def __init__(self, source: Source):
@@ -35,7 +35,7 @@ class Cursor:
         return "_i" if self._known is None else str(self._known)
 
     def placements(self, run: Run) -> dict[int, Placement]:
-        """Return how the run lies for each position modulo 8 that is possible here."""
+        """Return the placement of a run for each position modulo 8 that is possible here."""
         return {start: place(run.items, start) for start in self._starts}
 
     def advance(self, size: int) -> None:
@@ -47,17 +47,17 @@ class Cursor:
             self._known += size
 
     def advance_by_table(self, placements: dict[int, Placement], size: str) -> None:
-        """Move on by what the expression `size` will be, which depends on the position."""
+        """Move on by the value of the expression `size`, which depends on the position."""
         self._starts = frozenset((start + at.size) % LARGEST_ALIGNMENT for start, at in placements.items())
         self._source.line(f"_i += {size}")
 
     def move_past_text(self, stop: str) -> None:
-        """Move on to where the expression `stop` will point; nothing is known about it."""
+        """Move on to the value of the expression `stop`, which is unknown now."""
         self._known, self._starts = None, frozenset(range(LARGEST_ALIGNMENT))
         self._source.line(f"_i = {stop}")
 
     def materialise(self) -> None:
-        """Have the position in `_i` from here on, because branches or loops follow."""
+        """Keep the position in `_i` from here on, because branches or loops follow."""
         if self._known is not None:
             self._source.line(f"_i = {self._known}")
             self._known = None
@@ -80,12 +80,12 @@ class Cursor:
                 self._source.line(line)
 
     def move_past_numbers(self, size: int) -> None:
-        """Note that a sequence with elements of this size, perhaps empty, was passed."""
+        """Account for a sequence, possibly empty, with elements of this size."""
         self._starts = positions_after_numbers(size, self._starts)
 
     @contextmanager
     def loop(self, loop: Loop) -> Iterator[None]:
-        """Know the positions possible in the body, and behind the loop even if it has no elements."""
+        """Account for the positions possible in the loop's body, and after a loop without elements."""
         self.materialise()
         self._starts = possible = loop_positions(loop, self._starts)
         yield

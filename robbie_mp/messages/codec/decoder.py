@@ -42,10 +42,10 @@ def write_decoder(source: Source, plan: Plan, layout: MessageLayout) -> None:
 
 
 def pinned(buffer: Any) -> memoryview:
-    """Return the bytes of `buffer` so that whatever views them keeps `buffer` itself alive.
+    """Return the bytes of `buffer` so that every view of them keeps `buffer` itself alive.
 
-    A memoryview of a memoryview refers to the exporter at the end of the chain and not to what it was made
-    from, and numpy makes one for every array. A PickleBuffer between them refers to `buffer`.
+    A memoryview of a memoryview refers to the exporter at the end of the chain, not to the memoryview in
+    between, and numpy creates one for every array. A PickleBuffer between them refers to `buffer`.
     """
     return PickleBuffer(buffer).raw()
 
@@ -72,7 +72,7 @@ class _DecoderWriter(StepWriter):
                 line("raise _locate_failure(_buffer, _error) from _error")
 
     def _access(self, plan: Plan, layout: MessageLayout) -> str:
-        """Return the expression for the bytes in the form that suits what is read from them."""
+        """Return the expression for the bytes, in the form that is fastest for this type."""
         if layout.has_views:
             return f"{self.source.name('_pinned', pinned)}(_buffer)"
         # One run needs one unpack, which takes any buffer; strings are cut faster out of bytes.
@@ -84,9 +84,9 @@ class _DecoderWriter(StepWriter):
             self._build(structure)
 
     def _build(self, structure: Structure) -> None:
-        """Append the making of a message from the variables of its fields.
+        """Append code that creates a message from the variables of its fields.
 
-        It is filled while it has a class that allows that, then gets its own, which does not.
+        The message is filled while it has a mutable class, then gets its final, immutable class.
         """
         name, layout = structure.value.variable, structure.type.layout
         blank = self.source.name(f"_Blank{layout.final.__name__}", layout.blank)
@@ -125,7 +125,7 @@ class _DecoderWriter(StepWriter):
             self._read_array(item.value, item.primitive, str(item.type.length), position)
 
     def _check(self, item: RunItem) -> None:
-        """Append the checks of what was just unpacked; which of them fails is found out later."""
+        """Append the checks of the values just unpacked; a failure is located later."""
         match item:
             case Encapsulation():
                 condition = f"_encapsulation & 0xFFFF != 0x{CDR_LITTLE_ENDIAN:04x}"

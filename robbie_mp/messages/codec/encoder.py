@@ -95,7 +95,7 @@ class _EncoderWriter(StepWriter):
         self.cursor.materialise()
         if name in self._loaned:
             dtype = self.source.name(f"_{element}", element.dtype)
-            # Writable like any loan, so that whoever fills it need not ask whether there is anything to fill.
+            # Writable like any loan, so that the caller need not treat an empty array differently.
             self.source.line(f'_loans["{name}"] = {self.source.name("_empty", np.empty)}(0, {dtype})')
         with self.source.block(f"if _len({name}):"):
             self.cursor.align_numbers(element.size, '_buffer[_i:_i + 4] = b"\\0\\0\\0\\0"')
@@ -120,7 +120,7 @@ class _EncoderWriter(StepWriter):
 
 
 def _packed(item: RunItem) -> str:
-    """Return the argument of `pack_into` for an item; "" for what only has its place."""
+    """Return the argument of `pack_into` for an item; "" for an item that only takes space."""
     match item:
         case Encapsulation():
             return f"0x{CDR_LITTLE_ENDIAN:04x}"

@@ -24,7 +24,7 @@ LoanEncoder = Callable[[Any, memoryview, int], dict[str, Any]]
 
 
 class Generated(NamedTuple):
-    """A generated function and its source, which `inspect.getsource` and tracebacks find too."""
+    """A generated function and its source, which `inspect.getsource` and tracebacks also show."""
 
     function: Callable[..., Any]
     source: str
@@ -56,7 +56,7 @@ def generate(layout: MessageLayout, name: str) -> Generated:
 
 
 def generate_loan_encoder(layout: MessageLayout, loaned: frozenset[str]) -> LoanEncoder:
-    """Generate the function that encodes a message around the elements of the sequences named in `loaned`.
+    """Generate the function that encodes a message except the elements of the sequences named in `loaned`.
 
     It takes message, buffer and offset, and returns views of where these elements are, by name.
     """
@@ -87,7 +87,7 @@ def _explain_encoding(
 
 
 def _check_fields(layout: MessageLayout, message: Any) -> None:
-    """Raise the FieldError for what does not fit in a message or in a nested one."""
+    """Raise the FieldError for a value in a message, or in a nested one, that does not fit."""
     for field in layout.fields:
         value = getattr(message, field.name)
         fit(f"{layout.type_name}.{field.schema_name}", field.type, value)

@@ -1,7 +1,7 @@
-"""Finds out where bytes stop being an encoding of a message type.
+"""Locates the error in bytes that do not encode a message type.
 
-The generated decoders only notice that something is wrong. This reader walks the bytes again field by field,
-slowly, and says which field, at which byte, and why.
+The generated decoders only detect that something is wrong. This reader goes through the bytes again, slowly,
+field by field, and reports the field, the byte and the reason.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from robbie_mp.messages.field_types import (
 
 
 def find_failure(type_name: str, fields: Sequence[Field], data: memoryview) -> DecodeError | None:
-    """Return what is wrong with `data` as an encoding of the message type; None if nothing is."""
+    """Return the error in `data` as an encoding of the message type; None if there is none."""
     try:
         _Walk(type_name, data).whole_message(fields)
     except DecodeError as found:
@@ -74,7 +74,7 @@ class _Walk:
                     self._field(f"{path}[{index}]", kind.element)
 
     def _count(self, path: str, kind: Numbers | Items, least_size: int) -> int:
-        """Read the length word of a sequence, or know the length of a fixed array."""
+        """Read the length word of a sequence, or return the length of a fixed array."""
         if kind.length is not None:
             return kind.length
         count, left = self._word(path), len(self._data) - self._position

@@ -1,4 +1,4 @@
-"""Where the items of a run lie, for every position it may start at."""
+"""The offsets of the items of a run, for every position where it may start."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What a message type is on the wire: a flat list of steps, from which its functions are written.
+"""The encoding of a message type as a flat list of steps, from which its functions are written.
 
-Nested messages leave no trace in CDR, so their fields are laid flat. What has a fixed size is gathered in
-runs, each of which one `struct.Struct` can handle; a run ends at bytes of variable size, and contains the
-length word of these.
+CDR does not mark nested messages, so their fields are listed flat. Consecutive items of fixed size form a
+run, which one `struct.Struct` handles. A run ends where bytes of variable size follow, and contains their
+length word.
 
 Source of the encoding: OMG DDSI-RTPS 2.2, chapter 10, and OMG CORBA 3.0, section 15.3 (CDR).
 """
@@ -29,7 +29,7 @@ SEPARATOR = "__"  # joins names in variables; ROS allows no double underscore in
 
 
 class Value(NamedTuple):
-    """Something in a message, seen from the generated code.
+    """A value in a message, as the generated code refers to it.
 
     Attributes:
         variable: the local variable that holds it.
@@ -99,7 +99,7 @@ class Encapsulation(NamedTuple):
 
 
 class Filler(NamedTuple):
-    """The byte of a message without fields (IDL forbids empty structures, ROS 2 puts one byte there)."""
+    """The byte of a message without fields (IDL forbids empty structures; ROS 2 inserts one byte)."""
 
     primitive: Primitive = UINT8
 
@@ -169,14 +169,14 @@ class Plan:
                 self.steps.append(Run(items))
 
     def add_fields(self, owner: Value, fields: Sequence[Field]) -> None:
-        """Append what the fields of `owner` are."""
+        """Append the steps for the fields of `owner`."""
         if not fields:
             self.add_fixed(Filler())
         for declared in fields:
             self.add(owner.member(declared.name), declared.type)
 
     def add(self, value: Value, kind: FieldType) -> None:
-        """Append what a value of this type is."""
+        """Append the steps for a value of this type."""
         match kind:
             case Primitive():
                 self.add_fixed(Scalar(value, kind))

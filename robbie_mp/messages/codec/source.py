@@ -1,4 +1,4 @@
-"""Source text in the making, and its compilation so that tracebacks and debuggers show it."""
+"""Collects generated source, and compiles it so that tracebacks and debuggers show it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Source:
 
     @contextmanager
     def block(self, head: str) -> Iterator[None]:
-        """Append the head of a compound statement; what is appended meanwhile is its body."""
+        """Append the head of a compound statement; lines appended inside the context form its body."""
         self.line(head)
         self._depth += 1
         yield

@@ -1,4 +1,4 @@
-"""What the writers of encoder, decoder and sizer share: they walk the same steps."""
+"""The common base of the writers of encoder, decoder and sizer, which process the same steps."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class StepWriter(ABC):
     """Appends the code for each step of a plan.
 
     Args:
-        source: where to.
+        source: gets the code.
     """
 
     def __init__(self, source: Source):
@@ -37,7 +37,7 @@ class StepWriter(ABC):
 
     @abstractmethod
     def run(self, run: Run, placements: dict[int, Placement]) -> None:
-        """Append the code for a run that lies, depending on its start modulo 8, in one of these ways."""
+        """Append the code for a run, given its placement for each start position modulo 8."""
 
     @abstractmethod
     def text(self, value: Value) -> None:
