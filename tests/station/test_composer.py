@@ -1,5 +1,6 @@
 """Forms for message types: what fits is sent, and what does not is said of the field it is in."""
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -27,7 +28,9 @@ def test_texts_become_fields() -> None:
     scan = compose(
         LaserScan, {"header.frame_id": "front: left", "ranges": "[1, 2.5, .inf]", "angle_min": "-1e-1"}
     )
-    assert scan == LaserScan(header=scan.header, ranges=[1, 2.5, float("inf")], angle_min=-0.1)
+    assert isinstance(scan, LaserScan)
+    ranges = np.array([1, 2.5, np.inf], np.float32)
+    assert scan == LaserScan(header=scan.header, ranges=ranges, angle_min=-0.1)
     assert scan.header.frame_id == "front: left"
 
 

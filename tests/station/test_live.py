@@ -157,7 +157,7 @@ def test_what_waits_for_a_browser_that_does_not_read_is_bounded() -> None:
                 await server.emit("update", {"number": number}, room="page")
         assert connection.queue.qsize() == MAX_WAITING_PACKETS
         await connection.queue.get()
-        assert link.is_free
+        assert BrowserLink(server, "page").is_free
 
     asyncio.run(run())
 

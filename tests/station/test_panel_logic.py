@@ -2,6 +2,7 @@
 
 from collections import deque
 
+import numpy as np
 import pytest
 
 from robbie_mp.messages import LaserScan, Path, Point, Pose, PoseStamped
@@ -40,7 +41,7 @@ def test_page_gets_what_is_new_and_at_most_as_much_as_it_shows() -> None:
 
 
 def test_message_is_a_tree_whose_long_arrays_are_abbreviated() -> None:
-    scan = LaserScan(ranges=list(range(100)), angle_min=-0.5)
+    scan = LaserScan(ranges=np.arange(100, dtype=np.float32), angle_min=-0.5)
     nodes = {node["id"]: node for node in nodes_of(FieldPath(LaserScan, "").value(scan, full=False), "")}
     assert nodes["angle_min"]["label"] == "angle_min: -0.5"
     assert [node["id"] for node in nodes["header"]["children"]] == ["header.stamp", "header.frame_id"]

@@ -212,12 +212,13 @@ def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
     home = (middle_x - round(1.5 * pixels_per_m), middle_y + round(1.5 * pixels_per_m))
     assert picture.getpixel(home) == (57, 73, 171)
     page.click("#map-in")
-    saved_map(page, (1.5 * (wall[0] - middle_x), 1.5 * (wall[1] - middle_y)), (0, 0, 0))
+    further = (round(1.5 * (wall[0] - middle_x)), round(1.5 * (wall[1] - middle_y)))
+    saved_map(page, further, (0, 0, 0))
     page.click("#map-fit")
     pose_is_set_by_dragging(page, told)
 
 
-def saved_map(page: Page, place: tuple[float, float], colour: tuple[int, int, int]) -> Image.Image:
+def saved_map(page: Page, place: tuple[int, int], colour: tuple[int, int, int]) -> Image.Image:
     """Save the map until a pixel, counted from its middle, has this colour; return the picture."""
     pictures: list[Image.Image] = []
 

@@ -2,6 +2,7 @@
 
 import uuid
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -182,13 +183,14 @@ def test_malformed_events_write_no_tracebacks(station: Station) -> None:
     document = observer.open()
     client = document.client_id
     before = log_of(station).count("Traceback")
+    contents: list[Any] = [None, 1, [], {}, {"client_id": client}, {"client_id": [client]}, "x" * 1000]
     with observer.connect(document.query) as page:
         for event in ("event", "ack", "log", "javascript_response", "handshake"):
-            for content in (None, 1, [], {}, {"client_id": client}, {"client_id": [client]}, "x" * 1000):
+            for content in contents:
                 page.emit(event, content)
         for element, listener in ((1, "none"), (10**6, "none"), (-1, "")):
             page.fire(client, str(element), listener, 1)
-        key, listener = listener_of(document.elements, "click", id="emergency-stop")
+        key, listener = listener_of(document.elements, "click", id="confirm-release")
         broken = {"id": int(key), "client_id": client, "listener_id": listener, "args": ["{", 1, None]}
         page.emit("event", broken)
         page.emit("ack", {"client_id": client, "next_message_id": "9" * 5000})
@@ -203,6 +205,6 @@ def test_flood_of_events_waits_at_its_sender(station: Station) -> None:
     with observer.connect(document.query) as page, operator.connect(other.query) as quiet:
         for _ in range(10_000):
             page.emit("ack", {"client_id": document.client_id, "next_message_id": 0})
-        element, listener = listener_of(other.elements, "pointerdown", id="emergency-stop")
+        element, listener = listener_of(other.elements, "click", id="mark")
         quiet.fire(other.client_id, element, listener)
-        station.wait_for_stop()
+        station.robot.until(lambda _: ("Mark", None) in station.heard)

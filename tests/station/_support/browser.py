@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, ConsoleMessage, Page
 
 from tests.run._support.robot import LIMIT_S
 from tools.operator_trials.chromium import CHROMIUM, chromium
@@ -36,7 +36,12 @@ def page_of(
     context = started.new_context(**device)
     page = context.new_page()
     page.set_default_timeout(1000 * LIMIT_S)
-    page.on("console", lambda message: message.type in COMPLAINTS and said.append(message.text))
+
+    def note(message: ConsoleMessage) -> None:
+        if message.type in COMPLAINTS:
+            said.append(message.text)
+
+    page.on("console", note)
     page.on("pageerror", lambda error: said.append(str(error)))
     page.goto(address)
     yield page

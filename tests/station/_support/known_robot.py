@@ -110,7 +110,7 @@ class KnownRobot(Module):
         home = PointOfInterest(name="home", pose=pose(0.5, 2.5))
         self.publish(PointsOfInterest(header=header, points=[home]))
         self.publish(CompressedImage(format="mystery", data=np.zeros(9, np.uint8)), topic="eye")
-        self.publish(Frontiers(header=header, middles=FRONTIERS, lengths_m=[1.0, 0.5]))
+        self.publish(Frontiers(header=header, middles=FRONTIERS, lengths_m=np.array([1.0, 0.5], np.float32)))
         self.tell_playback()
 
     def tell_playback(self) -> None:

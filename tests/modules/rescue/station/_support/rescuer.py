@@ -15,7 +15,9 @@ class Rescuer(Module):
     def setup(self) -> None:
         self.file = (self.output_directory / "rescue.txt").open("a")
         self.asked = True
-        self.mission = MissionStatus(state="EXPLORE", text="drives about", orders=[MissionOrder.PAUSE])
+        self.mission = MissionStatus(
+            state="EXPLORE", text="drives about", orders=np.array([MissionOrder.PAUSE], np.uint8)
+        )
         self.subscribe(VictimConfirmation, self.on_answer)
         self.subscribe(MissionOrder, self.on_order)
         self.show_state("LOOK_AROUND")
@@ -47,7 +49,7 @@ class Rescuer(Module):
     def on_order(self, order: MissionOrder) -> None:
         """Pause; refuse everything else, and say so."""
         refusal = "" if order.order == MissionOrder.PAUSE else f"no {order.order} today"
-        orders = [MissionOrder.START, MissionOrder.RETURN, MissionOrder.ABORT]
+        orders = np.array([MissionOrder.START, MissionOrder.RETURN, MissionOrder.ABORT], np.uint8)
         self.mission = MissionStatus(state="PAUSE", text="stands", orders=orders, refusal=refusal)
         print("order", order.order, file=self.file, flush=True)
 
