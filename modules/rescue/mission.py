@@ -31,33 +31,33 @@ from workers.rescue.victim_map import VictimState
 HOLDS = (MissionState.PAUSE, MissionState.DONE)
 CANNOT_DRIVE = ("STOPPED_", "EMERGENCY_")
 TELL_S = 1.0
-"""The mission's status is told so often, if it does not change."""
+"""Period of the mission's status while it does not change."""
 REPEAT_S = 2.0
-"""A goal that navigation does not have after so long is sent again."""
+"""A goal that navigation does not report after this time is sent again."""
 
 
 class RescueMission(Module):
     """Sends goals to navigation and directions to the pan-tilt unit until the mission has ended.
 
-    The operator starts, pauses, aborts it or calls it home with `MissionOrder`; `MissionStatus` tells which
-    orders fit, and why one was refused. Also publishes the `Frontiers` among which it has chosen.
+    The operator starts, pauses or aborts it, or calls the robot home, with `MissionOrder`. `MissionStatus` says
+    which orders it takes now, and why it refused one. It also publishes the `Frontiers` that it chose among.
 
     At the end it writes the report: a map with victims and path in the manner of RoboCup Rescue
     (`NAME_map.png`), the victims as `NAME_victims.csv`, and figures in `mission.json`.
 
-    Restarted, it goes on: it still knows where home is, what it has found, how much of its time it has used,
-    what the operator has ordered, and whether it was on its way back.
+    After a restart it goes on: it still knows home, its finds, the time it has used, the operator's order, and
+    whether it was on its way back.
     """
 
     period_s: float = setting(0.2, "time between decisions", minimum=0.02)
     starts_by_itself: bool = setting(True, "false: the robot stands until the operator starts the mission")
     time_limit_s: float = setting(600.0, "the robot is home again by then", minimum=10.0)
     reserve: float = setting(0.15, "the battery is not used below this ratio", minimum=0.0, maximum=1.0)
-    clearance_m: float = setting(0.27, "ways keep so far from obstacles: as navigation's", minimum=0.05)
-    report_name: str = setting("rescue", "beginning of the names of the report's files")
-    ends_after_s: float = setting(
-        1.0, "the mission's end is shown so long before the module ends", minimum=0.0
+    clearance_m: float = setting(
+        0.27, "distance that paths keep from obstacles; the same as navigation's", minimum=0.05
     )
+    report_name: str = setting("rescue", "beginning of the names of the report's files")
+    ends_after_s: float = setting(1.0, "time between the mission's end and the module's", minimum=0.0)
 
     def setup(self) -> None:
         """Make the mission; hear map, pose, navigation, victims, camera and battery."""

@@ -30,30 +30,30 @@ from workers.rescue.victim_detection import Projection, TagSighting, VictimDetec
 from workers.rescue.victim_map import Victim, VictimMap, VictimState
 
 TURNED_S, TURNED_RAD = 0.1, 0.02
-"""An image is not used when the camera has turned so much on the robot in so much time before it."""
+"""An image is not used if the camera has turned by more than this angle in this time before it."""
 
 
 class Victims(Module):
-    """Looks for victims, tells of each with `VictimFound`, and asks the operator about those it knows well.
+    """Looks for victims, publishes each as `VictimFound`, and asks the operator about those that it knows well.
 
-    Where tags are in an image it tells with `Detection2DArray` on the image's topic.
-    The operator answers with `VictimConfirmation`; who does not answer in time is asked again later.
-    `SearchedWalls` tells which walls the camera has seen well.
+    It publishes the tags in an image as `Detection2DArray` on the image's topic. The operator answers with
+    `VictimConfirmation`; without an answer in time the module asks again later. `SearchedWalls` are the walls
+    that the camera has seen well.
 
-    Restarted, it still knows all victims, all answers and all that was searched.
+    After a restart it still knows all victims, answers and searched walls.
     """
 
     tag_edge_m: float = setting(0.25, "edge of a victim's tag, its black border included", minimum=0.01)
-    confirms_by_itself: bool = setting(False, "do without an operator: whoever is known well is confirmed")
-    answer_s: float = setting(20.0, "the operator may take so long", minimum=0.1)
-    ask_again_s: float = setting(60.0, "wait so long before the same question", minimum=0.0)
-    max_questions: int = setting(2, "about one victim", minimum=1)
-    near_m: float = setting(1.8, "a victim must have been seen from so near", minimum=0.1)
+    confirms_by_itself: bool = setting(False, "confirm well-known victims without asking an operator")
+    answer_s: float = setting(20.0, "time the operator has for an answer", minimum=0.1)
+    ask_again_s: float = setting(60.0, "wait before asking the same question again", minimum=0.0)
+    max_questions: int = setting(2, "questions about one victim, at most", minimum=1)
+    near_m: float = setting(1.8, "a victim must have been seen from nearer than this", minimum=0.1)
     far_m: float = setting(2.4, "walls farther away are not searched", minimum=0.5)
     camera_frame: str = setting("base_link", "what the pan-tilt unit stands on")
-    period_s: float = setting(0.1, "time between looks at what has come", minimum=0.01)
+    period_s: float = setting(0.1, "time between looks at new images", minimum=0.01)
     searched_period_s: float = setting(0.5, "time between messages about searched walls", minimum=0.1)
-    repeat_s: float = setting(5.0, "each victim is told of again after this time", minimum=0.1)
+    repeat_s: float = setting(5.0, "each victim is published again after this time", minimum=0.1)
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:

@@ -72,4 +72,4 @@ export default {
 };
 
 const INERT_MS = 700; // longer than it takes to see that the question is another one
-const REPEAT_MS = 3000; // what the robot has not answered for so long may be said again
+const REPEAT_MS = 3000; // an answer without a reaction of the robot may be given again after this time
