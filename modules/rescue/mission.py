@@ -39,23 +39,21 @@ REPEAT_S = 2.0
 class RescueMission(Module):
     """Sends goals to navigation and directions to the pan-tilt unit until the mission has ended.
 
-    The operator starts, pauses or aborts it, or calls the robot home, with `MissionOrder`. `MissionStatus` says
-    which orders it takes now, and why it refused one. It also publishes the `Frontiers` that it chose among.
+    The operator starts, pauses or aborts it, or calls the robot home, with `MissionOrder`. `MissionStatus`
+    says which orders it takes now, and why it refused one. It also publishes the `Frontiers` to choose from.
 
     At the end it writes the report: a map with victims and path in the manner of RoboCup Rescue
     (`NAME_map.png`), the victims as `NAME_victims.csv`, and figures in `mission.json`.
 
-    After a restart it goes on: it still knows home, its finds, the time it has used, the operator's order, and
-    whether it was on its way back.
+    After a restart it goes on: it still knows home, its finds, the time it has used, the operator's order,
+    and whether it was on its way back.
     """
 
     period_s: float = setting(0.2, "time between decisions", minimum=0.02)
     starts_by_itself: bool = setting(True, "false: the robot stands until the operator starts the mission")
     time_limit_s: float = setting(600.0, "the robot is home again by then", minimum=10.0)
     reserve: float = setting(0.15, "the battery is not used below this ratio", minimum=0.0, maximum=1.0)
-    clearance_m: float = setting(
-        0.27, "distance that paths keep from obstacles; the same as navigation's", minimum=0.05
-    )
+    clearance_m: float = setting(0.27, "distance of paths from obstacles: as navigation's", minimum=0.05)
     report_name: str = setting("rescue", "beginning of the names of the report's files")
     ends_after_s: float = setting(1.0, "time between the mission's end and the module's", minimum=0.0)
 

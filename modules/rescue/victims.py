@@ -34,11 +34,11 @@ TURNED_S, TURNED_RAD = 0.1, 0.02
 
 
 class Victims(Module):
-    """Looks for victims, publishes each as `VictimFound`, and asks the operator about those that it knows well.
+    """Looks for victims, publishes each as `VictimFound`, and asks the operator about those it knows well.
 
-    It publishes the tags in an image as `Detection2DArray` on the image's topic. The operator answers with
-    `VictimConfirmation`; without an answer in time the module asks again later. `SearchedWalls` are the walls
-    that the camera has seen well.
+    It publishes the tags in an image as `Detection2DArray` on the image's topic. The operator answers
+    with `VictimConfirmation`; without an answer in time the module asks again later. `SearchedWalls` are the
+    walls that the camera has seen well.
 
     After a restart it still knows all victims, answers and searched walls.
     """
