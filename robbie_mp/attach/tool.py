@@ -23,9 +23,9 @@ from robbie_mp.run.plan import TOOL_MEMORY_BYTES, RunPlan
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
-from robbie_mp.transport.endpoint import Delivery, Endpoint
+from robbie_mp.transport.endpoint import Endpoint
 from robbie_mp.transport.layout import LINE_WORDS, Activity, SegmentKind
-from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling, Outbound
+from robbie_mp.transport.records import ANY_VERSION, Delivery, Inbound, MessageHandling, Outbound
 from robbie_mp.transport.run_memory import (
     IncarnationMemory,
     attach_wakeup,

@@ -1,10 +1,10 @@
-"""What modules declare: the channels they publish on, what they subscribe to, and that this is all."""
+"""Handles what modules declare: their channels, their subscriptions, and the end of their setup."""
 
 from collections.abc import Sequence
 
 from robbie_mp.core.directory import Directory, Subscription
 from robbie_mp.core.ledger import Ledger, Outcome
-from robbie_mp.core.link import Link, Slot
+from robbie_mp.core.members import Link, Slot
 from robbie_mp.core.queues import Queues
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import MessageHandling
@@ -13,14 +13,14 @@ from robbie_mp.transport.words import Words
 
 
 class Declarations:
-    """Enters declarations into the directory, and ends subscriptions that nobody wants any more.
+    """Handles the records ADVERTISE, SUBSCRIBE and READY, and closes subscriptions.
 
     Args:
         words: the core segment.
         slots: the modules.
-        ledger: every reference there is.
-        directory: where declarations are entered.
-        queues: what waits for the modules.
+        ledger: all references.
+        directory: all channels and subscriptions.
+        queues: the queues of the modules.
     """
 
     def __init__(
@@ -32,21 +32,21 @@ class Declarations:
         self._directory = directory
         self._queues = queues
 
-    def advertise(self, _slot: Slot, link: Link, record: Record) -> None:
+    def on_advertise(self, _slot: Slot, link: Link, record: Record) -> None:
         """Open a channel."""
         row = link.declaration(record[1])
         channel = self._directory.channel(row.name, link.slot)
         link.channels[record[1]] = channel
 
-    def subscribe(self, _slot: Slot, link: Link, record: Record) -> None:
-        """Open a subscription, or take over the one of an earlier incarnation."""
+    def on_subscribe(self, _slot: Slot, link: Link, record: Record) -> None:
+        """Open a subscription, or continue the one of an earlier incarnation."""
         row = link.declaration(record[1])
         entry = self._directory.subscribe(link.slot, row.name, MessageHandling(row.handling))
         entry.declaration = row.number
         entry.declared_by = link.incarnation
 
-    def ready(self, slot: Slot, link: Link, _record: Record) -> None:
-        """Let messages go to a module; what its earlier incarnation wanted and it does not ends here."""
+    def on_ready(self, slot: Slot, link: Link, _record: Record) -> None:
+        """Start sending messages to a module; close earlier subscriptions that it has not declared again."""
         link.ready = True
         self._words[slot.at + layout.PUBLISHER_READY] = link.incarnation
         for entry in list(self._directory.subscriptions):
@@ -55,7 +55,7 @@ class Declarations:
         self._queues.pump(slot, link)
 
     def close_all(self, slot: int, outcome: Outcome) -> None:
-        """End all subscriptions of a module that will not come back."""
+        """Close all subscriptions of a module that will not come back."""
         for entry in [entry for entry in self._directory.subscriptions if entry.slot == slot]:
             self._close(entry, outcome)
 

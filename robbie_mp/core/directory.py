@@ -6,7 +6,7 @@ from fnmatch import translate
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
-from robbie_mp.transport.layout import PATTERN_COUNT
+from robbie_mp.transport.layout import MAX_PATTERNS
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling
 from robbie_mp.transport.tables import ROW_OPEN, ChannelName, CoreTables, SubscriptionRow
 from robbie_mp.transport.words import WORD_BYTES, WORD_MAX
@@ -198,8 +198,8 @@ class Directory:
         if entry is not None and entry.is_open:
             self._forget_end(entry)
             return entry
-        if name.version == ANY_VERSION and len(self._patterns(slot)) == PATTERN_COUNT:
-            raise TableFull(f"a module subscribes by at most {PATTERN_COUNT} patterns")
+        if name.version == ANY_VERSION and len(self._patterns(slot)) == MAX_PATTERNS:
+            raise TableFull(f"a module subscribes by at most {MAX_PATTERNS} patterns")
         entry = self._open_row(slot, name, handling) if entry is None else self._reopen(entry)
         for channel in self._channels.values():
             _connect(channel, entry)

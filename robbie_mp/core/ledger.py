@@ -1,11 +1,12 @@
-"""The books: every live message, everyone who still holds or awaits it, and what became of each reference.
+"""The ledger: every live message, every reference to it, and the outcome of each reference.
 
-A *handle* names a message; a *reference* is one subscription's claim to it. Each row of either table ends in
-a committing store, and the row carries the new values of all counters that the step changes, so that a step
-cut short after its commit can be finished from the row alone, and one cut short before it never was.
+A *handle* names a message; a *reference* is one subscription's claim to it. The last store into a row of
+either table commits it. The row also carries the new values of all counters that the step changes. So if the
+core dies after the commit, `takeover` can finish the step from the row alone; if it dies before the commit,
+the step has not happened.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
 from itertools import compress
 from typing import NamedTuple
@@ -19,7 +20,7 @@ NO_RECORD = WORD_MAX
 
 
 class Outcome(IntEnum):
-    """State of a reference; its word holds the count of such events for the subscription from bit 8 on."""
+    """State of a reference: `state | nth << 8`, if it is the subscription's n-th reference in that state."""
 
     FREE = 0
     HELD = 1
@@ -48,6 +49,31 @@ class Handle(NamedTuple):
     block: int
 
 
+class HandleRow(NamedTuple):
+    """The row of a handle as `open_handle` writes it."""
+
+    handle: Handle
+    record: int
+    """Number of the outbound record that published the message."""
+    publisher_routed: int
+    """The publisher's count of routed messages, this one included; likewise the channel's counts."""
+    channel_messages: int
+    channel_bytes: int
+
+
+class ReferenceRow(NamedTuple):
+    """The row of a reference as `open_references` and `count` write it."""
+
+    state: Outcome
+    nth: int
+    """The subscription's count of references in that state, this one included."""
+    sequence: int
+    handle: int
+    subscription: int
+    pushed_at: int
+    """Number of the inbound record that brings it to its module, plus one; 0 while it waits."""
+
+
 class Ledger:
     """Handles, references and the counters of subscriptions.
 
@@ -55,15 +81,15 @@ class Ledger:
         tables: the core's tables.
 
     Attributes:
-        give_back: called with a handle to which nobody refers any more.
-        handle: returns the live message of an index.
+        give_back: called with a handle that has no reference left.
+        handle: returns the live message in a row.
     """
 
     give_back: Callable[[int], None]
 
     def __init__(self, tables: CoreTables):
-        self._tables = tables
         self._words = tables.words
+        self._handle_rows, self._reference_rows = tables.sizes.handles, tables.sizes.references
         self._write_handle = row_writer(tables.words, 9)
         self._write_reference = row_writer(tables.words, 4)
         self._handles_at, self._references_at = tables.handle(0), tables.reference(0)
@@ -78,7 +104,7 @@ class Ledger:
         """Number of live messages of each incarnation of a publisher."""
 
     def has_room(self, references: int) -> bool:
-        """Whether a message with so many subscribers can be entered."""
+        """Whether there is a row for a message, and rows for this number of references to it."""
         return bool(self._free_handles) and len(self._free_references) >= references
 
     def open_handle(self, handle: Handle, record: int, publisher_routed: int, channel: Channel) -> int:
@@ -87,7 +113,7 @@ class Ledger:
         at = self._handles_at + index * _HANDLE_WORDS
         words = self._words
         sequence, source, offset, size, channel_index, stamp_ns, block = handle
-        words[at + 1] = NO_RECORD  # a row half written must not seem to be for its record
+        words[at + 1] = NO_RECORD  # a takeover must not take a half-written row for this record's
         self._write_handle(
             (at + 2) * WORD_BYTES,
             source, offset, size, channel_index, stamp_ns, block,
@@ -121,7 +147,7 @@ class Ledger:
         return self._live_of_source.get(layout.pack_source(slot, 0, incarnation), 0) > 0
 
     def live_of(self, source: int) -> list[int]:
-        """Return the rows of a publisher's messages that are wanted or held, the oldest first."""
+        """Return the rows of a publisher's messages that have references, the oldest first."""
         rows = compress(range(len(self._holders)), self._holders)
         handles = self._handles
         return sorted(
@@ -166,7 +192,7 @@ class Ledger:
         return entry
 
     def mark_pushed(self, index: int, record: int) -> None:
-        """Note which inbound record is about to bring a reference to its module."""
+        """Note the inbound record that is about to bring a reference to its module."""
         self._words[self._references_at + index * _REFERENCE_WORDS + layout.REFERENCE_PUSHED_AT] = record + 1
 
     def mark_waiting(self, index: int) -> None:
@@ -174,7 +200,7 @@ class Ledger:
         self._words[self._references_at + index * _REFERENCE_WORDS + layout.REFERENCE_PUSHED_AT] = 0
 
     def count(self, index: int, outcome: Outcome) -> None:
-        """Enter what became of a reference."""
+        """Enter the outcome of a reference."""
         subscription = self.reference(index)[2]
         column = outcome - 1
         subscription.counts[column] = nth = subscription.counts[column] + 1
@@ -182,7 +208,7 @@ class Ledger:
         self._words[subscription.at + _ROUTED + column] = nth
 
     def close_reference(self, index: int) -> None:
-        """Free a reference's row, and give the message back if it was the last."""
+        """Free a reference's row; after the last reference, give the message back."""
         handle = self.reference(index)[1]
         self._words[self._references_at + index * _REFERENCE_WORDS] = _FREE
         self._references[index] = None
@@ -192,12 +218,12 @@ class Ledger:
             self.give_back(handle)
 
     def finish(self, index: int, outcome: Outcome) -> None:
-        """Enter what became of a reference and free it."""
+        """Enter the outcome of a reference and free its row."""
         self.count(index, outcome)
         self.close_reference(index)
 
     def deliver(self, index: int, handle: int, subscription: Subscription) -> None:
-        """Do as `finish` with DELIVERED, in fewer steps: it happens to almost every reference."""
+        """Do the same as `finish` with DELIVERED, but faster: almost every reference ends here."""
         words, at, counts = self._words, self._references_at + index * _REFERENCE_WORDS, subscription.counts
         counts[1] = nth = counts[1] + 1
         words[at] = _DELIVERED | nth << 8  # commits
@@ -209,59 +235,69 @@ class Ledger:
         if not left:
             self.give_back(handle)
 
-    # -- after a crash of the core -----------------------------------------------------------------------
+    # -- reading and adopting rows, for a takeover -------------------------------------------------------
 
-    def read_handles(self) -> list[int]:
-        """Find the messages that a dead core left; return the indices of their rows."""
-        found = []
-        words = self._words
-        for index in range(self._tables.sizes.handles):
-            at = self._handles_at + index * _HANDLE_WORDS
-            if words[at]:
-                columns = (words[at + layout.HANDLE_SOURCE + column] for column in range(6))
-                handle = self._handles[index] = Handle(words[at], *columns)
-                source = handle.source & _SOURCE_OF_INCARNATION
-                self._live_of_source[source] = self._live_of_source.get(source, 0) + 1
-                found.append(index)
-        alive = set(found)
-        self._free_handles[:] = [row for row in self._free_handles if row not in alive]
-        return found
+    def live_handles(self) -> list[int]:
+        """Return the rows of the table of handles that have a message."""
+        words, start = self._words, self._handles_at
+        rows = range(self._handle_rows)
+        return [index for index in rows if words[start + index * _HANDLE_WORDS]]
 
-    def read_references(self, subscriptions: Sequence[Subscription]) -> list[tuple[int, Outcome]]:
-        """Find the references that a dead core left, and complete the counts they carry.
+    def used_handles(self) -> list[int]:
+        """Return the rows of the table of handles that have a message, or had one."""
+        words, start = self._words, self._handles_at + layout.HANDLE_SOURCE
+        rows = range(self._handle_rows)
+        return [index for index in rows if words[start + index * _HANDLE_WORDS]]
 
-        Returns:
-            Row and state of each; one with an outcome other than DELIVERED is still to be closed.
-        """
-        found = []
-        words = self._words
-        for index in range(self._tables.sizes.references):
-            at = self._references_at + index * _REFERENCE_WORDS
-            if not words[at]:
-                continue
-            state, nth = Outcome(words[at] & 0xFF), words[at] >> 8
-            subscription = subscriptions[words[at + layout.REFERENCE_SUBSCRIPTION]]
-            handle = words[at + layout.REFERENCE_HANDLE]
-            self._references[index] = (words[at + layout.REFERENCE_SEQUENCE], handle, subscription)
-            self._holders[handle] += 1
-            self._complete_count(subscription, state - 1, nth)
-            found.append((index, state))
-        alive = {index for index, _ in found}
-        self._free_references[:] = [row for row in self._free_references if row not in alive]
-        return found
+    def live_references(self) -> list[int]:
+        """Return the rows of the table of references that are not free."""
+        words, start = self._words, self._references_at
+        rows = range(self._reference_rows)
+        return [index for index in rows if words[start + index * _REFERENCE_WORDS]]
 
-    def _complete_count(self, subscription: Subscription, column: int, nth: int) -> None:
-        if subscription.counts[column] < nth:
-            subscription.counts[column] = nth
-            self._words[subscription.at + layout.SUBSCRIPTION_ROUTED + column] = nth
+    def read_handle(self, index: int) -> HandleRow:
+        """Read a row of the table of handles; its sequence is 0 if its message was given back."""
+        words, at = self._words, self._handles_at + index * _HANDLE_WORDS
+        columns = (words[at + layout.HANDLE_SOURCE + column] for column in range(6))
+        return HandleRow(
+            Handle(words[at], *columns),
+            words[at + layout.HANDLE_RECORD],
+            words[at + layout.HANDLE_PUBLISHER_ROUTED],
+            words[at + layout.HANDLE_CHANNEL_MESSAGES],
+            words[at + layout.HANDLE_CHANNEL_BYTES],
+        )
 
-    def pushed_at(self, index: int) -> int:
-        """Number of the inbound record that was to bring a reference, plus one; 0 if it waits."""
-        return self._words[self._references_at + index * _REFERENCE_WORDS + layout.REFERENCE_PUSHED_AT]
+    def read_reference(self, index: int) -> ReferenceRow:
+        """Read a row of the table of references."""
+        words, at = self._words, self._references_at + index * _REFERENCE_WORDS
+        state = words[at]
+        return ReferenceRow(
+            Outcome(state & 0xFF),
+            state >> 8,
+            words[at + layout.REFERENCE_SEQUENCE],
+            words[at + layout.REFERENCE_HANDLE],
+            words[at + layout.REFERENCE_SUBSCRIPTION],
+            words[at + layout.REFERENCE_PUSHED_AT],
+        )
 
-    def is_held(self, handle: int) -> bool:
-        """Whether any reference to a message is left."""
-        return self._holders[handle] > 0
+    def adopt_handles(self, found: Mapping[int, Handle]) -> None:
+        """Take over the live messages of a dead core, by the index of their rows."""
+        for index, handle in found.items():
+            self._handles[index] = handle
+            source = handle.source & _SOURCE_OF_INCARNATION
+            self._live_of_source[source] = self._live_of_source.get(source, 0) + 1
+        self._free_handles[:] = [row for row in self._free_handles if row not in found]
+
+    def adopt_references(self, found: Mapping[int, tuple[int, int, Subscription]]) -> None:
+        """Take over a dead core's references (sequence, handle, subscription), by the index of their rows."""
+        for index, reference in found.items():
+            self._references[index] = reference
+            self._holders[reference[1]] += 1
+        self._free_references[:] = [row for row in self._free_references if row not in found]
+
+    def is_live(self, handle: int) -> bool:
+        """Whether a row of the table of handles has a message."""
+        return self._words[self._handles_at + handle * _HANDLE_WORDS] != 0
 
     def claimants(self, handle: int) -> set[int]:
         """Indices of the subscriptions that have a reference to a message."""
@@ -270,29 +306,6 @@ class Ledger:
     def was_claimed(self, subscription: Subscription, sequence: int) -> bool:
         """Whether a subscription has had its reference to the message of this sequence."""
         return self._words[subscription.at + layout.SUBSCRIPTION_LAST_SEQUENCE] >= sequence
-
-    def entered(self, routed: Sequence[int]) -> set[tuple[int, int, int]]:
-        """Slot, incarnation and outbound record of every message of which a row tells that it was entered.
-
-        The row of a message that was given back tells it still; so does one that was never committed seem to,
-        but its publisher's count has not got there.
-
-        Args:
-            routed: how many messages of each slot were routed to their end.
-        """
-        found = set()
-        words = self._words
-        for index in range(self._tables.sizes.handles):
-            at = self._handles_at + index * _HANDLE_WORDS
-            source = words[at + layout.HANDLE_SOURCE]
-            slot = source & 0xFFFF
-            if words[at] or (source and routed[slot] >= words[at + layout.HANDLE_PUBLISHER_ROUTED]):
-                found.add((slot, source >> 32, words[at + layout.HANDLE_RECORD]))
-        return found
-
-    def row(self, handle: int, column: int) -> int:
-        """A word of a handle's row."""
-        return self._words[self._tables.handle(handle) + column]
 
 
 def _publisher(source: int) -> tuple[int, int]:

@@ -1,25 +1,173 @@
-"""Who is connected to the core: links to living modules, and what is told to them besides messages."""
+"""The modules that the core is connected with: their slots, and the core's ends of their rings."""
 
+from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import compress
 from operator import itemgetter, ne
 
-from robbie_mp.core.link import Link, LinkMemory, Slot
+from robbie_mp.core.directory import Channel, TableFull
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
-from robbie_mp.transport.records import Inbound
+from robbie_mp.transport.records import Inbound, MessageHandling
+from robbie_mp.transport.ring import NumberRingWriter, RingCorrupt, RingPlace, RingReader, RingWriter
 from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
-from robbie_mp.transport.words import Words
+from robbie_mp.transport.tables import DeclarationRow
+from robbie_mp.transport.words import Words, new_fence
 
 SUPERVISOR_SLOT = 0
 _head_of = itemgetter(layout.OUT_HEAD)
-NOTICE_LIMIT = 512
-"""So many wait at most for a module that takes none, because it is stopped or hangs.
+MAX_NOTICES = 512
+"""Most notices that wait for a module that takes none, because it is stopped or hangs.
 
-All say which dead publisher's memory to unmap. A module that takes nothing maps nothing, so those beyond the
-first few name what it has not mapped. The supervisor's are never left out; no more than it asks for wait.
+Every notice names a dead publisher whose memory the module is to unmap. A module that takes no messages maps
+no memory either, so notices beyond these name memory that it has not mapped. The supervisor gets every
+notice; it asks for no more than that.
 """
+REPLACEMENT_CHARACTER = "\ufffd"
+_HANDLINGS = frozenset(int(handling) for handling in MessageHandling)
+
+
+class ProtocolViolation(RobbieError, ValueError):
+    """A module wrote a record or declaration that breaks the protocol; the supervisor restarts it."""
+
+
+MODULE_ERRORS = (ProtocolViolation, RingCorrupt, TableFull)
+"""Errors for which a module is faulted."""
+
+
+def checked(row: DeclarationRow) -> DeclarationRow:
+    """Return a declaration if it is valid.
+
+    Raises:
+        ProtocolViolation: it is not.
+    """
+    type_name, _, topic = row.name
+    # A text that is not UTF-8 would read differently when a new core finds it in the tables.
+    if not type_name or row.handling not in _HANDLINGS or REPLACEMENT_CHARACTER in type_name + topic:
+        raise ProtocolViolation(
+            f"declaration {row.number} has type '{type_name}', topic '{topic}' and handling {row.handling}"
+        )
+    return row
+
+
+@dataclass(frozen=True)
+class LinkMemory:
+    """What connects the core with one incarnation of a module."""
+
+    incarnation: int
+    out_words: Words
+    in_words: Words
+    wake: Callable[[], None]
+    close: Callable[[], None]
+
+
+class Link:
+    """One incarnation of a module, as the core sees it."""
+
+    def __init__(self, slot: int, memory: LinkMemory, ring_records: int, credit: int, windows: Sequence[int]):
+        self.slot = slot
+        self.incarnation = memory.incarnation
+        self.source = layout.pack_source(slot, 0, memory.incarnation)
+        self.out_words = memory.out_words
+        self.in_words = memory.in_words
+        self.wake = memory.wake
+        self.close = memory.close
+        out, into = memory.out_words, memory.in_words
+        self.outbound = RingReader(
+            RingPlace(out, layout.OUT_HEAD, layout.OUT_RING, ring_records, into, layout.IN_OUTBOUND_TAIL)
+        )
+        capacity = layout.inbound_records(credit)
+        tail_at = layout.OUT_INBOUND_TAIL
+        self.inbound = RingWriter(RingPlace(into, layout.IN_HEAD, layout.IN_RING, capacity, out, tail_at))
+        freed_at = layout.IN_RING + capacity * layout.RECORD_WORDS
+        freed_records = layout.FREED_RECORDS
+        tail_at = layout.OUT_FREED_TAIL
+        self.freed = NumberRingWriter(
+            RingPlace(into, layout.IN_FREED_HEAD, freed_at, freed_records, out, tail_at)
+        )
+        self.channels: dict[int, Channel] = {}
+        """By the module's declaration number."""
+        self.pushed: dict[int, int] = {}
+        """References that it has been sent and has not handled yet, and the record that brought each."""
+        self.windows = windows
+        """Most bytes of these, by the slot of their publisher."""
+        self.in_flight = [0] * len(windows)
+        """Bytes of these now, by the slot of their publisher."""
+        self.pinned: set[int] = set()
+        """References that it has handled, but whose memory it still uses."""
+        self.notices: deque[tuple[Inbound, int, int, int]] = deque()
+        self._fence = new_fence()
+        self.credit = credit
+        """Messages that may be in its inbound ring."""
+        self.awaited_freed = 0
+        """Wake it when this total of its blocks has been freed; 0 if it does not wait."""
+        self.ready = False
+        self.has_ended = False
+        """It broke the protocol or is dead, so no more of its records are handled."""
+        self._want_release = into[layout.IN_WANT_RELEASE]
+        self._first_record = self.outbound.tail
+
+    def is_repeated(self) -> bool:
+        """Whether the record being handled may have been handled before, by a core that died over it."""
+        return self.outbound.tail == self._first_record
+
+    def want_release(self, wanted: bool) -> bool:
+        """Ask the module to post when it releases a message, or not to.
+
+        It need not post before it has handled half of its messages.
+
+        Returns:
+            Whether the module may have missed the request, so that its ring must be looked at again.
+        """
+        # Notices behind the last message do not count: the module takes them after it has released it.
+        end = next(reversed(self.pushed.values())) + 1 if self.pushed else self.inbound.head
+        want = max(1, end - len(self.pushed) // 2) if wanted else 0
+        if want == self._want_release:
+            return False
+        self.in_words[layout.IN_WANT_RELEASE] = want
+        self._want_release = want
+        return wanted
+
+    def declaration(self, number: int) -> DeclarationRow:
+        """Read a declaration from the module's out segment.
+
+        Raises:
+            ProtocolViolation: no such declaration is possible.
+        """
+        if number >= layout.DECLARATION_COUNT:
+            raise ProtocolViolation(f"declaration {number} is out of range")
+        self._fence()
+        return checked(DeclarationRow.read(self.out_words, number))
+
+    def send_notices(self) -> None:
+        """Push notices while the ring has more room than the module's credit needs."""
+        while self.notices and self.inbound.room() > self.credit:
+            kind, first, second, third = self.notices.popleft()
+            self.inbound.push(kind, first, second, third, 0, 0, 0)
+            self.wake()
+
+
+class Slot:
+    """A module through all its incarnations: its waiting messages and its publisher counters."""
+
+    def __init__(self, index: int, at: int, queue_messages: int, queue_bytes: int, credit: int):
+        self.index = index
+        self.at = at
+        self.queue_messages = queue_messages
+        self.queue_bytes = queue_bytes
+        self.credit = credit
+        self.waiting: OrderedDict[int, int] = OrderedDict()
+        """References in the order of their sequence, each with the size of its message in bytes."""
+        self.waiting_bytes = 0
+        self.waiting_peak = 0
+        self.routed = 0
+        self.refused = 0
+        self.refused_record: tuple[int, int] | None = None
+        """Incarnation and number of the outbound record of the message that was refused last."""
+        self.windows: list[int] = []
+        """Most bytes of each publisher that the module may have and not have handled yet; see `Router`."""
+        self.link: Link | None = None
 
 
 @dataclass(frozen=True)
@@ -39,7 +187,7 @@ class Members:
         slots: every module of the run; slot 0 is the supervisor's.
         limits: bounds of the rings.
         open_memory: maps the memory of one incarnation of a module.
-        report: is told what went wrong with whom.
+        report: called with a line for each fault.
     """
 
     def __init__(
@@ -59,16 +207,16 @@ class Members:
         self.have_notices = False
         """Some link may have notices for which there was no room yet."""
         self.have_changed = False
-        """Somebody new may have written before anybody looked at the ring, and woken nobody by it."""
+        """A new module may have written, and posted, before the core looked at its ring."""
         self._heads: list[int] = []
-        """Of their outbound rings, as seen last."""
+        """Heads of their outbound rings, as seen last."""
         self._ring_words: list[Words] = []
 
     def connect(self, slot: int, incarnation: int) -> None:
         """Connect with a new incarnation of a module."""
         known = self._slots[slot].link
         if known is not None and known.incarnation == incarnation:
-            return  # said again after a restart of the core
+            return  # repeated after a restart of the core
         try:
             memory = self._open_memory(slot, incarnation)
         except (SegmentMissing, SegmentMismatch) as error:
@@ -79,15 +227,15 @@ class Members:
         known_slot.link = link
         self._set_links((*self.links, link))
         self._words[known_slot.at + layout.PUBLISHER_LINKED] = incarnation
-        # In this order: what a new core does not find linked, but knows to have been, it takes for dead.
+        # In this order: an incarnation that a new core knows, but does not find linked, is dead to it.
         self._words[known_slot.at + layout.PUBLISHER_LAST_INCARNATION] = incarnation
 
     def disconnect(self, link: Link) -> None:
-        """Forget a dead incarnation; that it was connected stays written until it has been taken back."""
+        """Forget a dead incarnation. The tables show it as linked until it has been reclaimed."""
         self._slots[link.slot].link = None
         link.has_ended = True
-        # Of a list: CPython keeps up to 2000 tuples of each length for reuse, and one of a generator, whose
-        # length is not known at first, adds to them and never takes any.
+        # From a list: CPython keeps up to 2000 tuples of each length for reuse. A tuple made from a generator
+        # adds to them and never takes one, because its length is not known at first.
         self._set_links(tuple([other for other in self.links if other is not link]))
 
     def _set_links(self, links: tuple[Link, ...]) -> None:
@@ -97,8 +245,8 @@ class Members:
         self._heads = [link.outbound.tail for link in links]
 
     def with_news(self) -> list[Link]:
-        """Links whose outbound rings have got records since this was asked last."""
-        heads = list(map(_head_of, self._ring_words))  # all that is done for who is silent
+        """Return the links whose outbound rings have new records since the last call."""
+        heads = list(map(_head_of, self._ring_words))  # the only cost of a silent module
         seen = self._heads
         if heads == seen:
             return []
@@ -106,7 +254,7 @@ class Members:
         return list(compress(self.links, map(ne, heads, seen)))
 
     def fault(self, link: Link, error: RobbieError) -> None:
-        """Take no more records of a module that broke the protocol, send it none, and have it killed."""
+        """Stop handling and sending records of a module that broke the protocol, and have it killed."""
         link.has_ended = True
         link.ready = False
         self._accuse(link.slot, link.incarnation, str(error))
@@ -117,17 +265,17 @@ class Members:
         self.notify(SUPERVISOR_SLOT, (Inbound.FAULTED, slot, incarnation, 0))
 
     def notify(self, slot: int, notice: tuple[Inbound, int, int, int]) -> None:
-        """Tell a module something, as soon as there is room for it in its ring."""
+        """Send a notice to a module as soon as its ring has room."""
         link = self._slots[slot].link
-        if link is not None and (slot == SUPERVISOR_SLOT or len(link.notices) < NOTICE_LIMIT):
+        if link is not None and (slot == SUPERVISOR_SLOT or len(link.notices) < MAX_NOTICES):
             link.notices.append(notice)
             link.send_notices()
             self.have_notices |= bool(link.notices)
 
     def announce_gone(self, source: tuple[int, int]) -> None:
-        """Have a dead publisher's data segments unmapped by everyone, and unlinked by the supervisor.
+        """Have all modules unmap a dead publisher's data segments, and the supervisor unlink them.
 
-        Who has never been sent anything has mapped nothing, and may not look at its ring for a long time.
+        A module that was never sent a message has mapped none, and may not read its ring for a long time.
         """
         for link in self.links:
             if link.slot == SUPERVISOR_SLOT or link.inbound.head:

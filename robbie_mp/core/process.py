@@ -1,4 +1,4 @@
-"""The core's process: take over what there is, route until told to stop, sleep when nothing is to route."""
+"""The core's process: takes over what a dead core left, and then routes until SIGTERM."""
 
 import gc
 import logging
@@ -7,8 +7,7 @@ import time
 from collections.abc import Sequence
 from types import FrameType
 
-from robbie_mp.core.link import LinkMemory
-from robbie_mp.core.members import SUPERVISOR_SLOT, RouterLimits
+from robbie_mp.core.members import SUPERVISOR_SLOT, LinkMemory, RouterLimits
 from robbie_mp.core.router import Router, SlotLimits
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.layout import SegmentKind
@@ -26,8 +25,8 @@ class CoreProcess:
         run_id: the run it belongs to.
         sizes: capacities of the rings.
         slots: bounds of each slot's queue.
-        message_bytes: the largest message that any module's memory can hold.
-        spin_s: how long to look for the next message before sleeping.
+        message_bytes: size of the largest message that any module's memory can hold.
+        spin_s: how long to poll for the next message before sleeping.
         lockstep: whether one message is handled at a time in the whole run.
     """
 
@@ -62,13 +61,13 @@ class CoreProcess:
         signal.signal(signal.SIGTERM, self._on_terminate)
         self._router.recover()
         self._router.module_up(SUPERVISOR_SLOT, 1)
-        gc.freeze()  # what is imported stays, so there is no need to look through it again and again
+        gc.freeze()  # imported objects stay, so the garbage collector need not visit them again
         router, words, wait = self._router, self._words, self._wakeup.wait
-        drain = router.drain
+        run_round = router.run_round
         while not self._stopping:
-            words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()  # under a flood it never sleeps
-            # One look: who writes after it posts after it, and then the wait is over at once.
-            if drain() or router.before_sleep():
+            words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()  # here, as it never sleeps in a flood
+            # One look is enough: a module that writes later also posts later, which ends the wait at once.
+            if run_round() or router.before_sleep():
                 continue
             self._wakeups = words[layout.CORE_WAKEUPS] = self._wakeups + 1
             wait(HEARTBEAT_S)

@@ -1,12 +1,16 @@
-"""The queues: what waits for each module, and what has been sent to it."""
+"""The queues: messages that wait for each module, and messages that have been sent to it.
 
-from collections.abc import Sequence
+`Queues` serves an ordinary run. In lockstep `LockstepQueues` delivers one message at a time in the whole run;
+see `robbie_mp.module.lockstep`.
+"""
+
+from collections.abc import Sequence, Set
 
 from robbie_mp.core.directory import Subscription
 from robbie_mp.core.ledger import Handle, Ledger, Outcome
-from robbie_mp.core.link import Link, Slot
+from robbie_mp.core.members import Link, Slot
 from robbie_mp.transport import layout
-from robbie_mp.transport.records import Inbound
+from robbie_mp.transport.records import CHANNEL_SHIFT, DECLARATION_SHIFT, Inbound
 from robbie_mp.transport.words import WORD_BYTES, Words, row_writer
 
 # Looked up once, not for every message.
@@ -15,11 +19,11 @@ _SOURCE_SLOT = layout.SOURCE_SLOT
 
 
 class Queues:
-    """Sends each module its messages in the one order, as far as its credit goes, in number and in bytes.
+    """Sends each module its messages in global order, up to its credit in messages and in bytes.
 
     Args:
         words: the core segment, for the figures.
-        ledger: every reference there is.
+        ledger: all references.
         slots: the modules.
     """
 
@@ -29,18 +33,18 @@ class Queues:
         self._slots = slots
         self._write_figures = row_writer(words, 4)
         self.holds_posts = False
-        """Whether more messages are about to follow, so that modules are better woken for all of them."""
+        """Whether more messages are about to follow, so that one post may wake a module for all of them."""
         self.to_post: set[Link] = set()
-        """Modules that have been sent something and are to be woken."""
+        """Modules that have been sent records and have not been woken yet."""
         self.not_empty: set[Slot] = set()
         """Modules for which messages wait."""
         self._outdated: set[Slot] = set()
-        """Modules whose figures are to be written again; always the same set, which `outdate` is bound to."""
+        """Modules whose figures must be written again; always the same set, which `outdate` is bound to."""
         self.outdate = self._outdated.add
-        """Note that what waits for a module, or what it has, has changed."""
+        """Note that the queue of a module, or the messages it has, have changed."""
 
     def add(self, subscription: Subscription, reference: int, handle: Handle) -> None:
-        """Send a message on if nothing is before it, else let it wait; the oldest goes if too many wait."""
+        """Send a message, or queue it behind others; if the queue is full, drop its oldest message."""
         slot = self._slots[subscription.slot]
         link = slot.link
         if (
@@ -86,7 +90,7 @@ class Queues:
             subscription.queued = None
 
     def pump(self, slot: Slot, link: Link) -> None:
-        """Push waiting messages in order, as far as the module's credit goes."""
+        """Push waiting messages in order, up to the module's credit."""
         waiting = slot.waiting
         sent = False
         while waiting:
@@ -102,10 +106,10 @@ class Queues:
             self.to_post.add(link)
 
     def _may_follow(self, subscription: Subscription, handle: Handle, link: Link) -> bool:
-        """Whether a module that has messages may be given one more: by their number and their bytes.
+        """Whether a module that has messages may be sent one more, by their number and their bytes.
 
-        It asks for the newest by being done with what it has, and then gets what is the newest by then. One
-        message of each publisher it may have in any case, however large that is.
+        A subscription that keeps only the newest gets it when the module has handled all it has. One message
+        of each publisher is always allowed, however large it is.
         """
         if subscription.newest_only or len(link.pushed) >= link.credit:
             return False
@@ -120,12 +124,12 @@ class Queues:
         link.in_flight[source & _SOURCE_SLOT] += size
         self._ledger.mark_pushed(reference, record)
         inbound.push(
-            _DELIVER | subscription.declaration << 8 | channel << 32,
+            _DELIVER | subscription.declaration << DECLARATION_SHIFT | channel << CHANNEL_SHIFT,
             reference, sequence, source, offset, size, stamp,
         )  # fmt: skip
 
     def put_back(self, slot: Slot, reference: int) -> None:
-        """Put a message that its module never began to handle back in front of the queue."""
+        """Put a message that its dead module had not begun to handle back in front of the queue."""
         _sequence, handle, subscription = self._ledger.reference(reference)
         if subscription.newest_only:
             if subscription.queued is not None:  # a newer one waits already
@@ -140,26 +144,22 @@ class Queues:
         self.not_empty.add(slot)
 
     def post(self) -> None:
-        """Wake the modules that have been sent something."""
+        """Wake the modules that have been sent records."""
         while self.to_post:
             self.to_post.pop().wake()
 
     def end_round(self) -> None:
-        """Do what is left when everything in the rings has been handled."""
+        """Wake modules and write figures, at the end of each round over the rings."""
         if self.to_post:
             self.post()
         self.write_figures()
 
     def is_settled(self) -> bool:
-        """Whether no module has a message or will get one; only queues in lockstep can tell."""
+        """Whether no module has a message or will get one; only LockstepQueues knows."""
         return False
 
-    def restore(self) -> None:
-        """Find out, as a new core, for whom messages wait."""
-        self.not_empty = {slot for slot in self._slots if slot.waiting}
-
     def write_figures(self) -> None:
-        """Show what waits for the modules, and what they have, to whoever watches."""
+        """Write the length of the queues, and the number of messages that modules have, for observers."""
         words = self._words
         while self._outdated:
             slot = self._outdated.pop()
@@ -174,3 +174,76 @@ class Queues:
             if waiting > slot.waiting_peak:
                 slot.waiting_peak = waiting
                 words[slot.at + layout.PUBLISHER_WAITING_PEAK] = waiting
+
+
+class LockstepQueues(Queues):
+    """Sends the oldest waiting message to its module as soon as no module has a message.
+
+    The messages that a handler publishes are in the ledger before the release of the message it handled, as
+    both come through one ring. If several modules subscribe to a message, the first one in the profile gets
+    it first. If a module is just being restarted, the others wait for it.
+
+    Args:
+        words: the core segment, for the figures.
+        ledger: all references.
+        slots: the modules.
+        tools: slots of tools and of the supervisor, which get their messages at once.
+    """
+
+    def __init__(self, words: Words, ledger: Ledger, slots: Sequence[Slot], tools: Set[int]):
+        super().__init__(words, ledger, slots)
+        self._in_step = [slot for slot in slots if slot.index not in tools]
+        self._tools = tools
+
+    def add(self, subscription: Subscription, reference: int, handle: Handle) -> None:
+        """Queue a message; if the queue is full, drop its oldest message."""
+        if subscription.slot in self._tools:
+            super().add(subscription, reference, handle)
+            return
+        slot = self._slots[subscription.slot]
+        self._queue(slot, subscription, reference, handle.size)
+        self.outdate(slot)
+
+    def pump(self, slot: Slot, link: Link) -> None:
+        """Push nothing to modules: `end_round` does that, after all records of the round were handled."""
+        if slot.index in self._tools:
+            super().pump(slot, link)
+
+    def end_round(self) -> None:
+        """Send the next message if no module has one."""
+        if not self._is_anyone_busy():
+            self._hand_out()
+        super().end_round()
+
+    def is_settled(self) -> bool:
+        """Whether no module has a message or will get one."""
+        return not self._is_anyone_busy() and not any(slot.waiting for slot in self._in_step)
+
+    def _is_anyone_busy(self) -> bool:
+        return any(slot.link is not None and self._is_busy(slot.link) for slot in self._in_step)
+
+    def _is_busy(self, link: Link) -> bool:
+        """Whether a module has a message of an open subscription.
+
+        A module that hangs in the kernel and cannot be killed keeps its messages for good; its subscriptions
+        are closed.
+        """
+        return any(self._ledger.reference(reference)[2].is_open for reference in link.pushed)
+
+    def _hand_out(self) -> None:
+        waiting = [slot for slot in self._in_step if slot.waiting]
+        if not waiting:
+            return
+        slot = min(waiting, key=self._next_sequence)  # of equal ones, the first in the profile
+        link = slot.link
+        if link is None or not link.ready:
+            return
+        reference = next(iter(slot.waiting))
+        _, handle, subscription = self._ledger.reference(reference)
+        self.remove(slot, reference)
+        self._push(subscription, reference, self._ledger.handle(handle), link)
+        self.to_post.add(link)
+        self.outdate(slot)
+
+    def _next_sequence(self, slot: Slot) -> int:
+        return self._ledger.reference(next(iter(slot.waiting)))[0]

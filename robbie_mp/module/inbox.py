@@ -12,8 +12,8 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.module.subscriptions import Subscription, Subscriptions
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import LEAD_BYTES
-from robbie_mp.transport.endpoint import Delivery, Endpoint
-from robbie_mp.transport.records import Inbound
+from robbie_mp.transport.endpoint import Endpoint
+from robbie_mp.transport.records import Delivery, Inbound
 from robbie_mp.transport.tables import ChannelName
 from robbie_mp.transport.views import SegmentViews
 from robbie_mp.transport.words import Words

@@ -20,8 +20,8 @@ from robbie_mp.transport.endpoint import Endpoint
 from robbie_mp.transport.tables import ChannelName
 from robbie_mp.transport.words import Words
 
-_MAX_IN_FLIGHT = layout.OUTSTANDING_LIMIT * 7 // 8
-_TARGET_IN_FLIGHT = layout.OUTSTANDING_LIMIT * 3 // 4
+_MAX_IN_FLIGHT = layout.MAX_OUTSTANDING * 7 // 8
+_TARGET_IN_FLIGHT = layout.MAX_OUTSTANDING * 3 // 4
 """With more than the former in flight, the core is asked to drop waiting old messages, down to the latter."""
 _MIN_REQUEST_INTERVAL_NS = 10_000_000
 """Least time between two such requests: subscribers hold the messages that the core could not drop."""
@@ -116,7 +116,7 @@ class Outbox:
                 declaration = self._declare(type(message), topic)
             size = message.encoded_size()
             block = self._blocks.reuse(size)
-            if block is None or len(self._blocks.taken) > layout.OUTSTANDING_LIMIT:
+            if block is None or len(self._blocks.taken) > layout.MAX_OUTSTANDING:
                 block = self._allocate(size, block)
                 if block is None:
                     return self._refuse_for_memory(size, message.type_name, topic)
@@ -215,9 +215,9 @@ class Outbox:
             block = self._blocks.allocate(size)
             self._words[layout.OUT_SEGMENTS] = self._blocks.segment_count
             self._words[layout.OUT_SEGMENT_BYTES] = self._blocks.total_bytes
-        if block is not None and len(self._blocks.taken) > layout.OUTSTANDING_LIMIT:
+        if block is not None and len(self._blocks.taken) > layout.MAX_OUTSTANDING:
             self.collect_freed()
-            if len(self._blocks.taken) > layout.OUTSTANDING_LIMIT:
+            if len(self._blocks.taken) > layout.MAX_OUTSTANDING:
                 self._blocks.free([block.number])
                 return None
         return block

@@ -10,10 +10,10 @@ from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.ticks import MAX_WAIT_S, Ticks
 from robbie_mp.transport import layout
-from robbie_mp.transport.endpoint import Delivery, Endpoint
+from robbie_mp.transport.endpoint import Endpoint
 from robbie_mp.transport.histogram import WorkFigures
 from robbie_mp.transport.layout import Activity
-from robbie_mp.transport.records import Outbound
+from robbie_mp.transport.records import Delivery, Outbound
 from robbie_mp.transport.wakeup import Wakeup
 from robbie_mp.transport.words import WORD_BYTES, Words, row_writer
 

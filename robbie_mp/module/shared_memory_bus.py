@@ -7,7 +7,7 @@ from robbie_mp.messages import Message
 from robbie_mp.module.bus import Envelope, MessageType
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
-from robbie_mp.transport.endpoint import Delivery
+from robbie_mp.transport.records import Delivery
 
 
 class SharedMemoryBus:

@@ -1,6 +1,6 @@
 """Lockstep: one message is handled at a time in the whole robot, and time stands still meanwhile.
 
-The core keeps all but the next message back (see `robbie_mp.core.lockstep_queues`). The module that turns the
+The core keeps all but the next message back (see `robbie_mp.core.queues`). The module that turns the
 clock sets the time, sends what happens then, and goes on when the core has nothing left to hand out: then
 everything that its messages have caused is over. Ticks are such messages too. So what every module gets, and
 in which order, depends on nothing but the messages: not on the machine's speed or load. Messages from

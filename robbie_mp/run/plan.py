@@ -20,7 +20,7 @@ from robbie_mp.profile.model import (
     ToolLimits,
 )
 from robbie_mp.transport.board import TOOL_PREFIX
-from robbie_mp.transport.layout import OUTSTANDING_LIMIT
+from robbie_mp.transport.layout import MAX_OUTSTANDING
 from robbie_mp.transport.run_memory import RingSizes
 
 PLAN_FILE = "plan.json"
@@ -111,7 +111,7 @@ class RunPlan:
         module may have in flight, and, except for one message each, of any module's memory.
         """
         shares = 4 * max(self.tools.count, 1)
-        rows = min(self.core.handles, self.core.references, OUTSTANDING_LIMIT) // shares
+        rows = min(self.core.handles, self.core.references, MAX_OUTSTANDING) // shares
         memory = min((module.memory.limit_bytes for module in self.modules), default=self.tools.bytes)
         return QueueLimits(
             max(1, min(self.tools.messages, rows - self.tools.credits)),

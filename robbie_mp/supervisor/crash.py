@@ -12,7 +12,7 @@ from robbie_mp.trace.crash import CrashReport, LastMessage, LastWords
 from robbie_mp.transport import layout
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.layout import LINE_WORDS, RECORD_WORDS, Activity
-from robbie_mp.transport.records import Inbound
+from robbie_mp.transport.records import Delivery
 from robbie_mp.transport.tables import CoreTables, DeclarationRow
 from robbie_mp.transport.words import Words, read_text
 
@@ -65,13 +65,15 @@ class LastWordsReader:
         taken = out[layout.OUT_INBOUND_TAIL]
         for number in range(taken, max(0, taken - self._inbound_records), -1):
             at = layout.IN_RING + (number - 1) % self._inbound_records * RECORD_WORDS
-            first, _, sequence, source, _, _, stamp_ns, its_number = (into[at + word] for word in range(8))
-            channel, slot = first >> 32, layout.unpack_source(source)[0]
-            is_sound = channel < len(self._channel_rows) and slot < self._board.slots
-            if its_number != number or not is_sound:
+            *record, its_number = (into[at + word] for word in range(8))
+            if its_number != number:
                 return None
-            if first & 0xFF == Inbound.DELIVER:
-                return self._message(channel, sequence, slot, now_ns - stamp_ns)
+            if (delivery := Delivery.unpack(tuple(record))) is None:
+                continue
+            slot = layout.unpack_source(delivery.source)[0]
+            if delivery.channel >= len(self._channel_rows) or slot >= self._board.slots:
+                return None
+            return self._message(delivery.channel, delivery.sequence, slot, now_ns - delivery.stamp_ns)
         return None
 
     def _message(self, channel: int, sequence: int, slot: int, age_ns: int) -> LastMessage:

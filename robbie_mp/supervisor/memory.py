@@ -16,9 +16,8 @@ from robbie_mp.supervisor.states import STATES, ChildState, StateChange
 from robbie_mp.trace.crash import LastWords
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import TOOL_PREFIX, Board, SlotBounds, SlotState, Totals
-from robbie_mp.transport.endpoint import Notice
 from robbie_mp.transport.layout import Activity, SegmentKind
-from robbie_mp.transport.records import Inbound, Outbound
+from robbie_mp.transport.records import Inbound, Notice, Outbound
 from robbie_mp.transport.run_memory import (
     IncarnationMemory,
     make_block_store,

@@ -38,8 +38,9 @@ from robbie_mp.run.run_clock import RunClock
 from robbie_mp.supervisor.scheduling import apply_scheduling, prefer_new_threads
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
-from robbie_mp.transport.endpoint import Delivery, Endpoint
+from robbie_mp.transport.endpoint import Endpoint
 from robbie_mp.transport.layout import LINE_WORDS, SegmentKind
+from robbie_mp.transport.records import Delivery
 from robbie_mp.transport.run_memory import (
     IncarnationMemory,
     attach_wakeup,

@@ -1,4 +1,4 @@
-"""Blocks of a data segment, kept in the module's own memory: nobody else needs to know."""
+"""Allocates the blocks of a data segment. Its state is private memory of the module."""
 
 from bisect import bisect
 
@@ -6,7 +6,7 @@ BLOCK_ALIGNMENT = 64  # a cache line, so that two messages never share one
 
 
 class BlockAllocator:
-    """First fit over one segment; what is freed is joined with its free neighbours.
+    """First-fit allocator over one segment; a freed block is joined with its free neighbours.
 
     Args:
         start: offset of the first usable byte.
@@ -17,7 +17,7 @@ class BlockAllocator:
         start_aligned = -(-start // BLOCK_ALIGNMENT) * BLOCK_ALIGNMENT
         end = (start + size) // BLOCK_ALIGNMENT * BLOCK_ALIGNMENT
         self._extents: list[tuple[int, int]] = [(start_aligned, end - start_aligned)]
-        """Offset and size of what is free, in order; no two of them touch."""
+        """Offset and size of the free extents, in order; no two of them are adjacent."""
         self._sizes: dict[int, int] = {}
 
     def allocate(self, size: int) -> int | None:
@@ -31,10 +31,10 @@ class BlockAllocator:
         return None
 
     def free(self, offset: int) -> None:
-        """Take a block back.
+        """Free a block.
 
         Raises:
-            KeyError: no such block is handed out.
+            KeyError: no such block is in use.
         """
         end = offset + self._sizes.pop(offset)
         extents = self._extents

@@ -8,7 +8,7 @@ from robbie_mp.transport.allocator import BLOCK_ALIGNMENT, BlockAllocator
 from robbie_mp.transport.segment import Segment, SharedMemoryFull
 from robbie_mp.transport.words import WORD_BYTES, Words
 
-# A message starts with 4 bytes of encapsulation; its body is to lie at a multiple of 8.
+# A message starts with 4 bytes of encapsulation; its body is aligned to 8 bytes.
 LEAD_BYTES = 4
 _HEADER_BYTES = layout.DATA_BLOCKS * WORD_BYTES
 _FREE_BYTES = layout.DATA_FREE_BYTES
@@ -23,7 +23,7 @@ def block_bytes(size: int) -> int:
 
 
 class MessageTooLarge(RobbieError, ValueError):
-    """A message can never fit into its module's data segments; raise `memory.limit_bytes` in the profile.
+    """A message cannot fit into its module's data segments; raise `memory.limit_bytes` in the profile.
 
     Example scenarios:
       - a 50 MB point cloud from a module limited to 16 MB
@@ -31,10 +31,10 @@ class MessageTooLarge(RobbieError, ValueError):
 
 
 class Block:
-    """A piece of a data segment, for one message.
+    """A part of a data segment that holds one message.
 
     Attributes:
-        number: never used twice by an incarnation; a block that is used again gets a new one.
+        number: unique within the incarnation; a block that is used again gets a new number.
         segment: number of the data segment.
         offset: where the message starts in it, in bytes.
         buffer: the whole segment, writable.
@@ -52,21 +52,22 @@ class Block:
 
 
 class BlockStore:
-    """Allocates blocks, adding segments up to a limit.
+    """Allocates blocks, and adds segments up to a limit.
 
-    A robot's messages come in few sizes, so a freed block is kept for the next message of its size. Only when
-    no other memory is left are the kept blocks given back to where larger ones can be made of them.
+    A robot's messages come in few sizes, so a freed block is kept for the next message of its size. Kept
+    blocks are only returned to the allocators, which can join them, when no other memory is left.
 
     Args:
         create: makes the data segment with a given number and size in words.
-        segment_bytes: size of the first one.
-        limit_bytes: of all together.
+        segment_bytes: size of the first segment.
+        limit_bytes: maximum size of all segments together.
 
     Attributes:
-        taken_bytes: in blocks that are in use.
-        ample_bytes: with more than that in use, memory is getting short.
-        enough_bytes: with no more than that in use, it is not short any more.
-        taken: blocks that are in use, by their numbers.
+        taken_bytes: total size of the blocks in use.
+        ample_bytes: if more bytes than this are in use, memory is getting short.
+        enough_bytes: if at most this many bytes are in use, memory is no longer short.
+        taken: blocks in use, by their numbers.
+        total_bytes: total size of the segments.
     """
 
     def __init__(self, create: Callable[[int, int], Segment], segment_bytes: int, limit_bytes: int):
@@ -77,7 +78,7 @@ class BlockStore:
         self.taken_bytes = 0
         self._segments: list[tuple[Segment, BlockAllocator]] = []
         self._words: list[Words] = []
-        """Of the same."""
+        """The words of each segment."""
         self.taken: dict[int, Block] = {}
         self._kept: dict[int, list[Block]] = {}
         """Free blocks by their capacity."""
@@ -86,7 +87,7 @@ class BlockStore:
 
     @property
     def room_bytes(self) -> int:
-        """What there can be: less than the limit while /dev/shm is full."""
+        """Bytes that can be used: less than the limit while /dev/shm is full."""
         return self._room_bytes
 
     def _set_room(self, room_bytes: int) -> None:
@@ -100,7 +101,7 @@ class BlockStore:
         return len(self._segments)
 
     def reuse(self, size: int) -> Block | None:
-        """Return a block that was used for a message of about that size before, or None if none is free."""
+        """Return a kept block for a message of this size, or None if there is none."""
         kept = self._kept.get((size + _OVERHEAD) & _ALIGNED)
         if not kept:
             return None
@@ -127,7 +128,7 @@ class BlockStore:
         return bool(self._kept.get((size + _OVERHEAD) & _ALIGNED))
 
     def keep_one(self, size: int) -> None:
-        """See to it, if there is memory, that the next message of that size finds a block to reuse."""
+        """Keep a block for the next message of this size, if there is memory."""
         if not self.has_kept(size):
             self._fit((size + _OVERHEAD) & _ALIGNED)
 
@@ -144,7 +145,7 @@ class BlockStore:
         return self._grow(capacity) and self._fit(capacity)
 
     def _fit(self, capacity: int) -> bool:
-        """Make a free block of what has never been used or was given back."""
+        """Allocate a block and keep it; return whether a segment had room."""
         for index, (segment, allocator) in enumerate(self._segments):
             offset = allocator.allocate(capacity)
             if offset is not None:
@@ -177,7 +178,7 @@ class BlockStore:
         return True
 
     def free(self, numbers: Iterable[int]) -> None:
-        """Take blocks back; a number that is not in use is passed over, since the core may say it twice."""
+        """Free blocks; numbers that are not in use are ignored, as the core may repeat them."""
         for number in numbers:
             block = self.taken.pop(number, None)
             if block is not None:
@@ -185,7 +186,7 @@ class BlockStore:
                 self._kept[block.capacity].append(block)
 
     def close(self) -> None:
-        """Unmap all segments; their names are the supervisor's to unlink."""
+        """Unmap all segments; the supervisor unlinks their names."""
         for segment, _ in self._segments:
             segment.close()
         self._segments.clear()

@@ -1,4 +1,4 @@
-"""The supervisor's board: who runs, in which state, since when. Written by the supervisor, read by all."""
+"""The board: state, process and start time of every module. The supervisor writes it, all others read it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,12 +8,12 @@ from robbie_mp.transport.layout import LINE_WORDS, NAME_WORDS
 from robbie_mp.transport.words import WORD_MAX, Words, read_text, write_text
 
 TOOL_PREFIX = "~tool"
-"""Begins the names of rows for attached tools; no module's name does."""
+"""First characters of the names of rows for attached tools; a module's name cannot begin with them."""
 
 
 @dataclass(frozen=True)
 class Totals:
-    """Counters of a module's earlier incarnations, whose segments are gone."""
+    """Totals over a module's earlier incarnations, whose segments are gone."""
 
     published: int = 0
     refused: int = 0
@@ -49,13 +49,13 @@ class SlotBounds:
 
 
 class Board:
-    """The board's words, by meaning."""
+    """Reads and writes the words of the board."""
 
     def __init__(self, words: Words):
         self._words = words
 
     def create(self, names: list[str], bounds: Sequence[SlotBounds] = ()) -> None:
-        """Write names and limits of all rows: supervisor, modules, core."""
+        """Write the names and limits of all rows: supervisor, modules, tools, core."""
         words = self._words
         for slot, name in enumerate(names):
             write_text(words, self._row(slot) + layout.SLOT_NAME, NAME_WORDS, name)
@@ -82,15 +82,15 @@ class Board:
 
     @property
     def may_go(self) -> bool:
-        """Whether every module is ready, so that messages may flow."""
+        """Whether every module is ready, so that modules may start their work."""
         return self._words[layout.BOARD_GO] == 1
 
     def go(self) -> None:
-        """Let messages flow."""
+        """Let all modules start their work."""
         self._words[layout.BOARD_GO] = 1
 
     def modules(self) -> list[str]:
-        """Names of all modules; their slots begin with 1, those of tools and the core come after them."""
+        """Return the names of all modules; their slots start at 1, and tools and the core follow them."""
         names = [self.name(slot) for slot in range(1, self.slots - 1)]
         return [name for name in names if not name.startswith(TOOL_PREFIX)]
 
@@ -99,15 +99,15 @@ class Board:
         return read_text(self._words, self._row(slot) + layout.SLOT_NAME, NAME_WORDS)
 
     def incarnation(self, slot: int) -> int:
-        """Which process of the module in a slot is the newest."""
+        """Incarnation of the newest process of the module in a slot."""
         return self._words[self._row(slot) + layout.SLOT_INCARNATION]
 
     def is_left_by_tool(self, slot: int) -> bool:
-        """Whether a row is kept for tools, and none is attached there now."""
+        """Whether a row is reserved for tools and no tool is attached there now."""
         return not self._words[self._row(slot) + layout.SLOT_PID] and self.name(slot).startswith(TOOL_PREFIX)
 
     def is_attached_as(self, slot: int, incarnation: int, pid: int) -> bool:
-        """Whether a tool may still use what it was given; see `supervisor.attached_tools`."""
+        """Whether a slot is still assigned to a tool; see `supervisor.attached_tools`."""
         words, at = self._words, self._row(slot)
         return (words[at + layout.SLOT_PID], words[at + layout.SLOT_INCARNATION]) == (pid, incarnation)
 
@@ -120,7 +120,7 @@ class Board:
         words[at + layout.SLOT_RESTARTS] = row.restarts
         words[at + layout.SLOT_STARTED_NS] = row.started_ns
         write_text(words, at + layout.SLOT_REASON, LINE_WORDS, row.reason)
-        # The modules count these themselves, and a wild pointer there must not end the supervisor here.
+        # A module writes these counts, and a wild pointer in it must not end the supervisor.
         words[at + layout.SLOT_PAST_PUBLISHED] = min(row.past.published, WORD_MAX)
         words[at + layout.SLOT_PAST_REFUSED] = min(row.past.refused, WORD_MAX)
         words[at + layout.SLOT_PAST_HANDLED] = min(row.past.handled, WORD_MAX)

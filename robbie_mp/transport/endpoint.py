@@ -1,28 +1,38 @@
-"""A module's end of the bus: it publishes, takes and releases handles. No message types are known here."""
+"""A module's end of the bus: publishes, takes and releases handles, without knowing message types."""
 
 import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block
-from robbie_mp.transport.records import ANY_VERSION, Inbound, MessageHandling, Outbound
+from robbie_mp.transport.records import (
+    ANY_VERSION,
+    CHANNEL_SHIFT,
+    DECLARATION_MASK,
+    DECLARATION_SHIFT,
+    KIND_MASK,
+    Delivery,
+    Inbound,
+    MessageHandling,
+    Notice,
+    Outbound,
+)
 from robbie_mp.transport.ring import NumberRingReader, RingPlace, RingReader, RingWriter
 from robbie_mp.transport.tables import ChannelName, DeclarationRow
 from robbie_mp.transport.words import Words, new_fence
 
-# Looking a member up in its enumeration costs more than all that is done with it for a message.
+# Looking up an enumeration's member costs more than everything else that is done with it for a message.
 _PUBLISH, _RELEASE = Outbound.PUBLISH, Outbound.RELEASE
 _DELIVER = Inbound.DELIVER
 _new_tuple = tuple.__new__  # a named tuple's own constructor takes twice as long
 
 
 class TooManyDeclarations(RobbieError, OverflowError):
-    """A module uses more pairs of type and topic than its segment has rows for."""
+    """A module declares more pairs of type and topic than its segment has rows."""
 
 
 class NameTooLong(RobbieError, ValueError):
@@ -30,7 +40,7 @@ class NameTooLong(RobbieError, ValueError):
 
 
 class NameNotText(RobbieError, ValueError):
-    """A type or topic name holds what is no character, so no other process could be told it.
+    """A type or topic name is not valid Unicode, so it cannot be written into shared memory.
 
     Example scenarios:
       - a topic is named after a file whose name is not UTF-8
@@ -39,7 +49,7 @@ class NameNotText(RobbieError, ValueError):
 
 @dataclass(frozen=True)
 class EndpointMemory:
-    """What connects one incarnation of a module with the core."""
+    """The memory that connects one incarnation of a module with the core."""
 
     slot: int
     incarnation: int
@@ -48,37 +58,15 @@ class EndpointMemory:
     wake_core: Callable[[], None]
 
 
-class Delivery(NamedTuple):
-    """A handle that the core delivered."""
-
-    declaration: int
-    """The subscription, by this module's own number."""
-    channel: int
-    reference: int
-    sequence: int
-    source: int
-    offset: int
-    size: int
-    stamp_ns: int
-
-
-class Notice(NamedTuple):
-    """Something else that the core tells."""
-
-    kind: Inbound
-    slot: int
-    incarnation: int
-
-
 class Endpoint:
     """One incarnation's connection to the core.
 
-    Declaring and publishing may happen in any thread; everything else belongs to the module's main thread.
+    Any thread may declare and publish; only the module's main thread may do the rest.
 
     Args:
-        memory: its segments.
-        ring_records: capacity of its outbound ring.
-        credit: messages that may be in its inbound ring.
+        memory: the incarnation's segments.
+        ring_records: capacity of the outbound ring.
+        credit: most messages in the inbound ring.
     """
 
     def __init__(self, memory: EndpointMemory, ring_records: int, credit: int):
@@ -87,15 +75,15 @@ class Endpoint:
         self._out = out
         self._in = into
         self.wake_core = memory.wake_core
-        """Has the core look at all rings: a release need not have woken it."""
+        """Makes the core look at all rings, which a release alone may not do."""
         self._fence = new_fence()
         self.lock = threading.RLock()
-        """Held while anything is pushed; whoever publishes may hold it longer."""
+        """Held while a record is pushed; a publisher may hold it longer."""
         self._declaration_fence = new_fence()
         self._declarations = 0
         self._patterns = 0
         self._backlog: deque[tuple[Outbound, int, int, int]] = deque()
-        # Publishing leaves room for what must be said in any case: what it is done with.
+        # Publishing leaves this room in the ring for releases, which must not be refused.
         self._reserve = min(2 * credit, ring_records // 2)
         self._outbound = RingWriter(
             RingPlace(out, layout.OUT_HEAD, layout.OUT_RING, ring_records, into, layout.IN_OUTBOUND_TAIL)
@@ -112,13 +100,13 @@ class Endpoint:
         keep_from_forks(self)
 
     def disown(self) -> None:
-        """Let a forked process neither push nor take anything."""
+        """Prevent a forked process from pushing or taking records."""
         self.lock = self._outbound = self._inbound = self._freed = self.wake_core = REFUSED
 
     # -- declarations ----------------------------------------------------------------------------------
 
     def advertise(self, type_name: str, version: int, topic: str) -> int:
-        """Declare a channel; return the number to publish with."""
+        """Declare a channel; return its number, with which you publish."""
         number = self._declare(Outbound.ADVERTISE, type_name, version, topic)
         self.send(Outbound.ADVERTISE, number)
         return number
@@ -126,20 +114,20 @@ class Endpoint:
     def subscribe(
         self, type_name: str, version: int, topic: str, handling: MessageHandling, handler: str = ""
     ) -> int:
-        """Declare a subscription; return the number that its deliveries carry.
+        """Declare a subscription; return its number, which deliveries carry.
 
         Args:
-            type_name: of the messages.
-            version: of the messages; ANY_VERSION: type and topic are shell patterns.
-            topic: of the messages; all topics: ''.
-            handling: what is wanted when they come too fast.
-            handler: name of the function that handles them, for who watches.
+            type_name: type of the messages.
+            version: version of the messages; ANY_VERSION: type and topic are shell patterns.
+            topic: topic of the messages; '' for all topics.
+            handling: what to do with messages that come faster than they are handled.
+            handler: name of the function that handles them, for observers.
         """
         if version == ANY_VERSION:
-            if self._patterns == layout.PATTERN_COUNT:
+            if self._patterns == layout.MAX_PATTERNS:
                 raise TooManyDeclarations(
                     f"cannot subscribe to '{type_name}' on topic '{topic}': a module has at most "
-                    f"{self._patterns} patterns; let one pattern match what several did"
+                    f"{self._patterns} patterns; let one pattern replace several"
                 )
             self._patterns += 1
         number = self._declare(Outbound.SUBSCRIBE, type_name, version, topic, handling, handler)
@@ -187,26 +175,26 @@ class Endpoint:
         self.wake_core()
 
     def publish(self, declaration: int, block: Block, size: int, stamp_ns: int) -> bool:
-        """Hand a filled block over; False if the ring is full (then the block is still the caller's)."""
+        """Publish a filled block; return False if the ring is full, and then the block stays yours."""
         with self.lock:
             outbound = self._outbound
             if self._backlog:
                 self._flush()
             if self._backlog or outbound.room() <= self._reserve:
-                return False  # and it never overtakes what waits, such as the declaration of its channel
+                return False  # it must not overtake the backlog, such as the declaration of its channel
             source = self._source | block.segment << 16
             outbound.push(_PUBLISH, declaration, source, block.offset, size, stamp_ns, block.number)
             self.wake_core()
         return True
 
     def make_room(self, messages: int, memory_bytes: int, before_ns: int) -> None:
-        """Have the core drop this module's oldest messages that only wait, until few enough are left.
+        """Have the core drop this module's oldest waiting messages until few enough are left.
 
-        It is not said if the ring is full: then the core has more to do before anything can come of it.
+        This does nothing if the ring is full: the core must handle the records in it first.
 
         Args:
-            messages: how many may be left.
-            memory_bytes: how much memory their blocks may take.
+            messages: maximum number of messages to be left.
+            memory_bytes: maximum size of their blocks.
             before_ns: only messages with an earlier stamp are dropped.
         """
         with self.lock:
@@ -216,11 +204,11 @@ class Endpoint:
         self.wake_core()
 
     def done(self, delivery: Delivery) -> None:
-        """Say that a message was handled though its memory is still looked at."""
+        """Tell the core that a message was handled, but its memory is still in use."""
         self._return(Outbound.DONE, delivery)
 
     def release(self, delivery: Delivery) -> None:
-        """Say that a message was handled and let go."""
+        """Tell the core that a message was handled and its memory is no longer in use."""
         self._return(_RELEASE, delivery)
 
     def _return(self, kind: Outbound, delivery: Delivery) -> None:
@@ -230,9 +218,9 @@ class Endpoint:
                 self._flush()
             else:
                 self._outbound.push(kind, delivery.reference, delivery.sequence, 0, 0, 0, 0)
-        # Before it sleeps the core sets this word to how many records are to be taken here before it is to be
-        # woken, if somebody waits for what is released; it looks at the ring once more after that, so one of
-        # the two sees the other. With 0 it need not wake up.
+        # If a module waits for released messages, the core sets this word before it sleeps: wake it when this
+        # number of records has been taken here. The core then looks at the ring once more, so at least one of
+        # the two sees the other's store. 0: do not wake the core.
         self._fence()
         wanted = self._in[layout.IN_WANT_RELEASE]
         if wanted and self._inbound.tail >= wanted:
@@ -247,9 +235,9 @@ class Endpoint:
     # -- inbound ---------------------------------------------------------------------------------------
 
     def take(self) -> Delivery | Notice | None:
-        """Take the next record; a message taken is being handled: if this process dies, it dies with it.
+        """Take the next record. A message that was taken is lost if this process dies.
 
-        Everyone calls this again and again, so here is also pushed what did not fit into the ring before.
+        This also pushes the backlog of records that did not fit into the ring before.
         """
         if self._backlog:
             with self.lock:
@@ -259,15 +247,15 @@ class Endpoint:
         if record is None:
             return None
         first, reference, sequence, source, offset, size, stamp_ns, _ = record
-        if first & 0xFF == _DELIVER:
-            declaration, channel = first >> 8 & 0xFFFFFF, first >> 32
+        if first & KIND_MASK == _DELIVER:
+            declaration, channel = first >> DECLARATION_SHIFT & DECLARATION_MASK, first >> CHANNEL_SHIFT
             return _new_tuple(
                 Delivery, (declaration, channel, reference, sequence, source, offset, size, stamp_ns)
             )
-        return Notice(Inbound(first & 0xFF), reference, sequence)
+        return Notice(Inbound(first & KIND_MASK), reference, sequence)
 
     def freed(self) -> list[int]:
-        """Numbers of blocks to which nobody refers any more."""
+        """Return the numbers of blocks whose messages have no reference left."""
         return self._freed.take_all()
 
     @property
@@ -276,7 +264,7 @@ class Endpoint:
         return self._freed.tail
 
     def wake_after_freed(self, blocks: int) -> int:
-        """Ask to be woken when so many more blocks have been freed; return the `freed_count` of then."""
+        """Ask to be woken when this number of further blocks is freed; return the `freed_count` then."""
         total = self._freed.tail + blocks
         self._out[layout.OUT_AWAITED_FREED] = total  # for a core that takes over
         self.send(Outbound.WAIT_FREED, total)

@@ -1,8 +1,8 @@
-"""How long things took, as histograms in shared memory: written by who does them, read by who watches.
+"""Histograms of durations in shared memory: a module writes them, observers read them.
 
 The buckets are those of HdrHistogram (G. Tene, hdrhistogram.org): each power of two is divided into 16
-equal parts. So a quantile that is read from them is at most 1/32 off, or 32 ns. Times above 18 minutes count
-as 18 minutes.
+equal parts. So the error of a quantile is at most 1/32 of it, or 32 ns. Times above 18 minutes count as
+18 minutes.
 """
 
 import math
@@ -25,14 +25,14 @@ PARTS_BITS = 4
 PARTS = 1 << PARTS_BITS
 RELATIVE_ERROR = 1 / (2 * PARTS)
 ABSOLUTE_ERROR_S = (1 << UNIT_BITS) / 2e9
-LONGEST_NS = (1 << 40) - 1
+MAX_TIME_NS = (1 << 40) - 1
 
 
 class WorkFigures:
-    """Two histograms of one kind of work: how long each piece waited to be begun, and how long it took.
+    """Two histograms of one kind of work: how long each piece waited to start, and how long it took.
 
     Args:
-        words: the segment they are in, written by this process alone.
+        words: the segment of the histograms, which only this process writes.
         at: first of their `2 * HISTOGRAM_WORDS` words.
     """
 
@@ -41,17 +41,17 @@ class WorkFigures:
     def __init__(self, words: Words, at: int):
         self._words = words
         self._at = at
-        # Counted here and only shown there: a wild pointer there must not end a module here.
+        # These are the counts; shared memory has a copy, so that a wild pointer cannot make this fail.
         self._waited = [0] * HISTOGRAM_BUCKETS
         self._took = [0] * HISTOGRAM_BUCKETS
         self._waited_sum = self._waited_max = 0
         self._took_sum = self._took_max = 0
 
     def record(self, waited_ns: int, took_ns: int) -> None:
-        """Count one piece of work; called for each message, so it is written out rather than divided up."""
+        """Count one piece of work. It is called for each message, so it is one function without calls."""
         words, at = self._words, self._at
-        if not 0 <= waited_ns <= LONGEST_NS:  # another process says when it was published
-            waited_ns = 0 if waited_ns < 0 else LONGEST_NS
+        if not 0 <= waited_ns <= MAX_TIME_NS:  # another process says when it was published
+            waited_ns = 0 if waited_ns < 0 else MAX_TIME_NS
         units = waited_ns >> 6
         shift = units.bit_length() - 5
         bucket = (shift << 4) + (units >> shift) if shift > 0 else units
@@ -61,7 +61,7 @@ class WorkFigures:
         if waited_ns > self._waited_max:
             self._waited_max = words[at + 1] = waited_ns
 
-        took_ns = min(took_ns, LONGEST_NS)
+        took_ns = min(took_ns, MAX_TIME_NS)
         at += HISTOGRAM_WORDS
         units = took_ns >> 6
         shift = units.bit_length() - 5
@@ -75,18 +75,18 @@ class WorkFigures:
 
 @dataclass(frozen=True)
 class Distribution:
-    """Of so many times in s: quantiles are within 1/32, mean and maximum exact."""
+    """Statistics of durations: quantiles have an error of up to 1/32, mean and maximum are exact."""
 
     count: int = 0
     mean_s: float | None = None
-    """None, like the others, if there were none."""
+    """None, like the others, if `count` is 0."""
     p50_s: float | None = None
     p99_s: float | None = None
     max_s: float | None = None
 
 
 class Histogram:
-    """A histogram as it was read at one moment.
+    """A copy of a histogram at one moment.
 
     Attributes:
         counts: `(HISTOGRAM_BUCKETS,)`.
@@ -99,16 +99,16 @@ class Histogram:
 
     @classmethod
     def read(cls, words: Sequence[int], at: int) -> "Histogram":
-        """Find one in a copy of its segment."""
+        """Read a histogram from a copy of its segment."""
         counts = np.array(words[at + BUCKETS : at + HISTOGRAM_WORDS], np.uint64).astype(np.int64)
         return cls(words[at + SUM_NS], words[at + MAX_NS], counts)
 
     def distribution(self, since: "Histogram | None" = None) -> Distribution:
-        """Describe it.
+        """Return its statistics.
 
         Args:
-            since: an earlier reading: only what came after it counts. The maximum is then only as exact as
-                the quantiles, unless it is the largest of all.
+            since: an earlier copy: only later times count. The maximum is then only as exact as the
+                quantiles, unless it is the largest of all.
         """
         counts = self.counts - since.counts if since else self.counts
         total = int(counts.sum())
@@ -123,13 +123,13 @@ class Histogram:
 
 
 def quantile_s(counts: NDArray[np.int64], fraction: float) -> float:
-    """The time in s that this fraction of all times does not exceed, within the stated error."""
+    """Return the quantile in s, within the error that the module's docstring states."""
     passed = counts.cumsum()
     return middle_s(int(np.searchsorted(passed, max(1, math.ceil(fraction * passed[-1])))))
 
 
 def middle_s(bucket: int) -> float:
-    """The middle of a bucket in s."""
+    """Return the middle of a bucket in s."""
     shift = max(0, (bucket >> PARTS_BITS) - 1)
     units = bucket - (shift << PARTS_BITS)
     return ((units << shift) + (1 << shift) / 2) * (1 << UNIT_BITS) / 1e9

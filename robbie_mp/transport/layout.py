@@ -1,16 +1,16 @@
-"""Where each word of the shared memory lies: one table, for writers, readers and tools alike.
+"""The layout of shared memory: where each word lies.
 
-Each segment has exactly one writing process. Offsets are counted in words of 8 bytes; `*_WORDS` is a size.
-Change anything here and raise `LAYOUT_VERSION`: it is stamped in every segment and checked on attaching.
+Each segment has exactly one writing process. Offsets are in words of 8 bytes; `*_WORDS` is a size. When you
+change anything here, raise `LAYOUT_VERSION`: every segment carries it, and attaching checks it.
 
     segment     written by         read by
-    board       supervisor         all: who runs, in which state
+    board       supervisor         all: state of every module
     core        core               all: channels, subscriptions, counters, handle and reference tables
     out         the module         core, supervisor, tools: outbound ring, declarations, own counters
     in          core               the module: inbound ring, freed ring
     data        the module         its subscribers: the messages themselves
-    checkpoint  the module         its next incarnation: its state
-    clock       one module         all: the run's time, where it is not the machine's
+    checkpoint  the module         its next incarnation: saved state
+    clock       one module         all: the run's clock, in a run that has its own time
 """
 
 from enum import IntEnum
@@ -40,15 +40,15 @@ HEADER_SLOT = 4
 HEADER_INCARNATION = 5
 HEADER_CREATOR_PID = 8
 HEADER_CREATOR_START = 9
-HEADER_WAKEUP = 10  # tag of the semaphore that wakes who reads this; of "in" segments and the core's
+HEADER_WAKEUP = 10  # tag of the semaphore of a module ("in" segment) or of the core (core segment)
 HEADER_WORDS = 16
 
 NAME_WORDS = 13  # a text of up to 96 bytes: module, type and topic names
 NAME_BYTES = (NAME_WORDS - 1) * 8
 LINE_WORDS = 33  # a text of up to 256 bytes: status lines, reasons
 
-# board: one row a slot. Slot 0 is the supervisor itself, which is a participant like the modules; the core,
-# which is none, has the last row.
+# board: one row for each slot. Slot 0 is the supervisor, which publishes and subscribes like a module. The
+# core, which does not, has the last row.
 BOARD_GO = HEADER_WORDS
 BOARD_SLOTS = HEADER_WORDS + 1
 BOARD_ROWS = HEADER_WORDS + 16
@@ -70,7 +70,7 @@ SLOT_QUEUE_BYTES = SLOT_LAST_END_NS + 2
 SLOT_MEMORY_BYTES = SLOT_LAST_END_NS + 3
 SLOT_WORDS = 96
 
-# core: counters of its own, then five tables whose sizes are in the profile.
+# core: its counters, then five tables, whose sizes the profile sets.
 CORE_HEARTBEAT_NS = HEADER_WORDS
 CORE_LAST_SEQUENCE = HEADER_WORDS + 1
 CORE_WAKEUPS = HEADER_WORDS + 2
@@ -82,10 +82,10 @@ CORE_HANDLES = HEADER_WORDS + 7
 CORE_REFERENCES = HEADER_WORDS + 8
 CORE_HANDLES_USED = HEADER_WORDS + 9
 CORE_REFERENCES_USED = HEADER_WORDS + 10
-CORE_SETTLED = HEADER_WORDS + 11  # in lockstep: the last sequence when there was nothing left to handle
+CORE_SETTLED = HEADER_WORDS + 11  # in lockstep: the last sequence when no message was left to handle
 CORE_TABLES = HEADER_WORDS + 16
 
-# A publisher's row, one a slot.
+# A publisher's row, one for each slot.
 PUBLISHER_ROUTED = 0
 PUBLISHER_REFUSED = 1
 PUBLISHER_WAITING = 2
@@ -93,10 +93,10 @@ PUBLISHER_WAITING_BYTES = 3
 PUBLISHER_IN_FLIGHT = 4
 PUBLISHER_PINNED = 5
 PUBLISHER_WAITING_PEAK = 6
-PUBLISHER_LINKED = 7  # the incarnation that is connected, 0 if none is
+PUBLISHER_LINKED = 7  # the connected incarnation, 0 if there is none
 PUBLISHER_READY = 8  # the incarnation that has finished its setup
-# Which record was refused last. It is written before the count of refused messages, its commit word, and only
-# counts if that has reached `nth`, which is written first.
+# The record that was refused last. `nth` is written first, and the count of refused messages, which commits
+# them, last: the words are only valid if that count has reached `nth`.
 PUBLISHER_REFUSED_NTH = 9
 PUBLISHER_REFUSED_INCARNATION = 10
 PUBLISHER_REFUSED_RECORD = 11
@@ -168,22 +168,22 @@ OUT_PINNED = HEADER_WORDS + 11
 OUT_BLOCKS = HEADER_WORDS + 12
 OUT_SEGMENT_BYTES = HEADER_WORDS + 13
 OUT_SEGMENTS = HEADER_WORDS + 14
-OUT_AWAITED_FREED = HEADER_WORDS + 15  # as many blocks ever freed are waited for
+OUT_AWAITED_FREED = HEADER_WORDS + 15  # total of freed blocks that the module waits for
 OUT_PINNED_BYTES = HEADER_WORDS + 16
-OUT_TICK_PERIOD_NS = HEADER_WORDS + 17  # in lockstep: how often it is to be granted a tick; 0: never
-OUT_AWAITS_SETTLED = HEADER_WORDS + 18  # in lockstep: wants to be woken when nothing is left to handle
+OUT_TICK_PERIOD_NS = HEADER_WORDS + 17  # in lockstep: period of its ticks; 0: none
+OUT_AWAITS_SETTLED = HEADER_WORDS + 18  # in lockstep: wake it when no message is left to handle
 OUT_COPIED = HEADER_WORDS + 19  # messages copied because too much of their publishers' memory is pinned
 OUT_STATUS = HEADER_WORDS + 24
-OUT_STATES = OUT_STATUS + LINE_WORDS  # of its state machines, a text like the status line
+OUT_STATES = OUT_STATUS + LINE_WORDS  # states of its state machines, a text like the status line
 OUT_DECLARATIONS = OUT_STATES + LINE_WORDS + 6
 DECLARATION_COUNT = 256
-PATTERN_COUNT = 32  # subscriptions by patterns of a module: the core looks at each for every new channel
+MAX_PATTERNS = 32  # subscriptions by patterns of a module: the core looks at each for every new channel
 DECLARATION_KIND = 0
 DECLARATION_VERSION = 1
 DECLARATION_HANDLING = 2
 DECLARATION_TYPE = 4
 DECLARATION_TOPIC = DECLARATION_TYPE + NAME_WORDS
-DECLARATION_HANDLER = DECLARATION_TOPIC + NAME_WORDS  # name of the function, of a subscription
+DECLARATION_HANDLER = DECLARATION_TOPIC + NAME_WORDS  # name of a subscription's function
 DECLARATION_WORDS = 48
 # Four histograms: latency and handler time of messages, lateness and length of ticks.
 HISTOGRAM_BUCKETS = 496  # for times up to 2^40 ns
@@ -199,32 +199,32 @@ IN_FREED_HEAD = HEADER_WORDS + 2
 IN_WANT_RELEASE = HEADER_WORDS + 3
 IN_RING = HEADER_WORDS + 16
 
-# data: the messages lie behind these words.
-DATA_FREE_BYTES = HEADER_WORDS  # of all the publisher's memory, when it took a block of this segment last
+# data: the messages lie after these words.
+DATA_FREE_BYTES = HEADER_WORDS  # free memory of the publisher when it last took a block of this segment
 DATA_BLOCKS = HEADER_WORDS + 8
 
-# checkpoint: one of the two that a module alternates between. The sequence is its commit word: written last,
-# 0 while there is no checkpoint, or half of one. The image begins at a multiple of 64 bytes.
+# checkpoint: a module alternates between two. The sequence is the commit word: written last, and 0 while the
+# segment has no complete checkpoint. The image starts at a multiple of 64 bytes.
 CHECKPOINT_SEQUENCE = HEADER_WORDS
 CHECKPOINT_IMAGE = HEADER_WORDS + 8
 
-# clock: rows are numbered from 1 on and written in turn; the number of the newest, which counts, is written
-# after it, and is 0 until the run's time has begun
+# clock: rows are numbered from 1 and written in turn. The number of the newest row, which is the valid one,
+# is written after the row; it is 0 until the run's time has begun.
 CLOCK_NUMBER = HEADER_WORDS
 CLOCK_ROWS = HEADER_WORDS + 8
 CLOCK_MACHINE_NS = 0  # the machine's monotonic time at which ...
 CLOCK_RUN_NS = 1  # ... it was this time in the run
 CLOCK_RATE = 2  # s of the run in each s of the machine, times 2^32
 CLOCK_LIMIT_NS = 3  # the run's time does not pass this
-CLOCK_JUMPS = 4  # so often it has been set to another time
-CLOCK_SMOOTH_SINCE_NS = 5  # the run's time has gone on at this rate, without a stop, since it was this
+CLOCK_JUMPS = 4  # times that it has been set to another time
+CLOCK_SMOOTH_SINCE_NS = 5  # run's time since when it has run at this rate without a stop
 CLOCK_ROW_WORDS = 8
-CLOCK_ROW_COUNT = 1024  # the last ones, in turn: so the time of what was published before can be told
+CLOCK_ROW_COUNT = 1024  # the last rows, to convert the stamps of earlier messages
 CLOCK_WORDS = CLOCK_ROWS + CLOCK_ROW_COUNT * CLOCK_ROW_WORDS
 
 RECORD_WORDS = 8
 FREED_RECORDS = 8192
-OUTSTANDING_LIMIT = FREED_RECORDS // 2  # of a module's messages: cores that take over may free some twice
+MAX_OUTSTANDING = FREED_RECORDS // 2  # live messages of a module; a core that takes over may free some twice
 
 
 class Activity(IntEnum):
@@ -260,7 +260,7 @@ def out_words(ring_records: int) -> int:
 
 
 def inbound_records(credit: int) -> int:
-    """Records of an inbound ring: its credits and as many notices again, rounded up to a power of two."""
+    """Records of an inbound ring: room for its credit and as many notices, rounded up to a power of two."""
     return 1 << (2 * credit - 1).bit_length()
 
 

@@ -1,8 +1,8 @@
-"""Names in /dev/shm, by which the processes of a run find one another's memory.
+"""Names in /dev/shm, by which the processes of a run find each other's memory.
 
-The segments of a run lie in a folder of its own, `robbie-RUN/`, which is closed to other users. They can
-neither see, take nor forge what is in it, so the names in it are plain. Semaphores cannot lie in a folder;
-they are called `sem.robbie-RUN.TAG`, and the tag is random, as nobody must know a name before it is used.
+The segments of a run lie in the folder `robbie-RUN/`, which is closed to other users. They cannot see, take
+or forge names in it, so those names are predictable. Semaphores cannot lie in a folder. They are called
+`sem.robbie-RUN.TAG`, and the tag is random, so that other users cannot take the name first.
 """
 
 
@@ -17,7 +17,7 @@ def board(run_id: str) -> str:
 
 
 def clock(run_id: str) -> str:
-    """The run's time, where it is not the machine's."""
+    """The run's clock, in a run that has its own time."""
     return f"{folder(run_id)}/clock"
 
 
@@ -47,10 +47,10 @@ def checkpoint(run_id: str, slot: int, number: int) -> str:
 
 
 def data_prefix(run_id: str, slot: int, incarnation: int) -> str:
-    """What the names of all its data segments begin with."""
+    """Common prefix of the names of all its data segments."""
     return f"{folder(run_id)}/data-{slot}-{incarnation}-"
 
 
 def wakeup(run_id: str, tag: int) -> str:
-    """A semaphore that wakes a module or the core; in /dev/shm `sem.` stands before it."""
+    """A semaphore that wakes a module or the core; its file in /dev/shm has the prefix `sem.`."""
     return f"{folder(run_id)}.{tag:016x}"

@@ -1,15 +1,15 @@
-"""What the records of the rings mean.
+"""The records of the rings: their kinds, and the words of each.
 
-Outbound, from a module to the core (seven words each):
+Outbound, from a module to the core (kind, then up to six words):
 
     ADVERTISE    declaration                                      a channel, described in the out segment
     SUBSCRIBE    declaration                                      likewise a subscription
-    READY                                                         setup is over, messages may come
+    READY                                                         setup is over, messages may be sent
     PUBLISH      declaration, source, offset, bytes, stamp_ns, block
-    DONE         reference, sequence                              handled, but an array of it is still held
-    RELEASE      reference, sequence                              handled (if not DONE before) and let go
-    WAIT_FREED   blocks                                           wake me when so many of mine were ever freed
-    MAKE_ROOM    messages, bytes, before_ns                       drop my oldest that only wait, down to these
+    DONE         reference, sequence                              handled, but its memory is still in use
+    RELEASE      reference, sequence                              handled, and its memory is not in use
+    WAIT_FREED   blocks                                           wake me when this total of blocks is freed
+    MAKE_ROOM    messages, bytes, before_ns                       drop my oldest waiting ones, down to these
 
 and, from the supervisor only:
 
@@ -17,7 +17,7 @@ and, from the supervisor only:
     MODULE_DOWN  slot, incarnation, whether it ended cleanly
     MODULE_GONE  slot                                             it will not come back
 
-Inbound, from the core to a module: the first word is kind | declaration << 8 | channel << 32.
+Inbound, from the core to a module; the first word of DELIVER is kind | declaration << 8 | channel << 32:
 
     DELIVER      reference, sequence, source, offset, bytes, stamp_ns
     SEGMENTS_GONE  slot, incarnation                            nothing refers to its data segments any more
@@ -29,6 +29,7 @@ and, to the supervisor only:
 """
 
 from enum import IntEnum
+from typing import NamedTuple, Self
 
 
 class Outbound(IntEnum):
@@ -56,14 +57,50 @@ class Inbound(IntEnum):
     FAULTED = 4
 
 
+KIND_MASK = 0xFF
+DECLARATION_SHIFT, DECLARATION_MASK = 8, 0xFFFFFF
+CHANNEL_SHIFT = 32
+"""Parts of the first word of a delivery. Core and endpoint use them in place: a call would cost too much."""
+
+
+class Delivery(NamedTuple):
+    """A handle that the core delivered."""
+
+    declaration: int
+    """The module's number for the subscription."""
+    channel: int
+    reference: int
+    sequence: int
+    source: int
+    offset: int
+    size: int
+    stamp_ns: int
+
+    @classmethod
+    def unpack(cls, record: tuple[int, ...]) -> Self | None:
+        """Read an inbound record; None if it is of another kind."""
+        first, *rest = record[:7]
+        if first & KIND_MASK != Inbound.DELIVER:
+            return None
+        return cls(first >> DECLARATION_SHIFT & DECLARATION_MASK, first >> CHANNEL_SHIFT, *rest)
+
+
+class Notice(NamedTuple):
+    """Any other inbound record."""
+
+    kind: Inbound
+    slot: int
+    incarnation: int
+
+
 ANY_VERSION = 0
 """Version of a subscription whose type and topic are shell patterns: it takes messages of any version."""
 
 
 class MessageHandling(IntEnum):
-    """What a subscription wants when messages come faster than it handles them."""
+    """What to do with messages that come faster than a subscription handles them."""
 
     ALWAYS_DELIVER = 1
-    """All of them in order, up to the module's queue limits."""
+    """Deliver all of them in order, up to the limits of the module's queue."""
     KEEP_ONLY_NEWEST = 2
-    """The newest at the moment the module is ready for it; older ones are replaced, and counted."""
+    """Deliver the newest when the module is ready for it; older ones are replaced, and counted."""

@@ -1,6 +1,6 @@
-"""Rings of records between two processes: one writes the head and the records, the other the tail.
+"""Rings of records between two processes: one writes the records and the head, the other writes the tail.
 
-Head and tail count records and never wrap in practice (64 bits); they lie in segments of different writers.
+Head and tail count records; they have 64 bits and never wrap in practice. They lie in different segments.
 """
 
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from robbie_mp.transport.layout import RECORD_WORDS
 from robbie_mp.transport.words import WORD_BYTES, Words, new_fence, row_reader, row_writer
 
 Record = tuple[int, ...]
-"""What a ring carries: seven words, and an eighth that numbers the record: so a reader sees a torn one."""
+"""Seven words of a record, and an eighth with its number, by which a reader recognises a torn record."""
 
 _RECORD_BYTES = RECORD_WORDS * WORD_BYTES
 
 
 @dataclass(frozen=True)
 class RingPlace:
-    """Where a ring lies: the head and the records in the writer's segment, the tail in the reader's."""
+    """Where a ring lies: head and records in the writer's segment, the tail in the reader's segment."""
 
     words: Words
     head_at: int
@@ -29,7 +29,7 @@ class RingPlace:
 
 
 class RingCorrupt(RobbieError, ValueError):
-    """A ring holds what its writer cannot have put there.
+    """A ring holds values that a correct writer cannot have written.
 
     Example scenarios:
       - a wild pointer of a C library in the module wrote over its outbound segment
@@ -56,7 +56,7 @@ class RingWriter:
         return self._capacity - (self.head - self._tail_words[self._tail_at])
 
     def push(self, a: int, b: int, c: int, d: int, e: int, f: int, g: int) -> None:
-        """Append one record; the caller has asked for `room()` first."""
+        """Append one record; call `room()` first."""
         head = self.head
         at = self._records_bytes + (head & self._mask) * _RECORD_BYTES
         head += 1
@@ -81,7 +81,7 @@ class RingReader:
         self._fence = new_fence()
         self.tail = place.tail_words[place.tail_at]
         self._looked_up_to = self.tail
-        """Records before this one need no other look at the head, nor a fence."""
+        """Records before this one were checked against the head, with a fence, and can be read at once."""
 
     def waiting(self) -> int:
         """Records that can be read now.
@@ -98,7 +98,7 @@ class RingReader:
         return waiting
 
     def peek(self) -> Record:
-        """Read the record at the tail, which `waiting()` has promised.
+        """Read the record at the tail; call `waiting()` first.
 
         Raises:
             RingCorrupt: it does not carry its own number.
@@ -110,11 +110,11 @@ class RingReader:
         return record
 
     def glance(self) -> int:
-        """Return what the first word of the record at the tail seems to be; nothing is checked."""
+        """Return the first word at the tail, unchecked: there may be no record."""
         return self._words[self._records_bytes // WORD_BYTES + (self.tail & self._mask) * RECORD_WORDS]
 
     def take(self) -> None:
-        """Advance the tail: the record was read, its place may be written again."""
+        """Advance the tail, so that the writer may reuse the record's place."""
         self._fence()
         self.tail += 1
         self._tail_words[self._tail_at] = self.tail
@@ -130,7 +130,7 @@ class RingReader:
             if self._words[self._head_at] == tail:
                 return None
             self._looked_up_to = tail + self.waiting()
-        # What `peek` and `take` do: a process that has just been woken pays dearly for each call.
+        # The same as `peek` and `take`, without the calls, which are slow in a process just woken.
         record = self._read(self._records_bytes + (tail & self._mask) * _RECORD_BYTES)
         if record[7] != tail + 1:
             raise RingCorrupt(f"record {tail} of a ring is numbered {record[7]}")
@@ -140,9 +140,9 @@ class RingReader:
 
 
 class NumberRingWriter:
-    """A ring of single numbers, as the freed blocks are: the writing end.
+    """A ring of single numbers, such as freed blocks: the writing end.
 
-    It asks for no room: the reader sees to it that there are never more numbers than the ring holds.
+    It does not check for room: the reader limits how many numbers can be on their way.
     """
 
     def __init__(self, place: RingPlace):
@@ -175,7 +175,7 @@ class NumberRingReader:
         self.tail = place.tail_words[place.tail_at]
 
     def take_all(self) -> list[int]:
-        """Take every number that waits."""
+        """Take all numbers in the ring."""
         head = self._words[self._head_at]
         if head == self.tail:
             return []

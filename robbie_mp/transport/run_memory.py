@@ -1,4 +1,4 @@
-"""How the processes of a run find one another's memory: names, sizes, and who maps what how."""
+"""The shared memory of a run: which process creates, maps and writes which segment."""
 
 from collections.abc import Callable
 from contextlib import ExitStack, closing
@@ -16,14 +16,14 @@ from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
 
 @dataclass(frozen=True)
 class RingSizes:
-    """Capacities of the rings, the same for every module of a run."""
+    """Capacities of the rings, equal for every module of a run."""
 
     records: int
     credit: int
 
 
 class IncarnationMemory:
-    """The shared memory of one incarnation of a module, as one of its three users maps it."""
+    """The shared memory of one incarnation of a module, as the supervisor, the core or the module maps it."""
 
     def __init__(self, run_id: str, out: Segment, into: Segment, wakeup: Wakeup):
         self.out = out
@@ -33,7 +33,7 @@ class IncarnationMemory:
 
     @classmethod
     def create(cls, run_id: str, slot: int, incarnation: int, sizes: RingSizes) -> Self:
-        """Create it; the supervisor does.
+        """Create it; only the supervisor does this.
 
         Raises:
             SharedMemoryFull: there is no room.
@@ -58,12 +58,12 @@ class IncarnationMemory:
 
     @classmethod
     def attach_as_module(cls, run_id: str, slot: int, incarnation: int) -> Self:
-        """Map it as the module itself does: it writes `out` and only reads `in`."""
+        """Map it for the module, which writes `out` and reads `in`."""
         return cls._attach(run_id, slot, incarnation, written=SegmentKind.OUT)
 
     @classmethod
     def attach_as_core(cls, run_id: str, slot: int, incarnation: int) -> Self:
-        """Map it as the core does: it writes `in` and only reads `out`."""
+        """Map it for the core, which writes `in` and reads `out`."""
         return cls._attach(run_id, slot, incarnation, written=SegmentKind.IN)
 
     @classmethod
@@ -80,24 +80,24 @@ class IncarnationMemory:
         return memory
 
     def close(self) -> None:
-        """Unmap it here."""
+        """Unmap it in this process."""
         self.out.close()
         self.into.close()
         self.wakeup.close()
 
     def unlink(self) -> None:
-        """Remove the names of the rings and the semaphore; its data segments go separately."""
+        """Remove the names of the segments and the semaphore, but not of the data segments."""
         self.out.unlink()
         self.into.unlink()
         unlink_wakeup(self._run_id, self.wakeup.tag)
 
 
 def attach_wakeup(run_id: str, segment: Segment) -> Wakeup:
-    """Open the semaphore that a segment names: the module's in its "in" segment, the core's in its tables.
+    """Open the semaphore whose tag is in a segment: a module's "in" segment, or the core's segment.
 
     Raises:
         SegmentMissing: the run is over.
-        ForeignMemory: it is not ours alone.
+        ForeignMemory: other users have access to it.
     """
     return Wakeup.attach(run_id, segment.words[layout.HEADER_WAKEUP])
 
@@ -113,7 +113,7 @@ def make_endpoint(
 def make_block_store(
     run_id: str, slot: int, incarnation: int, segment_bytes: int, limit_bytes: int
 ) -> BlockStore:
-    """Make the memory for a module's messages; the first segment comes with the first message."""
+    """Make the memory for a module's messages; the first message creates the first segment."""
 
     def create(number: int, words: int) -> Segment:
         name = names.data(run_id, slot, incarnation, number)
@@ -123,7 +123,7 @@ def make_block_store(
 
 
 def make_views(run_id: str) -> SegmentViews:
-    """Make the maps of other modules' messages."""
+    """Make the map of other modules' messages."""
 
     def attach(slot: int, incarnation: int, number: int) -> Segment:
         return Segment.attach(names.data(run_id, slot, incarnation, number), SegmentKind.DATA)

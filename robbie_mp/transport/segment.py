@@ -1,7 +1,7 @@
-"""A named piece of shared memory: created whole, attached to by name, unlinked once.
+"""A segment: named shared memory that one process creates and others attach to.
 
-A file in the run's folder in /dev/shm, rather than shm_open(3), whose names cannot lie in a folder, or
-multiprocessing.shared_memory, whose resource tracker unlinks segments that other processes still use.
+A segment is a file in the run's folder in /dev/shm. shm_open(3) does not suit, as its names cannot lie in a
+folder; nor does multiprocessing.shared_memory, whose resource tracker unlinks segments still in use.
 """
 
 import contextlib
@@ -46,7 +46,7 @@ class SharedMemoryFull(RobbieError, MemoryError):
 
     @classmethod
     def of(cls, piece: str, error: OSError) -> Self:
-        """Say for what there was no room, and what the system said."""
+        """Return the error for one segment or semaphore, with the reason that the system gave."""
         return cls(
             f"no room in /dev/shm for {piece} ({error.strerror or error}); "
             "lower the profile's memory limits, enlarge /dev/shm, or allow more descriptors (ulimit -n)"
@@ -71,9 +71,9 @@ class Segment:
             keep_from_forks(self)
 
     def disown(self) -> None:
-        """Let a forked process write no word; arrays of messages and loans stay as they are.
+        """Prevent a forked process from writing words; arrays of messages and loans stay as they are.
 
-        This is what no way of writing gets round; what has an error of its own for it is refused before.
+        This is the last barrier: most objects raise ForkedProcess before they get here.
         """
         self._cast.release()
 
@@ -97,14 +97,14 @@ class Segment:
         incarnation: int = 0,
         wakeup_tag: int = 0,
     ) -> Self:
-        """Create a segment, its pages allocated at once, so that a full /dev/shm is an error here.
+        """Create a segment and allocate all its pages, so that a full /dev/shm is an error here.
 
         Raises:
             SharedMemoryFull: there is no room for it.
             FileExistsError: the name is taken.
-            SegmentMissing: its run has no folder (any more).
-            ForeignMemory: that folder is not ours alone.
-            UnsuitableMachine: no segment may be used by this Python.
+            SegmentMissing: its run has no folder.
+            ForeignMemory: other users have access to that folder.
+            UnsuitableMachine: this Python cannot use segments.
         """
         check_machine()
         size = words * WORD_BYTES
@@ -145,10 +145,10 @@ class Segment:
         """Map an existing segment, read-only unless `write`.
 
         Raises:
-            SegmentMissing: no segment has that name, or it is just being made.
+            SegmentMissing: no segment has that name, or it is still being made.
             SegmentMismatch: it is of another kind or layout version.
-            ForeignMemory: it is not ours alone.
-            UnsuitableMachine: no segment may be used by this Python.
+            ForeignMemory: other users have access to it.
+            UnsuitableMachine: this Python cannot use segments.
         """
         check_machine()
         fd = _open(name, os.O_RDWR if write else os.O_RDONLY)
@@ -185,16 +185,16 @@ class Segment:
         return self._cast[start : start + count].tolist()
 
     def close(self) -> None:
-        """Drop this object's hold of the mapping; arrays over it keep the memory mapped until they die."""
+        """Unmap the segment; arrays over it keep the memory mapped until they are freed."""
         self._cast.release()
         try:
             self.buffer.release()
             self._mapping.close()
         except BufferError:
-            pass  # somebody still looks at a part of it: the last one to look away unmaps it
+            pass  # arrays still use a part of it: the last one to be freed unmaps it
 
     def unlink(self) -> None:
-        """Remove the name; the memory lives until the last process has unmapped it."""
+        """Remove the name; the memory stays until the last process has unmapped it."""
         unlink_segment(self.name)
 
 

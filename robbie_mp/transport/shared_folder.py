@@ -1,9 +1,9 @@
-"""The folder in /dev/shm that holds a run's segments, and all that a run has there.
+"""The folder in /dev/shm that holds a run's segments.
 
-Every user can make names in /dev/shm and sees those of all others. A user who knows a name before it is used
-can take it, so that a process does not start, or put forged memory there. In a folder of mode 0700 no other
-user can do either. They cannot remove the folder, because /dev/shm has the sticky bit. Besides, nothing is
-opened without a check of its owner and mode.
+Every user can create names in /dev/shm and see all others. A user who knows a name in advance can take it, so
+that a process does not start, or can put forged memory there. No other user can do that in a folder of mode
+0700, nor remove the folder, because /dev/shm has the sticky bit. In addition, every file is opened with a
+check of its owner and mode.
 """
 
 import contextlib
@@ -27,20 +27,20 @@ class NamesTaken(RobbieError, FileExistsError):
     """Every name in shared memory that was tried exists already.
 
     Example scenarios:
-      - another user fills /dev/shm with such names; `ls -l /dev/shm` shows who
+      - another user fills /dev/shm with such names; `ls -l /dev/shm` shows the user
     """
 
 
 class SegmentMismatch(RobbieError, ValueError):
-    """A segment is not what its name promises, or comes from another version of Robbie-MP."""
+    """A segment is not of the kind that its name says, or is from another version of Robbie-MP."""
 
 
 class ForeignMemory(SegmentMismatch):
-    """Shared memory is not ours alone, so that what is in it may be forged; it is not touched.
+    """Other users have access to shared memory, so it may be forged; it is not used.
 
     Example scenarios:
       - another user has made a folder with the name of a run
-      - somebody has changed the mode of a segment
+      - the mode of a segment was changed
     """
 
 
@@ -48,18 +48,18 @@ def make_folder(run_id: str) -> None:
     """Make the folder of a new run.
 
     Raises:
-        FileExistsError: the name is taken, by whomever; take another run id.
+        FileExistsError: the name is taken; choose another run id.
     """
     (SHARED_MEMORY / names.folder(run_id)).mkdir(mode=0o700)
 
 
 @contextlib.contextmanager
 def opened_folder(name: str, shared_memory: Path = SHARED_MEMORY) -> Iterator[int]:
-    """Open the folder of a run and give its descriptor, by which nothing foreign can be reached.
+    """Open the folder of a run and yield its descriptor; other users cannot replace files below it.
 
     Raises:
         SegmentMissing: there is none.
-        ForeignMemory: it is not ours alone, or no folder.
+        ForeignMemory: other users have access to it, or it is not a folder.
     """
     path = shared_memory / name
     try:
@@ -77,7 +77,7 @@ def opened_folder(name: str, shared_memory: Path = SHARED_MEMORY) -> Iterator[in
 
 
 def remove_names(run_id: str, shared_memory: Path = SHARED_MEMORY) -> list[str]:
-    """Remove all that a run of ours has in shared memory, and return the names; others' names stay."""
+    """Remove everything that this user's run has in shared memory, and return the names."""
     removed = []
     with (
         contextlib.suppress(SegmentMissing, ForeignMemory),
@@ -99,5 +99,5 @@ def remove_names(run_id: str, shared_memory: Path = SHARED_MEMORY) -> list[str]:
 
 
 def is_own(found: os.stat_result) -> bool:
-    """Whether a name in /dev/shm belongs to us. Nobody else can replace it then: /dev/shm is sticky."""
+    """Whether a file in /dev/shm is this user's; then the sticky bit keeps others from replacing it."""
     return found.st_uid == os.geteuid() and (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode))

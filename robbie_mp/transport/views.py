@@ -7,7 +7,7 @@ from robbie_mp.transport.segment import Segment
 
 
 class SegmentViews:
-    """Maps each data segment once, when its first message comes.
+    """Maps each data segment once, at its first message.
 
     Args:
         attach: maps the segment with a given slot, incarnation and number, read-only.
@@ -30,7 +30,7 @@ class SegmentViews:
         return segment.buffer[offset : offset + size]
 
     def free_bytes(self, source: int) -> int:
-        """Return how much memory the publisher of a mapped segment had left when it used the segment last."""
+        """Return the free memory of the publisher of a mapped segment, as of its last use of the segment."""
         return self._segments[source].words[layout.DATA_FREE_BYTES]
 
     def drop(self, slot: int, incarnation: int) -> None:

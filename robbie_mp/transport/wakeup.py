@@ -15,34 +15,34 @@ from robbie_mp.transport.segment import ForeignMemory, SegmentMissing, SharedMem
 from robbie_mp.transport.shared_folder import SHARED_MEMORY, NamesTaken
 
 MAX_TRIES = 100
-"""Names of 64 random bits that may be taken; more than one is no accident."""
+"""Names to try. They have 64 random bits, so two taken names are no coincidence."""
 
 
 class Wakeup:
-    """One process waits, any number post; a post that comes early is not lost.
+    """A semaphore on which one process waits, and to which any number of processes post.
 
-    The time-outs of POSIX semaphores follow the wall clock: when that is set back, a wait may last longer
-    than asked. The supervisor watches for such steps and posts everyone.
+    The time-outs of POSIX semaphores follow the wall clock: if that is set back, a wait may last longer than
+    asked. The supervisor watches for such steps and posts to every process.
     """
 
     def __init__(self, semaphore: posix_ipc.Semaphore, tag: int):
         self._semaphore = semaphore
         self.tag = tag
-        """By which another process of the run attaches to it; see `names.wakeup`."""
+        """Names the semaphore to other processes of the run; see `names.wakeup`."""
         self.spin_s = 0.0
-        """A wait looks for a post so long before it sleeps; other threads get the GIL only now and then."""
+        """A wait polls for this time before it sleeps. Meanwhile other threads rarely get the GIL."""
         self.patience_s = 0.0
-        """A wait sleeps at least so long before it looks for a post: who posts meanwhile wakes nobody."""
+        """A wait sleeps at least for this time before it looks for posts, so one wake-up serves several."""
         self.post = semaphore.release
         keep_from_forks(self)
 
     def disown(self) -> None:
-        """Let a forked process neither wait, which would take posts away from us, nor post."""
+        """Prevent a forked process from posting, and from waiting, which would take its parent's posts."""
         self._semaphore = self.post = REFUSED
 
     @classmethod
     def create(cls, run_id: str) -> Self:
-        """Create the semaphore, under a name that nobody could guess.
+        """Create the semaphore under a random name.
 
         Raises:
             SharedMemoryFull: there is no room for it.
@@ -65,10 +65,10 @@ class Wakeup:
 
         Raises:
             SegmentMissing: there is none of that name.
-            ForeignMemory: it is not ours alone.
+            ForeignMemory: other users have access to it.
         """
         name = names.wakeup(run_id, tag)
-        _check_owner(name)  # before anything foreign is mapped
+        _check_owner(name)  # before mapping memory that may be another user's
         try:
             semaphore = posix_ipc.Semaphore(f"/{name}")
         except posix_ipc.ExistentialError as error:
@@ -76,16 +76,16 @@ class Wakeup:
         except posix_ipc.PermissionsError as error:
             raise ForeignMemory(f"semaphore {name} is not ours") from error
         try:
-            _check_owner(name)  # ours may have been unlinked in between, but nobody takes its place unseen
+            _check_owner(name)  # again, as another user may have taken the name of ours in between
         except BaseException:
             semaphore.close()
             raise
         return cls(semaphore, tag)
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Wait for a post and take all that have come; False after the time-out or a signal.
+        """Wait for a post and take all posts; return False after the time-out or a signal.
 
-        The GIL is released meanwhile. All posts are taken at once because whoever wakes looks at everything.
+        The wait releases the GIL. It takes all posts at once, because the caller then looks at every ring.
         """
         semaphore = self._semaphore
         if self.patience_s:
@@ -102,7 +102,7 @@ class Wakeup:
         except (posix_ipc.BusyError, posix_ipc.SignalError):
             return False
         for _ in range(semaphore.value):
-            semaphore.acquire(0)  # never blocks: nobody else takes from this semaphore
+            semaphore.acquire(0)  # never blocks: no other process waits on this semaphore
         return True
 
     def close(self) -> None:
@@ -111,7 +111,7 @@ class Wakeup:
 
 
 def unlink_wakeup(run_id: str, tag: int) -> None:
-    """Remove a semaphore's name if it is there, and ours."""
+    """Remove a semaphore's name if it exists and is this user's."""
     name = names.wakeup(run_id, tag)
     with contextlib.suppress(SegmentMissing, ForeignMemory, posix_ipc.ExistentialError):
         _check_owner(name)
@@ -119,7 +119,7 @@ def unlink_wakeup(run_id: str, tag: int) -> None:
 
 
 def _check_owner(name: str) -> None:
-    """See that a semaphore is ours. Nobody else could replace it then: /dev/shm is sticky."""
+    """Check that a semaphore is this user's; then the sticky bit keeps others from replacing it."""
     try:
         problem = ownership_problem(os.lstat(SHARED_MEMORY / f"sem.{name}"))
     except FileNotFoundError as error:

@@ -1,8 +1,8 @@
-"""Shared memory as an array of 8-byte words: what every shared structure is made of.
+"""Shared memory as an array of 8-byte words, of which every shared structure consists.
 
-All shared state is read and written one aligned word at a time, through an object that is indexed like a
-list. In a robot that object is a memoryview over a segment, whose stores are single machine stores; in a
-test it is anything that counts them, or stops after one.
+Processes read and write shared state one aligned word at a time, through an object that is indexed like a
+list. In a robot that object is a memoryview over a segment, which stores a word with one machine instruction.
+In a test it may count the stores, or stop after one.
 """
 
 import struct
@@ -19,7 +19,7 @@ WORD_MAX = (1 << 64) - 1
 
 
 class UnsuitableMachine(RobbieError, RuntimeError):
-    """This Python cannot read and write words of 64 bits as a whole, in the order that others expect.
+    """This Python cannot read and write words of 64 bits in one step, with the byte order that others expect.
 
     Example scenarios:
       - a Python of 32 bits, as on 32-bit Raspberry Pi OS, also where the processor has 64
@@ -27,10 +27,10 @@ class UnsuitableMachine(RobbieError, RuntimeError):
 
 
 def check_machine() -> None:
-    """See that a word of shared memory is stored whole here, and means the same to all.
+    """Check that this Python stores a word of shared memory in one step, in little-endian byte order.
 
     Raises:
-        UnsuitableMachine: it is not so.
+        UnsuitableMachine: it does not.
     """
     if sys.byteorder != "little" or sys.maxsize.bit_length() + 1 < 8 * WORD_BYTES:
         raise UnsuitableMachine(
@@ -49,12 +49,12 @@ class Words(Protocol):
 
 
 def new_fence() -> Callable[[], None]:
-    """Return a memory fence: stores before a call are seen by others before stores after it; loads likewise.
+    """Return a memory fence: other processes see stores before a call earlier than stores after it.
 
-    CPython's lock is a POSIX semaphore (or an atomic word); a post and a wait on it synchronise memory
-    (POSIX.1-2017, 4.12), which is the one way to order memory that Python can issue on every processor.
-    Writer and reader both need one: the writer between a record and the head that publishes it, the reader
-    between the head and the record. Each thread needs its own.
+    It orders loads likewise. CPython's lock is a POSIX semaphore or an atomic word; a post and a wait on it
+    synchronise memory (POSIX.1-2017, 4.12). Python has no other way to order memory on every processor.
+    Writer and reader both need a fence: the writer between a record and the head that publishes it, the
+    reader between the head and the record. Each thread needs its own.
     """
     private = threading.Lock()
     private.acquire()
@@ -70,8 +70,8 @@ def new_fence() -> Callable[[], None]:
 def row_writer(words: Words, count: int) -> Callable[..., None]:
     """Return `write(offset_bytes, *values)`, which stores `count` consecutive words in order.
 
-    Over a memoryview it is one call of `struct`, whose native format stores each word as a whole; it costs a
-    third of as many single stores.
+    Over a memoryview this is one call of `struct`, whose native format stores each word in one step. It takes
+    a third of the time of single stores.
     """
     if isinstance(words, memoryview):
         return partial(struct.Struct(f"@{count}Q").pack_into, words)
@@ -96,15 +96,15 @@ def row_reader(words: Words, count: int) -> Callable[[int], tuple[int, ...]]:
 
 
 def words_for_text(size_bytes: int) -> int:
-    """Words that a text of at most `size_bytes` bytes takes, its length included."""
+    """Return the words that a text of at most `size_bytes` bytes needs, including its length."""
     return 1 + (size_bytes + WORD_BYTES - 1) // WORD_BYTES
 
 
 def write_text(words: Words, at: int, capacity_words: int, text: str) -> None:
-    """Write a text into `capacity_words` words from `at`; what does not fit is cut off at a character.
+    """Write a text into `capacity_words` words from `at`, cut off after the last character that fits.
 
-    Half of a surrogate pair, as in the name of a file that is no UTF-8, is written as Python escapes it: a
-    line for people must not end the process that shows it.
+    Half of a surrogate pair, as in a file name that is not UTF-8, is written as a Python escape: a status
+    line must not end the process that shows it.
     """
     data = text.encode(errors="backslashreplace")[: (capacity_words - 1) * WORD_BYTES]
     data = data.decode(errors="ignore").encode()
@@ -115,7 +115,7 @@ def write_text(words: Words, at: int, capacity_words: int, text: str) -> None:
 
 
 def read_text(words: Words, at: int, capacity_words: int) -> str:
-    """Read a text; whatever the memory holds, the answer is a string of at most the capacity."""
+    """Read a text. Any content of the memory gives a string of at most the capacity."""
     size = min(words[at], (capacity_words - 1) * WORD_BYTES)
     count = (size + WORD_BYTES - 1) // WORD_BYTES
     data = b"".join(words[at + 1 + index].to_bytes(WORD_BYTES, "little") for index in range(count))

@@ -1,10 +1,9 @@
 """Modules die, come back, stay away or break the protocol: what becomes of their messages, who is told."""
 
 from robbie_mp import MessageHandling
-from robbie_mp.core.members import NOTICE_LIMIT
+from robbie_mp.core.members import MAX_NOTICES
 from robbie_mp.transport import layout
-from robbie_mp.transport.endpoint import Delivery, Notice
-from robbie_mp.transport.records import Inbound, Outbound
+from robbie_mp.transport.records import Delivery, Inbound, Notice, Outbound
 from tests.core._support.simulated_run import CREDIT, SimulatedRun, connected
 
 
@@ -146,14 +145,14 @@ def test_notices_for_a_module_that_takes_none_are_bounded() -> None:
     publisher.publish(channel, 1)
     run.run_core()
     assert stopped.handle_all() == [1]
-    for incarnation in range(1, 2 * NOTICE_LIMIT):
+    for incarnation in range(1, 2 * MAX_NOTICES):
         run.kill(run.start(3, incarnation))
         run.supervisor_notices()
     unmap = []
     while (record := stopped.endpoint.take()) is not None:
         unmap.append(record)
         run.run_core()
-    assert NOTICE_LIMIT <= len(unmap) < NOTICE_LIMIT + layout.inbound_records(CREDIT)
+    assert MAX_NOTICES <= len(unmap) < MAX_NOTICES + layout.inbound_records(CREDIT)
     assert [record.incarnation for record in unmap if isinstance(record, Notice)] == [
         *range(1, len(unmap) + 1)
     ]

@@ -5,6 +5,7 @@ its successor die before some pairs of stores. With `--exhaustive` it is every s
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -157,10 +158,10 @@ SCENARIOS = (
     short_of_memory, rows_used_again, stopped_and_started,
 )  # fmt: skip
 STRIDE = 5
-PAIR_STRIDES = {rows_used_again: (1, 5)}
+PAIR_STRIDES: dict[Scenario, tuple[int, int]] = {rows_used_again: (1, 5)}
 """Of first and second deaths: here one single first death can have a message entered twice."""
 OTHER_PAIR_STRIDES = (23, 13)
-SETTINGS = (
+SETTINGS: tuple[dict[str, Any], ...] = (
     {"handles": 12},
     {"queue_messages": 1, "handles": 12, "in_flight_bytes": 16},
     {"handles": 4},
@@ -169,7 +170,7 @@ SETTINGS = (
 
 def play(
     scenario: Scenario,
-    settings: dict[str, int],
+    settings: dict[str, Any],
     deaths: tuple[int, ...],
     fuses: dict[int, Fuse] | None = None,
     *,
@@ -225,7 +226,7 @@ def test_core_may_die_again_before_any_store_of_its_successor(
     print(f"{scenario.__name__}: {pairs} pairs of deaths, {played} different ones played, 0 violations")
 
 
-def states(scenario: Scenario, settings: dict[str, int], deaths: tuple[int, ...]) -> list[int]:
+def states(scenario: Scenario, settings: dict[str, Any], deaths: tuple[int, ...]) -> list[int]:
     """Return a name for the state before each store of the core that lives to the end of a scenario."""
     log = StateLog()
     play(scenario, settings, deaths, log=log)

@@ -129,7 +129,7 @@ def test_restarting_module_is_waited_for_and_only_the_message_in_its_hands_is_lo
     assert take_one(run, second) == (second.slot, 1)
     run.run_core()
     assert second.take() is None  # the message after it is the dead module's first
-    assert not run.is_settled
+    assert not bool(run.is_settled)
     successor = run.start(first.slot, 2)
     successor.subscribe()
     successor.ready()

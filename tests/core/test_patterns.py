@@ -1,6 +1,7 @@
 """Subscriptions by shell patterns: matched once for each channel, and still one message once for a module."""
 
 from fnmatch import fnmatchcase
+from functools import partial
 
 import pytest
 from hypothesis import example, given, settings
@@ -106,7 +107,7 @@ def test_who_asks_for_a_type_is_sent_a_message_before_who_asks_by_patterns() -> 
     run.run_core()
     order: list[str] = []
     for name, module in (("logger", logger), ("user", user)):
-        module.wake = lambda name=name: order.append(name)
+        vars(module)["wake"] = partial(order.append, name)
     for link in run.router._members.links:
         link.wake = run.modules[link.slot, link.incarnation].wake
     publisher.publish(channel, 1)
@@ -229,13 +230,13 @@ def test_any_pattern_matches_as_in_a_shell_and_faults_nobody(patterns: list[tupl
 
 
 def test_module_has_few_patterns_and_is_faulted_for_more() -> None:
-    run = SimulatedRun(subscriptions=4 * layout.PATTERN_COUNT)
-    listening(run, *(f"*{number}" for number in range(layout.PATTERN_COUNT)), slot=3)
+    run = SimulatedRun(subscriptions=4 * layout.MAX_PATTERNS)
+    listening(run, *(f"*{number}" for number in range(layout.MAX_PATTERNS)), slot=3)
     assert run.reports == []
     module = run.start(2)
-    for number in range(layout.PATTERN_COUNT):
+    for number in range(layout.MAX_PATTERNS):
         module.subscribe_by_patterns(f"*{number}")
-    with pytest.raises(TooManyDeclarations, match="one pattern match what several did"):
+    with pytest.raises(TooManyDeclarations, match="one pattern replace several"):
         module.subscribe_by_patterns("*")
     handling = MessageHandling.ALWAYS_DELIVER
     number = module.endpoint._declare(Outbound.SUBSCRIBE, "*", ANY_VERSION, "*", handling)

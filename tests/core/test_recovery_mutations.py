@@ -1,19 +1,16 @@
 """Breaking any single step of the recovery must be noticed by the crash points, or they prove nothing."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from itertools import product
 
 import pytest
 
-from robbie_mp.core import message_flow as message_flow_module
-from robbie_mp.core import router as router_module
-from robbie_mp.core.directory import Channel, Directory, Subscription
+from robbie_mp.core.directory import Channel, Subscription
 from robbie_mp.core.ledger import Ledger
-from robbie_mp.core.link import Link
-from robbie_mp.core.lockstep_queues import LockstepQueues
-from robbie_mp.core.message_flow import MessageFlow
-from robbie_mp.core.queues import Queues
+from robbie_mp.core.members import Link
+from robbie_mp.core.queues import LockstepQueues, Queues
 from robbie_mp.core.router import Router
+from robbie_mp.core.takeover import Takeover
 from robbie_mp.transport import layout
 from tests.core.test_crash_points import SCENARIOS, SETTINGS, play
 
@@ -22,47 +19,45 @@ def nothing(*_arguments: object, **_named: object) -> None:
     """Do not do this step."""
 
 
-def forget_what_was_claimed(
-    _ledger: Ledger, _directory: Directory, _handle: int, channel: Channel
-) -> list[Subscription]:
+def forget_what_was_claimed(_takeover: Takeover, _handle: int, channel: Channel) -> list[Subscription]:
     return channel.subscriptions
 
 
-def every_row(ledger: Ledger, _routed: Sequence[int]) -> set[tuple[int, int, int]]:
-    return set(_records(ledger, range(ledger._tables.sizes.handles)))
+def every_row(takeover: Takeover) -> set[tuple[int, int, int]]:
+    return set(_records(takeover._ledger, takeover._ledger.used_handles()))
 
 
-def live_rows(ledger: Ledger, _routed: Sequence[int]) -> set[tuple[int, int, int]]:
-    rows = range(ledger._tables.sizes.handles)
-    return set(_records(ledger, [row for row in rows if ledger.row(row, layout.HANDLE_SEQUENCE)]))
+def live_rows(takeover: Takeover) -> set[tuple[int, int, int]]:
+    return set(_records(takeover._ledger, takeover._ledger.live_handles()))
 
 
 def _records(ledger: Ledger, rows: Iterable[int]) -> Iterator[tuple[int, int, int]]:
-    for row in rows:
-        slot, _, incarnation = layout.unpack_source(ledger.row(row, layout.HANDLE_SOURCE))
-        yield slot, incarnation, ledger.row(row, layout.HANDLE_RECORD)
+    for index in rows:
+        row = ledger.read_handle(index)
+        slot, _, incarnation = layout.unpack_source(row.handle.source)
+        yield slot, incarnation, row.record
 
 
 MUTATIONS: dict[str, tuple[object, str, Callable[..., object]]] = {
-    "counts are not completed": (Ledger, "_complete_count", nothing),
-    "a message cut short in routing is not finished": (MessageFlow, "finish_routing", nothing),
-    "a record that was handled to its end is not taken": (MessageFlow, "finish_publishing", nothing),
-    "a row without a commit tells that a message was entered": (Ledger, "entered", every_row),
-    "a row that was given back tells nothing": (Ledger, "entered", live_rows),
+    "counts are not completed": (Takeover, "_complete_count", nothing),
+    "a message cut short in routing is not finished": (Takeover, "_finish_routing", nothing),
+    "a record that was handled to its end is not taken": (Takeover, "_finish_publishing", nothing),
+    "a row without a commit tells that a message was entered": (Takeover, "_entered", every_row),
+    "a row that was given back tells nothing": (Takeover, "_entered", live_rows),
     "a message cut short in routing is sent to everybody again": (
-        message_flow_module, "unclaimed", forget_what_was_claimed,
+        Takeover, "_unclaimed", forget_what_was_claimed,
     ),
-    "a record said again is taken for a violation": (Link, "is_said_again", lambda _link: False),
+    "a repeated record is taken for a violation": (Link, "is_repeated", lambda _link: False),
     "pushing is not noted": (Ledger, "mark_pushed", nothing),
-    "declarations are not read again": (router_module, "restore_declarations", nothing),
-    "references are not read again": (router_module, "restore_references", nothing),
-    "counters are not read again": (router_module, "restore_slot", nothing),
+    "declarations are not read again": (Takeover, "_restore_declarations", nothing),
+    "references are not read again": (Takeover, "_restore_references", nothing),
+    "counters are not read again": (Takeover, "_restore_counters", nothing),
 }  # fmt: skip
 
 MUTATIONS_OF_LOCKSTEP: dict[str, tuple[object, str, Callable[..., object]]] = {
     "several modules have a message at a time": (LockstepQueues, "_is_anyone_busy", lambda _queues: False),
     "a module is sent all its messages at once": (LockstepQueues, "pump", Queues.pump),
-    "a new core does not say that all is settled": (Router, "_say_if_settled", nothing),
+    "a new core does not say that all is settled": (Router, "_announce_if_settled", nothing),
 }  # fmt: skip
 
 

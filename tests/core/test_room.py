@@ -1,9 +1,11 @@
 """Memory stays for those who go on: what a subscriber has in flight, what is dropped in a shortage."""
 
+from typing import Any
+
 import pytest
 
 from robbie_mp import MessageHandling
-from robbie_mp.core.router import _IN_FLIGHT_SHARE
+from robbie_mp.core.router import IN_FLIGHT_SHARE
 from robbie_mp.transport.blocks import block_bytes
 from robbie_mp.transport.words import WORD_MAX
 from tests.core._support.simulated_run import CREDIT, SimulatedModule, SimulatedRun, connected
@@ -38,9 +40,9 @@ def make_room(
 
 
 @pytest.mark.parametrize(
-    "limits", [{"in_flight_bytes": 2 * SIZE}, {"memory_bytes": 2 * SIZE * _IN_FLIGHT_SHARE}]
+    "limits", [{"in_flight_bytes": 2 * SIZE}, {"memory_bytes": 2 * SIZE * IN_FLIGHT_SHARE}]
 )
-def test_subscriber_has_few_bytes_of_a_publisher_in_flight(limits: dict[str, int]) -> None:
+def test_subscriber_has_few_bytes_of_a_publisher_in_flight(limits: dict[str, Any]) -> None:
     run = SimulatedRun(**limits)
     publisher, channel, (subscriber,) = connected(run, ALWAYS)
     publish(run, publisher, channel, 6)

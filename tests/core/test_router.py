@@ -35,7 +35,7 @@ def test_slow_subscriber_blocks_neither_publisher_nor_others() -> None:
 
 
 def test_module_with_many_records_holds_up_others_for_one_turn_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(router, "_AT_ONCE", 2)
+    monkeypatch.setattr(router, "RECORDS_PER_TURN", 2)
     run = SimulatedRun()
     talkative, channel, (subscriber,) = connected(run, MessageHandling.ALWAYS_DELIVER)
     taciturn = run.start(3)
@@ -45,7 +45,7 @@ def test_module_with_many_records_holds_up_others_for_one_turn_only(monkeypatch:
     for value in range(6):
         talkative.publish(channel, value)
     taciturn.publish(other, 100)
-    assert run.router.drain(), "it has more, though nobody will post the core again"
+    assert run.router.run_round(), "it has more, though nobody will post the core again"
     assert subscriber.handle_all() == [0, 1, 100]
     run.run_core()
     assert subscriber.handle_all() == [2, 3, 4, 5]
@@ -223,9 +223,9 @@ def test_full_handle_table_refuses_and_counts_and_gives_the_block_back() -> None
 def test_blocks_freed_twice_by_dying_cores_push_none_out_of_the_ring() -> None:
     run = SimulatedRun()
     publisher, channel, _ = connected(run)
-    for number in range(layout.OUTSTANDING_LIMIT):
+    for number in range(layout.MAX_OUTSTANDING):
         assert publisher.publish(channel, number)
-        if number >= layout.OUTSTANDING_LIMIT - 30:
+        if number >= layout.MAX_OUTSTANDING - 30:
             run.fuse.stores = 0
             run.fuse.deaths = [number % 30]
         run.run_core()

@@ -28,7 +28,7 @@ def test_any_history_keeps_order_and_books(steps: list[tuple[str, int]]) -> None
 def test_any_history_survives_any_deaths_of_the_core(
     steps: list[tuple[str, int]], deaths: list[int], by_patterns: bool, lockstep: bool, at_once: int
 ) -> None:
-    with patch.object(router, "_AT_ONCE", at_once):  # the rings here are as short as a turn really is
+    with patch.object(router, "RECORDS_PER_TURN", at_once):  # the rings here are as short as a turn really is
         history = History(tuple(deaths), by_patterns=by_patterns, lockstep=lockstep)
         for action, slot in steps:
             getattr(history, action)(slot)

@@ -12,11 +12,11 @@ MIB = 1 << 20
 
 
 def test_limits_of_the_layout() -> None:
-    assert ROWS["messages of a module that are on their way"] == str(layout.OUTSTANDING_LIMIT)
+    assert ROWS["messages of a module that are on their way"] == str(layout.MAX_OUTSTANDING)
     assert ROWS["pairs of type and topic that a module publishes or subscribes"] == str(
         layout.DECLARATION_COUNT
     )
-    assert ROWS["patterns that a module subscribes by"] == str(layout.PATTERN_COUNT)
+    assert ROWS["patterns that a module subscribes by"] == str(layout.MAX_PATTERNS)
     assert ROWS["name or pattern of a type or topic"] == f"{layout.NAME_BYTES} bytes"
     assert ROWS["status line"] == f"{(layout.LINE_WORDS - 1) * 8} bytes"
 

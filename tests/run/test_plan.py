@@ -5,7 +5,7 @@ from pathlib import Path
 
 from robbie_mp.profile.model import CoreLimits, MemoryLimits, ModuleSpec, Profile, ToolLimits
 from robbie_mp.run.plan import RunPlan
-from robbie_mp.transport.layout import OUTSTANDING_LIMIT
+from robbie_mp.transport.layout import MAX_OUTSTANDING
 
 
 def plan(**parts: object) -> RunPlan:
@@ -17,7 +17,7 @@ def plan(**parts: object) -> RunPlan:
 def test_tools_together_take_at_most_a_quarter_of_what_modules_need() -> None:
     greedy = ToolLimits(count=8, messages=1 << 20, bytes=1 << 40, credits=4)
     planned = plan(tools=greedy)
-    assert 8 * (planned.tool_queue.messages + 4) == OUTSTANDING_LIMIT // 4
+    assert 8 * (planned.tool_queue.messages + 4) == MAX_OUTSTANDING // 4
     assert 8 * planned.tool_queue.bytes == (1 << 20) // 4
     small = plan(tools=greedy, core=CoreLimits(handles=64))
     assert small.tool_queue.messages == 1

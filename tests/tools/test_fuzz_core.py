@@ -9,8 +9,8 @@ from random import Random
 
 import pytest
 
-from robbie_mp.core.link import Link
-from robbie_mp.core.message_flow import MessageFlow
+from robbie_mp.core.flow import MessageFlow
+from robbie_mp.core.members import Link
 from robbie_mp.core.router import Router
 from tools.fuzz_core.__main__ import main
 from tools.fuzz_core.corpus import mutate, seeds
@@ -21,25 +21,25 @@ MOST = 1500
 """Inputs that a defect may take to be found."""
 MOST_OF_WHAT_IS_SOUND = 300
 PLANTED: dict[str, tuple[type, str, str, str]] = {
-    "a message in another's name": (MessageFlow, "publish", "!= link.source", "== None"),
+    "a message in another's name": (MessageFlow, "on_publish", "!= link.source", "== None"),
     "a message on a channel not advertised": (
-        MessageFlow, "publish", "channel = link.channels.get(declaration)",
+        MessageFlow, "on_publish", "channel = link.channels.get(declaration)",
         "channel = link.channels.get(declaration) or next(iter(link.channels.values()))",
     ),
-    "a message larger than any memory": (MessageFlow, "publish", "if size > ", "if False and size > "),
-    "a message beyond any segment": (MessageFlow, "publish", "or offset > ", "or False and offset > "),
+    "a message larger than any memory": (MessageFlow, "on_publish", "if size > ", "if False and size > "),
+    "a message beyond any segment": (MessageFlow, "on_publish", "or offset > ", "or False and offset > "),
     "a release of what it does not have": (
-        MessageFlow, "release", "elif not link.is_said_again():", "elif False:",
+        MessageFlow, "on_release", "elif not link.is_repeated():", "elif False:",
     ),
     "a release of an older message": (
-        MessageFlow, "release",
+        MessageFlow, "on_release",
         "(entry := ledger.reference(reference))[0] == record[2]",
         "(entry := ledger.reference(reference))",
     ),
     "done with an older message": (
-        MessageFlow, "done", "or self._ledger.reference(reference)[0] != record[2]", "",
+        MessageFlow, "on_done", "or self._ledger.reference(reference)[0] != record[2]", "",
     ),
-    "done twice": (MessageFlow, "done", "if link.is_said_again():", "if True:"),
+    "done twice": (MessageFlow, "on_done", "if link.is_repeated():", "if True:"),
     "a word that only the supervisor has": (Router, "_receive", "and link.slot == SUPERVISOR_SLOT", ""),
     "a record of no kind": (
         Router, "_receive", 'raise ProtocolViolation(f"record of unknown kind {kind}")', "pass",
@@ -103,7 +103,7 @@ def test_without_atheris_it_says_what_to_install(
 
 
 def test_core_that_hangs_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Router, "drain", lambda _router: 1)
+    monkeypatch.setattr(Router, "run_round", lambda _router: 1)
     assert isinstance(finding(b"", limit_s=0.1), Hang)
 
 

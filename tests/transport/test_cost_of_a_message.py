@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 
 from robbie_mp import Message, MessageHandling
-from robbie_mp.core.link import LinkMemory
-from robbie_mp.core.members import RouterLimits
+from robbie_mp.core.members import LinkMemory, RouterLimits
 from robbie_mp.core.router import Router, SlotLimits
 from robbie_mp.messages import DriveCommand, Image
 from robbie_mp.module.clock import SystemClock
@@ -93,7 +92,7 @@ class Chain:
         self._run_core()
 
     def _run_core(self) -> None:
-        while self.core.drain() or self.core.before_sleep():
+        while self.core.run_round() or self.core.before_sleep():
             pass
 
     def send(self, message: Message) -> None:
@@ -157,11 +156,11 @@ def test_message_calls_nothing_that_enters_the_kernel(chain: Chain) -> None:
 def test_message_takes_few_calls(chain: Chain) -> None:
     message = DriveCommand()
     publishing, _ = calls_of(lambda: chain.outbox.publish(message, ""))
-    routing, _ = calls_of(chain.core.drain)
+    routing, _ = calls_of(chain.core.run_round)
     delivery = chain.inbox.take()
     assert delivery is not None
     handling, _ = calls_of(lambda: chain.inbox.handle(delivery))
-    releasing, _ = calls_of(chain.core.drain)
+    releasing, _ = calls_of(chain.core.run_round)
     assert publishing <= 13
     assert routing <= 24
     assert handling <= 10

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from robbie_mp.transport import layout
+from robbie_mp.transport.endpoint import Endpoint
 from robbie_mp.transport.records import Inbound, Outbound
 from tests.core._support.simulated_run import RING_RECORDS, SimulatedModule, SimulatedRun
 
@@ -67,7 +68,7 @@ def test_declarations_made_in_several_threads_get_numbers_of_their_own() -> None
         endpoint = SimulatedRun().start(1).endpoint
         numbers: list[int] = []
 
-        def declare(thread: int, endpoint=endpoint, numbers=numbers) -> None:
+        def declare(thread: int, endpoint: Endpoint = endpoint, numbers: list[int] = numbers) -> None:
             numbers.extend(endpoint.advertise("test_msgs/msg/Number", 1, f"{thread} {n}") for n in range(10))
 
         threads = [threading.Thread(target=declare, args=(number,)) for number in range(4)]

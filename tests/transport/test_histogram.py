@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robbie_mp.transport.histogram import (
     ABSOLUTE_ERROR_S,
-    LONGEST_NS,
+    MAX_TIME_NS,
     RELATIVE_ERROR,
     Distribution,
     Histogram,
@@ -18,7 +18,7 @@ from robbie_mp.transport.histogram import (
 )
 from robbie_mp.transport.layout import HISTOGRAM_BUCKETS, HISTOGRAM_WORDS
 
-TIMES = st.lists(st.integers(0, LONGEST_NS), min_size=1, max_size=50)
+TIMES = st.lists(st.integers(0, MAX_TIME_NS), min_size=1, max_size=50)
 
 
 def recorded(waited: list[int], took: list[int]) -> tuple[Histogram, Histogram]:
@@ -74,14 +74,14 @@ def test_nothing_recorded_is_no_time_at_all() -> None:
 
 
 def test_times_beyond_all_bounds_fall_into_the_outermost_buckets() -> None:
-    waited, _ = recorded([-5, 1 << 63, -(1 << 64)], [LONGEST_NS + 1] * 3)
+    waited, _ = recorded([-5, 1 << 63, -(1 << 64)], [MAX_TIME_NS + 1] * 3)
     assert waited.counts[0] == 2
     assert waited.counts[HISTOGRAM_BUCKETS - 1] == 1
 
 
 def test_buckets_are_in_the_order_of_their_times() -> None:
     assert all(a < b for a, b in pairwise(map(middle_s, range(HISTOGRAM_BUCKETS))))
-    assert is_near(middle_s(HISTOGRAM_BUCKETS - 1), LONGEST_NS)
+    assert is_near(middle_s(HISTOGRAM_BUCKETS - 1), MAX_TIME_NS)
 
 
 def test_garbage_in_the_words_gives_no_figures() -> None:

@@ -5,6 +5,7 @@ import threading
 import weakref
 from array import array
 from collections import deque
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,8 +83,8 @@ def test_message_let_go_in_another_thread_is_released(pair: Pair) -> None:
 def test_message_let_go_by_a_thread_in_the_moment_its_handler_ends_is_released(pair: Pair) -> None:
     handler_ended, is_dying, handled = threading.Event(), threading.Event(), threading.Event()
 
-    class Words(array):
-        def __setitem__(self, at: int, value: int) -> None:
+    class Words(array):  # type: ignore[type-arg]  # array takes no argument at run time before Python 3.12
+        def __setitem__(self, at: int, value: int) -> None:  # type: ignore[override]
             if at == layout.OUT_HANDLED:
                 handler_ended.set()
                 is_dying.wait(10)
@@ -99,7 +100,7 @@ def test_message_let_go_by_a_thread_in_the_moment_its_handler_ends_is_released(p
     def keep(image: Image) -> None:
         kept.append(image)
         # Called before the finalizer of the inbox, which was registered earlier.
-        whole = image.data.base
+        whole: Any = image.data.base
         while isinstance(whole, memoryview):
             whole = whole.obj
         watching.append(weakref.ref(whole, hold_up_death))
@@ -336,8 +337,8 @@ def test_publisher_of_a_stopped_subscriber_never_runs_out_of_memory(
     pair: Pair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Before there is no room for a message, the core drops old ones that only wait."""
-    monkeypatch.setattr(outbox_module, "_YOUNG_NS", 0)
-    monkeypatch.setattr(outbox_module, "_ASK_AGAIN_NS", 0)
+    monkeypatch.setattr(outbox_module, "_MIN_AGE_TO_DROP_NS", 0)
+    monkeypatch.setattr(outbox_module, "_MIN_REQUEST_INTERVAL_NS", 0)
     for value in range(200):
         assert pair.outbox.publish(picture(value % 100, 50_000), "")
         pair.run.run_core()
@@ -354,8 +355,8 @@ def test_publisher_of_a_stopped_subscriber_never_runs_out_of_memory(
 def test_publisher_with_memory_in_pieces_gets_room_for_a_large_message(
     pair: Pair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(outbox_module, "_YOUNG_NS", 0)
-    monkeypatch.setattr(outbox_module, "_ASK_AGAIN_NS", 0)
+    monkeypatch.setattr(outbox_module, "_MIN_AGE_TO_DROP_NS", 0)
+    monkeypatch.setattr(outbox_module, "_MIN_REQUEST_INTERVAL_NS", 0)
     for value in range(16):
         assert pair.outbox.publish(picture(value, 60_000), "")
         pair.run.run_core()
@@ -370,7 +371,7 @@ def test_publisher_with_memory_in_pieces_gets_room_for_a_large_message(
 def test_core_that_is_away_is_not_asked_for_room_more_often_than_its_ring_holds(
     pair: Pair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(outbox_module, "_ASK_AGAIN_NS", 0)
+    monkeypatch.setattr(outbox_module, "_MIN_REQUEST_INTERVAL_NS", 0)
     for value in range(500):
         pair.outbox.publish(picture(value % 100, 400_000), "")
     assert not pair.outbox._endpoint._backlog

@@ -157,7 +157,7 @@ class Attack:
 
     def _may_be_said_again(self) -> bool:
         link = self.siege.run.router._slots[HOSTILE_SLOT].link
-        return bool(self.siege.run.fuse.deaths) or link is None or link.is_said_again()
+        return bool(self.siege.run.fuse.deaths) or link is None or link.is_repeated()
 
     # -- what holds after each step ------------------------------------------------------------------------
 

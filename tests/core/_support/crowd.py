@@ -11,8 +11,7 @@ from random import Random
 
 from robbie_mp import MessageHandling
 from robbie_mp.transport import layout
-from robbie_mp.transport.endpoint import Delivery
-from robbie_mp.transport.records import Inbound, Outbound
+from robbie_mp.transport.records import Delivery, Inbound, Outbound
 from robbie_mp.transport.words import WORD_MAX
 from tests.core._support.simulated_run import Died, Fuse, SimulatedModule, SimulatedRun
 

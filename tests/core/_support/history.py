@@ -7,8 +7,7 @@ import contextlib
 
 from robbie_mp import MessageHandling
 from robbie_mp.transport import layout
-from robbie_mp.transport.endpoint import Delivery
-from robbie_mp.transport.records import Outbound
+from robbie_mp.transport.records import Delivery, Outbound
 from robbie_mp.transport.words import WORD_MAX
 from tests.core._support.simulated_run import Died, Fuse, SimulatedModule, SimulatedRun, StateLog
 
@@ -54,7 +53,7 @@ class History:
         self.stopped: set[int] = set()
         """Who was stopped at some time: meanwhile nothing was routed to it."""
         self.published: list[int] = []
-        self.kept: dict[int, list] = {2: [], 3: []}
+        self.kept: dict[int, list[Delivery]] = {2: [], 3: []}
         for slot in (3, 2, 1):
             self.start(slot)
 
@@ -130,7 +129,7 @@ class History:
             survived = delivery is not None and module.last_record()[:2] == (answer, delivery.reference)
             self.died_with[slot] += delivery is not None and not survived
             self.kill(slot)
-            if not survived:
+            if not survived or delivery is None:
                 return None
         self.seen[slot].append(delivery.sequence)
         self.seen_values[slot].append(delivery.stamp_ns)

@@ -4,7 +4,7 @@ import contextlib
 
 from robbie_mp import MessageHandling
 from robbie_mp.transport import layout
-from robbie_mp.transport.endpoint import Delivery
+from robbie_mp.transport.records import Delivery
 from robbie_mp.transport.ring import RingCorrupt
 from robbie_mp.transport.words import WORD_MAX
 from tests.core._support.simulated_run import RING_RECORDS, SimulatedModule, SimulatedRun

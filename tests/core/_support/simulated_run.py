@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from robbie_mp import MessageHandling
-from robbie_mp.core.link import LinkMemory
-from robbie_mp.core.members import RouterLimits
+from robbie_mp.core.members import LinkMemory, RouterLimits
 from robbie_mp.core.router import Router, SlotLimits
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block
-from robbie_mp.transport.endpoint import Delivery, Endpoint, EndpointMemory
-from robbie_mp.transport.records import ANY_VERSION, Inbound, Outbound
+from robbie_mp.transport.endpoint import Endpoint, EndpointMemory
+from robbie_mp.transport.records import ANY_VERSION, Delivery, Inbound, Notice, Outbound
 from robbie_mp.transport.segment import SegmentMismatch
 from robbie_mp.transport.tables import CoreTables, TableSizes
 from robbie_mp.transport.words import Words
@@ -283,7 +282,7 @@ class SimulatedRun:
             self.log.core_begins(len(self.reports))
         while True:
             try:
-                while self.router.drain() or self.router.before_sleep():
+                while self.router.run_round() or self.router.before_sleep():
                     pass
                 return
             except Died:
@@ -327,6 +326,7 @@ class SimulatedRun:
     def supervisor_notices(self) -> list[tuple[Inbound, int, int]]:
         notices = []
         while (record := self.supervisor.endpoint.take()) is not None:
+            assert isinstance(record, Notice)
             notices.append((record.kind, record.slot, record.incarnation))
         return notices
 
