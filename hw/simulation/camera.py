@@ -14,9 +14,9 @@ from hw.simulation.panel_textures import centikelvin, sign_texture, victim_heat,
 from hw.simulation.renderer import Paint, Renderer
 
 WAVE_S = 0.5
-"""A victim that waves changes its picture so often."""
+"""Time between the two pictures of a waving victim."""
 STRIPE_M = 0.4
-# What is farther away is darker: half as bright after so many metres.
+# Brightness falls with the distance and is halved at this distance.
 DIM_M = 12.0
 WALL_COLOURS = ((196, 198, 190), (176, 186, 196), (186, 190, 176), (168, 174, 184))
 REST_COLOURS = ((104, 106, 108), (124, 126, 128), (214, 222, 230))
@@ -26,17 +26,17 @@ Pictures = dict[int, list[Hanging]]
 
 
 class CameraNotPlaced(RuntimeError):
-    """The simulated camera was asked for an image before it was told where the robot is."""
+    """The simulated camera was asked for an image before it was placed."""
 
 
 class SimulatedCamera(Camera):
-    """Sees an arena from where it was last placed, in red, green, blue, with noise.
+    """A camera that sees an arena from its last place, in red, green, blue, with noise.
 
     Args:
-        arena: the world; it may be replaced by what has become of it, as long as the victims are the same.
-        geometry: how it projects and where it sits.
-        noise: standard deviation of a pixel's values.
-        seed: of the noise; the same seed and poses give the same images.
+        arena: the world; you may replace it when it changes, as long as the victims stay the same.
+        geometry: the camera's projection and mounting position.
+        noise: standard deviation of pixel values.
+        seed: random seed of the noise; the same seed and poses give the same images.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class SimulatedCamera(Camera):
 
     @property
     def geometry(self) -> CameraGeometry:
-        """Return how it projects and where it sits."""
+        """Return the camera's projection and mounting position."""
         return self._geometry
 
     def place(self, robot: Pose, stamp_s: float) -> None:
@@ -69,13 +69,13 @@ class SimulatedCamera(Camera):
         self._direction = (pan_rad, tilt_rad)
 
     def capture(self) -> CameraFrame:
-        """Return what it sees from where it was last placed, with that moment's stamp.
+        """Return the image from the last place, with the stamp given there.
 
         Raises:
-            CameraNotPlaced: nobody has called `place` yet.
+            CameraNotPlaced: `place` has not been called.
         """
         if self._placed is None:
-            raise CameraNotPlaced("the simulated camera does not know where it is: call place() first")
+            raise CameraNotPlaced("the simulated camera has no pose: call place() before capture()")
         robot, stamp_s = self._placed
         pictures = self._pictures[int(stamp_s / WAVE_S) % 2]
         image = self._renderer.render(self.arena, robot, self._direction, pictures)
@@ -90,7 +90,7 @@ class SimulatedCamera(Camera):
 
 
 class SimulatedThermalCamera(SimulatedCamera):
-    """Sees how warm things are, in hundredths of a kelvin: walls, floor, and victims that are not cold.
+    """A thermal camera: sees walls, floor and warm victims, in hundredths of a kelvin.
 
     The unit is that of FLIR's Lepton cameras in their mode TLinear. The noise is in hundredths of a kelvin.
     """
@@ -135,7 +135,7 @@ class HeatPaint:
 
 
 class _Noise:
-    """Adds noise from a table of it, cut at a random place for each image."""
+    """Adds noise from a table, starting at a random place for each image."""
 
     def __init__(self, deviation: float, geometry: CameraGeometry, seed: int) -> None:
         self._random = np.random.default_rng(seed)

@@ -1,21 +1,21 @@
-"""An arena whose appearing obstacles come and go."""
+"""An arena with temporary obstacles."""
 
 from hw.pose import Pose
 from hw.simulation.arena import Arena
 
-# No obstacle comes nearer than this to the robot: it must be able to stop.
+# No obstacle appears nearer than this to the robot, so that it can stop.
 APART_M = 0.6
 
 
 class ChangingArena:
-    """Knows which obstacles are there now; it belongs to who knows where the robot is.
+    """Tracks which temporary obstacles are present.
 
-    An obstacle that is due where the robot stands comes as soon as the robot has left.
+    An obstacle that is due where the robot stands appears as soon as the robot has left.
 
     Args:
         arena: the world.
-        body_radius_m: the robot's.
-        obstacles: indices of the obstacles that are there already.
+        body_radius_m: the robot's radius.
+        obstacles: indices of the obstacles that are present already.
     """
 
     def __init__(self, arena: Arena, body_radius_m: float, obstacles: tuple[int, ...] = ()) -> None:
@@ -25,10 +25,10 @@ class ChangingArena:
         self.arena = arena.with_obstacles(obstacles)
 
     def change(self, elapsed_s: float, robot: Pose) -> None:
-        """Let obstacles come and go.
+        """Update which obstacles are present.
 
         Args:
-            elapsed_s: since the world began.
+            elapsed_s: time since the start of the simulation.
             robot: where the robot is, arena frame.
         """
         there = tuple(

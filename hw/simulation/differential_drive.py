@@ -15,8 +15,8 @@ class DifferentialDrive:
         wheel_radius_m: as the odometry assumes it.
         axle_m: distance between the wheels, as the odometry assumes it.
         ticks_per_turn: of a wheel's encoder.
-        emergency_braking: in an emergency, and when a command expires, the drive brakes so many times harder
-            than it accelerates.
+        emergency_braking: factor by which the drive brakes harder than it accelerates, in an emergency and
+            when a command expires.
     """
 
     body_radius_m: float = 0.20
@@ -32,13 +32,13 @@ class DifferentialDrive:
 
     @property
     def tick_m(self) -> float:
-        """Return the way of a wheel from tick to tick."""
+        """Return a wheel's way per tick."""
         return 2 * math.pi * self.wheel_radius_m / self.ticks_per_turn
 
     def limited(self, linear_m_per_s: float, angular_rad_per_s: float) -> tuple[float, float]:
         """Return the speeds within the limits.
 
-        Where a wheel would be too fast both are scaled, which keeps the curve the robot drives.
+        If a wheel would be too fast, both speeds are scaled, which keeps the curvature.
         """
         linear = _clamp(linear_m_per_s, self.max_linear_m_per_s)
         angular = _clamp(angular_rad_per_s, self.max_angular_rad_per_s)
@@ -62,7 +62,7 @@ class DifferentialDrive:
         )
 
     def after_ticks(self, pose: Pose, left: int, right: int) -> Pose:
-        """Return the odometry's pose after the wheels have turned by so many ticks."""
+        """Return the odometry's pose after the wheels have turned by these ticks."""
         left_m, right_m = left * self.tick_m, right * self.tick_m
         return pose.after_arc((left_m + right_m) / 2, (right_m - left_m) / self.axle_m)
 

@@ -1,4 +1,4 @@
-"""A simulated differential drive in an arena; it owns the truth about where the robot is."""
+"""A simulated differential drive in an arena; it owns the robot's true pose."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,22 +13,22 @@ from hw.simulation.differential_drive import DifferentialDrive
 from hw.simulation.wheel import SimulatedWheel, WheelErrors
 
 STEP_S = 0.01
-# The robot has left what it touched when it is this far away.
+# A contact ends when the robot is this far away.
 RELEASE_M = 0.01
 
 
 @dataclass(frozen=True)
 class WorldState:
-    """What the simulated world must not forget when the process that simulates it is replaced.
+    """The state of the simulated world that must survive a restart of its process.
 
     Attributes:
-        true_pose: where the robot is, arena frame.
-        odometry: where its wheels say it is, odometry frame.
-        collisions: how often it has touched something.
-        expired_commands: how often it stopped because no new command came.
-        emergency_stopped: whether it stands until it is released.
-        elapsed_s: how long the world has been simulated.
-        obstacles: which of the arena's appearing obstacles are there.
+        true_pose: the robot's true pose, arena frame.
+        odometry: the pose by wheel odometry, odometry frame.
+        collisions: number of collisions.
+        expired_commands: number of stops because no newer command arrived.
+        emergency_stopped: whether the emergency stop is engaged.
+        elapsed_s: simulated time.
+        obstacles: indices of the temporary obstacles that are present.
     """
 
     true_pose: Pose
@@ -41,18 +41,18 @@ class WorldState:
 
 
 class SimulatedDrive(Drive):
-    """Moves a robot through an arena by the time of a clock.
+    """Moves a robot through an arena, driven by a clock.
 
-    The motion is computed when the drive is asked, in fixed steps up to the clock's time, so the result does
-    not depend on how often it is asked. A new drive starts at rest.
+    Each call advances the motion in fixed steps up to the clock's time, so the result does not depend on how
+    often you call it. A new drive starts at rest.
 
     Args:
         arena: the world; its walls stop the robot.
         clock: returns the time in s; it must not go back.
-        seed: of the wheels' slip; the same seed and commands give the same odometry.
+        seed: random seed of the wheels' slip; the same seed and commands give the same odometry.
         body: geometry and limits.
-        errors: what is wrong with the wheels.
-        resumed: the world as an earlier drive left it; if absent the robot is at the arena's start.
+        errors: the wheels' systematic and random errors.
+        resumed: the state left by an earlier drive; by default the robot is at the arena's start.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class SimulatedDrive(Drive):
             self._has_expired = False
 
     def read(self) -> DriveState:
-        """Return where the wheels say the robot is (odometry frame) and how it moves."""
+        """Return the robot's state by wheel odometry (odometry frame)."""
         self._advance()
         return DriveState(self._time_s, self._odometry, *self._speeds)
 
@@ -125,12 +125,12 @@ class SimulatedDrive(Drive):
         return self._surroundings.obstacles
 
     def ground_truth(self) -> DriveState:
-        """Return where the robot really is (arena frame) and how it moves."""
+        """Return the robot's true state (arena frame)."""
         self._advance()
         return DriveState(self._time_s, self._true_pose, *self._speeds)
 
     def world_state(self) -> WorldState:
-        """Return what a drive in a new process needs to go on where this one is."""
+        """Return the state from which a drive in a new process can continue."""
         self._advance()
         return WorldState(
             self._true_pose,
@@ -175,7 +175,7 @@ class SimulatedDrive(Drive):
         )
 
     def _passes(self, there: Pose) -> bool:
-        """Say whether the robot can go there, and count where it begins to touch something."""
+        """Return whether the robot can go there; count the start of a contact."""
         positions = np.array([self._true_pose[:2], there[:2]])
         before_m, after_m = self._surroundings.arena.clearance_m(positions)
         if after_m >= self._body.body_radius_m or after_m > before_m:

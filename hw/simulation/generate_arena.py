@@ -14,14 +14,14 @@ APPEARS_FOR_S = 30.0
 def generate_arena(seed: int, wishes: ArenaWishes | None = None) -> str:
     """Return a random arena as the text of an arena file.
 
-    Every place with room for the stock robot can be reached, and every victim can be looked at from 0.8 m.
+    The stock robot can reach every place it fits into, and can view every victim from 0.8 m.
 
     Args:
         seed: the same seed and wishes make the same text.
         wishes: what the arena should have.
 
     Raises:
-        CannotBeArranged: there is no place for so much.
+        CannotBeArranged: the arena is too small for its contents.
     """
     wishes = wishes or ArenaWishes()
     made = ArenaGenerator(seed, wishes)

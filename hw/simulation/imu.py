@@ -14,12 +14,12 @@ GRAVITY_M_PER_S2 = 9.80665
 
 
 class ImuNotMoved(RuntimeError):
-    """The simulated unit was asked for a sample before it was told of two moments of the robot's motion."""
+    """The simulated IMU was read before `move` had been called twice."""
 
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """White noise and a bias that walks, of three sensors of one kind; in the sensor's unit.
+    """White noise and random-walk bias of three sensors of one kind, in the sensor's unit.
 
     Attributes:
         noise_density: of the white noise, unit / sqrt(Hz).
@@ -39,7 +39,7 @@ ACCELEROMETERS = SensorErrors(noise_density=4e-3, first_bias=3e-2, bias_walk=3e-
 
 
 class SimulatedImu(Imu):
-    """Measures what the robot's true motion does to a unit in its middle, with noise and bias.
+    """An IMU at the robot's centre, with noise and bias.
 
     Args:
         seed: of noise and biases; the same seed and motion give the same samples.
@@ -59,7 +59,7 @@ class SimulatedImu(Imu):
         self._sample: ImuSample | None = None
 
     def move(self, truth: DriveState) -> bool:
-        """Feel the robot's motion since the last call.
+        """Measure the robot's motion since the last call.
 
         Returns:
             Whether there is a new sample: not before time has passed since the first call.
@@ -73,7 +73,7 @@ class SimulatedImu(Imu):
         passed_s = truth.stamp_s - before.stamp_s
         turn_rad_per_s = wrapped(truth.pose.heading_rad - before.pose.heading_rad) / passed_s
         ahead = (truth.linear_m_per_s - before.linear_m_per_s) / passed_s
-        # What keeps the robot on its curve pushes it to the side.
+        # The centripetal acceleration points to the side.
         aside = (truth.linear_m_per_s + before.linear_m_per_s) / 2 * turn_rad_per_s
         self._sample = ImuSample(
             truth.stamp_s,
@@ -86,10 +86,10 @@ class SimulatedImu(Imu):
         """Return the sample of the last motion.
 
         Raises:
-            ImuNotMoved: `move` has not been told of two moments yet.
+            ImuNotMoved: `move` has not been called twice yet.
         """
         if self._sample is None:
-            raise ImuNotMoved("the simulated IMU has felt no motion: call move() before read()")
+            raise ImuNotMoved("the simulated IMU has no sample: call move() twice before read()")
         return self._sample
 
 

@@ -11,37 +11,37 @@ from hw.simulation.arena import Arena
 
 
 class LaserNotPlaced(RuntimeError):
-    """The simulated laser was asked for a sweep before it was told where the robot is."""
+    """The simulated laser was asked for a sweep before it was placed."""
 
 
 class LaserSilent(TimeoutError):
-    """The simulated laser has been made to send nothing."""
+    """The simulated laser's failure is `silent`."""
 
 
 class LaserFailure(StrEnum):
-    """What may be wrong with a laser."""
+    """Failures of a simulated laser."""
 
     NONE = "none"
     SILENT = "silent"
     """It sends nothing."""
     BLIND = "blind"
-    """Nothing comes back to it."""
+    """It gets no returns."""
     FROZEN = "frozen"
-    """It sends its last sweep again and again, as if that were new."""
+    """It repeats its last sweep with new stamps."""
 
 
 class SimulatedLaser(LaserRangeFinder):
     """Measures an arena from where it was last placed, with noise.
 
-    Where the robot is, only the drive that simulates its motion knows; whoever owns both hands the true pose
-    over. A sweep bears the stamp of that pose, so it is right for its stamp however late the pose came.
+    Only the simulated drive knows the robot's true pose; the owner of both devices passes it on. A sweep
+    bears the stamp of that pose, so it is correct for its stamp even if the pose arrived late.
 
     Args:
-        arena: the world to measure; it may be replaced by what has become of it.
-        geometry: where the laser sits and where its beams go.
+        arena: the world to measure; you may replace it when it changes.
+        geometry: the laser's mounting pose and beams.
         noise_m: standard deviation of a range.
         missing: fraction of beams that return nothing.
-        seed: of the noise; the same seed and poses give the same sweeps.
+        seed: random seed of the noise; the same seed and poses give the same sweeps.
     """
 
     def __init__(
@@ -61,11 +61,11 @@ class SimulatedLaser(LaserRangeFinder):
         self._placed: tuple[Pose, float] | None = None
         self._last_m: NDArray[np.float32] | None = None
         self.failure = LaserFailure.NONE
-        """What is wrong with it from now on."""
+        """The failure to simulate from now on."""
 
     @property
     def geometry(self) -> LaserGeometry:
-        """Return where the laser sits and where its beams go."""
+        """Return the laser's mounting pose and beams."""
         return self._geometry
 
     def place(self, robot: Pose, stamp_s: float) -> None:
@@ -81,13 +81,13 @@ class SimulatedLaser(LaserRangeFinder):
         """Return a sweep from where the laser was last placed, with that moment's stamp.
 
         Raises:
-            LaserNotPlaced: nobody has called `place` yet.
-            LaserSilent: that is its failure.
+            LaserNotPlaced: `place` has not been called.
+            LaserSilent: the failure is `silent`.
         """
         if self._placed is None:
-            raise LaserNotPlaced("the simulated laser does not know where it is: call place() before scan()")
+            raise LaserNotPlaced("the simulated laser has no pose: call place() before scan()")
         if self.failure is LaserFailure.SILENT:
-            raise LaserSilent("the simulated laser has been made to fail: it sends nothing")
+            raise LaserSilent("the simulated laser's failure is set to silent: it sends nothing")
         robot, stamp_s = self._placed
         if self.failure is not LaserFailure.FROZEN or self._last_m is None:
             self._last_m = self._measure(robot)

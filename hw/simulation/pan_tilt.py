@@ -6,12 +6,12 @@ from hw.pan_tilt import PanTiltLimits, PanTiltState, PanTiltUnit
 
 
 class SimulatedPanTilt(PanTiltUnit):
-    """Moves each joint at a constant rate to where it is told, by the time of a clock.
+    """Moves each joint at a constant rate to its target, driven by a clock.
 
     Args:
         clock: returns the time in s; it must not go back.
         limits: how far and how fast it moves.
-        direction: pan and tilt at first, rad.
+        direction: initial pan and tilt, rad.
     """
 
     def __init__(

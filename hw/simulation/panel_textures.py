@@ -92,7 +92,7 @@ def _shapes(victim: Victim, phase: int) -> tuple[NDArray[np.bool_], NDArray[np.b
         arm = (up > 30) & (up < 40) & (row > 6) & (row < TAG_ROW)
         head |= arm & (row < 16)
         body |= arm & (row >= 16)
-    # Neither body nor paper is a square: who looks for tags would take the tag for something on a larger one.
+    # Neither body nor paper is a square: a tag detector could take a square for a larger tag.
     across, along = np.abs(aside), np.abs(row - TAG_ROW)
     paper = (np.maximum(across, along) < 34) & (across + along < 54)
     return head, body, paper
