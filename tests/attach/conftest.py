@@ -1,0 +1,3 @@
+from tests.run.conftest import robot
+
+__all__ = ["robot"]
