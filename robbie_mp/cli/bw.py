@@ -1,4 +1,4 @@
-"""`robbie bw TYPE`: how much messages are."""
+"""`robbie bw TYPE`: the bandwidth of messages."""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -16,9 +16,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "bw",
-        "print how much memory messages take a second",
-        "Print every second how many bytes of a message type were published. This reads the core's counters: "
-        "it misses nothing and costs the robot nothing.",
+        "print the bandwidth of messages",
+        "Print every second how many bytes of a message type were published. The figures come from the "
+        "core's counters: no message is missed, and it costs the robot nothing.",
         ["robbie bw Image", "robbie bw PointCloud2 --once --json"],
     )
     add_type_argument(parser)
@@ -27,7 +27,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def describe(rates: Rates) -> str:
-    """Put the bytes a second into words."""
+    """Describe the bandwidth in one line."""
     return (
         f"{rates.bytes_per_s / 1e6:.3f} MB/s, {rates.mean_bytes:.0f} bytes a message "
         f"({rates.messages} in {rates.seconds:.2f} s)"

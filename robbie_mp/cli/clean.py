@@ -1,4 +1,4 @@
-"""`robbie clean`: remove what dead runs left."""
+"""`robbie clean`: remove the remains of dead runs."""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -15,16 +15,16 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "clean",
-        "remove what dead runs left",
-        "Remove shared memory, processes and folders of runs whose supervisor is dead. Every "
-        "`robbie run` does this first; live runs are not touched.",
+        "remove the remains of dead runs",
+        "Remove the shared memory, processes and folders of runs whose supervisor is dead. Each `robbie run` "
+        "does this first. Live runs are not touched.",
         ["robbie clean"],
     )
     parser.set_defaults(command=clean)
 
 
 def clean(_arguments: argparse.Namespace) -> int:
-    """Sweep, and say what was found."""
+    """Remove the remains, and print what was removed."""
     swept = sweep()
     print(
         f"removed {len(swept.runs)} dead runs, {len(swept.names)} names in shared memory, "

@@ -1,6 +1,6 @@
-"""What the shell offers when TAB is pressed behind a command: names from the run or the workspace.
+"""Completions that the shell offers after TAB: names from the run or the workspace.
 
-Each function takes what argcomplete gives it, and offers nothing where it cannot tell.
+argcomplete calls these functions. Where a name cannot be determined, they return nothing.
 """
 
 import argparse
@@ -16,7 +16,7 @@ Completer = Callable[..., list[str]]
 
 
 def of_run(names: Callable[[KnownRun], Iterable[str]]) -> Completer:
-    """Make a completer of what is read from the run that is meant."""
+    """Return a completer for names that are read from the chosen run."""
 
     def complete(parsed_args: argparse.Namespace, **_: object) -> list[str]:
         try:
@@ -29,7 +29,7 @@ def of_run(names: Callable[[KnownRun], Iterable[str]]) -> Completer:
 
 
 def _modules(run: KnownRun) -> Iterable[str]:
-    from robbie_mp.run.plan import RunPlan  # noqa: PLC0415 - only what TAB needs, for TAB is waited for
+    from robbie_mp.run.plan import RunPlan  # noqa: PLC0415 - the user waits after TAB
 
     return [*(module.name for module in RunPlan.load(run.folder).modules), "core"]
 
@@ -60,7 +60,7 @@ settings = of_run(_settings)
 
 
 def profiles(**_: object) -> list[str]:
-    """Names of the profiles of the workspace around the current folder."""
+    """Return the names of the profiles of the current workspace."""
     from robbie_mp.profile.workspace import find_workspace  # noqa: PLC0415
 
     try:
@@ -70,14 +70,14 @@ def profiles(**_: object) -> list[str]:
 
 
 def logs(prefix: str, **_: object) -> list[str]:
-    """MCAP files, and the folders on the way to them."""
+    """Return MCAP files, and folders that may contain some."""
     from argcomplete.completers import FilesCompleter  # noqa: PLC0415
 
     return list(FilesCompleter(("mcap",))(prefix))
 
 
 def log_topics(parsed_args: argparse.Namespace, **_: object) -> list[str]:
-    """What patterns of topics in the log that is meant may be."""
+    """Return the topics of the log on the command line."""
     from robbie_mp.recording.reader import open_log  # noqa: PLC0415
     from robbie_mp.recording.selection import channel_name  # noqa: PLC0415
 

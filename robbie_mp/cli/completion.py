@@ -1,4 +1,4 @@
-"""`robbie completion SHELL`: print what makes a shell complete `robbie`'s commands."""
+"""`robbie completion SHELL`: print a script that makes a shell complete `robbie`'s commands."""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -16,8 +16,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "completion",
-        "print what makes your shell complete commands",
-        "Print a script that makes a shell complete commands, options, and the names of modules, message "
+        "print a completion script for your shell",
+        "Print a script that lets your shell complete commands, options, and the names of modules, message "
         "types, topics, settings and profiles.",
         [
             "robbie completion bash >> ~/.bashrc",
@@ -25,7 +25,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
             "robbie completion fish > ~/.config/fish/completions/robbie.fish",
         ],
     )
-    parser.add_argument("shell", choices=["bash", "zsh", "fish"], help="which shell")
+    parser.add_argument("shell", choices=["bash", "zsh", "fish"], help="your shell")
     parser.set_defaults(command=completion)
 
 

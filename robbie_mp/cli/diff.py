@@ -35,23 +35,21 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         subparsers,
         "diff",
         "compare two logs message by message",
-        "Compare the messages of each channel (topic, type and sender) of two logs in their order, bit for "
-        "bit. When they were published is not compared. Ends with 0 if all are equal, with 1 if not.",
+        "Compare the messages of each channel (topic, type and sender) of two logs, in order and bit by bit. "
+        "Publishing times are ignored. Exit code 0: all messages are equal; 1: they are not.",
         ["robbie diff first second", "robbie diff first second --topics 'map*' --ignore-stamps --json"],
     )
     add_log_argument(parser, "a")
     add_log_argument(parser, "b")
     add_topics_argument(parser)
     add_limit_argument(parser)
-    parser.add_argument(
-        "--ignore-stamps", action="store_true", help="take the stamps in all headers for equal"
-    )
+    parser.add_argument("--ignore-stamps", action="store_true", help="ignore the time stamps in headers")
     parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
     parser.set_defaults(command=diff)
 
 
 def diff(arguments: argparse.Namespace) -> int:
-    """Compare, and print how they differ."""
+    """Compare two logs, and print the differences."""
     with (
         closing(open_log(arguments.a, arguments.limits)) as a,
         closing(open_log(arguments.b, arguments.limits)) as b,
@@ -60,7 +58,7 @@ def diff(arguments: argparse.Namespace) -> int:
         with progress_bar("comparing") as progress:
             found = compare(a, b, arguments.topics, ignore_stamps=arguments.ignore_stamps, progress=progress)
         for line in [*a.damage, *b.damage]:
-            warn(f"{line}; only what is whole was compared")
+            warn(f"{line}; only the intact part was compared")
     if arguments.json:
         print(json.dumps([_as_data(one) for one in found], indent=2))
     else:

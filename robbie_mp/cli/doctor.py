@@ -1,4 +1,4 @@
-"""`robbie doctor [PROFILE]`: what is wrong with this machine for running robots."""
+"""`robbie doctor [PROFILE]`: check whether robots can run on this machine."""
 
 import argparse
 import json
@@ -25,19 +25,19 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "doctor",
-        "say what is wrong with this machine for running robots",
-        "Check kernel, Python, shared memory, limits, processors, clocks, permissions and what "
-        "dead runs left. With a profile, check them against what it needs, and import its modules. Nothing "
-        "is changed. Exit code 0: a robot runs here, if perhaps not at its best; 1: it does not.",
+        "check whether robots can run on this machine",
+        "Check kernel, Python, shared memory, limits, processors, clocks, permissions and the remains of "
+        "dead runs. With a profile, check what it needs, and import its modules. Nothing is changed. Exit "
+        "code 0: a robot can run here, perhaps with warnings; 1: it cannot.",
         ["robbie doctor", "robbie doctor robot"],
     )
-    parser.add_argument("profile", nargs="?", help="name of a profile in profiles/, or path of its file")
+    parser.add_argument("profile", nargs="?", help="name of a profile in profiles/, or path of a file")
     parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
     parser.set_defaults(command=doctor)
 
 
 def doctor(arguments: argparse.Namespace) -> int:
-    """Examine this machine and print what was found."""
+    """Examine this machine, and print the findings."""
     profile = load_profile(arguments.profile) if arguments.profile else None
     findings = examine(profile)
     level = worst(findings)

@@ -1,4 +1,4 @@
-"""`robbie echo TYPE`: print messages as they pass."""
+"""`robbie echo TYPE`: print messages as they arrive."""
 
 import argparse
 import sys
@@ -32,9 +32,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "echo",
-        "print messages as they pass",
-        "Print the messages of a type. The robot does not wait for this: what comes faster than it is "
-        "printed is missed here, and counted on standard error.",
+        "print messages as they arrive",
+        "Print the messages of a type. The robot does not wait for you: messages that arrive faster than "
+        "they can be printed are skipped, and counted on standard error.",
         [
             "robbie echo LaserScan",
             "robbie echo sensor_msgs/LaserScan --topic laser/front --field 'ranges[0]'",
@@ -43,13 +43,15 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         ],
     )
     add_type_argument(parser)
-    add_topic_argument(parser, "only messages of this topic")
-    parser.add_argument("--field", metavar="FIELD", default="", help="only this field, as pose.position.x")
-    parser.add_argument("--once", action="store_true", help="end after one message")
+    add_topic_argument(parser, "only messages on this topic")
+    parser.add_argument(
+        "--field", metavar="FIELD", default="", help="print only this field, such as pose.position.x"
+    )
+    parser.add_argument("--once", action="store_true", help="stop after one message")
     parser.add_argument("--full", action="store_true", help="print long arrays in full")
     form = parser.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true", help="print one JSON object a line for each message")
-    form.add_argument("--csv", action="store_true", help="print a line of column names, then one a message")
+    form.add_argument("--json", action="store_true", help="print each message as one line of JSON")
+    form.add_argument("--csv", action="store_true", help="print CSV: column names, then a line per message")
     add_run_argument(parser)
     parser.set_defaults(command=echo)
 
@@ -57,7 +59,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 def add_type_argument(parser: argparse.ArgumentParser) -> None:
     """Add the argument by which commands take a message type."""
     name = parser.add_argument(
-        "type", metavar="TYPE", help="a message type: sensor_msgs/msg/LaserScan, or short LaserScan"
+        "type", metavar="TYPE", help="message type: sensor_msgs/msg/LaserScan, or LaserScan for short"
     )
     name.completer = completers.types  # type: ignore[attr-defined]
 
@@ -69,7 +71,7 @@ def add_topic_argument(parser: argparse.ArgumentParser, text: str) -> None:
 
 
 def echo(arguments: argparse.Namespace) -> int:
-    """Print messages until the run or the user ends this."""
+    """Print messages until the run ends or the user presses Ctrl-C."""
     run = choose_run(arguments.run)
     message_type = types_of_run(run).get(arguments.type)
     field = FieldPath(message_type, arguments.field)
@@ -89,9 +91,9 @@ def _say_if_nobody_publishes(run: KnownRun, type_name: str, topic: str) -> None:
         if entry.is_publisher and entry.type_name == type_name
     }
     if not topics:
-        _note(f"nobody publishes {type_name} yet")
+        _note(f"no module publishes {type_name} yet")
     elif topic and topic not in topics:
-        _note(f"nobody publishes on topic {topic!r} yet; there are {', '.join(sorted(map(repr, topics)))}")
+        _note(f"no module publishes on topic {topic!r} yet; there are {', '.join(sorted(map(repr, topics)))}")
 
 
 class _Echo:

@@ -43,19 +43,21 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         subparsers,
         "export",
         "write the messages of a log as CSV or numpy files",
-        "Write a file for each channel of a log into a folder, with a line for each message: when it was "
-        "published, its place in the run's order, and a column for each number and text in it. Lists are one "
-        "column, as JSON. For numpy, lists of all messages are one array, and NAME.lengths parts them again.",
+        "Write one file per channel of a log into a folder. Each message is a row: its publishing time, its "
+        "sequence number, and a column for each number and text in it. In CSV, a list is one column of JSON; "
+        "in numpy files, the lists of all messages are one array, which NAME.lengths splits again.",
         [
             "robbie export logs/monday tables",
             "robbie export monday.mcap arrays --npz --topics odom 'laser/*'",
         ],
     )
     add_log_argument(parser)
-    parser.add_argument("folder", metavar="OUT", type=Path, help="the folder; it is made if there is none")
+    parser.add_argument(
+        "folder", metavar="OUT", type=Path, help="folder to write to; created if it does not exist"
+    )
     form = parser.add_mutually_exclusive_group()
-    form.add_argument("--csv", action="store_true", help="write CSV; so it is without any option")
-    form.add_argument("--npz", action="store_true", help="write .npz files of numpy")
+    form.add_argument("--csv", action="store_true", help="write CSV files (the default)")
+    form.add_argument("--npz", action="store_true", help="write numpy .npz files")
     add_topics_argument(parser)
     add_limit_argument(parser)
     parser.set_defaults(command=export)
@@ -83,7 +85,7 @@ def export(arguments: argparse.Namespace) -> int:
             if rows.broken:
                 warn(f"{path}: {rows.broken} messages cannot be read; left out")
         for line in log.damage:
-            warn(f"{line}; only what is whole was exported")
+            warn(f"{line}; only the intact part was exported")
     return 0 if is_whole else LEFT_OUT
 
 

@@ -1,4 +1,4 @@
-"""`robbie gui --attach RUN`: an operator station for a robot that runs already, from another terminal."""
+"""`robbie gui --attach RUN`: an operator station for a robot that is already running."""
 
 import argparse
 import logging
@@ -32,10 +32,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "gui",
-        "serve the operator's page of a run",
-        "Serve the operator's page of a run that goes on already and has no operator station in its profile, "
-        "until Ctrl-C or the end of the run. Who drives the robot by it when it ends, however it does, no "
-        "longer drives: the base stops by itself.",
+        "serve the operator's page for a run",
+        "Serve the operator's page for a run whose profile has no operator station, until Ctrl-C or the end "
+        "of the run. If the page ends while an operator is driving, the base stops the robot.",
         [
             "robbie gui",
             "robbie gui --link",
@@ -45,14 +44,14 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         ],
     )
     add_run_argument(parser, "--attach")
-    parser.add_argument("--host", help="address to listen on (127.0.0.1); another one needs a token")
-    parser.add_argument("--port", type=int, help="port to listen on (8080); 0: any that is free")
+    parser.add_argument("--host", help="address to listen on (127.0.0.1); any other needs a token")
+    parser.add_argument("--port", type=int, help="port to listen on (8080); 0: any free port")
     for setting, variable in TOKENS.items():
         parser.add_argument(
             f"--{setting.replace('_', '-')}",
             metavar="PLACE",
             default=f"environment:{variable}" if os.environ.get(variable) else None,
-            help=f"where the token is kept, as in profiles: file:PATH, environment:NAME ({variable}, if set)",
+            help=f"where the token is: file:PATH or environment:NAME (environment:{variable}, if set)",
         )
     parser.add_argument(
         "--set",
@@ -60,16 +59,16 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         metavar="SETTING=VALUE",
         action="append",
         default=[],
-        help="any other setting that an operator station has in a profile; may be repeated",
+        help="set any other setting of the operator station; may be repeated",
     )
     parser.add_argument(
-        "--link", action="store_true", help="only show the link of the page of a run that has one"
+        "--link", action="store_true", help="only print the link of the run's own operator station"
     )
     parser.set_defaults(command=gui)
 
 
 def gui(arguments: argparse.Namespace) -> int:
-    """Serve the page until the run or the user ends this."""
+    """Serve the page until the run ends or the user presses Ctrl-C."""
     from robbie_mp.attach.tool_module import run_as_tool  # noqa: PLC0415 - help is waited for, and needs neither
     from robbie_mp.station import OperatorStation, load_website  # noqa: PLC0415
 
@@ -93,10 +92,10 @@ def gui(arguments: argparse.Namespace) -> int:
 
 
 def _show_link(run: KnownRun) -> int:
-    """Print the link of the station that a run has already."""
+    """Print the link of the run's own operator station."""
     link = read_link(run.folder)
     if not link:
-        raise refuse("this run has no operator station; robbie gui, without --link, serves one")
+        raise refuse("this run has no operator station; `robbie gui` without --link serves one")
     print(link)
     return 0
 

@@ -1,4 +1,4 @@
-"""`robbie hz TYPE`: how often messages come."""
+"""`robbie hz TYPE`: the rate of messages."""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -16,9 +16,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "hz",
-        "print how often messages come",
-        "Print every second how many messages of a type were published, and how regularly. This reads the "
-        "core's counters: it misses nothing and costs the robot nothing.",
+        "print the rate of messages",
+        "Print every second how many messages of a type were published, and how regularly. The figures come "
+        "from the core's counters: no message is missed, and it costs the robot nothing.",
         ["robbie hz LaserScan", "robbie hz Odometry --topic wheels --every 10 --once --json"],
     )
     add_type_argument(parser)
@@ -27,7 +27,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def describe(rates: Rates) -> str:
-    """Put the rate of messages into words."""
+    """Describe the rate of messages in one line."""
     line = f"{rates.hz:.2f} Hz"
     if rates.interval_mean_s is not None and rates.interval_deviation_s is not None:
         line += f", every {rates.interval_mean_s * 1e3:.3f} ms ± {rates.interval_deviation_s * 1e3:.3f} ms"

@@ -17,14 +17,15 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "import-carmen",
-        "make a log of a CARMEN log",
-        "Make a log of odometry and laser scans in CARMEN's text format, in which many public data sets are.",
+        "convert a CARMEN log to a log",
+        "Convert odometry and laser scans from CARMEN's text format, which many public data sets use, to a "
+        "log.",
         ["robbie import-carmen intel.clf intel.mcap"],
     )
-    parser.add_argument("source", metavar="IN", type=Path, help="a log in CARMEN's format")
-    parser.add_argument("target", metavar="OUT", type=Path, help="the new log, an MCAP file")
+    parser.add_argument("source", metavar="IN", type=Path, help="log in CARMEN's format")
+    parser.add_argument("target", metavar="OUT", type=Path, help="new log, an MCAP file")
     parser.add_argument(
-        "--skip-broken", action="store_true", help="leave out lines that cannot be read, and count them"
+        "--skip-broken", action="store_true", help="skip lines that cannot be read, and count them"
     )
     parser.set_defaults(command=import_carmen)
 

@@ -17,15 +17,13 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "import-rosbag",
-        "make a log of a bag of ROS 1 or ROS 2",
-        "Make a log of a bag. Messages of ROS 1 become what they are in ROS 2; types that are not known here "
-        "keep their definitions. Needs the library rosbags: pip install 'robbie-mp[ros]'.",
+        "convert a ROS 1 or ROS 2 bag to a log",
+        "Convert a ROS bag to a log. ROS 1 messages become ROS 2 messages; types unknown to Robbie keep "
+        "their definitions. This needs the library rosbags: pip install 'robbie-mp[ros]'.",
         ["robbie import-rosbag drive.bag drive.mcap", "robbie import-rosbag rosbag2_folder drive.mcap"],
     )
-    parser.add_argument(
-        "source", metavar="IN", type=Path, help="a .bag of ROS 1, or the folder of a bag of ROS 2"
-    )
-    parser.add_argument("target", metavar="OUT", type=Path, help="the new log, an MCAP file")
+    parser.add_argument("source", metavar="IN", type=Path, help="ROS 1 .bag file, or ROS 2 bag folder")
+    parser.add_argument("target", metavar="OUT", type=Path, help="new log, an MCAP file")
     parser.set_defaults(command=import_rosbag)
 
 

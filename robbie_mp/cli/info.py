@@ -1,4 +1,4 @@
-"""`robbie info FILE...`: what a log is, without reading all of it."""
+"""`robbie info LOG...`: what is in a log, without reading all of it."""
 
 import argparse
 import json
@@ -27,9 +27,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "info",
-        "tell what is in a log",
-        "Tell how long a log is, of which run, and what was recorded in it. A log that was cut is read as "
-        "far as it is whole; `robbie log-repair` makes a whole one of it.",
+        "show what is in a log",
+        "Show how long a log is, which run it is from, and which messages are in it. A truncated log is "
+        "read as far as it is intact; `robbie log-repair` repairs it.",
         ["robbie info logs/monday", "robbie info logs/monday/monday_0000.mcap --json"],
     )
     add_log_argument(parser, nargs="+")
@@ -51,7 +51,7 @@ def info(arguments: argparse.Namespace) -> int:
 
 
 def print_log(path: Path) -> None:
-    """Tell people what is in a log."""
+    """Print what is in a log."""
     _print(_describe(path, READ_LIMITS))
 
 
@@ -93,10 +93,10 @@ def _lines(info: LogInfo) -> list[tuple[str, str | Text]]:
 
 def _state(info: LogInfo) -> Text:
     if info.is_being_written:
-        return Text("still being written; this is what is whole by now", "yellow")
+        return Text("still being written; this is what is complete so far", "yellow")
     if not info.damage:
         return Text("complete")
-    advice = f"; `robbie log-repair {info.path}` makes a whole log of it"
+    advice = f"; `robbie log-repair {info.path}` repairs it"
     return Text("\n".join(info.damage) + advice, "bold red")
 
 
@@ -152,4 +152,4 @@ def _part_state(part: LogPart, data: dict[str, Any]) -> str:
         return "being written"
     if data["is_repaired"]:
         return "repaired"
-    return "complete" if data["is_complete"] else "cut or damaged"
+    return "complete" if data["is_complete"] else "truncated or damaged"

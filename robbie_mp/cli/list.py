@@ -1,4 +1,4 @@
-"""`robbie list`: the runs of this machine; the modules, message types and topics of one."""
+"""`robbie list`: the runs on this machine, or the modules, message types and topics of one."""
 
 import argparse
 import json
@@ -32,13 +32,13 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "list",
-        "list runs; or modules, message types or topics of a run",
-        "List the runs of this machine and their modules, or what one of them consists of. Reading this "
-        "costs the robot nothing.",
+        "list runs, or the modules, message types or topics of one",
+        "List the runs on this machine and their modules, or the modules, message types or topics of one "
+        "run. This costs the robot nothing.",
         ["robbie list", "robbie list topics", "robbie list modules --json"],
     )
     parser.add_argument(
-        "what", nargs="?", choices=["runs", *TABLES], default="runs", help="what to list; runs by default"
+        "what", nargs="?", choices=["runs", *TABLES], default="runs", help="what to list (runs)"
     )
     parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
     add_run_argument(parser)
@@ -87,7 +87,7 @@ def _types(run: KnownRun) -> list[Row]:
 
 
 def _topics(run: KnownRun) -> list[Row]:
-    """One row for each pair of type and topic, published or only wanted so far."""
+    """Return a row for each pair of type and topic that is published or subscribed to."""
     declared = read_declarations(run.run_id)
     with closing(RunObserver(run.run_id)) as observer:
         counts = {(entry.type_name, entry.version, entry.topic): entry for entry in observer.channels()}
@@ -119,7 +119,7 @@ def _is_published(wanted: Declaration, declared: Sequence[Declaration]) -> bool:
 
 
 def _subscribers(name: ChannelName, declared: Sequence[Declaration]) -> list[str]:
-    """Return the modules that take messages of a channel, each once though several patterns may match."""
+    """Return the modules that subscribe to a channel, each once even if several of its patterns match."""
     modules = [entry.module for entry in declared if not entry.is_publisher and entry.name.takes(name)]
     return list(dict.fromkeys(modules))
 
@@ -157,7 +157,7 @@ def _list_runs(as_json: bool) -> int:
 
 
 def _states(run: KnownRun) -> dict[str, str]:
-    """State by name; empty while the run has not made its memory yet, or no longer."""
+    """Return states by module name; empty if the run has no shared memory yet, or none any more."""
     try:
         observer = RunObserver(run.run_id)
     except SegmentMissing:

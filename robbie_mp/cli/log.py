@@ -1,4 +1,4 @@
-"""`robbie log`: what the processes of a run have said, while it goes on or afterwards."""
+"""`robbie log`: what the processes of a run have logged, during the run or after it."""
 
 import argparse
 import json
@@ -40,8 +40,8 @@ class NoTrace(RobbieError, LookupError):
     """There is no trace to show.
 
     Example scenarios:
-      - the folder is no output directory of a run
-      - nobody has the name that was given with --module
+      - the folder is not the output directory of a run
+      - no module has the name given with --module
     """
 
 
@@ -50,9 +50,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "log",
-        "show what modules have logged, printed and died with",
-        "Show the trace of the run that goes on, or else of the newest below ./output, or of the one in DIR. "
-        "The same as a page for the browser is log/trace.html in the run's output directory.",
+        "show what modules have logged and printed, and why they crashed",
+        "Show the trace of a live run, of the newest run in ./output, or of the run in DIR. "
+        "log/trace.html in the run's output directory shows the same in a browser.",
         [
             "robbie log --follow --kind error,warning",
             "robbie log --module laser --last 50",
@@ -63,21 +63,22 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser.add_argument("directory", metavar="DIR", nargs="?", type=Path, help="output directory of a run")
     add_run_argument(parser)
     parser.add_argument(
-        "--kind", metavar="KINDS", type=_kinds, help=f"only these of {','.join(Kind)}; joined by commas"
+        "--kind",
+        metavar="KINDS",
+        type=_kinds,
+        help=f"show only these kinds, separated by commas: {','.join(Kind)}",
     )
-    module = parser.add_argument("--module", metavar="NAME", help="only of this module, core, or supervisor")
+    module = parser.add_argument("--module", metavar="NAME", help="show only this module, core or supervisor")
     module.completer = completers.modules  # type: ignore[attr-defined]
-    parser.add_argument("--last", metavar="N", type=int, help="only the last N entries")
-    parser.add_argument("--follow", action="store_true", help="go on as long as the run does")
-    parser.add_argument("--crashes", action="store_true", help="show the reports of crashes instead")
-    parser.add_argument(
-        "--json", action="store_true", help="print JSON for a program to read, a line an entry"
-    )
+    parser.add_argument("--last", metavar="N", type=int, help="show only the last N entries")
+    parser.add_argument("--follow", action="store_true", help="show new entries until the run ends")
+    parser.add_argument("--crashes", action="store_true", help="show crash reports instead")
+    parser.add_argument("--json", action="store_true", help="print each entry as one line of JSON")
     parser.add_argument(
         "--record",
         metavar="KINDS",
         type=_kinds,
-        help="record these kinds from now on, of all modules or of --module; 'none' records nothing",
+        help="record only these kinds from now on, for all modules or --module; none: nothing",
     )
     parser.set_defaults(command=log)
 
@@ -92,7 +93,7 @@ def log(arguments: argparse.Namespace) -> int:
     names = module_names(directory)
     if arguments.module not in (None, *names):
         near = did_you_mean(arguments.module, names) or f"; there are {', '.join(names) or 'none'}"
-        raise NoTrace(f"{arguments.module!r} has said nothing in {directory / LOG_FOLDER}{near}")
+        raise NoTrace(f"{arguments.module!r} has no entries in {directory / LOG_FOLDER}{near}")
     if arguments.crashes:
         _print_crashes(directory, arguments)
         return 0
@@ -114,7 +115,7 @@ def _chosen(directory: Path, arguments: argparse.Namespace) -> Iterator[Entry]:
     yield from _last([entry for entry in follower.read_new() if entry.kind in kinds], count)
     is_live = True
     while is_live:
-        is_live = _is_live(directory)  # before reading: what was said last must not be missed
+        is_live = _is_live(directory)  # before reading, so that the last entries are not missed
         yield from (entry for entry in follower.read_new() if entry.kind in kinds)
         sys.stdout.flush()
         time.sleep(POLL_S)
@@ -129,19 +130,19 @@ def _directory(arguments: argparse.Namespace) -> Path:
     if arguments.directory is not None:
         if not (arguments.directory / LOG_FOLDER).is_dir():
             raise NoTrace(
-                f"{arguments.directory} is no output directory of a run: it has no folder {LOG_FOLDER}"
+                f"{arguments.directory} is not the output directory of a run: it has no folder {LOG_FOLDER}"
             )
         return Path(arguments.directory)
     if arguments.run is None and not live_runs():
         folders = [path.parent for path in Path("output").glob(f"*/*/{LOG_FOLDER}")]
         if not folders:
             raise NoTrace(
-                "no run on this machine, and none below ./output; say DIR, the output directory of one"
+                "no run on this machine, and none in ./output; give DIR, the output directory of a run"
             )
         return max(folders, key=lambda folder: folder.stat().st_mtime)
     record = choose_run(arguments.run).record
     if record is None:
-        raise NoTrace("the run is just starting; try again")
+        raise NoTrace("the run is still starting; try again")
     return Path(record.output_directory)
 
 
@@ -167,7 +168,7 @@ class EntryPrinter:
         self._is_coloured = output.is_terminal and not output.no_color
 
     def print(self, entry: Entry) -> None:
-        """Print one entry; more lines than one are indented."""
+        """Print one entry, its further lines indented."""
         if self._as_json:
             print(entry.to_line().decode(), end="")
             return
@@ -188,5 +189,5 @@ def _kinds(text: str) -> frozenset[Kind]:
         return frozenset(Kind(word) for word in text.split(",") if word not in ("", "none"))
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f"expected {', '.join(Kind)}, joined by commas; got {text!r}"
+            f"expected {', '.join(Kind)}, separated by commas; got {text!r}"
         ) from None

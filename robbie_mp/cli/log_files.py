@@ -1,4 +1,4 @@
-"""How commands take logs and topics, and how they show that they work on one."""
+"""Arguments for logs and topics, and progress bars for commands that read logs."""
 
 import argparse
 import sys
@@ -17,20 +17,20 @@ from robbie_mp.recording.selection import channel_name, select
 
 def add_log_argument(parser: argparse.ArgumentParser, name: str = "log", nargs: str | None = None) -> None:
     """Add an argument that names a log."""
-    text = "a log: an MCAP file, or a folder of parts"
+    text = "log: an MCAP file, or a folder of parts"
     argument = parser.add_argument(name, metavar=name.upper(), type=Path, nargs=nargs, help=text)
     argument.completer = completers.logs  # type: ignore[attr-defined]
 
 
 def add_limit_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the option by which commands take how large a chunk of a log may be."""
+    """Add the option that limits the chunks of a log."""
     parser.add_argument(
         "--max-chunk-mib",
         type=_mebibytes,
         default=READ_LIMITS,
         dest="limits",
         metavar="MIB",
-        help=f"largest chunk, decompressed, and largest record ({READ_LIMITS.chunk_bytes // MEGABYTE})",
+        help=f"refuse larger chunks (decompressed) and records ({READ_LIMITS.chunk_bytes // MEGABYTE})",
     )
 
 
@@ -43,10 +43,10 @@ def _mebibytes(text: str) -> ReadLimits:
 
 @contextmanager
 def progress_bar(text: str) -> Iterator[Progress]:
-    """Show on a terminal how far something is; what is yielded is told so.
+    """Show a progress bar on a terminal; yield the function that updates it.
 
     Args:
-        text: what is done.
+        text: what the command is doing.
     """
     if not sys.stderr.isatty():
         yield lambda _done, _all: None
@@ -59,27 +59,27 @@ def progress_bar(text: str) -> Iterator[Progress]:
 
 
 def add_topics_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the option by which commands take patterns of topics in a log."""
+    """Add the option that selects topics of a log."""
     topics = parser.add_argument(
         "--topics",
         nargs="+",
         default=[],
         metavar="PATTERN",
-        help="shell patterns; for messages without a topic, of the last part of their type",
+        help="use only these topics (shell patterns); messages without a topic go by their short type name",
     )
     topics.completer = completers.log_topics  # type: ignore[attr-defined]
 
 
 def warn_of_unmatched(channels: Iterable[LogChannel], patterns: Sequence[str]) -> None:
-    """Say which patterns match no channel."""
+    """Warn of patterns that match no channel."""
     known = list(channels)
     for pattern in select(known, patterns)[1]:
         names = ", ".join(sorted({channel_name(channel) for channel in known})) or "none"
-        warn(f"no topic is like {pattern!r}; there are: {names}")
+        warn(f"no topic matches {pattern!r}; there are: {names}")
 
 
 def print_conversion(target: Path, done: Conversion) -> int:
-    """Say what has become of a log that was imported, and return the exit code."""
+    """Print how many messages were imported and left out, and return the exit code."""
     for reason, count in done.left_out.items():
         warn(f"left out {count}: {reason}")
     print(f"{target}: {done.messages} messages")

@@ -1,4 +1,4 @@
-"""`robbie log-repair FILE`: make a whole log of one that was cut or damaged."""
+"""`robbie log-repair LOG`: repair a truncated or damaged log."""
 
 import argparse
 import sys
@@ -21,9 +21,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "log-repair",
-        "make a whole log of one that was cut or damaged",
-        "Write a new log with every message of every whole chunk of a log that was cut or damaged, and read "
-        "it again before saying so. The old one is kept as it is. Of a folder each part that is not whole is "
+        "repair a truncated or damaged log",
+        "Write a new log with every message of each intact chunk of a truncated or damaged log, and verify "
+        "it by reading it again. The old log is kept unchanged. In a folder, each part that needs it is "
         "repaired.",
         ["robbie log-repair logs/monday", "robbie log-repair cut.mcap -o whole.mcap"],
     )
@@ -33,8 +33,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "--output",
         type=Path,
         metavar="OUT",
-        help="the new file; without it NAME.repaired.mcap beside the old one, whose place in a folder of "
-        "parts it then takes",
+        help="the new file (NAME.repaired.mcap beside the old one, which replaces it in a folder of parts)",
     )
     add_limit_argument(parser)
     parser.set_defaults(command=log_repair)

@@ -1,4 +1,4 @@
-"""`robbie module start|stop|restart NAME`: end and start single modules of a run."""
+"""`robbie module start|stop|restart NAME`: start and stop single modules of a run."""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -12,12 +12,12 @@ if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
 DESCRIPTIONS = {
-    "restart": "Stop a module in order if it runs, start it with all of its restarts to spend, and wait "
-    "until it is RUNNING. Modules that depend on it are restarted with it. It may be FAILED or STOPPED. Exit "
-    "code 0: it is RUNNING; 1: it is not.",
-    "stop": "Stop a module in order, and wait until it has ended. It stays STOPPED until it is started.",
-    "start": "Start a module that is STOPPED or FAILED, with all of its restarts to spend, and wait until it "
-    "is RUNNING. Exit code 0: it is RUNNING; 1: it is not.",
+    "restart": "Stop a module in order if it runs, start it again with its full restart budget, and wait "
+    "until it is RUNNING. The module may also be FAILED or STOPPED. Modules that depend on it restart with "
+    "it. Exit code 0: it is RUNNING; 1: it is not.",
+    "stop": "Stop a module in order, and wait until it has ended. It stays STOPPED until you start it.",
+    "start": "Start a module that is STOPPED or FAILED with its full restart budget, and wait until it is "
+    "RUNNING. Exit code 0: it is RUNNING; 1: it is not.",
 }
 
 
@@ -36,6 +36,6 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def tell(arguments: argparse.Namespace) -> int:
-    """Tell the supervisor what to do with a module."""
+    """Send the supervisor a command for a module."""
     print(control(choose_run(arguments.run).folder, arguments.action, arguments.module))
     return 0

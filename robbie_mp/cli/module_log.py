@@ -1,4 +1,4 @@
-"""The end of what a module has said, and its last crash, out of the trace."""
+"""The end of a module's log and its last crash, from the trace."""
 
 import time
 from dataclasses import dataclass
@@ -15,18 +15,18 @@ class ModuleLog:
     """The end of a module's log."""
 
     lines: tuple[str, ...]
-    """The last ones, each entry with its time."""
+    """The last lines, each entry with its time."""
     crash: tuple[str, ...]
-    """Which start crashed, when and why, then what its report says; empty if there is none."""
+    """Which start crashed, when and why, then the report; empty if there was no crash."""
 
 
 def read_module_log(output_directory: Path, module: str, line_count: int) -> ModuleLog:
-    """Read the end of a module's log; nothing that is missing is an error.
+    """Read the end of a module's log. Missing files are no error.
 
     Args:
         output_directory: of the run.
-        module: its name; also "core".
-        line_count: how many of the last lines.
+        module: its name, or "core".
+        line_count: maximum number of lines.
     """
     entries = last_entries(output_directory, module, line_count)
     lines = [f"{_clock(entry.time_s)} {line}" for entry in entries for line in _lines(entry)]

@@ -1,4 +1,4 @@
-"""`robbie new DIR`: make a workspace that runs."""
+"""`robbie new DIR`: create a workspace for a robot, ready to run."""
 
 import argparse
 import re
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
 
 TEMPLATE = "workspace_template"
 SUFFIX = ".template"
-"""Hides the template's files from linters and importers; each file's name without it is the name it gets."""
+"""Hides the template's files from linters and importers; it is removed from the names of the copies."""
 
 
 class FolderInUse(RobbieError, FileExistsError):
-    """The folder for a new workspace has something in it already."""
+    """The folder for a new workspace is not empty."""
 
 
 class NoRobotName(RobbieError, ValueError):
-    """No name for the robot's messages can be made of the folder's name."""
+    """The folder's name cannot name the robot's messages."""
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -31,19 +31,19 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "new",
-        "make the folder of a new robot, which runs as made",
-        "Make a workspace: a module, a device, a worker, a message, a profile, a test and a README. "
-        "The folder must be empty, or not be there yet.",
+        "create a workspace for a new robot, ready to run",
+        "Create a workspace with a module, a device, a worker, a message, a profile, a test and a README. "
+        "The folder must be empty or not exist.",
         ["robbie new my-robot", "cd my-robot; python3 -m unittest; robbie run robot"],
     )
-    parser.add_argument("folder", type=Path, metavar="DIR", help="the folder; its name is the robot's name")
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder; its name becomes the robot's name")
     parser.set_defaults(command=new)
 
 
 def new(arguments: argparse.Namespace) -> int:
-    """Make a workspace and say what to do next."""
+    """Create a workspace, and print what to do next."""
     made = make_workspace(arguments.folder)
-    print(f"made {arguments.folder} with {len(made)} files; what next:")
+    print(f"made {arguments.folder} with {len(made)} files. Next:")
     print(f"    cd {arguments.folder}")
     print("    python3 -m unittest")
     print("    robbie run robot")
@@ -54,15 +54,15 @@ def make_workspace(folder: Path) -> list[Path]:
     """Write the template's files into a folder and return their paths.
 
     Raises:
-        FolderInUse: the folder has something in it, or is a file.
-        NoRobotName: its name has no letter.
+        FolderInUse: the folder is not empty, or is a file.
+        NoRobotName: its name has no Latin letter.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise FolderInUse(f"{folder} is not empty; give a folder that is, or one that is not there yet")
+        raise FolderInUse(f"{folder} is not empty; name an empty folder or one that does not exist")
     title = folder.absolute().name
     package = "_".join(re.findall(r"[a-z0-9]+", title.lower())).lstrip("0123456789_")
     if not package:
-        raise NoRobotName(f"the folder's name {title!r} names the robot, so it needs a Latin letter in it")
+        raise NoRobotName(f"the folder's name {title!r} names the robot, so it must contain a Latin letter")
     return _copy(files("robbie_mp.cli") / TEMPLATE, folder, {"title": title, "package": package})
 
 

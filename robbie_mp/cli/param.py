@@ -1,4 +1,4 @@
-"""`robbie param list|get|set`: settings that modules let be changed while they run."""
+"""`robbie param list|get|set`: settings that can be changed while their module runs."""
 
 import argparse
 import json
@@ -34,7 +34,7 @@ Entry = dict[str, Any]
 
 
 class NoAnswer(RobbieError, TimeoutError):
-    """A module did not say in time whether it has changed a setting."""
+    """A module has not answered in time whether it has changed a setting."""
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -45,17 +45,17 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         actions,
         "list",
         "list the settings that can be changed",
-        "List the settings that modules have declared changeable, and their values.",
+        "List the settings that can be changed while their modules run, and their values.",
         ["robbie param list", "robbie param list mapping --json"],
     )
-    module = listed.add_argument("module", nargs="?", help="only this module's")
+    module = listed.add_argument("module", nargs="?", help="list only the settings of this module")
     module.completer = completers.modules  # type: ignore[attr-defined]
     listed.set_defaults(command=list_all)
     got = add_command(
         actions,
         "get",
         "print the value of a setting",
-        "Print what a changeable setting is now.",
+        "Print the current value of a setting that can be changed.",
         ["robbie param get mapping.resolution_m"],
     )
     _add_setting_argument(got)
@@ -64,14 +64,18 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         actions,
         "set",
         "change a setting",
-        "Change a setting of a running module. The module checks the value as that of a profile and takes it "
-        "into use between two messages. It lasts as long as the run, over restarts of the module.",
+        "Change a setting of a running module. The module checks the value as it checks a profile's, and "
+        "uses it from the next message on. The change lasts until the run ends, even if the module restarts.",
         ["robbie param set mapping.resolution_m 0.1", "robbie param set camera.size '[640, 480]'"],
     )
     _add_setting_argument(changed)
-    changed.add_argument("value", help="the new value, in YAML as in a profile")
+    changed.add_argument("value", help="new value, in YAML as in a profile")
     changed.add_argument(
-        "--timeout", metavar="SECONDS", type=float, default=5.0, help="how long to wait for an answer (5)"
+        "--timeout",
+        metavar="SECONDS",
+        type=float,
+        default=5.0,
+        help="time to wait for the module's answer (5)",
     )
     changed.set_defaults(command=change)
     for action in (listed, got):
@@ -81,7 +85,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def _add_setting_argument(parser: argparse.ArgumentParser) -> None:
-    setting = parser.add_argument("setting", metavar="MODULE.SETTING", help="a module and its setting")
+    setting = parser.add_argument(
+        "setting", metavar="MODULE.SETTING", help="module and setting, such as mapping.resolution_m"
+    )
     setting.completer = completers.settings  # type: ignore[attr-defined]
 
 
@@ -97,7 +103,7 @@ def list_all(arguments: argparse.Namespace) -> int:
         print(json.dumps(found, indent=2))
         return 0
     if not found:
-        print("no setting can be changed")
+        print("no module has a setting that can be changed")
         return 0
     table = PlainTable("setting", "value", "type", "means")
     for entry in found:
@@ -129,8 +135,8 @@ def change(arguments: argparse.Namespace) -> int:
         answers = _answers(tool, request)
         if not tool.wait_for(lambda: next(answers) is not None, arguments.timeout):
             raise NoAnswer(
-                f"no answer within {arguments.timeout:g} s; {module} is {_state(run, module)}, and makes the "
-                "change when it comes to it"
+                f"no answer within {arguments.timeout:g} s; {module} is {_state(run, module)}, and will "
+                "make the change once it handles the request"
             )
         answer = next(answers)
     assert answer is not None
@@ -141,7 +147,7 @@ def change(arguments: argparse.Namespace) -> int:
 
 
 def _answers(tool: Tool, request: int) -> Iterator[SettingChanged | None]:
-    """Yield None until the answer to a request is there, then that again and again."""
+    """Yield None until the answer to a request has arrived, and from then on the answer."""
     answer: SettingChanged | None = None
     while True:
         received: Received | None = tool.take() if answer is None else None

@@ -11,10 +11,10 @@ BAD_USAGE = 2
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser that says what is wrong on one line."""
+    """An argument parser that reports an error on one line."""
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong and where more is told, and end."""
+        """Print what is wrong and how to get help, and exit."""
         self.exit(BAD_USAGE, f"{self.prog}: {message}; see `{self.prog} --help`\n")
 
 
@@ -29,9 +29,9 @@ def add_command(
 
     Args:
         subparsers: where to add it.
-        name: the word by which it is called.
-        summary: its line in the help of the command above it.
-        description: what it does, in a few sentences.
+        name: of the command.
+        summary: one line for the help of the parent command.
+        description: what the command does, in a few sentences.
         examples: command lines.
     """
     return subparsers.add_parser(
@@ -44,7 +44,7 @@ def add_command(
 
 
 class HelpFormatter(argparse.HelpFormatter):
-    """Wraps descriptions, but leaves examples as they are."""
+    """Wraps descriptions, but not examples."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         if text.startswith("examples:"):

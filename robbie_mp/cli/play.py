@@ -1,4 +1,4 @@
-"""`robbie play FILE [PROFILE]`: play a log, for tools to look at, or in place of a robot's devices."""
+"""`robbie play FILE [PROFILE]`: play a log, for tools to read or in place of a robot's devices."""
 
 import argparse
 import json
@@ -32,10 +32,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "play",
-        "play a log, alone or into a robot",
-        "Publish the messages of a log as they were recorded; the run's clock is the log's. Alone, for tools "
-        "such as `robbie echo`, `hz` and `record` to look at; or into a profile that has a module `playback` "
-        "where the real robot has its devices. `robbie playback` steers it from another terminal.",
+        "play a log, alone or into a robot's modules",
+        "Publish the messages of a log as they were recorded. The run's clock shows the log's time. Without "
+        "a profile, tools such as `robbie echo`, `hz` and `record` can read them; with one, its module "
+        "`playback` replaces the real devices. `robbie playback` controls it from another terminal.",
         [
             "robbie play output/demo/log.mcap",
             "robbie play log.mcap demo-playback --rate max",
@@ -45,26 +45,34 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     parser.add_argument("file", type=Path, metavar="FILE", help="an MCAP file, or a folder with its parts")
     profile = parser.add_argument(
-        "profile", metavar="PROFILE", nargs="?", help="a profile with a module `playback`; without: no robot"
+        "profile",
+        metavar="PROFILE",
+        nargs="?",
+        help="profile with a module `playback`; default: play the log alone",
     )
     profile.completer = completers.profiles  # type: ignore[attr-defined]
     parser.add_argument(
-        "--rate", metavar="R|max", type=rate, help="times real time (1); max: as fast as nothing is lost"
+        "--rate",
+        metavar="R|max",
+        type=rate,
+        help="speed, times real time (1); max: as fast as possible without loss",
     )
-    parser.add_argument("--start", metavar="S", type=float, help="begin so long after the log's begin")
-    parser.add_argument("--end", metavar="S", type=float, help="end so long after the log's begin")
-    parser.add_argument("--loop", action="store_true", default=None, help="begin again at the end")
+    parser.add_argument("--start", metavar="S", type=float, help="start S seconds into the log")
+    parser.add_argument("--end", metavar="S", type=float, help="stop S seconds into the log")
+    parser.add_argument("--loop", action="store_true", default=None, help="start again at the end")
     parser.add_argument(
         "--topics",
         metavar="PATTERN",
         nargs="+",
-        help="shell patterns; for messages without a topic, of the last part of their type",
+        help="play only these topics (shell patterns); messages without a topic go by their short type name",
     )
-    parser.add_argument("--paused", action="store_true", default=None, help="wait for `robbie playback`")
+    parser.add_argument(
+        "--paused", action="store_true", default=None, help="start paused; `robbie playback resume` continues"
+    )
     parser.add_argument(
         "--lockstep",
         action="store_true",
-        help="the next message only when all is over that came of the last: the same results every time",
+        help="send each message only after everything caused by the last one is handled: repeatable results",
     )
     add_limit_argument(parser)
     add_set_argument(parser)
@@ -73,10 +81,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def rate(text: str) -> float:
-    """Read a rate; `max` is infinity."""
+    """Parse a rate; `max` is infinity."""
     found = math.inf if text == "max" else float(text)
     if not found > 0:
-        raise argparse.ArgumentTypeError(f"expected more than 0, or max; got {text}")
+        raise argparse.ArgumentTypeError(f"expected a number greater than 0, or max; got {text}")
     return found
 
 
@@ -86,7 +94,7 @@ def play(arguments: argparse.Namespace) -> int:
     if arguments.profile:
         profile = _robot(arguments.profile, settings, arguments.overrides)
     elif arguments.overrides:
-        raise refuse("--set changes a profile; name one behind the log")
+        raise refuse("--set changes a profile; name one after the log")
     else:
         profile = _alone(settings)
     if arguments.lockstep:
@@ -95,7 +103,7 @@ def play(arguments: argparse.Namespace) -> int:
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the playback's settings as far as they are given."""
+    """Return the playback settings given on the command line."""
     names = {"start": "start_s", "end": "end_s", "loop": "loop", "topics": "topics", "paused": "paused"}
     given = {name: getattr(arguments, option) for option, name in names.items()}
     settings = {name: value for name, value in given.items() if value is not None}
@@ -108,7 +116,7 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _alone(settings: dict[str, Any]) -> Profile:
-    """Return a profile with nothing but the playback."""
+    """Return a profile that contains only the playback."""
     playback = ModuleSpec(PLAYBACK, CLASS, {"rate": 1.0, **settings}, essential=True, ends_run=True)
     try:
         workspace = find_workspace(Path.cwd()).root
@@ -118,21 +126,19 @@ def _alone(settings: dict[str, Any]) -> Profile:
 
 
 def _robot(name: str, settings: dict[str, Any], overrides: Sequence[str]) -> Profile:
-    """Return the robot's profile with what its playback is to play.
+    """Return the robot's profile with the settings of its playback.
 
     Raises:
-        ProfileError: it has no playback, or something in it is wrong.
+        ProfileError: it has no playback, or is wrong otherwise.
     """
     profile = load_profile(name)
     modules = {module.name for module in profile.modules}
     if PLAYBACK in modules and profile.clock.source != PLAYBACK:
-        raise refuse(
-            f"profile {name!r} needs `clock: {{source: {PLAYBACK}}}`: who plays a log turns the clock"
-        )
+        raise refuse(f"profile {name!r} needs `clock: {{source: {PLAYBACK}}}`: the playback sets the clock")
     if PLAYBACK not in modules:
         raise refuse(
             f"profile {name!r} has no module {PLAYBACK!r}, only {', '.join(sorted(modules))}; a profile that "
-            "plays logs has `parents: [playback]` and null for the modules that the log stands in for"
+            "plays logs has `parents: [playback]`, and null for each module that the log replaces"
         )
     given = [f"{PLAYBACK}.{key}={json.dumps(value)}" for key, value in settings.items()]
     return load_profile(name, overrides=[*given, *overrides])

@@ -1,4 +1,4 @@
-"""`robbie playback ORDER`: steer the playback of a run."""
+"""`robbie playback ORDER`: control the playback of a run."""
 
 import argparse
 import secrets
@@ -24,7 +24,7 @@ TIMEOUT_S = 5.0
 
 
 class NoPlayback(RobbieError, TimeoutError):
-    """Nobody in the run follows an order to a playback."""
+    """No playback in the run has answered."""
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -32,8 +32,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "playback",
-        "steer the playback of a run",
-        "Pause, resume and step a playback, and change its place and rate, while it runs.",
+        "control the playback of a run",
+        "Pause, resume or step a running playback, or change its position or rate.",
         [
             "robbie playback pause",
             "robbie playback step",
@@ -43,23 +43,27 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     orders = parser.add_subparsers(title="orders", metavar="ORDER", required=True)
     for name, meaning in (
-        ("pause", "let messages and time stand still"),
-        ("resume", "go on"),
-        ("step", "pause, and play the next message"),
+        ("pause", "pause messages and the run's clock"),
+        ("resume", "continue playing"),
+        ("step", "pause, and play one message"),
     ):
         add_run_argument(add_command(orders, name, meaning, meaning, [f"robbie playback {name}"]))
-    seek = add_command(orders, "seek", "go elsewhere", "Go to another place.", ["robbie playback seek 12.5"])
-    seek.add_argument("value", metavar="S", type=float, help="s after the log's begin")
-    pace = add_command(
-        orders, "rate", "change the rate", "Play faster or slower.", ["robbie playback rate 4"]
+    seek = add_command(
+        orders, "seek", "jump to a position", "Jump to a position.", ["robbie playback seek 12.5"]
     )
+    seek.add_argument("value", metavar="S", type=float, help="seconds into the log")
+    pace = add_command(orders, "rate", "change the speed", "Change the speed.", ["robbie playback rate 4"])
     pace.add_argument(
-        "value", metavar="R|max", type=rate, help="times real time; max: as fast as nothing is lost"
+        "value", metavar="R|max", type=rate, help="times real time; max: as fast as possible without loss"
     )
     for name, order in orders.choices.items():
         order.set_defaults(command=steer, order=name)
     keys = add_command(
-        orders, "keys", "steer with single keys", "Steer with single keys.", ["robbie playback keys"]
+        orders,
+        "keys",
+        "control it with single keys",
+        "Control it with single keys.",
+        ["robbie playback keys"],
     )
     keys.set_defaults(command=steer_by_keys)
     add_run_argument(keys)
@@ -68,7 +72,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def steer(arguments: argparse.Namespace) -> int:
-    """Give an order, and print where the playback stands then."""
+    """Give an order, and print the state of the playback after it."""
     state = give_order(choose_run(arguments.run), arguments.order, getattr(arguments, "value", 0.0))
     print(describe_playback(state))
     return 0
@@ -80,11 +84,11 @@ def steer_by_keys(arguments: argparse.Namespace) -> int:
 
 
 def give_order(run: KnownRun, order: str, value: float) -> PlaybackState:
-    """Give an order to the playback of a run, and return where that stands then.
+    """Give an order to the playback of a run, and return its state after it.
 
     Raises:
-        ControlRefused: it cannot follow the order.
-        NoPlayback: there is none, or it is busy.
+        ControlRefused: the playback cannot follow the order.
+        NoPlayback: there is no playback, or it has not answered in time.
     """
     request = secrets.randbits(63)
     with closing(Tool(run, f"robbie playback {order}")) as tool:
@@ -109,6 +113,6 @@ def give_order(run: KnownRun, order: str, value: float) -> PlaybackState:
 
 
 def _plays(run: KnownRun) -> bool:
-    """Whether a playback has begun."""
+    """Whether a playback has started."""
     declared = read_declarations(run.run_id)
     return any(entry.is_publisher and entry.type_name == PlaybackState.type_name for entry in declared)

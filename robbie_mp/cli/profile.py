@@ -1,4 +1,4 @@
-"""`robbie profile show`: a merged profile, and where each of its values comes from."""
+"""`robbie profile show`: a merged profile, and where each value comes from."""
 
 import argparse
 import json
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add `profile` to the commands."""
-    profile = subparsers.add_parser("profile", help="show what a profile says after merging")
+    profile = subparsers.add_parser("profile", help="show a profile merged with its parents")
     actions = profile.add_subparsers(title="actions", metavar="ACTION", required=True)
     parser = add_command(
         actions,
         "show",
         "print the merged profile with the origin of each value",
-        "Print a profile merged with its parents, each value with the line that set it. "
-        "Classes and settings are checked as before a run.",
+        "Print a profile merged with its parents, each value with the file and line that set it. "
+        "Module classes and settings are checked as before a run.",
         ["robbie profile show robot", "robbie profile show robot --set sensor.period_s=1 --json"],
     )
     add_profile_arguments(parser)
@@ -35,14 +35,14 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def add_profile_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments by which every command takes a profile: `profile` and `overrides`."""
-    name = parser.add_argument("profile", help="name of a profile in profiles/, or path of its file")
+    """Add the arguments for a profile: `profile` and `overrides`."""
+    name = parser.add_argument("profile", help="name of a profile in profiles/, or path of a file")
     name.completer = completers.profiles  # type: ignore[attr-defined]
     add_set_argument(parser)
 
 
 def add_set_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the option that changes a profile: `overrides`."""
+    """Add the option that changes values of a profile: `overrides`."""
     parser.add_argument(
         "--set",
         dest="overrides",

@@ -1,4 +1,4 @@
-"""The program `robbie`: find the command, run it, and turn its errors into text and an exit code."""
+"""The program `robbie`: finds the command, runs it, and turns its errors into text and an exit code."""
 
 import argparse
 import os
@@ -48,12 +48,12 @@ INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; return 0 if it went well, 1 if what it did failed, 2 for bad usage or a bad profile."""
+    """Run a command; return 0 on success, 1 if it failed, 2 for bad usage or a bad profile."""
     with plain_output():
         try:
             return _main(arguments)
         except Exception:
-            traceback.print_exc()  # here, where it is made plain
+            traceback.print_exc()  # inside plain_output, which makes control characters visible
             return FAILED
 
 
@@ -78,7 +78,7 @@ def _main(arguments: Sequence[str] | None) -> int:
 
 
 def _complete() -> None:
-    """Tell the shell what may come next, and end; see `robbie completion`."""
+    """Print the possible completions for the shell, and exit; see `robbie completion`."""
     import argcomplete  # noqa: PLC0415
 
     argcomplete.autocomplete(_parser(os.environ.get("COMP_LINE", "").split()[1:2]))
@@ -97,11 +97,11 @@ def _exit_code(error: RobbieError) -> int:
 
 
 def _parser(first: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser with the one command that is asked for, or with all of them."""
+    """Return a parser with only the command that is called, or with all of them."""
     parser = Parser(
         prog="robbie",
-        description="Run a robot whose every module is a process, and look into it.",
-        epilog="`robbie COMMAND --help` tells more about a command.",
+        description="Run a robot, each of whose modules is a process of its own, and inspect it.",
+        epilog="`robbie COMMAND --help` explains a command.",
     )
     parser.add_argument("--version", action="version", version=f"robbie {installed_version()}")
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)

@@ -22,8 +22,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         subparsers,
         "pub",
         "publish messages by hand",
-        "Publish a message, once or at a rate. Fields that are not given have their defaults. The message is "
-        "checked before anything is sent.",
+        "Publish a message, once or at a rate. Fields you do not give have their default values. The message "
+        "is checked before it is sent.",
         [
             "robbie pub DriveCommand '{linear_m_per_s: 0.1, valid_for: {sec: 1}}'",
             "robbie pub geometry_msgs/Twist '{linear: {x: 0.1}}' --topic teleop --rate 10",
@@ -31,11 +31,11 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     add_type_argument(parser)
     parser.add_argument(
-        "message", metavar="YAML", nargs="?", default="{}", help="its fields; '{}' by default"
+        "message", metavar="YAML", nargs="?", default="{}", help="fields of the message ('{}')"
     )
-    add_topic_argument(parser, "the topic to publish it on")
-    parser.add_argument("--rate", metavar="HZ", type=_rate, help="publish again and again, until Ctrl-C")
-    parser.add_argument("--count", metavar="N", type=_count, help="with --rate: end after so many")
+    add_topic_argument(parser, "topic to publish on")
+    parser.add_argument("--rate", metavar="HZ", type=_rate, help="publish repeatedly, until Ctrl-C")
+    parser.add_argument("--count", metavar="N", type=_count, help="with --rate: stop after N messages")
     add_run_argument(parser)
     parser.set_defaults(command=pub)
 

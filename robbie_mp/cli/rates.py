@@ -36,7 +36,7 @@ class Rates:
 
     @classmethod
     def between(cls, topic: str, before: ChannelCount, after: ChannelCount, seconds: float) -> "Rates":
-        """Reckon them from the counters at both ends."""
+        """Calculate the rates between two readings of the counters."""
         messages, size = after.messages - before.messages, after.bytes - before.bytes
         mean_s = deviation_s = None
         if messages and before.last_stamp_ns:
@@ -56,13 +56,13 @@ class Rates:
 
 
 def add_rate_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what both commands take besides the type."""
-    add_topic_argument(parser, "only messages of this topic")
+    """Add the options of both commands."""
+    add_topic_argument(parser, "only messages on this topic")
     parser.add_argument(
-        "--every", metavar="SECONDS", type=_seconds, default=1.0, help="how long each line covers (1)"
+        "--every", metavar="SECONDS", type=_seconds, default=1.0, help="time that each line covers (1)"
     )
-    parser.add_argument("--once", action="store_true", help="print once and end")
-    parser.add_argument("--json", action="store_true", help="print one JSON object a line")
+    parser.add_argument("--once", action="store_true", help="print once, and exit")
+    parser.add_argument("--json", action="store_true", help="print each line as JSON")
     add_run_argument(parser)
 
 
@@ -74,7 +74,7 @@ def _seconds(text: str) -> float:
 
 
 def print_rates(arguments: argparse.Namespace, describe: Callable[[Rates], str]) -> int:
-    """Print a line for each topic, again and again, until the run or the user ends it."""
+    """Print a line for each topic periodically, until the run ends or the user presses Ctrl-C."""
     run = choose_run(arguments.run)
     wanted = types_of_run(run).describe(arguments.type)
     with closing(Segment.attach(names.core(run.run_id), SegmentKind.CORE)) as segment:
@@ -84,7 +84,7 @@ def print_rates(arguments: argparse.Namespace, describe: Callable[[Rates], str])
                 about = f"  topic {one_line(rate.topic)}" if rate.topic else ""
                 print(json.dumps(asdict(rate)) if arguments.json else describe(rate) + about, flush=True)
             if not rates:
-                print(f"nobody publishes {wanted.name}", flush=True)
+                print(f"no module publishes {wanted.name}", flush=True)
             if arguments.once or not run.folder.exists():
                 return 0
     return 0

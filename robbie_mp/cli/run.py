@@ -1,4 +1,4 @@
-"""`robbie run PROFILE`: run a robot, show what happens, and sum it up at the end."""
+"""`robbie run PROFILE`: run a robot, show what happens, and print a summary at the end."""
 
 import argparse
 import json
@@ -28,10 +28,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "run",
-        "run a profile until it ends or Ctrl-C stops it",
-        "Start every module of a profile in a process of its own, restart what dies, and stop "
-        "all in order at Ctrl-C (a second one stops at once). Exit code 0: the run ended well; 1: a module "
-        "is FAILED; 2: bad usage or profile.",
+        "run a robot until it ends or you press Ctrl-C",
+        "Start each module of a profile as a process, restart modules that die, and stop all of them in "
+        "order at Ctrl-C (a second Ctrl-C kills them). Exit code 0: the run ended well; 1: a module is "
+        "FAILED; 2: bad usage or profile.",
         [
             "robbie run robot",
             "robbie run sim/arena --set mapping.resolution_m=0.1",
@@ -43,17 +43,17 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser.add_argument(
         "--fresh",
         action="store_true",
-        help="set aside the checkpoints that earlier runs left on disk (state/PROFILE/MODULE.checkpoint)",
+        help="start without the checkpoints of earlier runs (they are renamed, not deleted)",
     )
     parser.set_defaults(command=run)
 
 
 def add_output_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of commands that run a robot: where it writes, and what is said of it."""
+    """Add the options of commands that run a robot: where it writes, and what is printed."""
     parser.add_argument(
-        "--output", type=Path, metavar="DIR", help="where results and logs go (output/PROFILE/TIME)"
+        "--output", type=Path, metavar="DIR", help="folder for results and logs (output/PROFILE/TIME)"
     )
-    parser.add_argument("--quiet", action="store_true", help="print only the summary and what failed")
+    parser.add_argument("--quiet", action="store_true", help="print only failures and the summary")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
 
 
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def run_robot(profile: Profile, findings: Preflight, arguments: argparse.Namespace) -> int:
-    """Run a checked profile to its end, show what happens, and sum it up."""
+    """Run a checked profile to its end, show what happens, and print a summary."""
     output = arguments.output or default_output_directory(profile.name, datetime.now())
     screen = RunScreen(quiet=arguments.quiet or arguments.json)
     started_s = time.monotonic()
@@ -83,7 +83,7 @@ def run_robot(profile: Profile, findings: Preflight, arguments: argparse.Namespa
     if result.unwritten:
         print(
             f"the disk of {result.output_directory} has stalled: {result.unwritten} pieces of trace and "
-            "summary were not written when the run ended; they are if it takes something again",
+            "summary were not yet written when the run ended; they will be if the disk recovers",
             file=sys.stderr,
         )
     if arguments.json:
@@ -97,7 +97,9 @@ def _set_checkpoints_aside(profile: Profile) -> None:
     for module in profile.modules:
         aside = set_aside(checkpoint_file(profile.workspace, profile.name, module.name), "replaced")
         if aside is not None:
-            print(f"{module.name} starts fresh; its last checkpoint is kept as {aside}", file=sys.stderr)
+            print(
+                f"{module.name} starts fresh; its last checkpoint is kept as {aside}", file=sys.stderr
+            )
 
 
 def _summary(profile_name: str, result: RunResult, duration_s: float) -> dict[str, object]:

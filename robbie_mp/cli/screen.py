@@ -1,8 +1,8 @@
-"""What a person sees of a run: on a terminal a live table below the lines, else only the lines.
+"""What `robbie run` prints: log lines, and below them, on a terminal, a live table of modules.
 
-All of it is written by a thread of its own. A terminal that is stopped (Ctrl-S) or slow blocks who writes to
-it, and a pipe that was closed is an error; the robot must feel neither. So the supervisor's thread only puts
-lines into a queue, and what finds no room there is counted instead.
+A separate thread does all the writing. A stopped (Ctrl-S) or slow terminal blocks its writer, and a closed
+pipe is an error; neither may affect the robot. The supervisor's thread only puts lines into a queue. If the
+queue is full, it drops the line and counts it.
 """
 
 import contextlib
@@ -29,22 +29,22 @@ from robbie_mp.views.run_figures import LIVE_FIGURES, table
 from robbie_mp.visible_text import visible
 
 LINK = "link"
-"""Instead of a style: the link of the operator's page is to be shown, if there is a new one."""
+"""Used in place of a style: show the link of the operator's page if it has changed."""
 REFRESH_S = 0.25
 QUEUED_LINES = 1000
 LAST_WORDS_S = 1.0
-"""How long the end of a run waits for lines that are still to be written."""
+"""How long the end of a run waits for lines that are not written yet."""
 STANDARD_ERROR = 2
 
 
 class Unbuffered(io.TextIOBase):
-    """A text file that holds no lock while it writes, so that a blocked one does not block Python's exit."""
+    """A text file that holds no lock while it writes, so a blocked write does not block Python's exit."""
 
     def __init__(self, fd: int):
         self._fd = fd
 
     def write(self, text: str) -> int:
-        """Write all of it, however long that takes."""
+        """Write the whole text; blocks until that is done."""
         data = text.encode(errors="replace")
         while data:
             data = data[os.write(self._fd, data) :]
@@ -87,12 +87,12 @@ class RunScreen:
         self.listener = RunListener(self._on_entry, self._on_change, self._on_begin)
 
     def __enter__(self) -> "RunScreen":
-        """Begin to show."""
+        """Start the thread."""
         self._thread.start()
         return self
 
     def __exit__(self, *_error: object) -> None:
-        """Show what is waiting, as far as it can be shown quickly, and clear the table."""
+        """Show the lines that still wait, if the terminal takes them quickly, and clear the table."""
         self._ended.set()
         self._put("", "")  # wakes the thread
         self._thread.join(LAST_WORDS_S)
@@ -126,7 +126,7 @@ class RunScreen:
     # -- in the screen's thread --------------------------------------------------------------------------
 
     def _show(self) -> None:
-        with contextlib.suppress(OSError):  # nobody looks any more
+        with contextlib.suppress(OSError):  # the terminal or pipe is closed
             if self._quiet or not self._console.is_terminal:
                 self._show_lines(None)
                 return
@@ -169,10 +169,10 @@ class RunScreen:
                 self._print(live, text, style)
         if (missing := self.dropped - self._reported) and self._lines.empty():
             self._reported += missing
-            self._print(live, f"({missing} lines not shown: this came too slowly here; see the logs)", "")
+            self._print(live, f"({missing} lines not shown: the terminal was too slow; see `robbie log`)", "")
 
     def _show_link(self, live: Live | None) -> None:
-        """Show how to open the operator's page; where others may read it, without the token."""
+        """Show the link of the operator's page. Only a terminal gets a link that contains a token."""
         run = next((one for one in list_runs() if one.run_id == self._run_id), None)
         link = read_link(run.folder) if run else ""
         if link == self._link:

@@ -1,4 +1,4 @@
-"""Commands that end in good order at Ctrl-C."""
+"""Orderly shutdown of commands at Ctrl-C."""
 
 import signal
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def signals_noted() -> Iterator[list[int]]:
-    """Collect SIGINT and SIGTERM instead of being ended by them."""
+    """Collect SIGINT and SIGTERM in the list that is yielded, instead of ending the process."""
     noted: list[int] = []
     before = {
         number: signal.signal(number, lambda received, _frame: noted.append(received))

@@ -17,8 +17,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         subparsers,
         "stop",
         "stop a run in order",
-        "Stop a run, the last module started first, and wait until it has ended. Single modules: see "
-        "`robbie module stop`.",
+        "Stop a run, its modules in reverse order of their start, and wait until it has ended. "
+        "`robbie module stop` stops a single module.",
         ["robbie stop", "robbie stop --run 3fa1"],
     )
     add_run_argument(parser)

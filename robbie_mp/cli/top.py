@@ -1,4 +1,4 @@
-"""`robbie top` or `robbie-top`: what every process of a run is doing, now or for hours."""
+"""`robbie top` or `robbie-top`: what each process of a run is doing, live or recorded."""
 
 import argparse
 import json
@@ -37,9 +37,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "top",
-        "show what every process of a run is doing",
-        "Show modules, messages, and who talks to whom, live on a terminal. It only looks into shared "
-        "memory: that costs the robot nothing, and works while the core is down. Keys are at the bottom.",
+        "show what each process of a run is doing",
+        "Show modules, messages, and which module talks to which, live on a terminal. The figures come from "
+        "shared memory: this costs the robot nothing, and works while the core is down. The bottom line "
+        "lists the keys.",
         (
             "robbie top",
             "robbie top --once",
@@ -47,25 +48,27 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
             "robbie top --csv run.csv --interval 10",
         ),
     )
-    parser.add_argument("--once", action="store_true", help="print the figures once and end")
+    parser.add_argument("--once", action="store_true", help="print the figures once, and exit")
     forms = parser.add_mutually_exclusive_group()
-    forms.add_argument("--json", action="store_true", help="print the figures once as JSON and end")
+    forms.add_argument("--json", action="store_true", help="print the figures once as JSON, and exit")
     forms.add_argument(
-        "--csv", metavar="FILE", help="write a line per process and interval until the run ends; -: print"
+        "--csv",
+        metavar="FILE",
+        help="write a line per process and interval until the run ends; -: to standard output",
     )
     parser.add_argument(
         "--interval",
         type=_interval,
         default=1.0,
         metavar="S",
-        help="time over which rates are measured, and between two looks (1); 0 with --once: no rates",
+        help="time between two readings, over which rates are measured (1); 0 with --once: no rates",
     )
     add_run_argument(parser)
     parser.set_defaults(command=top)
 
 
 def top(arguments: argparse.Namespace) -> int:
-    """Show a run's figures in the way that is asked for."""
+    """Show a run's figures live, once, or as CSV."""
     if arguments.csv:
         interval_s = max(arguments.interval, SHORTEST_INTERVAL_S)
         return record(choose_run(arguments.run), arguments.csv, interval_s, once=arguments.once)
@@ -77,7 +80,7 @@ def top(arguments: argparse.Namespace) -> int:
     except ImportError as error:
         raise NoTerminalProgram(
             f"robbie top needs the library textual ({error}): `pip install textual`; "
-            "`robbie top --once`, --json and --csv do without it"
+            "`robbie top --once`, --json and --csv work without it"
         ) from error
     if not sys.stdout.isatty():
         raise NoTerminalProgram("robbie top needs a terminal; use --once, --json or --csv FILE")
@@ -113,5 +116,5 @@ def _read(observer: RunObserver, interval_s: float) -> tuple[RunReading, RunRate
 def _interval(text: str) -> float:
     value = float(text)
     if not 0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is no time in s")
+        raise argparse.ArgumentTypeError(f"expected a time in s; got {text}")
     return value

@@ -1,4 +1,4 @@
-"""`robbie type show NAME` and `robbie type list`: message types and what is in them."""
+"""`robbie type show NAME` and `robbie type list`: message types and their fields."""
 
 import argparse
 import json
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add `type` to the commands."""
-    parser = subparsers.add_parser("type", help="show message types and what is in them")
+    parser = subparsers.add_parser("type", help="show message types and their fields")
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
     shown = add_command(
         actions,
         "show",
         "print the definition of a message type",
-        "Print the fields of a message type, and of the types in it, as ROS 2 writes them. Known are the "
-        "stock types and those of the run; without a run, those of the workspace around the current folder.",
+        "Print the fields of a message type, and of the types nested in it, in ROS 2's notation. The known "
+        "types are the stock types and those of the run; without a run, those of the current workspace.",
         ["robbie type show LaserScan", "robbie type show sensor_msgs/LaserScan --json"],
     )
     add_type_argument(shown)
@@ -31,8 +31,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     listed = add_command(
         actions,
         "list",
-        "list the message types that are known",
-        "List all message types: the stock types and those of the run or workspace.",
+        "list the known message types",
+        "List the known message types: the stock types and those of the run or workspace.",
         ["robbie type list"],
     )
     listed.set_defaults(command=list_types)

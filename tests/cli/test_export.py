@@ -75,9 +75,9 @@ def test_arrays_of_fixed_length_are_rows(log: Path) -> None:
 def test_pattern_that_matches_nothing_is_a_warning(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(log), "out", "--topics", "odom", "lidar"]) == 0
     error = capsys.readouterr().err
-    assert error == "warning: no topic is like 'lidar'; there are: LaserScan, laser/front, odom\n"
+    assert error == "warning: no topic matches 'lidar'; there are: LaserScan, laser/front, odom\n"
     assert main(["diff", str(log), str(log), "--topics", "lidar"]) == 0
-    assert "no topic is like 'lidar'" in capsys.readouterr().err
+    assert "no topic matches 'lidar'" in capsys.readouterr().err
 
 
 def test_what_cannot_be_read_is_left_out_with_a_warning(
@@ -126,9 +126,9 @@ def test_damaged_logs_are_compared_and_exported_as_far_as_they_are_whole(
 ) -> None:
     Path("cut.mcap").write_bytes(log.read_bytes()[:-6000])
     assert main(["diff", str(log), "cut.mcap"]) == 1
-    assert "only what is whole was compared" in capsys.readouterr().err
+    assert "only the intact part was compared" in capsys.readouterr().err
     assert main(["export", "cut.mcap", "out"]) == 0
-    assert "only what is whole was exported" in capsys.readouterr().err
+    assert "only the intact part was exported" in capsys.readouterr().err
 
 
 def test_imports_say_what_they_made(

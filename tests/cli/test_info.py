@@ -74,7 +74,7 @@ def test_of_a_cut_log_info_says_what_to_do_and_repair_does_it(
     cut = log.read_bytes()
     assert main(["info", str(log.parent)]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    assert "run_0000.mcap: byte" in shown and f"`robbie log-repair {log.parent}` makes a whole log" in shown
+    assert "run_0000.mcap: byte" in shown and f"`robbie log-repair {log.parent}` repairs it" in shown
     (before,) = told(capsys, log.parent)
     assert not before["is_complete"] and 31 < before["messages"] < 62
     assert main(["log-repair", str(log.parent)]) == 0

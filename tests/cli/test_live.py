@@ -101,7 +101,7 @@ def measures_rates(person: Person) -> None:
     count = person.gets("list", "topics")[0]
     assert size["mean_bytes"] == count["bytes"] / count["messages"]
     assert "Hz, every" in person.types("hz", "DriveCommand", "--once", "--every", "0.2")
-    assert "nobody publishes" in person.types("bw", "Image", "--once", "--every", "0.01")
+    assert "no module publishes" in person.types("bw", "Image", "--once", "--every", "0.01")
 
 
 def publishes(person: Person) -> None:

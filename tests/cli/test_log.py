@@ -93,9 +93,9 @@ def test_whom_nobody_knows_and_what_is_no_run_is_said(
     assert main(["log", "--module", "lazer"]) == 1
     assert "did you mean 'laser'" in capsys.readouterr().err
     assert main(["log", str(tmp_path)]) == 1
-    assert "no output directory of a run" in capsys.readouterr().err
+    assert "is not the output directory of a run" in capsys.readouterr().err
     assert main(["log", "--record", "error"]) == 1
     assert "no run on this machine" in capsys.readouterr().err
     (output / "log").rename(output / "gone")
     assert main(["log"]) == 1
-    assert "none below ./output" in capsys.readouterr().err
+    assert "none in ./output" in capsys.readouterr().err

@@ -55,7 +55,7 @@ def test_senseless_interval_is_refused(capsys: pytest.CaptureFixture[str]) -> No
     with pytest.raises(SystemExit) as error:
         main(["top", "--once", "--interval", "-1"])
     assert error.value.code == 2
-    assert "-1 is no time in s" in capsys.readouterr().err
+    assert "expected a time in s; got -1" in capsys.readouterr().err
 
 
 def test_on_a_terminal_it_waits_for_a_run_until_q() -> None:

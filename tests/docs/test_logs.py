@@ -60,7 +60,7 @@ def test_compare(monday: Path, capsys: pytest.CaptureFixture[str]) -> None:
     monday.rename("first")
     shutil.copytree("first", "second")
     assert run("compare") == [0, 0]
-    assert "no topic is like 'map*'" in capsys.readouterr().err
+    assert "no topic matches 'map*'" in capsys.readouterr().err
 
 
 def test_export_and_what_to_do_with_it(capsys: pytest.CaptureFixture[str]) -> None:

@@ -42,7 +42,7 @@ def test_what_is_not_given_is_left_to_the_profile_and_alone_a_log_plays_in_real_
 
 @pytest.mark.parametrize("text", ["0", "-1", "nan"])
 def test_impossible_rates_are_refused(text: str) -> None:
-    with pytest.raises(Exception, match="more than 0, or max"):
+    with pytest.raises(Exception, match="greater than 0, or max"):
         rate(text)
     assert rate("max") == math.inf
 

@@ -139,7 +139,7 @@ def test_what_the_queue_could_not_hold_is_counted_by_topic_and_all_else_is_in_th
     with open_log(path) as log:
         assert taken <= {(message.sequence, message.data) for message in log.messages()}
     log_text = robot.log("logger")
-    assert "nothing was recorded in this run for type 'no_msgs/msg/Type', topic '*'" in log_text
+    assert "nothing has been recorded in this run for type 'no_msgs/msg/Type', topic '*'" in log_text
     assert "messages are missing: sensor_msgs/msg/LaserScan on topic 'front'" in log_text
 
 
@@ -253,9 +253,9 @@ def check_snapshots_of_the_crashes(robot: Robot) -> None:
 @pytest.mark.parametrize(
     ("settings", "complaint"),
     [
-        ({"budget_bytes": 1000, "split_bytes": 600}, "at most half as many"),
-        ({"budget_bytes": 1000, "split_bytes": 0}, "at most half as many"),
-        ({"folder": "/dev/null/logs"}, "/dev/null is no folder"),
+        ({"budget_bytes": 1000, "split_bytes": 600}, "at most half that size"),
+        ({"budget_bytes": 1000, "split_bytes": 0}, "at most half that size"),
+        ({"folder": "/dev/null/logs"}, "/dev/null is not a folder"),
         ({"compression": "gzip"}, "zstd"),
     ],
 )

@@ -1,0 +1,130 @@
+"""One recording of a run: what the message logger and `robbie record` have in common."""
+
+import logging
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from robbie_mp.capture.queue_drops import QueueDrops, key_of_missing
+from robbie_mp.capture.recorded_run import RecordedRun
+from robbie_mp.capture.selection import Selection
+from robbie_mp.recording.chunk_queue import BufferLimits
+from robbie_mp.recording.format import ChannelKey
+from robbie_mp.recording.log_writer import LogWriter
+from robbie_mp.recording.recorder import Recorder
+from robbie_mp.transport.endpoint import ChannelName
+
+
+class RecordingSession:
+    """Records the selected messages of a run, and counts by channel the messages that never arrived.
+
+    Args:
+        run: the run.
+        selection: which messages are recorded.
+        make_writer: makes the log writer; see `Recorder`.
+        limits: how much may wait in memory.
+        total_missed: returns how many messages the core has dropped in total.
+        passed: returns how many messages the core has routed through each channel.
+        log: where warnings and errors go.
+        missed_before: dropped messages that an earlier process of this recorder has counted already.
+
+    Attributes:
+        recorder: writes the log.
+        bytes: size of all messages recorded.
+    """
+
+    def __init__(
+        self,
+        run: RecordedRun,
+        selection: Selection,
+        make_writer: Callable[[Callable[[], Mapping[ChannelKey, int]]], LogWriter],
+        limits: BufferLimits,
+        *,
+        total_missed: Callable[[], int],
+        passed: Callable[[], Mapping[ChannelName, int]],
+        log: logging.Logger,
+        missed_before: int = 0,
+    ):
+        self._run = run
+        self._selection = selection
+        self._log = log
+        self._passed = passed
+        self._channels: dict[ChannelKey, _Channel] = {}
+        self._received: defaultdict[ChannelName, int] = defaultdict(int)
+        self._drops = QueueDrops(total_missed, self._passed_and_subscribed, missed_before)
+        self.recorder = Recorder(make_writer, limits, log)
+        self.bytes = 0
+
+    @property
+    def folder(self) -> Path:
+        """Where the log is."""
+        return self.recorder.writer.folder
+
+    @property
+    def received(self) -> int:
+        """Messages received, recorded or not."""
+        return sum(self._received.values())
+
+    @property
+    def missed(self) -> int:
+        """Messages dropped by the core and counted so far."""
+        return self._drops.missed
+
+    def record(self, key: ChannelKey, sequence: int, published_ns: int, data: bytes | memoryview) -> None:
+        """Record a message if it is selected.
+
+        Args:
+            key: its channel.
+            sequence: its place in the order of the run.
+            published_ns: when it was published, on the machine's monotonic clock.
+            data: its encoding.
+        """
+        channel = self._channels.get(key) or self._open(key)
+        self._received[channel.name] += 1
+        if channel.id:
+            self.recorder.record(channel.id, sequence, self._run.time_ns(published_ns), data)
+            self.bytes += len(data)
+
+    def _open(self, key: ChannelKey) -> "_Channel":
+        """Decide once whether the messages of a channel are recorded."""
+        id_ = 0
+        if self._selection.wants(key.type_name, key.topic):
+            schema = self._run.schema(key.type_name, key.version)
+            if not schema:
+                self._log.warning(
+                    "%s, version %d, is recorded without a schema: no class of this robot describes it",
+                    key.type_name,
+                    key.version,
+                )
+            id_ = self.recorder.channel(key, schema)
+        channel = self._channels[key] = _Channel(key, id_)
+        return channel
+
+    def count_missed(self) -> None:
+        """Count in the log the selected messages that the core has dropped since the last call."""
+        for name, missing in self._drops.look(self._received).items():
+            if self._selection.wants(name.type_name, name.topic):
+                self.recorder.count_dropped(key_of_missing(name, self._channels), missing)
+
+    def _passed_and_subscribed(self) -> dict[ChannelName, int]:
+        is_subscribed = self._selection.is_subscribed
+        return {
+            name: passed
+            for name, passed in self._passed().items()
+            if is_subscribed(name.type_name, name.topic)
+        }
+
+    def close(self) -> None:
+        """Write what still waits in memory, and end the log."""
+        self.recorder.close()
+
+
+class _Channel:
+    """A channel whose messages are received."""
+
+    __slots__ = ("id", "name")
+
+    def __init__(self, key: ChannelKey, id_: int):
+        self.name = ChannelName(key.type_name, key.version, key.topic)
+        self.id = id_
+        """Its number in the log; 0: its messages are not recorded."""
