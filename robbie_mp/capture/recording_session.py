@@ -12,7 +12,7 @@ from robbie_mp.recording.chunk_queue import BufferLimits
 from robbie_mp.recording.format import ChannelKey
 from robbie_mp.recording.log_writer import LogWriter
 from robbie_mp.recording.recorder import Recorder
-from robbie_mp.transport.endpoint import ChannelName
+from robbie_mp.transport.tables import ChannelName
 
 
 class RecordingSession:

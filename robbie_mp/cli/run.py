@@ -97,9 +97,7 @@ def _set_checkpoints_aside(profile: Profile) -> None:
     for module in profile.modules:
         aside = set_aside(checkpoint_file(profile.workspace, profile.name, module.name), "replaced")
         if aside is not None:
-            print(
-                f"{module.name} starts fresh; its last checkpoint is kept as {aside}", file=sys.stderr
-            )
+            print(f"{module.name} starts fresh; its last checkpoint is kept as {aside}", file=sys.stderr)
 
 
 def _summary(profile_name: str, result: RunResult, duration_s: float) -> dict[str, object]:

@@ -24,7 +24,6 @@ from robbie_mp.run.run_directory import list_runs
 from robbie_mp.transport import names
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.tables import ChannelName
 
 WARN_UNMATCHED_AFTER_S = 10.0
 CRASHED = ("BACKOFF", "FAILED")
