@@ -1,7 +1,7 @@
 """The root of every error that Robbie-MP raises.
 
 Each package declares its own errors next to the code that raises them; each is a `RobbieError` and also the
-built-in it resembles, so that `except ValueError` works for who does not know us.
+built-in it resembles, so that `except ValueError` works without knowing these classes.
 """
 
 from types import FunctionType
@@ -17,7 +17,7 @@ class RobbieError(Exception):
     """
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Say how to copy it: not by a constructor of its own, which would make its text anew."""
+        """Return how to copy the error: without its constructor, which would create the text again."""
         if not isinstance(type(self).__init__, FunctionType):
             return super().__reduce__()  # type: ignore[return-value]
         return self._rebuilt, (self.args, self.__dict__)

@@ -17,12 +17,12 @@ class Time(Message, name="builtin_interfaces/msg/Time", version=1):
 
     @property
     def nanoseconds(self) -> int:
-        """All of it in nanoseconds."""
+        """The whole value in nanoseconds."""
         return self.sec * NANOSECONDS_PER_SECOND + self.nanosec
 
     @classmethod
     def from_nanoseconds(cls, nanoseconds: int) -> Self:
-        """Return the time so many nanoseconds after the epoch."""
+        """Return the time that is a number of nanoseconds after the epoch."""
         sec, nanosec = divmod(nanoseconds, NANOSECONDS_PER_SECOND)
         return cls(sec=sec, nanosec=nanosec)
 
@@ -35,21 +35,21 @@ class Duration(Message, name="builtin_interfaces/msg/Duration", version=1):
 
     @property
     def nanoseconds(self) -> int:
-        """All of it in nanoseconds."""
+        """The whole value in nanoseconds."""
         return self.sec * NANOSECONDS_PER_SECOND + self.nanosec
 
     @property
     def seconds(self) -> float:
-        """All of it in seconds."""
+        """The whole value in seconds."""
         return self.nanoseconds / NANOSECONDS_PER_SECOND
 
     @classmethod
     def from_nanoseconds(cls, nanoseconds: int) -> Self:
-        """Return the span of so many nanoseconds."""
+        """Return a span of a number of nanoseconds."""
         sec, nanosec = divmod(nanoseconds, NANOSECONDS_PER_SECOND)
         return cls(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_seconds(cls, seconds: float) -> Self:
-        """Return the span of so many seconds, to the nearest nanosecond."""
+        """Return a span of a number of seconds, rounded to nanoseconds."""
         return cls.from_nanoseconds(round(seconds * NANOSECONDS_PER_SECOND))

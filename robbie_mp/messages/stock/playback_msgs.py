@@ -1,4 +1,4 @@
-"""How a playback is steered, and what it says."""
+"""Messages that control a playback and show its state."""
 
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
@@ -15,7 +15,7 @@ class PlaybackControl(Message, name="robbie_msgs/msg/PlaybackControl", version=1
 
 
 class PlaybackState(Message, name="robbie_msgs/msg/PlaybackState", version=1):
-    """Where a playback stands; published at each change, and regularly in between."""
+    """The state of a playback; published at each change, and regularly in between."""
 
     file: str = DEFAULT
     begin: Time = DEFAULT  # of what is played of the log
@@ -33,9 +33,9 @@ class PlaybackState(Message, name="robbie_msgs/msg/PlaybackState", version=1):
 
 
 class TimeJump(Message, name="robbie_msgs/msg/TimeJump", version=1):
-    """The run's clock has jumped: what was known about the robot's whereabouts holds no longer.
+    """The run's clock has jumped: earlier knowledge of the robot's pose is no longer valid.
 
-    It comes after all messages from before the jump, and before the first one from after it.
+    It is published after all messages from before the jump, and before the first message after it.
     """
 
     before: Time = DEFAULT  # what the clock showed

@@ -1,4 +1,4 @@
-"""What the profiler service says: the figures of `robbie top` as messages."""
+"""Messages of the profiler service: the figures of `robbie top`."""
 
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message

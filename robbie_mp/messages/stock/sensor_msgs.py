@@ -1,4 +1,4 @@
-"""What sensors measure (ROS sensor_msgs)."""
+"""Measurements of sensors (ROS sensor_msgs)."""
 
 from typing import ClassVar, Literal
 
@@ -92,7 +92,7 @@ class PointField(Message, name="sensor_msgs/msg/PointField", version=1):
 
 
 class PointCloud2(Message, name="sensor_msgs/msg/PointCloud2", version=1):
-    """Points in space, with other values to each."""
+    """Points in space, each with further values."""
 
     header: Header = DEFAULT
     height: uint32 = DEFAULT  # rows; 1 if the points have no order
@@ -181,7 +181,7 @@ class Joy(Message, name="sensor_msgs/msg/Joy", version=1):
 
 
 class NavSatStatus(Message, name="sensor_msgs/msg/NavSatStatus", version=1):
-    """What a satellite fix rests on."""
+    """The status and source of a satellite fix."""
 
     STATUS_UNKNOWN: ClassVar[int8] = -2
     STATUS_NO_FIX: ClassVar[int8] = -1

@@ -1,4 +1,4 @@
-"""What many messages begin with (ROS std_msgs)."""
+"""The common header of messages (ROS std_msgs)."""
 
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
@@ -6,7 +6,7 @@ from robbie_mp.messages.stock.builtin_interfaces import Time
 
 
 class Header(Message, name="std_msgs/msg/Header", version=1):
-    """When and in which frame the data of a message was taken."""
+    """The time and the coordinate frame of a message's data."""
 
     stamp: Time = DEFAULT
     frame_id: str = DEFAULT  # coordinate frame, as in "map", "odom", "base_link", "laser"

@@ -1,4 +1,4 @@
-"""What was found in images (ROS vision_msgs, https://github.com/ros-perception/vision_msgs, branch ros2)."""
+"""Detections in images (ROS vision_msgs, https://github.com/ros-perception/vision_msgs, branch ros2)."""
 
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
@@ -15,7 +15,7 @@ class Point2D(Message, name="vision_msgs/msg/Point2D", version=1):
 
 
 class Pose2D(Message, name="vision_msgs/msg/Pose2D", version=1):
-    """A place in an image, and how what is there is turned."""
+    """A position and an orientation in an image."""
 
     position: Point2D = DEFAULT
     theta: float64 = DEFAULT  # rad
@@ -30,21 +30,21 @@ class BoundingBox2D(Message, name="vision_msgs/msg/BoundingBox2D", version=1):
 
 
 class ObjectHypothesis(Message, name="vision_msgs/msg/ObjectHypothesis", version=1):
-    """What something may be."""
+    """A possible class of an object, with its score."""
 
     class_id: str = DEFAULT
     score: float64 = DEFAULT  # 0 … 1
 
 
 class ObjectHypothesisWithPose(Message, name="vision_msgs/msg/ObjectHypothesisWithPose", version=1):
-    """What something may be, and where it is then."""
+    """A possible class of an object, and its pose in this case."""
 
     hypothesis: ObjectHypothesis = DEFAULT
     pose: PoseWithCovariance = DEFAULT
 
 
 class Detection2D(Message, name="vision_msgs/msg/Detection2D", version=1):
-    """Something found in an image."""
+    """An object found in an image."""
 
     header: Header = DEFAULT  # that of the image
     results: list[ObjectHypothesisWithPose] = DEFAULT  # what it may be
@@ -53,7 +53,7 @@ class Detection2D(Message, name="vision_msgs/msg/Detection2D", version=1):
 
 
 class Detection2DArray(Message, name="vision_msgs/msg/Detection2DArray", version=1):
-    """All that was found in an image. Robbie's modules publish it on the topic of the image."""
+    """All objects found in an image. Robbie's modules publish it on the topic of the image."""
 
     header: Header = DEFAULT  # that of the image
     detections: list[Detection2D] = DEFAULT
