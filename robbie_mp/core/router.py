@@ -37,7 +37,8 @@ RECORDS_PER_TURN = 16
 IN_FLIGHT_SHARE = 16
 """A subscriber may have messages that it has not handled in at most one part in 16 of a publisher's memory.
 
-The core cannot take such messages back. So many subscribers must stand still to make memory short for others.
+The core cannot take such messages back. With this limit, one subscriber that stands still does not make
+memory short for the others; only many of them could.
 """
 _CONTROL = (Outbound.MODULE_UP, Outbound.MODULE_DOWN, Outbound.MODULE_GONE)
 
