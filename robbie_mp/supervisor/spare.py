@@ -1,14 +1,12 @@
 """What runs in a spare interpreter: `python -m robbie_mp.supervisor.spare RUN_FOLDER`.
 
 A spare imports what every child needs and reports `ready` on its standard input, which is a socket. There it
-waits for its assignment: the name and the incarnation of the child that it becomes. Both ends of this socket
-are here. See `robbie_mp.supervisor.spares`.
+waits for its assignment: the name and the incarnation of the child that it becomes. See
+`robbie_mp.supervisor.spares`.
 """
 
 import importlib
-import json
 import os
-import socket
 import sys
 import traceback
 from pathlib import Path
@@ -16,37 +14,11 @@ from typing import NoReturn
 
 from robbie_mp.linux.prctl import die_with_parent, set_process_name
 from robbie_mp.run.plan import RunPlan
+from robbie_mp.supervisor.assignment import wait_for_assignment
 from robbie_mp.supervisor.child import run_child
 
-READY = b"ready\n"
 IMPORTED_AHEAD = ("numpy", "robbie_mp.supervisor.core_child", "robbie_mp.supervisor.module_child")
 """What any child may need: a spare becomes the core or a module."""
-
-
-def assign(connection: socket.socket, name: str, incarnation: int) -> None:
-    """Tell a ready spare which child to become.
-
-    Raises:
-        OSError: the spare has died.
-    """
-    connection.send(json.dumps([name, incarnation]).encode() + b"\n")
-
-
-def wait_for_assignment() -> tuple[str, int] | None:
-    """In a spare: report `ready`, then wait; return the child's name and incarnation, None if not needed.
-
-    Standard input is empty afterwards.
-    """
-    with socket.socket(fileno=os.dup(0)) as connection:
-        connection.sendall(READY)
-        line = connection.makefile("rb").readline()
-    nowhere = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nowhere, 0)
-    os.close(nowhere)
-    if not line:
-        return None
-    name, incarnation = json.loads(line)
-    return name, incarnation
 
 
 def main(run_folder: Path) -> None:

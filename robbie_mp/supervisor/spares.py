@@ -12,12 +12,12 @@ import socket
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from robbie_mp.supervisor.assignment import READY, assign
 from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.event_loop import EventLoop
 from robbie_mp.supervisor.leftovers import END_WAIT_S, kill_child_leftovers, marker
 from robbie_mp.supervisor.output import ChildOutput
 from robbie_mp.supervisor.process import ChildProcess
-from robbie_mp.supervisor.spare import READY, assign
 from robbie_mp.supervisor.streams import OutputStream
 from robbie_mp.trace.kinds import Kind
 

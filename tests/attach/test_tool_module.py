@@ -4,7 +4,9 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
@@ -32,7 +34,7 @@ class Visitor(Module):
     """Stops the base as soon as it hears the pulse, and stands still once."""
 
     period_s = 0.01
-    is_detached = None
+    is_detached: ClassVar[Callable[[], bool]]
 
     def setup(self) -> None:
         self.envelopes: list[Envelope] = []

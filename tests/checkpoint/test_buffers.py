@@ -40,7 +40,9 @@ def test_next_incarnation_finds_the_newest_and_goes_on(slot: SlotOfARun) -> None
         assert number_in(buffers) == (number - 1 or None)
         assert buffers.damaged == []
         write(buffers, number)
-    assert slot.start().found.sequence == 5
+    found = slot.start().found
+    assert found is not None
+    assert found.sequence == 5
 
 
 def test_two_segments_hold_checkpoints_of_equal_size_for_ever(slot: SlotOfARun) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ def test_harness_shows_what_a_killed_module_would_find(tmp_path: Path) -> None:
         assert harness.module.restored is None
         assert harness.checkpoint is None
         harness.advance(0.005)
-        state = harness.checkpoint
+        state: Any = harness.checkpoint
         assert state["count"] == 3
         assert (state["array"] == 3).all()
     with ModuleHarness(Remembering, output_directory=tmp_path, restored=state) as harness:

@@ -117,9 +117,9 @@ def run(robot: Robot, way: str) -> dict[str, object]:
     ended = robot.run()
     assert robot.journal("listener") == list(range(100)), "a message is lost, doubled or changed"
     assert ended.exit_code == 0, robot.log("forking")
-    forking = ended.modules["forking"]
+    forking: dict[str, object] = ended.modules["forking"]
     assert forking["published"] == 100
-    assert forking["subscriptions"][0]["delivered"] == 100
+    assert ended.modules["forking"]["subscriptions"][0]["delivered"] == 100
     assert len((robot.output / "teardowns").read_text().split()) == 1, "the fork has torn the module down"
     return forking
 

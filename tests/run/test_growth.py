@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -113,7 +114,12 @@ def test_core_that_refuses_the_supervisor_is_restarted_and_then_ends_the_run(
 ) -> None:
     made: list[RunMemory] = []
     begin = RunMemory.__init__
-    monkeypatch.setattr(RunMemory, "__init__", lambda self, *rest: (made.append(self), begin(self, *rest))[1])
+
+    def remembering(self: RunMemory, *rest: Any) -> None:
+        made.append(self)
+        begin(self, *rest)
+
+    monkeypatch.setattr(RunMemory, "__init__", remembering)
     changes: list[StateChange] = []
 
     def on_change(change: StateChange) -> None:

@@ -70,9 +70,9 @@ def test_core_and_source_killed_on_the_way_lose_no_step(robot: Robot) -> None:
     process = robot.start()
     for victim in ("core", "time"):
         lines = len(chronicle(robot))
-        wait_until(lambda before=lines: len(chronicle(robot)) > before + 50)
+        wait_until(lambda before=lines: len(chronicle(robot)) > before + 50)  # type: ignore[misc]
         kill(robot.until(lambda modules: modules["core"]["pid"] and modules["time"]["pid"])[victim]["pid"])
-        robot.until(lambda modules, name=victim: modules[name]["restarts"] == 1)
+        robot.until(lambda modules, name=victim: modules[name]["restarts"] == 1)  # type: ignore[misc]
     ended = Ended.wait_for(process)
     assert ended.exit_code == 0, ended.stderr
     numbers = [line.split()[1:3] for line in chronicle(robot) if not line.endswith("tick")]

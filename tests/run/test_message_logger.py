@@ -79,7 +79,7 @@ FRONT = ChannelKey(LaserScan.type_name, 1, "front", "source")
 ODOMETRY = ChannelKey(Odometry.type_name, 1, "", "source")
 
 
-def start(robot: Robot, settings: str, queue: int, more: str = ""):
+def start(robot: Robot, settings: str, queue: int, more: str = "") -> "subprocess.Popen[str]":
     (robot.folder / "source.py").write_text(MODULES)
     robot.write_profile(PROFILE.format(settings=settings, queue=queue) + more)
     return robot.start()
@@ -105,7 +105,7 @@ def recorded(robot: Robot) -> list[int]:
         return [round(LaserScan.decode(m.data).angle_min) for m in log.messages(channels=front)]
 
 
-def test_what_the_queue_could_not_hold_is_counted_by_topic_and_all_else_is_in_the_log(robot):
+def test_what_the_queue_could_not_hold_is_counted_by_topic_and_all_else_is_in_the_log(robot: Robot) -> None:
     settings = "{types: [LaserScan, nav_msgs/*, no_msgs/msg/Type], exclude: [re*], sync_s: 0.02}"
     process = start(robot, settings, queue=QUEUE)
     robot.until(lambda modules: modules["logger"]["handled"] > 100)
@@ -172,7 +172,10 @@ def check_with_other_readers(path: Path, counts: dict[ChannelKey, ChannelCount])
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()], validate_crcs=True)
         theirs = list(reader.iter_decoded_messages(log_time_order=False))
-        statistics = reader.get_summary().statistics
+        summary = reader.get_summary()
+    assert summary is not None
+    statistics = summary.statistics
+    assert statistics is not None
     assert statistics.message_count == len(theirs) == len(ours) == sum(c.recorded for c in counts.values())
     for own, (_, _, record, decoded) in zip(ours, theirs, strict=True):
         assert (own.sequence, own.time_ns) == (record.sequence, record.log_time)
@@ -188,7 +191,7 @@ def check_with_other_readers(path: Path, counts: dict[ChannelKey, ChannelCount])
     assert data == {message.data for message in ours}
 
 
-def test_kills_of_core_logger_and_supervisor_cost_no_message_that_was_synced(robot):
+def test_kills_of_core_logger_and_supervisor_cost_no_message_that_was_synced(robot: Robot) -> None:
     process = start(robot, "{sync_s: 0.05, compression: none}", queue=100_000, more=SNAPSHOTS)
     robot.until(lambda modules: len(recorded(robot)) > 50)
     assert not snapshots(robot)  # nothing has happened yet
@@ -259,7 +262,9 @@ def check_snapshots_of_the_crashes(robot: Robot) -> None:
         ({"compression": "gzip"}, "zstd"),
     ],
 )
-def test_what_cannot_be_recorded_is_refused_before_the_run_starts(settings, complaint):
+def test_what_cannot_be_recorded_is_refused_before_the_run_starts(
+    settings: dict[str, object], complaint: str
+) -> None:
     with pytest.raises(SettingError, match=complaint):
         MessageLogger.check(check_settings(MessageLogger, settings))
     MessageLogger.check(check_settings(MessageLogger, {"folder": "/tmp/not/there/yet"}))

@@ -2,6 +2,7 @@
 
 import os
 import signal
+from typing import Any
 
 import psutil
 import pytest
@@ -57,7 +58,7 @@ IMAGES = 120
 """Almost three times as many as the camera's memory holds, and taken before anybody is restarted as hung."""
 
 
-def taken(figures: dict) -> int:
+def taken(figures: dict[str, Any]) -> int:
     return int(figures["camera"]["status"].split()[0] or 0)
 
 

@@ -98,7 +98,7 @@ def test_killed_core_loses_nothing(robot: Robot) -> None:
     process = robot.start()
     for restarts in range(3):
         figures = robot.until(
-            lambda modules, restarts=restarts: (
+            lambda modules, restarts=restarts: (  # type: ignore[misc]
                 modules["core"]["restarts"] == restarts
                 and modules["core"]["pid"] != 0
                 and modules["listener"]["handled"] > 500 * (restarts + 1)

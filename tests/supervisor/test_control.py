@@ -12,9 +12,9 @@ from pathlib import Path
 
 from robbie_mp import RobbieError
 from robbie_mp.profile.model import RestartPolicy
-from robbie_mp.run.control import RunNotControlled, control
+from robbie_mp.run.control import MAX_LINE_BYTES, RunNotControlled, control, socket_address
 from robbie_mp.supervisor.child_spec import ChildSpec
-from robbie_mp.supervisor.control import MAX_CLIENTS, MAX_LINE_BYTES, ControlServer, socket_address
+from robbie_mp.supervisor.control import MAX_CLIENTS, ControlServer
 from robbie_mp.supervisor.states import ChildState
 from robbie_mp.trace.kinds import Kind, read_level, read_recorded
 from tests.few_descriptors import only_free_descriptors

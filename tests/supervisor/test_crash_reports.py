@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robbie_mp.supervisor.crash import LastWordsReader
-from robbie_mp.trace.crash import LastMessage
-from robbie_mp.trace.reader import report_files
+from robbie_mp.trace.crash import LastMessage, report_files
 from robbie_mp.transport import layout
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.layout import Activity

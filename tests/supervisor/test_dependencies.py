@@ -103,7 +103,7 @@ def test_dependents_are_restarted_each_time(tmp_path: Path) -> None:
         yield run.all_running
         for times in (2, 3):
             kill(run, "pose")
-            yield lambda times=times: run.states("plan").count(RUNNING) == times
+            yield lambda times=times: run.states("plan").count(RUNNING) == times  # type: ignore[misc]
         run.tree.stop("seen enough")
 
     assert run.play(scenario()) == 0

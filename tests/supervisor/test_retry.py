@@ -73,7 +73,9 @@ def test_run_that_stops_tries_nothing_again(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("needed", ["essential", "ends_run"])
 def test_failed_module_that_is_needed_stops_the_run_at_once(tmp_path: Path, needed: str) -> None:
-    run = Run(tmp_path, laser(**{needed: True}), animal(zoo.works))
+    run = Run(
+        tmp_path, laser(essential=needed == "essential", ends_run=needed == "ends_run"), animal(zoo.works)
+    )
     assert run.play() == 1
     assert run.states("laser") == [STARTING, FAILED]
     assert run.last("laser").restart_in_s is None

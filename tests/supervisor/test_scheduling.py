@@ -235,14 +235,14 @@ def test_wake_latency_that_cannot_be_limited_is_a_warning(device: str) -> None:
 
 def test_who_spins_looks_for_a_post_before_it_sleeps() -> None:
     looks = iter([0, 0, 0, 1, 1])
-    slept = []
+    slept: list[float] = []
 
     class Semaphore(SimpleNamespace):
         @property
         def value(self) -> int:
             return next(looks) if not slept else 0
 
-    wakeup = Wakeup(Semaphore(release=None, acquire=slept.append), tag=1)  # type: ignore[arg-type]
+    wakeup = Wakeup(Semaphore(release=None, acquire=slept.append), tag=1)
     wakeup.spin_s = 60.0
     assert wakeup.wait(90.0)
     assert next(looks) == 1, "it looked until the post had come"

@@ -50,7 +50,7 @@ def test_restarted_child_is_the_spare_and_a_new_one_takes_its_place(tmp_path: Pa
             yield lambda: bool(ready_spares(run))
             [spare] = ready_spares(run)
             kill(run)
-            yield lambda start=start: run.states("child").count(RUNNING) == start
+            yield lambda start=start: run.states("child").count(RUNNING) == start  # type: ignore[misc]
             assert run.incarnations.pids["child", start] == spare
         run.tree.stop("seen enough")
 

@@ -20,7 +20,7 @@ def _record_and_remember(figures: WorkFigures, waited_ns: int, took_ns: int) -> 
     RECORDED.setdefault(figures._at, []).append((waited_ns, took_ns))
 
 
-WorkFigures.record = _record_and_remember  # type: ignore[method-assign]
+WorkFigures.record = _record_and_remember  # type: ignore[method-assign,assignment]
 
 
 class Bookkeeper(Module):

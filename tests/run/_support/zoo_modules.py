@@ -169,7 +169,7 @@ class WrongField(Module):
     period_s = 0.05
 
     def tick(self) -> None:
-        self.publish(DriveCommand(linear_m_per_s="fast"))
+        self.publish(DriveCommand(linear_m_per_s="fast"))  # type: ignore[arg-type]
 
 
 class CrashWithThread(Module):
@@ -297,7 +297,7 @@ class Ticker(Journal):
 class Sleeper(Ticker):
     """Ticks only after it has heard something."""
 
-    period_s = None
+    period_s = None  # type: ignore[assignment]
 
     def setup(self) -> None:
         super().setup()

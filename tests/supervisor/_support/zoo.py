@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from robbie_mp.linux.prctl import die_with_parent
+from robbie_mp.supervisor.assignment import wait_for_assignment
 
 
 class Animal:
@@ -249,8 +250,6 @@ def main() -> None:
     if behaviour == "broken_spare":
         raise ImportError("no numpy here")
     if behaviour.startswith("spare:"):
-        from robbie_mp.supervisor.spare import wait_for_assignment  # noqa: PLC0415 - costs the others a second
-
         assignment = wait_for_assignment()
         if assignment is None:
             return
