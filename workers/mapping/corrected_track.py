@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from workers.planar_pose import compose, relative, wrap_angle
 
-METRES_PER_RADIAN = 0.5  # how much of odometry's error a turn collects, against a drive
+METRES_PER_RADIAN = 0.5  # odometry error of a turn relative to that of driving
 
 
 def corrected(
@@ -47,7 +47,7 @@ def corrected(
 
 
 def _moved(odometry: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How much the robot had moved at each row (m); a little for every row, so that it always ascends."""
+    """Return the distance moved up to each row (m), strictly ascending."""
     step = np.diff(odometry, axis=0)
     length = np.hypot(step[:, 0], step[:, 1]) + METRES_PER_RADIAN * np.abs(wrap_angle(step[:, 2])) + 1e-9
     return np.concatenate([[0.0], np.cumsum(length)])

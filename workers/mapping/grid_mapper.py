@@ -26,7 +26,7 @@ from workers.odometry_track import OdometryTrack, Place
 from workers.planar_pose import compose, relative, rotated_information
 from workers.row_log import RowLog
 
-HARDLY_M, HARDLY_RAD = 0.05, 0.03  # a sweep taken nearer to the last one tells nothing new
+HARDLY_M, HARDLY_RAD = 0.05, 0.03  # a sweep taken nearer to the last one adds no information
 KEY_M, KEY_RAD = 0.25, 0.2  # from one key sweep to the next
 FEWEST_HITS = 20
 THINNED = 0.1  # share of the key sweeps that make room at a time
@@ -37,12 +37,12 @@ NOWHERE = np.zeros(3)
 
 @dataclass(frozen=True)
 class Limits:
-    """What the mapper may grow to; what then is left out is counted in `GridMapper.refused`.
+    """Limits of the mapper's memory; what is left out is counted in `GridMapper.refused`.
 
     Attributes:
         cells: Of the grid (8 bytes each).
-        key_sweeps: Of the map (some 15 kB each with 360 beams). At the limit those that show what others
-            show, too, make room.
+        key_sweeps: Of the map (some 15 kB each with 360 beams). At the limit, redundant ones are
+            removed.
         odometry: Entries of the trajectory (32 bytes each, and 64 for each matched sweep); the older half is
             forgotten.
     """
@@ -60,19 +60,19 @@ class _WaitingSweep:
 
 
 class GridMapper:
-    """Builds a map from the two streams of a robot, in the order they come.
+    """Builds a map from a robot's odometry and sweeps, in order of arrival.
 
     The map frame is the odometry frame as it was at the first sweep.
 
     Args:
         resolution_m: Edge of a cell.
         max_range_m: Returns from farther away are not used.
-        laser_pose: Where the laser sits on the robot (x m, y m, heading rad).
-        limits: What the mapper may grow to.
+        laser_pose: The laser's mounting pose on the robot (x m, y m, heading rad).
+        limits: Limits of the mapper's memory.
 
     Attributes:
-        refused: What was left out so far, by reason.
-        thinned: Key sweeps that have made room for others so far.
+        refused: Number of inputs left out, by reason.
+        thinned: Number of key sweeps removed to make room.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class GridMapper:
         self._waiting: deque[_WaitingSweep] = deque()
 
     def add_odometry(self, stamp_s: float, pose: ArrayLike) -> None:
-        """Add where odometry sees the robot (x m, y m, heading rad; odometry frame)."""
+        """Add an odometry pose (x m, y m, heading rad; odometry frame)."""
         self._odometry.add(stamp_s, pose)
         self._place_waiting()
 
@@ -166,7 +166,7 @@ class GridMapper:
 
     @property
     def loops_closed(self) -> int:
-        """How often an older place was recognised."""
+        """Number of loops closed."""
         return self._closer.closed
 
     def state(self) -> dict[str, Any]:
@@ -250,7 +250,7 @@ class GridMapper:
         self._tracker.forget()
 
     def _thin(self) -> None:
-        """Make room: take out key sweeps that show what others show, too."""
+        """Make room by removing redundant key sweeps."""
         self._closer.settle()
         self._tracker.forget()
         count = max(1, int(THINNED * self.limits.key_sweeps))

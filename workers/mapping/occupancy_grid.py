@@ -19,7 +19,7 @@ GROWTH_M = 5.0
 
 
 class GridFull(MemoryError):
-    """The explored area has reached the grid's limit."""
+    """The explored area exceeds the grid's limit."""
 
 
 class OccupancyGrid:
@@ -41,7 +41,7 @@ class OccupancyGrid:
         """Add a sweep: `points` `(N, 2)`, m, map frame, were hit by beams from `origin_xy_m`.
 
         Raises:
-            GridFull: The sweep reaches beyond what the limit of cells allows; nothing is added.
+            GridFull: With the sweep, the grid would exceed its limit of cells; nothing is added.
         """
         sweep = self._drawn(origin_xy_m, points)
         self._cover(sweep.corner, sweep.corner + sweep.hits.shape[::-1])

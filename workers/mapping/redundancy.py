@@ -1,4 +1,4 @@
-"""Which key sweeps show what others show, too."""
+"""Finds redundant key sweeps: those that show the same as others."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -60,7 +60,7 @@ class MissionSettings:
             passage that only navigation drives through would not be seen to be left to do.
         tight_clearance_m: Ways keep this far from obstacles where the robot stands too near to some already.
         body_radius_m: The robot's body is round; where it stands, no obstacle is.
-        goal_clearance_m: Goals keep this far from obstacles: more, lest the next map shows no way back.
+        goal_clearance_m: Goals keep this far from obstacles: more, so that the next map shows a way back.
         plan_period_s: Goals are thought over this often.
         travel_s: A goal that is not reached in so long is given up.
         arrived_m: The robot is home when it is so near.

@@ -1,4 +1,4 @@
-"""Where to go so that the camera sees walls it has not seen yet: next best views on a grid.
+"""Next best views: where to go so that the camera sees walls it has not seen yet.
 
 The choice weighs the way against what there is to see, as that of frontiers does; see Gonzalez-Banos and
 Latombe, "Navigation strategies for exploring indoor environments" (IJRR 2002).

@@ -1,4 +1,4 @@
-"""Which walls the camera has seen well enough that no victim on them can have been missed."""
+"""Which walls the camera has seen well enough to rule out a missed victim."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -22,10 +22,10 @@ class CameraView:
     """How well a camera sees.
 
     Attributes:
-        margin_m: at the image's sides nothing is sure, for a tag must be wholly in it.
-        near_m: nearer ones do not fit into the image.
-        far_m: farther ones are too small.
-        slant_rad: walls seen from farther aside than this hide what hangs on them.
+        margin_m: margin at the image's sides, because a tag must be completely visible.
+        near_m: minimum distance; nearer tags do not fit into the image.
+        far_m: maximum distance; farther tags are too small.
+        slant_rad: maximum angle to the wall's normal.
     """
 
     margin_m: float = 0.16

@@ -72,10 +72,10 @@ class VictimDetector:
 
     def __init__(self, tag_edge_m: float = 0.25, min_edge_px: float = 12.0) -> None:
         try:
-            cv2: Any = import_module("cv2")  # only who looks for victims needs it
+            cv2: Any = import_module("cv2")  # only needed for victim detection
         except ImportError as error:
             raise VisionMissing(
-                "no victims can be seen without OpenCV: install opencv-python-headless (extra 'vision')"
+                "victim detection needs OpenCV: install opencv-python-headless (extra 'vision')"
             ) from error
         cv2.setNumThreads(1)  # the robot's processors have other work
         self._cv2 = cv2
@@ -86,7 +86,7 @@ class VictimDetector:
         self._detector = cv2.aruco.ArucoDetector(dictionary, parameters)
         self._min_edge_px = min_edge_px
         half = tag_edge_m / 2
-        # From the upper left clockwise, for who looks at its front: the order of the detector.
+        # Clockwise from the upper left, seen from the front: the detector's order.
         self._corners_m = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
 
     def detect(self, pixels: NDArray[np.uint8], projection: Projection) -> list[TagSighting]:
