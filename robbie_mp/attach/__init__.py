@@ -1,1 +1,1 @@
-"""How a tool takes part in a run that it is no module of."""
+"""How tools, which are not modules of the profile, take part in a run."""

@@ -1,4 +1,4 @@
-"""All messages that a tool wants, as it gets them, and a count of those that it missed."""
+"""The messages a tool subscribes to, and a count of those it missed."""
 
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
@@ -9,76 +9,76 @@ from robbie_mp.transport.records import ANY_VERSION
 from robbie_mp.transport.tables import ChannelName
 
 OPEN_TIMEOUT_S = 0.5
-"""How long to wait for the core to open the subscription: longer only while it is down."""
+"""How long to wait for the core to open the subscriptions; it takes longer only while the core is down."""
 
 
 class MessageStream:
-    """Messages from a run, over as many leases as it takes.
+    """Messages from a run. A tool that is detached attaches again.
 
-    Missed is what was routed and neither received nor waits. While attached, the core's books tell that
-    exactly. From one lease to the next the core's channels tell it; a message just being routed at such a
-    moment may then count for one more or less.
+    A message is missed if it was routed but neither received nor waits. While the tool is attached, the
+    core's counters give the exact number. While it is detached, the counters of channels give it; a message
+    that is being routed at that moment may be counted wrongly.
 
     Args:
         run: the run.
-        wishes: what messages: name and version of a type, and a topic or '' for all of them; or, with
-            ANY_VERSION, shell patterns for type and topic.
-        purpose: what this process is, for people who look at the run.
+        subscriptions: name and version of a type, and a topic or '' for all topics; or, with ANY_VERSION,
+            shell patterns for type and topic.
+        purpose: what this process does, shown as its status.
     """
 
-    def __init__(self, run: KnownRun, wishes: Sequence[ChannelName], purpose: str):
+    def __init__(self, run: KnownRun, subscriptions: Sequence[ChannelName], purpose: str):
         self._run = run
-        self._wishes = wishes
+        self._subscriptions = subscriptions
         self._purpose = purpose
         self._tool = Tool(run, purpose)
         self._missed = 0
-        """In leases that are over, and between them."""
+        """Before the tool was attached last."""
         self._received = 0
-        """In this lease."""
+        """Since the tool was attached last."""
         self._passed_before = 0
-        """Messages that had passed when this lease began."""
+        """Messages routed before the tool was attached last."""
         self._begin()
 
     def _begin(self) -> None:
         tool = self._tool
-        for wish in self._wishes:
-            tool.subscribe(*wish)
+        for subscription in self._subscriptions:
+            tool.subscribe(*subscription)
         tool.ready()
         tool.wait_for(tool.is_subscribed, OPEN_TIMEOUT_S)
         self._received = 0
         self._passed_before = sum(self.passed().values()) - tool.books()[0]
 
     def close(self) -> None:
-        """Leave the run."""
+        """Detach from the run."""
         self._tool.close()
 
     @property
     def missed(self) -> int:
-        """Messages that were routed since the beginning and will never come."""
+        """Messages that were routed since the stream began and will never be received."""
         routed, waiting = self._tool.books()
         return self._missed + max(0, routed - waiting - self._received)
 
     def passed(self) -> dict[ChannelName, int]:
-        """Return how many messages have ever passed through each channel that is wanted."""
+        """Return how many messages were routed through each channel that is subscribed to."""
         return {
             name: passed
             for name, passed in self._tool.passed().items()
-            if any(_matches(wish, name) for wish in self._wishes)
+            if any(_matches(subscription, name) for subscription in self._subscriptions)
         }
 
     def __iter__(self) -> Iterator[Received]:
-        """Yield messages as they come, for ever; raises as `receive` does."""
+        """Yield messages as they arrive, without end; raises as `receive` does."""
         while True:
             received = self.receive()
             if received is not None:
                 yield received
 
     def receive(self) -> Received | None:
-        """Return the next message; None if none came for a little while.
+        """Return the next message; None if none arrived within LONGEST_WAIT_S.
 
         Raises:
-            RunEnded: the run is over.
-            ControlRefused: this process was detached because it stood still, and its place was taken.
+            RunEnded: the run has ended.
+            ControlRefused: the tool was detached, and another tool has taken its place.
         """
         try:
             received = self._tool.take()
@@ -92,16 +92,16 @@ class MessageStream:
         return received
 
     def _attach_again(self) -> None:
-        """Attach anew and count what passed since the last lease began and was not received."""
+        """Attach again, and count as missed what was routed since the last time and not received."""
         received, passed_before = self._received, self._passed_before
-        # The old one is still needed if there is no other any more.
+        # If this fails, `missed` still needs the old one.
         old, self._tool = self._tool, attach_again(self._run, self._purpose)
         old.close()
         self._begin()
         self._missed += max(0, self._passed_before - passed_before - received)
 
 
-def _matches(wish: ChannelName, name: ChannelName) -> bool:
-    if wish.version == ANY_VERSION:
-        return fnmatchcase(name.type_name, wish.type_name) and fnmatchcase(name.topic, wish.topic)
-    return wish[:2] == name[:2] and wish.topic in ("", name.topic)
+def _matches(wanted: ChannelName, name: ChannelName) -> bool:
+    if wanted.version == ANY_VERSION:
+        return fnmatchcase(name.type_name, wanted.type_name) and fnmatchcase(name.topic, wanted.topic)
+    return wanted[:2] == name[:2] and wanted.topic in ("", name.topic)

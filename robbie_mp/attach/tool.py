@@ -1,7 +1,7 @@
-"""A process's own place in a run that it is no part of; see `robbie_mp.supervisor.attached_tools`.
+"""A tool attached to a run; see `robbie_mp.supervisor.attached_tools` for the supervisor's side.
 
-What such a tool may do is less than what a module may: it copies messages out and holds none, it may be
-detached at any time, and when it is, whatever it was just copying is thrown away.
+A tool may do less than a module. It copies each message and holds none. The supervisor may detach it at any
+time; the message it was just copying is then discarded.
 """
 
 import json
@@ -39,22 +39,22 @@ from robbie_mp.transport.words import new_fence, write_text
 
 SEGMENT_BYTES = 1 << 20
 LONGEST_WAIT_S = 0.2
-"""A tool looks so often whether it is still attached."""
+"""Upper limit of a wait: a tool checks at least this often whether it is still attached."""
 PATIENCE_S = 2.0
-"""So long a detached tool waits for another place: the core may be late to give back the one that it had."""
+"""How long a detached tool tries to attach again: the core may not have freed its old place yet."""
 
 
 class Detached(RobbieError, ConnectionError):
-    """A tool is no longer attached: it stood still for too long, or broke the protocol."""
+    """The supervisor has detached a tool because it did not respond or broke the protocol."""
 
 
 class RunEnded(RobbieError, ConnectionError):
-    """The run that a tool is attached to is over."""
+    """The run that a tool is attached to has ended."""
 
 
 @dataclass(frozen=True)
 class Received:
-    """A copy of a message, and what came with it."""
+    """A copy of a message and its envelope."""
 
     data: bytes
     type_name: str
@@ -63,24 +63,24 @@ class Received:
     sequence: int
     sender: str
     published_ns: int
-    """When, on the machine's monotonic clock."""
+    """On the machine's monotonic clock."""
     subscription: int
     """For which of this process's subscriptions, by the number that `Tool.subscribe` returned."""
 
 
 class Tool:
-    """One lease on a run.
+    """A process attached to a run.
 
     Args:
         run: the run.
-        purpose: what this process is, for people who look at the run.
+        purpose: what this process does, shown as its status.
 
     Attributes:
-        outbox: where this process's own messages leave.
+        outbox: publishes the tool's own messages.
 
     Raises:
-        ControlRefused: as many tools are attached as the profile allows, or there is no memory.
-        RunNotControlled: the run is just starting, or over.
+        ControlRefused: the profile allows no further tools, or shared memory is full.
+        RunNotControlled: the run is still starting, or has ended.
     """
 
     def __init__(self, run: KnownRun, purpose: str):
@@ -105,7 +105,7 @@ class Tool:
         keep_from_forks(self)
 
     def disown(self) -> None:
-        """Close a forked process's copy of the connection: else the supervisor would not see us end."""
+        """Close a forked child's copy of the connection, so that the supervisor sees this tool end."""
         self._connection.close()
 
     def _map(self, plan: RunPlan, run_id: str) -> None:
@@ -130,14 +130,14 @@ class Tool:
         self.show_status(self._purpose)
 
     def close(self) -> None:
-        """Leave. What was published is still routed."""
+        """Detach. Messages already published are still routed."""
         self.outbox.close()
         self._views.close()
         self._memory.close()
         self._core_wakeup.close()
         self._board_segment.close()
         self._core_segment.close()
-        self._connection.close()  # last: from here on the supervisor takes everything back
+        self._connection.close()  # last: the supervisor then reclaims all the rest
 
     def subscribe(
         self,
@@ -146,7 +146,7 @@ class Tool:
         topic: str = "",
         handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
     ) -> int:
-        """Want messages of a type, of one topic or of all (''); they come after `ready`.
+        """Subscribe to messages of a type, on one topic or on all (''). They arrive after `ready`.
 
         Returns:
             The number of this subscription.
@@ -155,23 +155,23 @@ class Tool:
         return self._endpoint.subscribe(type_name, version, topic, handling)
 
     def subscribe_encoded(self, type_pattern: str, topic_pattern: str = "*") -> None:
-        """Want messages whose type and topic match shell patterns, as `Module.subscribe_encoded`."""
+        """Subscribe to messages whose type and topic match shell patterns."""
         self.subscribe(type_pattern, ANY_VERSION, topic_pattern)
 
     def ready(self) -> None:
-        """Let messages come."""
+        """Start receiving messages."""
         self._words[layout.OUT_READY] = 1
         self._endpoint.send(Outbound.READY)
 
     def publish(self, message: Message, topic: str) -> bool:
-        """Send a message; False if it was refused because memory or ring are full."""
+        """Publish a message; False if it was refused because the memory or the ring is full."""
         return self.outbox.publish(message, topic)
 
     def take(self) -> Received | None:
         """Return the next message, or None if there is none.
 
         Raises:
-            Detached: this process has been detached; the message that it was copying is not valid.
+            Detached: the supervisor has detached this tool; the copy was discarded.
         """
         self._words[layout.OUT_ACTIVITY_SINCE_NS] = time.monotonic_ns()
         self._words[layout.OUT_ACTIVITY] = Activity.HANDLER
@@ -189,7 +189,7 @@ class Tool:
         try:
             data = bytes(self._views.view(delivery.source, delivery.offset, delivery.size))
         except (SegmentMissing, SegmentMismatch):
-            data = b""  # taken back with everything else, or destroyed by its publisher
+            data = b""  # reclaimed after a detach, or destroyed by its publisher
         name = self._channel_name(delivery.channel)
         sender = self._board.name(layout.unpack_source(delivery.source)[0])
         self._fence()
@@ -198,28 +198,28 @@ class Tool:
         return Received(data, *name, delivery.sequence, sender, delivery.stamp_ns, delivery.declaration)
 
     def _check_attached(self) -> None:
-        """See that what was read before this call was still ours.
+        """Check that what was read before this call still belonged to this tool.
 
-        The supervisor writes the board before it tells the core to take our messages back.
+        The supervisor updates the board before it lets the core reclaim the tool's messages.
         """
         if not self.is_attached:
             raise Detached("detached while it copied a message")
 
     @property
     def is_attached(self) -> bool:
-        """Whether this process is still attached; what it publishes when it is not goes nowhere."""
+        """Whether this tool is still attached. If it is not, its messages are not routed."""
         return self._board.is_attached_as(self._slot, self._incarnation, self._pid)
 
     def show_status(self, line: str) -> None:
-        """Show who looks at the run how this process is doing."""
+        """Set the status line shown for this tool."""
         write_text(self._words, layout.OUT_STATUS, LINE_WORDS, line)
 
     def wait(self, timeout_s: float = LONGEST_WAIT_S) -> None:
-        """Wait for messages, at most so long, and not longer than it takes to notice an end.
+        """Wait for messages until the timeout, or at most LONGEST_WAIT_S, and notice the end of the run.
 
         Raises:
-            Detached: the supervisor has detached this process.
-            RunEnded: the run is over.
+            Detached: the supervisor has detached this tool.
+            RunEnded: the run has ended.
         """
         self._memory.wakeup.wait(min(timeout_s, LONGEST_WAIT_S))
         if select.select([self._connection], [], [], 0)[0]:
@@ -235,7 +235,7 @@ class Tool:
         raise RunEnded("the run has ended")
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait until something is so, and say whether it is; raises as `wait` does."""
+        """Wait until a condition holds; False if it does not within the timeout. Raises as `wait` does."""
         until_s = time.monotonic() + timeout_s
         while not condition():
             left_s = until_s - time.monotonic()
@@ -244,14 +244,14 @@ class Tool:
             self.wait(min(left_s, 0.005))
         return True
 
-    # -- what the core's books say -----------------------------------------------------------------------
+    # -- counters of the core -----------------------------------------------------------------------------
 
     def is_subscribed(self) -> bool:
-        """Whether the core has opened all subscriptions of ours."""
+        """Whether the core has opened all of this tool's subscriptions."""
         return len(self._rows()) >= self._subscriptions
 
     def books(self) -> tuple[int, int]:
-        """Messages that were routed to us, and those that still wait or are being copied."""
+        """Return how many messages were routed to this tool, and how many still wait or are being copied."""
         counts = [row.counts for row in self._rows()]
         return sum(count.routed for count in counts), sum(count.waiting for count in counts)
 
@@ -260,16 +260,16 @@ class Tool:
         return [row for row in rows if row.state == ROW_OPEN and row.slot == self._slot]
 
     def passed(self) -> dict[ChannelName, int]:
-        """Return how many messages the core has ever routed through each channel."""
+        """Return how many messages the core has routed through each channel since the run began."""
         return self._counters.messages()
 
 
 def attach_again(run: KnownRun, purpose: str) -> Tool:
-    """Find another place in a run for a tool that was detached.
+    """Attach a tool again after it was detached.
 
     Raises:
-        ControlRefused: there is none any more.
-        RunEnded: the run is over.
+        ControlRefused: no place became free in time.
+        RunEnded: the run has ended.
     """
     until_s = time.monotonic() + PATIENCE_S
     while True:

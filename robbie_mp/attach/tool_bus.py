@@ -1,7 +1,7 @@
-"""The bus of a module that is a program in a run: it has the place of a tool, and not one of the profile's.
+"""The bus of a module that runs as a tool.
 
-A tool must not hold messages, so each one is copied before it is handled. A program that stood still and was
-detached attaches itself again, with the same subscriptions; what passed meanwhile is missed.
+A tool must not hold messages, so the bus copies each one before it is handled. If the tool is detached, the
+bus attaches again with the same subscriptions; messages routed in between are missed.
 """
 
 import logging
@@ -20,17 +20,17 @@ from robbie_mp.transport.tables import ChannelName
 
 
 class ToolBus:
-    """Joins a module with a run that it is no part of, over as many leases as it takes.
+    """Connects a module that runs as a tool with a run, and attaches again after a detach.
 
-    Publishing may happen in any thread; everything else belongs to the main thread.
+    Any thread may publish; only the main thread may do the rest.
 
     Args:
         run: the run.
-        purpose: what this process is, for people who look at the run.
+        purpose: what this process does, shown as its status.
 
     Raises:
-        ControlRefused: as many tools are attached as the profile allows, or there is no memory.
-        RunNotControlled: the run is just starting, or over.
+        ControlRefused: the profile allows no further tools, or shared memory is full.
+        RunNotControlled: the run is still starting, or has ended.
     """
 
     def __init__(self, run: KnownRun, purpose: str):
@@ -40,32 +40,32 @@ class ToolBus:
         self.subscriptions = Subscriptions(self._request, self._current_name)
         self._current: Received | None = None
         self._lock = threading.RLock()
-        """Held while this lease is used by other threads, or replaced by another one; during loans, too."""
+        """Held while any thread publishes or holds a loan, and while the bus attaches again."""
         self._tool = Tool(run, purpose)
         self._is_open = True
         keep_from_forks(self)
 
     def disown(self) -> None:
-        """Let a forked process do nothing in the run."""
+        """Keep a forked child from using the run."""
         self._lock = REFUSED
 
-    # -- what a module does ------------------------------------------------------------------------------
+    # -- for the module ----------------------------------------------------------------------------------
 
     @property
     def outstanding(self) -> int:
-        """Messages published by this module that somebody still waits for or holds."""
+        """Messages published by this module that subscribers have not released yet."""
         with self._lock:
             return self._tool.outbox.outstanding
 
     def publish(self, message: Message, topic: str) -> bool:
-        """Send a message; False if it was refused, or this process is not attached just now."""
+        """Publish a message; False if it was refused, or the tool is not attached at the moment."""
         with self._lock:
             return self._is_attached and self._tool.outbox.publish(message, topic)
 
     def publish_encoded(
         self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
     ) -> bool:
-        """Send a message given as its bytes; False as for `publish`."""
+        """Publish a message given as bytes; False as for `publish`."""
         with self._lock:
             outbox = self._tool.outbox
             return self._is_attached and outbox.publish_encoded(type_name, version, data, topic)
@@ -74,17 +74,17 @@ class ToolBus:
     def loan(
         self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
     ) -> Iterator[MessageType]:
-        """Have a message written in place."""
+        """Lend a message that is written in place, in shared memory."""
         with self._lock, self._tool.outbox.loan(message_type, topic, fields) as message:
             yield message
 
     def wake_after_freed(self, messages: int) -> None:
-        """End the next `wait` when so many of its messages have been let go by everybody."""
+        """End the next `wait` once this many of the module's messages have been released."""
         with self._lock:
             self._tool.outbox.wake_after_freed(messages)
 
     def envelope(self) -> Envelope:
-        """What came with the message being handled.
+        """Return the envelope of the message being handled.
 
         Raises:
             LookupError: no message is being handled.
@@ -94,14 +94,14 @@ class ToolBus:
         received = self._current
         return Envelope(received.topic, received.sequence, received.sender, received.published_ns)
 
-    # -- what its process does ---------------------------------------------------------------------------
+    # -- for its process ---------------------------------------------------------------------------------
 
     def ready(self) -> None:
-        """Let messages come."""
+        """Start receiving messages."""
         self._tool.ready()
 
     def show_status(self, line: str) -> None:
-        """Show who looks at the run how the module is doing."""
+        """Set the status line shown for the module."""
         self._purpose = line
         self._tool.show_status(line)
 
@@ -109,8 +109,8 @@ class ToolBus:
         """Handle the next message; False if there is none.
 
         Raises:
-            ControlRefused: this process was detached because it stood still, and its place was taken.
-            RunEnded: likewise, and the run is over.
+            ControlRefused: the tool was detached, and another tool has taken its place.
+            RunEnded: the tool was detached, and the run has ended.
         """
         try:
             received = self._tool.take()
@@ -122,10 +122,10 @@ class ToolBus:
         return received is not None
 
     def wait(self, timeout_s: float = LONGEST_WAIT_S) -> bool:
-        """Wait for messages; say whether there is room again that was waited for.
+        """Wait for messages; True if room that the module waits for has become free.
 
         Raises:
-            RunEnded: the run is over.
+            RunEnded: the run has ended.
             ControlRefused: as for `handle_next`.
         """
         try:
@@ -136,7 +136,7 @@ class ToolBus:
         return outbox.awaits_room and outbox.room_was_made()
 
     def close(self) -> None:
-        """Leave. What was published is still routed."""
+        """Detach. Messages already published are still routed."""
         with self._lock:
             if self._is_open:
                 self._is_open = False
@@ -166,9 +166,9 @@ class ToolBus:
         self._current = None
 
     def _attach_again(self, error: Detached) -> None:
-        self._log.warning("%s; attaches again", error)
+        self._log.warning("%s; attaching again", error)
         with self._lock:
-            # The old one is still needed if there is no other any more.
+            # If this fails, `close` still needs the old one.
             old, self._tool = self._tool, attach_again(self._run, self._purpose)
             old.close()
         self.subscriptions.request_again()

@@ -1,4 +1,4 @@
-"""A module in a run whose profile does not have it: in a process of its own that nobody supervises."""
+"""Runs a module as a tool: in a process that is not in the run's profile and not supervised."""
 
 import os
 import time
@@ -20,7 +20,7 @@ ModuleClass = TypeVar("ModuleClass", bound=Module)
 
 
 class _NoCheckpoints:
-    """What a program keeps for its next incarnation: nothing, for it has none."""
+    """Discards checkpoints: a tool is not restarted."""
 
     restored: Any = None
 
@@ -37,24 +37,24 @@ def run_as_tool(
     on_ready: Callable[[ModuleClass], object],
     is_stopped: Callable[[], object],
 ) -> None:
-    """Run a module in a run that goes on already, until it stops itself or is stopped.
+    """Run a module as a tool in a live run, until it stops itself or is stopped.
 
-    It goes by the machine's clock, and keeps no checkpoints: nobody starts it again.
+    It uses the machine's clock and keeps no checkpoints, as it is not restarted.
 
     Args:
         run: the run.
         module_class: what to run.
-        settings: of the module; the others have their defaults.
-        name: of the module, in what it logs.
-        on_ready: called with the module when it is set up.
-        is_stopped: asked between two messages or ticks.
+        settings: of the module; the others have their default values.
+        name: of the module, in its log.
+        on_ready: called with the module once it is set up.
+        is_stopped: called between two messages or ticks; true ends the module.
 
     Raises:
         SettingError: the settings do not fit.
         RunEnded: the run is over.
         RunNotControlled: likewise, or it is just starting.
-        ControlRefused: there is no place for another program, or this process was detached because it stood
-            still, and its place was taken.
+        ControlRefused: the profile allows no further tools, or this tool was detached and another one has
+            taken its place.
     """
     checked = check_settings(module_class, settings)
     module_class.check(checked)

@@ -92,7 +92,7 @@ def test_module_run_as_tool_hears_speaks_ticks_and_attaches_again_when_it_was_de
     run_as_tool(run, Visitor, {}, "visitor", on_ready=visitors.append, is_stopped=is_done)
     (visitor,) = visitors
     assert len(purposes) > 1, "it was refused once, and asked again"
-    assert "; attaches again" in caplog.text
+    assert "; attaching again" in caplog.text
     assert visitor.ticks > 0
     assert visitor.heard == sorted(set(visitor.heard))
     assert {envelope.sender for envelope in visitor.envelopes} == {"pulse"}
