@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from robbie_mp.messages import uint16 as uint16
     from robbie_mp.messages import uint32 as uint32
     from robbie_mp.messages import uint64 as uint64
-    from robbie_mp.module.bus import EncodedMessage as EncodedMessage
-    from robbie_mp.module.bus import Envelope as Envelope
+    from robbie_mp.module.envelope import EncodedMessage as EncodedMessage
+    from robbie_mp.module.envelope import Envelope as Envelope
     from robbie_mp.module.harness import ModuleHarness as ModuleHarness
     from robbie_mp.module.module import Module as Module
     from robbie_mp.module.secret import Secret as Secret
@@ -49,7 +49,7 @@ _HOMES = {
         "bool_", "byte", "char", "float32", "float64", "int8", "int16", "int32", "int64", "replace",
         "uint8", "uint16", "uint32", "uint64",
     ),
-    "robbie_mp.module.bus": ("EncodedMessage", "Envelope"),
+    "robbie_mp.module.envelope": ("EncodedMessage", "Envelope"),
     "robbie_mp.module.harness": ("ModuleHarness",),
     "robbie_mp.module.module": ("Module",),
     "robbie_mp.module.secret": ("Secret",),

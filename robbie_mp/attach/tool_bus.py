@@ -13,7 +13,7 @@ from robbie_mp.attach.tool import LONGEST_WAIT_S, Detached, Received, Tool, atta
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.messages import Message
 from robbie_mp.messages.errors import MessageError
-from robbie_mp.module.bus import Envelope, MessageType
+from robbie_mp.module.envelope import Envelope, MessageType
 from robbie_mp.module.subscriptions import Subscription, Subscriptions
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.transport.tables import ChannelName

@@ -2,15 +2,12 @@
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
+from typing import Protocol
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
-
-if TYPE_CHECKING:
-    from robbie_mp.module.subscriptions import Subscriptions
-
-MessageType = TypeVar("MessageType", bound=Message)
+from robbie_mp.module.envelope import Envelope, MessageType
+from robbie_mp.module.subscriptions import Subscriptions
 
 
 class PublishAfterStop(RobbieError, RuntimeError):
@@ -21,36 +18,11 @@ class PublishAfterStop(RobbieError, RuntimeError):
     """
 
 
-class Envelope(NamedTuple):
-    """What the bus knows about a message besides its content."""
-
-    topic: str
-    sequence: int
-    """The message's place in the one order of all messages of the run."""
-    sender: str
-    """Name of the module that published it."""
-    published_ns: int
-    """When it was published: ns of the module's clock, as `clock.monotonic_ns()`."""
-
-
-class EncodedMessage(NamedTuple):
-    """An encoded message; this program needs no class for its type."""
-
-    type_name: str
-    version: int
-    data: memoryview
-    """The encoding with its 4 bytes of encapsulation: a read-only view of the publisher's memory.
-
-    If you keep this view, or an array over it, after the handler returns, the message stays in that memory,
-    as with the arrays of any other message. Copy it with `bytes(data)` to keep it for long.
-    """
-
-
 class Bus(Protocol):
     """A module's connection to the others."""
 
     @property
-    def subscriptions(self) -> "Subscriptions":
+    def subscriptions(self) -> Subscriptions:
         """What the module has subscribed to."""
 
     @property

@@ -13,9 +13,10 @@ from weakref import finalize
 from robbie_mp.checkpoint.image import decode, encode
 from robbie_mp.messages import Message, lay_out
 from robbie_mp.messages.encoded import check_encapsulation, check_type
-from robbie_mp.module.bus import Envelope, MessageType, PublishAfterStop
+from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.clock import ManualClock
 from robbie_mp.module.config import Config
+from robbie_mp.module.envelope import Envelope, MessageType
 from robbie_mp.module.module import Module, ModuleContext
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.settings import check_settings

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from robbie_mp.checkpoint.keeper import Checkpoints
 from robbie_mp.messages import Message
-from robbie_mp.module.bus import Bus, EncodedMessage, Envelope, MessageType
+from robbie_mp.module.bus import Bus
 from robbie_mp.module.clock import Clock
 from robbie_mp.module.config import Config
+from robbie_mp.module.envelope import EncodedMessage, Envelope, MessageType
 from robbie_mp.module.settings import apply_settings, setting
 from robbie_mp.transport.records import MessageHandling
 

@@ -12,8 +12,9 @@ import numpy as np
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.messages import Message, lay_out
 from robbie_mp.messages.encoded import check_encapsulation, check_type
-from robbie_mp.module.bus import MessageType, PublishAfterStop
+from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.clock import Clock
+from robbie_mp.module.envelope import MessageType
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block, BlockStore, block_bytes
 from robbie_mp.transport.endpoint import Endpoint

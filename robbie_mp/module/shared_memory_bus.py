@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 
 from robbie_mp.messages import Message
-from robbie_mp.module.bus import Envelope, MessageType
+from robbie_mp.module.envelope import Envelope, MessageType
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.transport.records import Delivery

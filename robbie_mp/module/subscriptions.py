@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Protocol
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.module.bus import EncodedMessage, MessageType
+from robbie_mp.module.envelope import EncodedMessage, MessageType
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling
 from robbie_mp.transport.tables import ChannelName
 

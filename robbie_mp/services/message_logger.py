@@ -10,7 +10,7 @@ from robbie_mp.capture.recorded_run import RecordedRun
 from robbie_mp.capture.recording_session import RecordingSession
 from robbie_mp.capture.selection import Pair, Selection, type_pattern
 from robbie_mp.messages import ModuleState
-from robbie_mp.module.bus import EncodedMessage
+from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
 from robbie_mp.observe.channel_counters import ChannelCounters, messages_missed

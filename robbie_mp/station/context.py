@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from robbie_mp.messages import Message
-    from robbie_mp.module.bus import MessageType
     from robbie_mp.module.clock import Clock
+    from robbie_mp.module.envelope import MessageType
     from robbie_mp.run.run_directory import KnownRun
     from robbie_mp.scene_graph import SceneGraphListener
     from robbie_mp.station.access import Access, DriversSeat

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Generic, Protocol
 
-from robbie_mp.module.bus import Envelope, MessageType
+from robbie_mp.module.envelope import Envelope, MessageType
 
 
 class Latest(Generic[MessageType]):

@@ -18,7 +18,7 @@ from starlette.responses import Response
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import CompressedImage, Image
-from robbie_mp.module.bus import MessageType
+from robbie_mp.module.envelope import MessageType
 from robbie_mp.station.latest import Latest
 
 JPEG_QUALITY = 80

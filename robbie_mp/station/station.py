@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import TimeJump
-from robbie_mp.module.bus import MessageType
+from robbie_mp.module.envelope import MessageType
 from robbie_mp.module.module import MessageHandling, Module, setting
 from robbie_mp.module.secret import Secret, reveal
 from robbie_mp.module.settings import SettingError

@@ -12,9 +12,9 @@ from pathlib import Path
 from robbie_mp.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.checkpoint.file import checkpoint_file
 from robbie_mp.checkpoint.keeper import CheckpointKeeper, DiskPolicy
-from robbie_mp.module.bus import Envelope
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.config import Config
+from robbie_mp.module.envelope import Envelope
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.module import Module, ModuleContext
 from robbie_mp.module.outbox import Outbox
