@@ -94,7 +94,7 @@ def test_door_too_narrow_for_the_robot_leads_nowhere() -> None:
     ways = PathField(grid, grid.cell((1.0, 1.0)))
     beyond = grid.cell((1.0, 4.0))
     assert np.isinf(ways.cost_m[beyond])
-    with pytest.raises(ValueError, match="no way"):
+    with pytest.raises(ValueError, match="no path"):
         ways.path(beyond)
 
 
