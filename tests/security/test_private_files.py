@@ -32,7 +32,7 @@ def open_to_others(*roots: Path) -> list[str]:
 
 
 def test_everything_that_a_run_writes_is_closed_to_others(robot: Robot) -> None:
-    (robot.folder / "zoo" / "secrets.py").write_text((HERE / "secret_modules.py").read_text())
+    (robot.folder / "zoo" / "secrets.py").write_text((HERE / "_support" / "secret_modules.py").read_text())
     robot.write_secret("keeper.secret", "correct-horse-battery-staple")
     robot.write_profile(PROFILE)
     before = os.umask(0o002)  # as a user has it whose group is trusted
@@ -112,7 +112,7 @@ def test_link_laid_where_a_checkpoint_will_be_written_is_not_followed(
 
 
 def test_forged_checkpoint_is_set_aside_and_the_module_starts_fresh(robot: Robot) -> None:
-    (robot.folder / "zoo" / "secrets.py").write_text((HERE / "secret_modules.py").read_text())
+    (robot.folder / "zoo" / "secrets.py").write_text((HERE / "_support" / "secret_modules.py").read_text())
     robot.write_secret("keeper.secret", "correct-horse-battery-staple")
     robot.write_profile(PROFILE)
     forged = checkpoint_file(robot.folder, "robot", "keeper")

@@ -34,7 +34,7 @@ class Holder:
 
 @pytest.fixture
 def keeper(robot: Robot) -> Robot:
-    (robot.folder / "zoo" / "secrets.py").write_text((HERE / "secret_modules.py").read_text())
+    (robot.folder / "zoo" / "secrets.py").write_text((HERE / "_support" / "secret_modules.py").read_text())
     robot.write_secret("keeper.secret", SECRET)
     robot.write_profile(PROFILE)
     return robot
