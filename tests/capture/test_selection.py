@@ -21,14 +21,16 @@ SCAN, IMAGE, ODOMETRY = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Image", "n
         (["*"], ["*"], ["camera/*", "nav_msgs/*"], {(SCAN, "front"), (SCAN, "")}),
     ],
 )
-def test_types_and_topics_are_selected_by_patterns(types, topics, exclude, expected):
+def test_types_and_topics_are_selected_by_patterns(
+    types: list[str], topics: list[str], exclude: list[str], expected: set[tuple[str, str]]
+) -> None:
     selection = Selection.by_types_and_topics(types, topics, exclude)
     passing = [(SCAN, "front"), (SCAN, ""), (IMAGE, "camera/left"), (ODOMETRY, "")]
     assert {one for one in passing if selection.wants(*one)} == expected
     assert all(selection.is_subscribed(*one) for one in expected)
 
 
-def test_pattern_without_a_match_is_known():
+def test_pattern_without_a_match_is_known() -> None:
     selection = Selection.by_either(["front", "Odometry", "nothing"], ["rear"])
     assert selection.wants(SCAN, "front")
     assert selection.wants(ODOMETRY, "")
@@ -39,7 +41,7 @@ def test_pattern_without_a_match_is_known():
 FRONT, REAR = ChannelName(SCAN, 1, "front"), ChannelName(SCAN, 1, "rear")
 
 
-def test_messages_dropped_by_the_core_are_told_once_and_by_channel():
+def test_messages_dropped_by_the_core_are_told_once_and_by_channel() -> None:
     missed, passed = 0, {FRONT: 100}
     drops = QueueDrops(lambda: missed, lambda: dict(passed))
     passed |= {FRONT: 150, REAR: 20}
@@ -52,7 +54,7 @@ def test_messages_dropped_by_the_core_are_told_once_and_by_channel():
     assert drops.missed == 17
 
 
-def test_process_that_goes_on_does_not_tell_again_what_was_told():
+def test_process_that_goes_on_does_not_tell_again_what_was_told() -> None:
     drops = QueueDrops(lambda: 17, lambda: {FRONT: 160}, missed_before=17)
     assert drops.look({}) == {}
 
@@ -60,13 +62,13 @@ def test_process_that_goes_on_does_not_tell_again_what_was_told():
 @pytest.mark.parametrize(
     ("total", "weights"), [(1, [1, 1, 1]), (10, [3, 0, 4]), (7, [1000, 1, 1]), (5, [0, 2])]
 )
-def test_shares_add_up(total, weights):
+def test_shares_add_up(total: int, weights: list[int]) -> None:
     shares = share_out(total, {ChannelName("t", 1, str(i)): weight for i, weight in enumerate(weights)})
     assert sum(shares.values()) == total
     assert share_out(3, {FRONT: 0}) == {}
 
 
-def test_sender_of_missing_messages_is_known_if_there_is_but_one():
+def test_sender_of_missing_messages_is_known_if_there_is_but_one() -> None:
     laser, other = ChannelKey(*FRONT, "laser"), ChannelKey(*FRONT, "other")
     assert key_of_missing(FRONT, [laser, ChannelKey(*REAR, "base")]) == laser
     assert key_of_missing(FRONT, [laser, other]).sender == ""

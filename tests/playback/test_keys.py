@@ -35,7 +35,8 @@ def state(at_s: float, rate: float = 1.0, *, paused: bool = False) -> PlaybackSt
 def test_key_gives_an_order(key: bytes, now: PlaybackState, order: tuple[str, float]) -> None:
     given = order_of(key, now)
     assert given is not None
-    assert (given.command, given.value) == (order[0], pytest.approx(order[1]))
+    assert given.command == order[0]
+    assert given.value == pytest.approx(order[1])
 
 
 def test_keys_without_meaning_give_none_and_arrows_are_one_key() -> None:

@@ -22,13 +22,13 @@ ODOM 1.6 -2.5 0.5 0 0 0 976052857.10 nohost 0.75
 """
 
 
-def written(tmp_path, text):
+def written(tmp_path: Path, text: str | bytes) -> Path:
     path = tmp_path / "drive.clf"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return path
 
 
-def test_records_come_in_recording_order_with_every_field(tmp_path):
+def test_records_come_in_recording_order_with_every_field(tmp_path: Path) -> None:
     log = CarmenLog(written(tmp_path, GOOD))
     first, sweep, last = log
     assert first == OdometryRecord(1.5, -2.5, 0.5, 0.3, -0.1, 976052857.33, 0.25)
@@ -42,14 +42,16 @@ def test_records_come_in_recording_order_with_every_field(tmp_path):
     assert log.broken_lines == 0
 
 
-def test_check_counts_what_is_there(tmp_path):
+def test_check_counts_what_is_there(tmp_path: Path) -> None:
     assert CarmenLog(written(tmp_path, GOOD)).check() == {"odometry": 2, "laser": 1}
 
 
 @pytest.mark.parametrize(
     ("beams", "degrees_apart"), [(180, 1.0), (181, 1.0), (360, 0.5), (361, 0.5), (90, 2.0), (721, 0.25)]
 )
-def test_beams_begin_at_minus_90_degrees_and_are_as_far_apart_as_the_scanner_has_them(beams, degrees_apart):
+def test_beams_begin_at_minus_90_degrees_and_are_as_far_apart_as_the_scanner_has_them(
+    beams: int, degrees_apart: float
+) -> None:
     first, increment = beam_angles(beams)
     assert math.degrees(first) == pytest.approx(-90)
     assert math.degrees(increment) == pytest.approx(degrees_apart)
@@ -72,7 +74,7 @@ def test_beams_begin_at_minus_90_degrees_and_are_as_far_apart_as_the_scanner_has
         ("ODOM \ufffd 2 3 0 0 0 1 host 1", "is not a number"),
     ],
 )
-def test_a_broken_line_is_named_with_file_line_and_reason(tmp_path, line, what):
+def test_a_broken_line_is_named_with_file_line_and_reason(tmp_path: Path, line: str, what: str) -> None:
     path = written(tmp_path, GOOD + line + "\n" + GOOD)
     with pytest.raises(BrokenLine) as error:
         CarmenLog(path).check()
@@ -80,7 +82,7 @@ def test_a_broken_line_is_named_with_file_line_and_reason(tmp_path, line, what):
     assert what in str(error.value)
 
 
-def test_broken_lines_are_skipped_and_counted_on_request(tmp_path):
+def test_broken_lines_are_skipped_and_counted_on_request(tmp_path: Path) -> None:
     log = CarmenLog(written(tmp_path, GOOD + "ODOM 1 2\n" + GOOD + "FLASER 7\n"), skip_broken=True)
     assert log.check() == {"odometry": 4, "laser": 2}
     assert log.broken_lines == 2
@@ -88,7 +90,9 @@ def test_broken_lines_are_skipped_and_counted_on_request(tmp_path):
 
 
 @given(st.binary(max_size=300), st.integers(0, len(GOOD)))
-def test_whatever_the_bytes_records_or_a_broken_line_result(tmp_path_factory, junk, place):
+def test_whatever_the_bytes_records_or_a_broken_line_result(
+    tmp_path_factory: pytest.TempPathFactory, junk: bytes, place: int
+) -> None:
     text = GOOD.encode()
     path = written(tmp_path_factory.mktemp("log"), text[:place] + junk + text[place:])
     try:
@@ -100,13 +104,13 @@ def test_whatever_the_bytes_records_or_a_broken_line_result(tmp_path_factory, ju
     assert CarmenLog(path, skip_broken=True).check()["odometry"] <= 8
 
 
-def test_a_missing_file_is_an_error(tmp_path):
+def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         CarmenLog(tmp_path / "none.clf").check()
 
 
 @pytest.mark.skipif(not INTEL.exists(), reason=f"the Intel log is not at {INTEL}")
-def test_the_intel_log_is_read_whole():
+def test_the_intel_log_is_read_whole() -> None:
     log = CarmenLog(INTEL)
     assert log.check() == {"odometry": 14541, "laser": 910}
     sweep = next(record for record in log if isinstance(record, LaserRecord))

@@ -4,6 +4,7 @@ import json
 import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
@@ -11,8 +12,9 @@ from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from robbie_mp.messages import LaserScan, Odometry
 from robbie_mp.recording.compression import Compression
-from robbie_mp.recording.format import RunMetadata, counts_from_metadata, part_path
+from robbie_mp.recording.format import ChannelKey, RunMetadata, counts_from_metadata, part_path
 from robbie_mp.recording.info import describe
 from robbie_mp.recording.log_writer import Split
 from robbie_mp.recording.reader import open_log
@@ -28,7 +30,9 @@ from tests.recording._support.recording import (
 
 
 @pytest.mark.parametrize("compression", Compression)
-def test_mcap_and_rosbags_read_every_message_as_it_was_written(tmp_path, compression):
+def test_mcap_and_rosbags_read_every_message_as_it_was_written(
+    tmp_path: Path, compression: Compression
+) -> None:
     log = writer(tmp_path / "log", compression)
     for first in (0, 30, 60):
         log.write(chunk_of(range(first, first + 30)), CHANNELS)
@@ -44,8 +48,10 @@ def test_mcap_and_rosbags_read_every_message_as_it_was_written(tmp_path, compres
         )
         assert read.header.stamp.sec == written.header.stamp.sec
         if channel == 2:
+            assert isinstance(written, Odometry)
             assert read.child_frame_id == written.child_frame_id
         else:
+            assert isinstance(written, LaserScan)
             assert list(read.ranges) == written.ranges.tolist()
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
         data = [bytes(raw) for connection, _, raw in bag.messages()]
@@ -53,7 +59,7 @@ def test_mcap_and_rosbags_read_every_message_as_it_was_written(tmp_path, compres
 
 
 @pytest.mark.filterwarnings("ignore:start_time is deprecated")
-def test_summary_is_what_the_library_finds_in_the_file(tmp_path):
+def test_summary_is_what_the_library_finds_in_the_file(tmp_path: Path) -> None:
     log = writer(tmp_path / "log", Compression.ZSTD)
     log.write(chunk_of(range(30)), CHANNELS)
     log.write(chunk_of(range(30, 50)), CHANNELS)
@@ -64,6 +70,7 @@ def test_summary_is_what_the_library_finds_in_the_file(tmp_path):
         records = list(StreamReader(file, emit_chunks=True, validate_crcs=True).records)
         names = [type(record).__name__ for record in records]
         assert names[:3] == ["Header", "Metadata", "Chunk"]
+        assert summary is not None and summary.statistics is not None
         statistics = summary.statistics
         assert (statistics.message_count, statistics.chunk_count, statistics.channel_count) == (50, 2, 3)
         assert statistics.channel_message_counts == {1: 17, 2: 17, 3: 16}
@@ -76,8 +83,8 @@ def test_summary_is_what_the_library_finds_in_the_file(tmp_path):
         assert [c.metadata["robbie_sender"] for c in summary.channels.values()] == ["laser", "base", "spare"]
 
 
-def test_parts_end_by_size_and_by_time_and_each_tells_its_own_counts(tmp_path):
-    dropped = {}
+def test_parts_end_by_size_and_by_time_and_each_tells_its_own_counts(tmp_path: Path) -> None:
+    dropped: dict[ChannelKey, int] = {}
     small = writer(tmp_path / "small", split=Split(bytes=9000), dropped=dropped)
     for first in range(0, 60, 10):
         dropped[CHANNELS[2].key] = first  # ten more with each chunk
@@ -101,7 +108,7 @@ def test_parts_end_by_size_and_by_time_and_each_tells_its_own_counts(tmp_path):
     assert len(list((tmp_path / "brief").iterdir())) == 3
 
 
-def test_what_is_missing_altogether_is_told_as_well(tmp_path):
+def test_what_is_missing_altogether_is_told_as_well(tmp_path: Path) -> None:
     unknown = CHANNELS[1].key._replace(topic="rear", sender="")
     log = writer(tmp_path / "log", dropped={unknown: 7, CHANNELS[2].key: 2})
     log.write(chunk_of(range(10)), CHANNELS)
@@ -111,7 +118,7 @@ def test_what_is_missing_altogether_is_told_as_well(tmp_path):
     assert told == {("front", 4): 0, ("", 3): 2, ("front", 3): 0, ("rear", 0): 7}
 
 
-def test_recording_that_is_continued_gets_further_parts(tmp_path):
+def test_recording_that_is_continued_gets_further_parts(tmp_path: Path) -> None:
     for first in (0, 10):
         log = writer(tmp_path / "log")
         log.write(chunk_of(range(first, first + 10)), CHANNELS)
@@ -120,7 +127,7 @@ def test_recording_that_is_continued_gets_further_parts(tmp_path):
         assert [m.sequence for m in both.messages()] == list(range(20))
 
 
-def test_recording_without_messages_leaves_nothing(tmp_path):
+def test_recording_without_messages_leaves_nothing(tmp_path: Path) -> None:
     writer(tmp_path / "log").close()
     assert not list(tmp_path.iterdir())
 
@@ -136,7 +143,9 @@ def files_of_at_most(limit: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def test_part_whose_chunk_was_cut_short_ends_with_the_chunk_before_and_the_next_part_goes_on(tmp_path):
+def test_part_whose_chunk_was_cut_short_ends_with_the_chunk_before_and_the_next_part_goes_on(
+    tmp_path: Path,
+) -> None:
     log = writer(tmp_path / "log")
     log.write(chunk_of(range(10)), CHANNELS)
     size = part_path(tmp_path / "log", 0).stat().st_size
@@ -152,7 +161,7 @@ def test_part_whose_chunk_was_cut_short_ends_with_the_chunk_before_and_the_next_
     assert [found[1] for found in as_others_read(part_path(tmp_path / "log", 0))] == list(range(10))
 
 
-def test_part_for_whose_summary_there_is_no_room_is_readable_to_its_last_chunk(tmp_path):
+def test_part_for_whose_summary_there_is_no_room_is_readable_to_its_last_chunk(tmp_path: Path) -> None:
     log = writer(tmp_path / "log")
     log.write(chunk_of(range(10)), CHANNELS)
     size = part_path(tmp_path / "log", 0).stat().st_size
@@ -167,7 +176,7 @@ def test_part_for_whose_summary_there_is_no_room_is_readable_to_its_last_chunk(t
     log.close()
 
 
-def test_oldest_parts_of_recordings_go_first_and_nothing_else_ever(tmp_path):
+def test_oldest_parts_of_recordings_go_first_and_nothing_else_ever(tmp_path: Path) -> None:
     root = tmp_path / "logs"
     for name in ("first", "second"):
         log = writer(root / name)

@@ -2,15 +2,20 @@
 
 import logging
 import threading
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from robbie_mp.recording import recorder as recorder_module
+from robbie_mp.recording.chunk import Chunk
 from robbie_mp.recording.chunk_queue import BufferLimits, ChunkQueue
 from robbie_mp.recording.compression import Compression
 from robbie_mp.recording.disk_budget import DiskBudget
+from robbie_mp.recording.format import ChannelKey
 from robbie_mp.recording.log_writer import LogWriter, Split
+from robbie_mp.recording.part_writer import RecordedChannel
 from robbie_mp.recording.reader import open_log
 from robbie_mp.recording.recorder import Recorder, RecordingFailed
 from tests.recording._support.recording import CHANNELS, RUN
@@ -24,19 +29,24 @@ LOG = logging.getLogger("test")
 class Disk(LogWriter):
     """A writer whose disk may be full, or slow, or its code wrong."""
 
-    def __init__(self, folder: Path, dropped):
+    def __init__(self, folder: Path, dropped: Callable[[], Mapping[ChannelKey, int]]):
         super().__init__(folder, Compression.NONE, RUN, Split(), DiskBudget(folder.parent, 0), dropped)
         self.free = threading.Event()
         self.free.set()
         self.refuse: Exception | None = None
         self.refused = threading.Event()
 
-    def write(self, chunk, channels):
+    def write(self, chunk: Chunk, channels: Mapping[int, RecordedChannel]) -> None:
         assert self.free.wait(60)
         if self.refuse is not None:
             self.refused.set()
             raise self.refuse
         super().write(chunk, channels)
+
+
+def disk_of(recorder: Recorder) -> Disk:
+    assert isinstance(recorder.writer, Disk)
+    return recorder.writer
 
 
 def record(recorder: Recorder, numbers: range, size: int = 100) -> list[int]:
@@ -51,40 +61,44 @@ def recorded(folder: Path) -> list[int]:
 
 
 @pytest.fixture
-def recorder(tmp_path, monkeypatch):
+def recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Recorder:
     monkeypatch.setattr(recorder_module, "RETRY_S", 0.001)
     return Recorder(lambda dropped: Disk(tmp_path / "log", dropped), LIMITS, LOG)
 
 
-def test_slow_disk_costs_messages_beyond_the_buffer_and_each_is_counted_in_the_log(recorder, tmp_path):
-    recorder.writer.free.clear()
+def test_slow_disk_costs_messages_beyond_the_buffer_and_each_is_counted_in_the_log(
+    recorder: Recorder, tmp_path: Path
+) -> None:
+    disk_of(recorder).free.clear()
     taken = record(recorder, range(100))
     assert taken == list(range(len(taken)))
     assert 30 < len(taken) < 40
     assert recorder.waiting_bytes <= LIMITS.buffer_bytes
     assert recorder.counts() == {KEY: (0, 100 - len(taken))}
     recorder.count_dropped(OTHER, 5)
-    recorder.writer.free.set()
+    disk_of(recorder).free.set()
     recorder.close()
     assert recorded(tmp_path / "log") == taken
     assert recorder.counts() == {KEY: (len(taken), 100 - len(taken)), OTHER: (0, 5)}
     assert recorder.waiting_bytes == 0
 
 
-def test_message_larger_than_the_buffer_is_taken_when_it_is_alone(recorder, tmp_path):
+def test_message_larger_than_the_buffer_is_taken_when_it_is_alone(recorder: Recorder, tmp_path: Path) -> None:
     assert record(recorder, range(1), size=20_000) == [0]
     recorder.close()
     assert recorded(tmp_path / "log") == [0]
 
 
-def test_full_disk_is_an_error_and_recording_goes_on_when_there_is_room_again(recorder, tmp_path, caplog):
-    recorder.writer.refuse = OSError(28, "No space left on device")
+def test_full_disk_is_an_error_and_recording_goes_on_when_there_is_room_again(
+    recorder: Recorder, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    disk_of(recorder).refuse = OSError(28, "No space left on device")
     taken = record(recorder, range(20))
-    assert recorder.writer.refused.wait(60)
-    recorder.writer.refused.clear()
-    assert recorder.writer.refused.wait(60)  # it tries again
+    assert disk_of(recorder).refused.wait(60)
+    disk_of(recorder).refused.clear()
+    assert disk_of(recorder).refused.wait(60)  # it tries again
     assert recorder.error == "No space left on device"
-    recorder.writer.refuse = None
+    disk_of(recorder).refuse = None
     recorder.close()
     assert recorded(tmp_path / "log") == taken == list(range(20))
     assert recorder.error == ""
@@ -93,12 +107,14 @@ def test_full_disk_is_an_error_and_recording_goes_on_when_there_is_room_again(re
     assert "No space left" in texts[0]
 
 
-def test_message_that_comes_right_before_the_end_while_the_disk_syncs_is_recorded(tmp_path):
+def test_message_that_comes_right_before_the_end_while_the_disk_syncs_is_recorded(tmp_path: Path) -> None:
     """A full chunk was written; while the disk syncs it, the robot says its last word and is stopped."""
     limits = BufferLimits(chunk_bytes=1000, buffer_bytes=5000, close_after_s=0.5)
 
+    recorder: Recorder
+
     class SlowToSync(Disk):
-        def sync(self):
+        def sync(self) -> None:
             if not recorder._queue.ended:
                 record(recorder, range(8, 9))
                 recorder._queue.end()
@@ -110,15 +126,15 @@ def test_message_that_comes_right_before_the_end_while_the_disk_syncs_is_recorde
     assert recorded(tmp_path / "log") == list(range(9))
 
 
-def test_what_a_full_disk_refuses_at_the_end_is_counted(recorder):
-    recorder.writer.refuse = OSError(28, "No space left on device")
+def test_what_a_full_disk_refuses_at_the_end_is_counted(recorder: Recorder) -> None:
+    disk_of(recorder).refuse = OSError(28, "No space left on device")
     record(recorder, range(20))
     recorder.close()
     assert recorder.counts() == {KEY: (0, 20)}
 
 
-def test_writer_that_breaks_is_no_silent_loss(recorder):
-    recorder.writer.refuse = ZeroDivisionError()
+def test_writer_that_breaks_is_no_silent_loss(recorder: Recorder) -> None:
+    disk_of(recorder).refuse = ZeroDivisionError()
     record(recorder, range(20))
     with pytest.raises(RecordingFailed):
         recorder.close()
@@ -126,18 +142,19 @@ def test_writer_that_breaks_is_no_silent_loss(recorder):
         record(recorder, range(1))
 
 
-def test_each_snapshot_is_a_whole_part_as_soon_as_it_is_written(tmp_path):
+def test_each_snapshot_is_a_whole_part_as_soon_as_it_is_written(tmp_path: Path) -> None:
     limits = BufferLimits(chunk_bytes=1000, buffer_bytes=1 << 20, close_after_s=0.0001, keep_s=3600.0)
     recorder = Recorder(lambda dropped: Disk(tmp_path / "log", dropped), limits, LOG)
 
-    def whole_parts() -> int:
+    def are_whole(parts: int) -> bool:
         paths = tmp_path.glob("log/*")
-        return sum(path.read_bytes().endswith(b"\x89MCAP0\r\n") for path in paths if path.stat().st_size > 99)
+        whole = [path.read_bytes().endswith(b"\x89MCAP0\r\n") for path in paths if path.stat().st_size > 99]
+        return sum(whole) == parts
 
     for snapshot in (1, 2):
         record(recorder, range(snapshot * 100, snapshot * 100 + 50))
         recorder.write_kept()
-        wait_until(lambda wanted=snapshot: whole_parts() == wanted)
+        wait_until(partial(are_whole, snapshot))
     record(recorder, range(50))
     recorder.close()
     assert recorded(tmp_path / "log") == [*range(100, 150), *range(200, 250)]
@@ -146,14 +163,14 @@ def test_each_snapshot_is_a_whole_part_as_soon_as_it_is_written(tmp_path):
 class Clock:
     """The machine's clock, turned by hand."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.now_ns = 0
 
     def __call__(self) -> int:
         return self.now_ns
 
 
-def test_chunk_is_handed_out_so_long_after_its_first_message():
+def test_chunk_is_handed_out_so_long_after_its_first_message() -> None:
     clock = Clock()
     queue = ChunkQueue(BufferLimits(1 << 20, 1 << 20, close_after_s=2.0), clock)
     queue.add(1, 1, 1, b"first")
@@ -161,11 +178,12 @@ def test_chunk_is_handed_out_so_long_after_its_first_message():
     assert queue.take(until_ns=0) is None
     queue.add(1, 2, 2, b"second")
     clock.now_ns = 2_000_000_000
-    assert queue.take(until_ns=None).messages == 2
+    chunk = queue.take(until_ns=None)
+    assert chunk is not None and chunk.messages == 2
     assert queue.take(until_ns=0) is None
 
 
-def test_snapshot_keeps_the_last_seconds_within_the_buffer_and_is_handed_out_on_demand():
+def test_snapshot_keeps_the_last_seconds_within_the_buffer_and_is_handed_out_on_demand() -> None:
     clock = Clock()
     queue = ChunkQueue(BufferLimits(1 << 20, 3000, close_after_s=0.5, keep_s=4.0), clock)
 

@@ -4,10 +4,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from robbie_mp import Header, Message, Time
+from robbie_mp import Header, Time
 from robbie_mp.messages import LaserScan, Odometry, schema_text
 from robbie_mp.recording.chunk import Chunk
 from robbie_mp.recording.compression import Compression
@@ -26,14 +27,13 @@ CHANNELS = {
 }
 
 
-def message(number: int) -> tuple[int, Message]:
+def message(number: int) -> tuple[int, LaserScan | Odometry]:
     """Return a message of one of the channels, and the channel."""
     header = Header(stamp=Time(sec=number), frame_id="robot")
     if number % 3 == 1:
         return 2, Odometry(header=header, child_frame_id=str(number))
-    return 1 + number % 3, LaserScan(
-        header=header, range_max=8.0, ranges=[number + 0.25 * i for i in range(40)]
-    )
+    ranges = np.array([number + 0.25 * i for i in range(40)], np.float32)
+    return 1 + number % 3, LaserScan(header=header, range_max=8.0, ranges=ranges)
 
 
 def chunk_of(numbers: Iterable[int]) -> Chunk:
