@@ -9,7 +9,7 @@ from typing import Any, Self
 
 
 class RobbieError(Exception):
-    """Something that Robbie-MP refuses or cannot do; the text says what, where, and what to do.
+    """Something that Robbie-MP refuses or cannot do; the text says what, where, and what to do about it.
 
     Example scenarios:
       - a profile names a module class that does not exist
@@ -17,7 +17,7 @@ class RobbieError(Exception):
     """
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how to copy the error: without its constructor, which would create the text again."""
+        """Return how to copy the error without its constructor, which would build the text again."""
         if not isinstance(type(self).__init__, FunctionType):
             return super().__reduce__()  # type: ignore[return-value]
         return self._rebuilt, (self.args, self.__dict__)

@@ -1,4 +1,4 @@
-"""Help for who mistyped a name."""
+"""Suggestions for mistyped names."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches

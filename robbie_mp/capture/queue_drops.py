@@ -1,4 +1,4 @@
-"""Messages that the core dropped because a recorder's queue was full, told by channel."""
+"""Counts, by channel, the messages that the core dropped because a recorder's queue was full."""
 
 from collections.abc import Callable, Iterable, Mapping
 
@@ -7,16 +7,16 @@ from robbie_mp.transport.tables import ChannelName
 
 
 class QueueDrops:
-    """Compares what has passed through each channel with what came.
+    """Compares what has passed through each channel with what the recorder received.
 
-    How many are missing altogether the core's books say exactly. Of which channels, the difference tells; but
-    what still waits is in it too. So the share of a channel is exact once nothing waits any more, and near it
-    before.
+    The core's counters give the total number of missing messages exactly. The difference shows which channels
+    they belong to, but it also includes messages that still wait. So the share of a channel is exact once no
+    message waits, and approximate before that.
 
     Args:
-        total: says how many messages the core has dropped altogether.
-        passed: says how many messages have passed through each channel that is subscribed to.
-        missed_before: what an earlier process of this recorder has accounted for.
+        total: returns how many messages the core has dropped in total.
+        passed: returns how many messages have passed through each channel that is subscribed to.
+        missed_before: messages that an earlier process of this recorder has accounted for.
     """
 
     def __init__(
@@ -33,14 +33,14 @@ class QueueDrops:
 
     @property
     def missed(self) -> int:
-        """Messages accounted for by now."""
+        """Messages accounted for so far."""
         return self._missed
 
     def look(self, received: Mapping[ChannelName, int]) -> dict[ChannelName, int]:
         """Return how many messages have gone missing since the last call.
 
         Args:
-            received: how many came since the beginning, of each channel.
+            received: how many messages of each channel the recorder has received since the beginning.
         """
         new = self._total() - self._missed
         if new <= 0:
@@ -59,13 +59,13 @@ class QueueDrops:
 
 
 def key_of_missing(name: ChannelName, seen: Iterable[ChannelKey]) -> ChannelKey:
-    """Return the channel of a log to which missing messages belong: their sender is known if there is one."""
+    """Return the log's channel to which missing messages belong; it names the sender if there is only one."""
     senders = {key.sender for key in seen if key[:3] == name}
     return ChannelKey(*name, senders.pop() if len(senders) == 1 else "")
 
 
 def share_out(total: int, weights: Mapping[ChannelName, int]) -> dict[ChannelName, int]:
-    """Share a number out by weights, in whole numbers whose sum it is; nothing without any weight."""
+    """Divide a total in proportion to weights, in whole numbers that add up to it; {} without any weight."""
     shares: dict[ChannelName, int] = {}
     left, weight_left = total, sum(weights.values())
     for name, weight in weights.items():

@@ -1,4 +1,4 @@
-"""What a recorder has to know of the run that it records."""
+"""What a recorder needs to know about the run that it records."""
 
 import platform
 import re
@@ -19,10 +19,10 @@ UNSAFE = re.compile(r"[^A-Za-z0-9_.-]+")
 
 
 class RecordedRun:
-    """One run, seen by who records it.
+    """One run, as its recorder sees it.
 
     Args:
-        folder: the run's own.
+        folder: the folder of the run.
     """
 
     def __init__(self, folder: Path):
@@ -33,15 +33,15 @@ class RecordedRun:
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
 
     def time_ns(self, machine_ns: int) -> int:
-        """Return what the run's clock said at a moment of the machine's monotonic time, ns since the epoch.
+        """Return the run's time at a moment of the machine's monotonic clock, in ns since the epoch.
 
-        Without a clock of its own the run has the machine's, as it is set when recording begins: the times
-        of messages go on evenly even if somebody sets it meanwhile.
+        A run without its own clock uses the machine's clock as it is set when recording starts. Message times
+        then advance evenly even if the machine's clock is set during the recording.
         """
         return self._epoch_ns + machine_ns if self._clock is None else self._clock.at(machine_ns)
 
     def schema(self, type_name: str, version: int) -> str:
-        """Return the ros2msg text of a type; '' if it is not known in that version."""
+        """Return the ros2msg text of a type; '' if that version of it is not known."""
         try:
             described = self._types.describe(type_name)
         except UnknownType:
@@ -49,7 +49,7 @@ class RecordedRun:
         return described.schema if described.version == version else ""
 
     def metadata(self) -> RunMetadata:
-        """Return what parts of its recordings say of it."""
+        """Return the metadata that the parts of its recordings hold about the run."""
         try:
             profile = (self._folder / PROFILE_FILE).read_text()
         except OSError:
@@ -68,11 +68,12 @@ class RecordedRun:
         )
 
     def recording_folder(self, folder: Path, recorder: str) -> Path:
-        """Return where a recording of this run goes, below a folder of recordings.
+        """Return the folder for a recording of this run, below a folder of recordings.
 
         Args:
-            folder: of recordings.
-            recorder: who records; if it has begun to already, in an earlier process, it goes on there.
+            folder: the folder of recordings.
+            recorder: name of the recorder; if an earlier process of it has started a recording, it continues
+                there.
         """
         ending = f"{recorder}-{self.plan.run_id}"
         for begun in sorted(folder.glob(f"*-{ending}")):
@@ -81,6 +82,6 @@ class RecordedRun:
         return folder / f"{datetime.now():%Y%m%d-%H%M%S}-{profile}-{ending}"
 
     def close(self) -> None:
-        """Unmap its clock."""
+        """Unmap the run's clock."""
         if self._clock is not None:
             self._clock.close()

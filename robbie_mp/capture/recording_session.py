@@ -20,7 +20,7 @@ class RecordingSession:
 
     Args:
         run: the run.
-        selection: which messages are recorded.
+        selection: selects the messages to record.
         make_writer: makes the log writer; see `Recorder`.
         limits: how much may wait in memory.
         total_missed: returns how many messages the core has dropped in total.
@@ -57,7 +57,7 @@ class RecordingSession:
 
     @property
     def folder(self) -> Path:
-        """Where the log is."""
+        """Folder of the log."""
         return self.recorder.writer.folder
 
     @property
@@ -120,11 +120,11 @@ class RecordingSession:
 
 
 class _Channel:
-    """A channel whose messages are received."""
+    """A channel of which messages have been received."""
 
     __slots__ = ("id", "name")
 
     def __init__(self, key: ChannelKey, id_: int):
         self.name = ChannelName(key.type_name, key.version, key.topic)
         self.id = id_
-        """Its number in the log; 0: its messages are not recorded."""
+        """The channel's number in the log; 0: its messages are not recorded."""

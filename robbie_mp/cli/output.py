@@ -1,8 +1,8 @@
-"""The one way of all that commands print, on the terminal or into a file.
+"""All output of commands, to the terminal or into a file, goes through here.
 
-`robbie` has its standard output and standard error replaced by `PlainStream`: whatever a command prints, a
-name of others cannot make the terminal do anything. What commands themselves tell the terminal, which is
-colours, goes through `PlainConsole` or `print_styled`.
+`robbie` replaces its standard output and standard error by `PlainStream`. So no name or text that a command
+prints can control your terminal. Commands themselves set only colours, through `PlainConsole` or
+`print_styled`.
 """
 
 import contextlib
@@ -18,15 +18,15 @@ from rich.style import Style
 from robbie_mp.visible_text import one_line, visible
 
 FILE_WIDTH = 160
-"""Columns where nobody tells how wide the paper is."""
+"""Columns when the output is not a terminal and has no width."""
 ERASE_LINE = "\r\x1b[K"
 
 
 class PlainStream(io.TextIOBase):
-    """A text stream that lets nothing pass that a terminal would obey.
+    """A text stream that passes nothing on that a terminal would obey.
 
     Args:
-        below: where it writes.
+        below: the stream it writes to.
     """
 
     def __init__(self, below: IO[str]):
@@ -42,31 +42,31 @@ class PlainStream(io.TextIOBase):
         self.below.flush()
 
     def close(self) -> None:
-        """Leave the stream below open: it is somebody else's."""
+        """Leave the stream below open: this stream does not own it."""
 
     def fileno(self) -> int:
-        """Return the descriptor."""
+        """Return the file descriptor."""
         return self.below.fileno()
 
     def isatty(self) -> bool:
-        """Whether it is a terminal."""
+        """Whether the stream is a terminal."""
         return self.below.isatty()
 
     def writable(self) -> bool:
-        """It is."""
+        """Return True."""
         return True
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
-        """As characters are written."""
+        """The encoding of the stream below."""
         return str(getattr(self.below, "encoding", "utf-8"))
 
 
 @contextlib.contextmanager
 def plain_output() -> Iterator[None]:
-    """Make all that is printed on standard output and standard error plain."""
+    """Make everything printed on standard output and standard error plain."""
     with contextlib.ExitStack() as replaced:
-        if sys.stdout is not None:  # as for a service that was started with closed descriptors
+        if sys.stdout is not None:  # None if a service was started with closed descriptors
             replaced.enter_context(contextlib.redirect_stdout(PlainStream(sys.stdout)))
         if sys.stderr is not None:
             replaced.enter_context(contextlib.redirect_stderr(PlainStream(sys.stderr)))
@@ -74,11 +74,11 @@ def plain_output() -> Iterator[None]:
 
 
 class PlainConsole(Console):
-    """Prints tables and styled text; only the styles are the terminal's to obey, and no text is markup.
+    """Prints tables and styled text. Only styles reach the terminal as escapes; no text is read as markup.
 
     Args:
-        file: where it prints.
-        width: columns; None: as many as the terminal has.
+        file: the stream it prints to.
+        width: columns; None: the terminal's width.
     """
 
     def __init__(self, file: IO[str], width: int | None = None):
@@ -86,29 +86,29 @@ class PlainConsole(Console):
         super().__init__(file=below, width=width, highlight=False, markup=False, emoji=False)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """Yield the segments of something, their text made visible."""
+        """Yield the segments of a renderable, with their text made visible."""
         for segment in super().render(renderable, options):
             is_plain = segment.control or segment.text.isprintable()
             yield segment if is_plain else Segment(visible(segment.text), segment.style)
 
 
 def console() -> PlainConsole:
-    """Return where tables are printed: as wide as the terminal, or wide enough for a file."""
+    """Return the console for tables: as wide as the terminal, or wide enough for a file."""
     return PlainConsole(sys.stdout, None if sys.stdout.isatty() else FILE_WIDTH)
 
 
 def warn(text: str) -> None:
-    """Say on standard error, in one line, what is not as it should be."""
+    """Print a one-line warning on standard error."""
     print(f"warning: {one_line(text)}", file=sys.stderr)
 
 
 def print_styled(head: str, text: str, style: Style) -> None:
-    """Print a line whose end is in a style; much faster than a console."""
+    """Print a line whose end has a style; much faster than a console."""
     _below(sys.stdout).write(f"{visible(head)}{style.render(visible(text))}\n")
 
 
 def print_in_place(text: str) -> None:
-    """Print a line in the place of the terminal's last one."""
+    """Print a line over the terminal's last one."""
     below = _below(sys.stdout)
     below.write(ERASE_LINE + one_line(text))
     below.flush()

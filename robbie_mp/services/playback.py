@@ -1,4 +1,4 @@
-"""Playback: plays a log into a run, in place of the modules that were recorded, and turns the run's clock."""
+"""Playback: plays a log into a run in place of the recorded modules, and drives the run's clock."""
 
 import math
 from collections.abc import Collection, Iterable
@@ -31,16 +31,16 @@ SUPERVISOR = "supervisor"
 
 
 class Playback(ClockSource):
-    """Publishes the messages of a log as they are in it: type, version, topic, order, and time between them.
+    """Publishes the messages of a log unchanged: type, version, topic, order, and the time between them.
 
-    The run's clock is the log's: `clock: {source: playback}` in the profile, if the module is called so. It
-    stands still when the playback is paused or has to wait, because too many messages are on their way; so
-    nothing is lost, however slow the machine. With `clock.lockstep` each message waits until all is over that
-    came of the one before.
+    The run's clock is the log's: set `clock: {source: playback}` in the profile if the module is named
+    `playback`. The clock stops while playback is paused, or while it waits because too many messages are in
+    flight. So no message is lost, however slow the machine is. With `clock.lockstep`, each message waits
+    until everything that the previous one caused has finished.
 
-    Messages of an older version become what the run's class is now; what cannot be read is skipped and
-    counted. When the log has ended and the last message was handled, the module ends. Killed, it goes on
-    where it was: the message that it was just publishing may be lost.
+    Messages of an older version are upgraded to the run's class. Messages that cannot be read are skipped and
+    counted. The module ends when the log has ended and the last message was handled. If it is killed, it
+    continues where it was; the message that it was publishing at that moment may be lost.
     """
 
     file: Path = setting(REQUIRED, "the log: an MCAP file, or a folder with its parts", must_exist=True)
@@ -69,7 +69,7 @@ class Playback(ClockSource):
 
     @classmethod
     def check(cls, settings: dict[str, Any]) -> None:
-        """See that there is a log, and something to play in it."""
+        """Check that the log exists and holds something to play."""
         with _open(settings) as log:
             length_s = (log.end_ns - log.start_ns) / 1e9
             start_s, end_s = settings["start_s"], settings["end_s"]
@@ -84,7 +84,7 @@ class Playback(ClockSource):
 
     @classmethod
     def further_types(cls, settings: dict[str, Any], others: Collection[str]) -> Iterable[TypeDescription]:
-        """Describe the types that only the log knows; see that the others can become what they are now."""
+        """Describe the types that only the log knows; check that the others can be upgraded."""
         types = RunTypes(own_types())
         with _open(settings) as log:
             channels = selection.of_topics(log.channels, settings["topics"])
@@ -97,7 +97,7 @@ class Playback(ClockSource):
             ]
 
     def setup(self) -> None:
-        """Open the log, and begin the run's time, or go on where a killed incarnation was."""
+        """Open the log, and start the run's time or continue where a killed incarnation stopped."""
         plan = self._plan()
         self.log_file = _open({"file": self.file, "max_chunk_mib": self.max_chunk_mib})
         self.clock_writer = ClockWriter.attach(self.run_id)
@@ -118,7 +118,7 @@ class Playback(ClockSource):
         return plan
 
     def _channels(self, run: Collection[str]) -> list[LogChannel]:
-        """Choose what is played; say what cannot be, and which patterns fit nothing."""
+        """Choose the channels to play; log those that cannot be played, and patterns that match nothing."""
         log = self.log_file
         for damage in log.damage:
             self.log.warning("only what is whole is played: %s", damage)
@@ -163,18 +163,18 @@ class Playback(ClockSource):
 
     @property
     def _begin_ns(self) -> int:
-        """The log's time at which it begins."""
+        """The log's time at which playback starts."""
         return self.log_file.start_ns + round(self.start_s * 1e9)
 
     def _run_ns(self) -> int:
-        """Return the run's time; before that has begun, the time at which it will."""
+        """Return the run's time; before it has started, the time at which it will start."""
         now_ns = self.clock_writer.now_ns
         return self._begin_ns if now_ns is None else now_ns
 
-    # -- while it plays ----------------------------------------------------------------------------------
+    # -- during playback ---------------------------------------------------------------------------------
 
     def on_control(self, control: PlaybackControl) -> None:
-        """Follow an order, or say why not."""
+        """Carry out a control request, or log why it was refused."""
         self.request, self.error, self.has_news = control.request, "", True
         try:
             self.player.control(control.command, control.value)
@@ -184,7 +184,7 @@ class Playback(ClockSource):
         self._remember()
 
     def tick(self) -> None:
-        """Play what is due; end after the last message was handled."""
+        """Play what is due; end once the last message was handled."""
         player = self.player
         if self.next_news_ns == 0:
             self._tell()
@@ -199,7 +199,7 @@ class Playback(ClockSource):
             self._tell()
 
     def _tell(self) -> None:
-        """Publish where the playback stands. In lockstep that depends on orders alone, not on real time."""
+        """Publish the state of the playback. In lockstep it depends on requests alone, not on real time."""
         player, time, log = self.player, self.player.time, self.log_file
         position_ns = time.position_ns
         self.publish(
@@ -233,7 +233,7 @@ class Playback(ClockSource):
         )
 
     def _remember(self, sent: int = 0) -> None:
-        """Keep what the next incarnation goes on from; `sent`: messages that the player does not know of."""
+        """Checkpoint the position for the next incarnation; `sent`: messages the player has not counted."""
         player = self.player
         self.checkpoint(
             {
@@ -248,7 +248,7 @@ class Playback(ClockSource):
         )
 
     def teardown(self) -> None:
-        """Let the run's time stand where it is."""
+        """Leave the run's time where it is."""
         self.clock_writer.pause(self._run_ns())
         self.clock_writer.close()
         self.unhandled.close()
@@ -263,10 +263,10 @@ def _open(settings: dict[str, Any]) -> Log:
 
 
 def _translations(channels: Iterable[LogChannel], types: RunTypes) -> dict[int, Translation]:
-    """Return how the messages of channels are published, by their ids.
+    """Return how the messages of each channel are published, by channel id.
 
     Raises:
-        SettingError: of those that cannot be.
+        SettingError: some channels cannot be published; the text names them.
     """
     found: dict[int, Translation] = {}
     problems: dict[str, None] = {}

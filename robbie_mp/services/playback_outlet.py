@@ -1,4 +1,4 @@
-"""Puts the messages of a log on a run's bus, as fast as nothing is lost, or one at a time in lockstep."""
+"""Publishes a log's messages on a run's bus: as fast as none is lost, or one at a time in lockstep."""
 
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -12,17 +12,17 @@ from robbie_mp.run.lockstep import Lockstep, TickSchedule
 from robbie_mp.transport.blocks import MessageTooLarge
 
 PATIENCE_NS = 15_000_000_000
-"""Messages that nobody has handled for so long are not waited for: their subscriber stands still."""
+"""If no message is handled for this long, the player stops waiting: the subscriber is stalled."""
 
 
 class BusOutlet:
-    """Publishes messages of a log.
+    """Publishes the messages of a log.
 
     Args:
-        module: who publishes.
-        translations: how, by the id of the channel.
-        remember: is called right before a message is published, with 1, and after whatever else happened,
-            with 0: so many messages are more done with than the player knows.
+        module: publishes the messages.
+        translations: how to publish them, by channel id.
+        remember: called with 1 right before a message is published, and with 0 after anything else happened.
+            The number says how many more messages are done than the player has counted.
 
     Attributes:
         skipped: messages that could not be published.
@@ -37,7 +37,7 @@ class BusOutlet:
         self.skipped = 0
 
     def send(self, message: LoggedMessage) -> bool:
-        """Publish a message; one that cannot be is skipped and counted. False if there is no room now."""
+        """Publish a message; skip and count one that cannot be published. False if there is no room now."""
         channel = message.channel
         translation = self._translations[channel.id]
         try:
@@ -53,20 +53,20 @@ class BusOutlet:
             return True
 
     def announce(self, before_ns: int, after_ns: int, reason: str) -> None:
-        """Tell that the time has jumped."""
+        """Announce that the time has jumped."""
         before, after = Time.from_nanoseconds(before_ns), Time.from_nanoseconds(after_ns)
         self._module.publish(TimeJump(before=before, after=after, reason=reason))
         self._remember(0)
 
 
 class PacedOutlet(BusOutlet):
-    """Has so many messages on their way that nobody's queue overflows.
+    """Limits the messages in flight so that no subscriber's queue overflows.
 
     Args:
         module, translations, remember: as for `BusOutlet`.
-        limit: messages that may be waiting or in work at once.
-        limit_bytes: so large they may be together; a larger one goes alone.
-        unhandled: tells how many there are; those that somebody has handled and keeps are not on their way.
+        limit: messages that may wait or be handled at once.
+        limit_bytes: limit of their total size; a larger message is sent alone.
+        unhandled: counts them; messages that a subscriber has handled but keeps are not in flight.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class PacedOutlet(BusOutlet):
         self._limit_bytes = limit_bytes
         self._unhandled = unhandled
         self._sizes: deque[int] = deque(maxlen=limit)
-        """Of the last messages: of those on their way, if they are handled in order."""
+        """Sizes of the last messages sent: those in flight, if they are handled in order."""
         self._last_unhandled = 0
         self._unchanged_since_ns = 0
 
@@ -96,9 +96,9 @@ class PacedOutlet(BusOutlet):
         return is_sent
 
     def has_room(self, size: int) -> bool:
-        """Whether so few messages are on their way that one more may follow."""
-        # Those that are kept count here as well, but most often there is room all the same; the exact number
-        # takes longer to find.
+        """Whether few enough messages are in flight for one more."""
+        # This count includes messages that subscribers keep. There is room most of the time all the same,
+        # and the exact number takes longer to find.
         return self._fits(self._module.outstanding, size) or self._fits(self._unhandled(), size)
 
     def _fits(self, on_their_way: int, size: int) -> bool:
@@ -109,7 +109,7 @@ class PacedOutlet(BusOutlet):
         return on_their_way < self._limit and sum(self._sizes) + size <= self._limit_bytes
 
     def is_empty(self) -> bool:
-        """Whether everything sent has been handled, or nobody goes on with it."""
+        """Whether everything sent has been handled, or the subscribers have stalled."""
         if self._module.outstanding == 0:
             return True
         unhandled, now_ns = self._unhandled(), self._module.clock.monotonic_ns()
@@ -118,24 +118,24 @@ class PacedOutlet(BusOutlet):
         return unhandled == 0 or now_ns - self._unchanged_since_ns > PATIENCE_NS
 
     def wake(self) -> None:
-        """Have the module's next tick as soon as there is more room."""
+        """Schedule the module's next tick for when there is more room."""
         self._module.wake_after_freed(max(1, self._module.outstanding // 2))
 
     def next_tick(self) -> DueTick | None:
-        """None: modules tick by the clock."""
+        """Return None: modules tick by the clock."""
         return None
 
     def send_tick(self, tick: DueTick) -> bool:
-        """Never asked for."""
+        """Never called."""
         raise NotImplementedError(tick)
 
 
 class LockstepOutlet(BusOutlet):
-    """Has one message or tick on its way, and goes on when all that came of it is over.
+    """Has one message or tick in flight, and continues once everything it caused has finished.
 
     Args:
         module, translations, remember: as for `BusOutlet`.
-        lockstep: what the module knows of the others.
+        lockstep: what the module knows of the other modules.
         now_ns: the run's time.
     """
 
@@ -153,19 +153,19 @@ class LockstepOutlet(BusOutlet):
         self.schedule = TickSchedule(now_ns())
 
     def has_room(self, _size: int) -> bool:
-        """Whether all that came of the last message or tick is over."""
+        """Whether everything that the last message or tick caused has finished."""
         return self._lockstep.is_settled()
 
     def is_empty(self) -> bool:
-        """Likewise."""
+        """Whether everything that the last message or tick caused has finished."""
         return self._lockstep.is_settled()
 
     def wake(self) -> None:
-        """Have the module's next tick as soon as that is so."""
+        """Schedule the module's next tick for when everything has finished."""
         self._lockstep.wake_when_settled()
 
     def next_tick(self) -> DueTick | None:
-        """Return the tick that is to be granted next."""
+        """Return the tick to grant next."""
         self.schedule.update(self._lockstep.periods(), self._now_ns())
         following = self.schedule.next()
         return DueTick(*following) if following else None
@@ -180,6 +180,6 @@ class LockstepOutlet(BusOutlet):
         return False
 
     def announce(self, before_ns: int, after_ns: int, reason: str) -> None:
-        """Tell that the time has jumped; everybody has the next tick right then."""
+        """Announce that the time has jumped; every module's next tick is then due at once."""
         self.schedule.restart(after_ns)
         super().announce(before_ns, after_ns, reason)

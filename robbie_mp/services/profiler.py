@@ -1,4 +1,4 @@
-"""The profiler: publishes once a second what `robbie top` shows, for logs and for views on other machines."""
+"""The profiler: publishes what `robbie top` shows once a second, for logs and for views on other machines."""
 
 import math
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ class Profiler(Module):
     period_s: float = setting(1.0, "time over which rates are measured", minimum=0.05)
 
     def setup(self) -> None:
-        """Begin to look at the run."""
+        """Start observing the run."""
         self.observer = RunObserver(self.run_id)
         self.before = self.observer.read()
 
@@ -33,12 +33,12 @@ class Profiler(Module):
             self.before = now
 
     def teardown(self) -> None:
-        """Stop looking."""
+        """Stop observing."""
         self.observer.close()
 
 
 def system_profile(now: RunReading, rates: RunRates) -> SystemProfile:
-    """Put a reading and the rates since the one before into a message."""
+    """Build a message from a reading and the rates since the previous reading."""
     machine = now.machine
     return SystemProfile(
         stamp=Time.from_nanoseconds(round(now.wall_time_s * 1e9)),
@@ -80,7 +80,7 @@ def _module(module: ModuleFigures, now_ns: int, rates: RunRates) -> ModuleProfil
         left=module.total("left"),
         replaced=module.total("replaced"),
         lost=module.total("lost"),
-        refused=min(module.refused, WORD_MAX),  # a sum of what a wild pointer may have written over
+        refused=min(module.refused, WORD_MAX),  # a sum over words that a stray pointer may have overwritten
         pinned=module.pinned,
         pinned_bytes=module.pinned_bytes,
         memory_used_bytes=module.outstanding_bytes,

@@ -1,4 +1,4 @@
-"""The scene graph's service: keeps it up to date, and tells everybody."""
+"""The scene graph service: keeps the scene graph up to date and publishes it."""
 
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,15 @@ MOVED_LIMIT = 2000
 class SceneGraphService(Module):
     """Applies joint states, odometry and map poses to the scene graph, and publishes what has changed.
 
-    It hears JointState on any topic, Odometry on `odom` and PoseStamped on `map_pose`; of robots whose nodes
-    have a prefix, as "red/base_link", on `red/odom` and `red/map_pose`. A map pose moves the node below its
-    frame that bears the robot: the odometry frame, by the correction that makes the map pose come true.
+    It subscribes to JointState on any topic, Odometry on `odom` and PoseStamped on `map_pose`. For robots
+    whose nodes have a prefix, as in "red/base_link", the topics are `red/odom` and `red/map_pose`. A map pose
+    moves the child of its frame that carries the robot, the odometry frame, by the correction that makes the
+    map pose true.
 
-    It publishes TFMessage on `tf` for what moves and, once in `repeat_s`, on `tf_static` for what is fixed;
-    and SceneGraphState, the whole of it.
+    It publishes moving transforms as TFMessage on `tf`, and fixed ones on `tf_static` once every `repeat_s`.
+    It also publishes SceneGraphState, which holds the whole graph.
 
-    Restarted, it holds the last corrections, and learns the rest from the next messages.
+    After a restart it restores the last corrections, and learns the rest from the next messages.
     """
 
     file: Path = setting(REQUIRED, "the scene graph (YAML or URDF)", must_exist=True)
@@ -37,7 +38,7 @@ class SceneGraphService(Module):
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
-        """Read the file, so that its mistakes are told before anything starts."""
+        """Read the file, so that its mistakes are reported before anything starts."""
         file = settings["file"]
         assert isinstance(file, Path)
         try:
@@ -46,7 +47,7 @@ class SceneGraphService(Module):
             raise SettingError(str(error), "file") from error
 
     def setup(self) -> None:
-        """Read the graph; hear what moves it."""
+        """Read the graph, and subscribe to what moves it."""
         self.graph = SceneGraph(read_scene(self.file), history_s=self.history_s)
         self.warnings = WarnOnce(self.log)
         self.updater = SceneUpdater(self.graph, self.base, self.warnings)
@@ -82,13 +83,13 @@ class SceneGraphService(Module):
         self._tell_moved()
 
     def on_time_jump(self, _jump: TimeJump) -> None:
-        """Forget where everything was."""
+        """Forget all positions."""
         self.updater.forget()
         self._remember()
         self.state_changed = True
 
     def tick(self) -> None:
-        """Tell what had to wait, and what is repeated."""
+        """Publish what had to wait, and what is repeated."""
         self._tell_moved()
         now_s = self._now_s()
         if now_s >= self.next_s["repeat"]:
@@ -103,7 +104,7 @@ class SceneGraphService(Module):
         self.status = f"{len(self.graph)} nodes, {self.updates} updates{ignored}"
 
     def _tell_moved(self) -> None:
-        """Publish what has moved, unless that was done just now; then it waits for the tick."""
+        """Publish what has moved; if that happened just now, leave it to the next tick."""
         now_s = self._now_s()
         waiting = len(self.updater.moved)
         if not waiting or (now_s < self.next_s["tf"] and waiting < MOVED_LIMIT):

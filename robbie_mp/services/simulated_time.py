@@ -1,4 +1,4 @@
-"""Simulated time: the run's clock goes as fast as the modules can, or at a chosen rate; no log is needed."""
+"""Simulated time: the run's clock advances as fast as the modules can, or at a set rate; it needs no log."""
 
 import time
 
@@ -9,16 +9,16 @@ from robbie_mp.run.lockstep import ClockSource, TickSchedule
 from robbie_mp.run.run_clock import ClockWriter
 
 STEPS_AT_ONCE = 100
-"""So many ticks are granted before this module looks at its own messages again, if each is over at once."""
+"""Ticks granted before this module looks at its own messages again, if each finishes at once."""
 
 
 class SimulatedTime(ClockSource):
-    """Turns the clock of a simulation from one module's tick to the next.
+    """Advances the clock of a simulation from one module's tick to the next.
 
-    In lockstep, with which it works only: `clock: {source: time, lockstep: true}`, if it is called `time`. A
-    simulation that is seeded then goes the same way every time, whatever else the machine does.
+    It works only in lockstep: set `clock: {source: time, lockstep: true}` if the module is named `time`. A
+    seeded simulation then runs the same way every time, regardless of the load on the machine.
 
-    Restarted, it goes on where it was; modules' next ticks are then due at once.
+    After a restart it continues where it was; the modules' next ticks are then due at once.
     """
 
     period_s: float = setting(0.05, "time between looks at the machine's clock", minimum=0.001)
@@ -29,7 +29,7 @@ class SimulatedTime(ClockSource):
     duration_s: float | None = setting(None, "end this module after so much simulated time", minimum=0.0)
 
     def setup(self) -> None:
-        """Begin, or go on from where a killed incarnation was."""
+        """Start, or continue where a killed incarnation stopped."""
         if self.lockstep is None:
             raise SettingError(f"set clock.source to {self.name} and clock.lockstep to true", "start_s")
         self.clock_writer = ClockWriter.attach(self.run_id)
@@ -40,14 +40,14 @@ class SimulatedTime(ClockSource):
             self.clock_writer.jump(now_ns)
             self.checkpoint(now_ns)
         self.began_machine_s = time.monotonic()
-        """The machine's time at which the simulation began, or would have at this rate."""
+        """The machine's time at which the simulation started, or would have started at this rate."""
         if self.rate is not None:
             self.began_machine_s -= (now_ns - self.began_ns) / 1e9 / self.rate
         self.schedule = TickSchedule(now_ns)
         self.ticks = 0
 
     def tick(self) -> None:
-        """Go on for as long as everything is settled."""
+        """Advance for as long as everything is settled."""
         assert self.lockstep is not None
         for _ in range(STEPS_AT_ONCE):
             if not self.lockstep.is_settled():
@@ -57,7 +57,7 @@ class SimulatedTime(ClockSource):
         self.lockstep.wake_when_settled()
 
     def _step(self) -> bool:
-        """Grant the next tick; False if it is not time for it, or nobody wants any."""
+        """Grant the next tick; False if it is not due yet, or no module has requested one."""
         assert self.lockstep is not None
         now_ns = self.clock_writer.now_ns or 0
         self.schedule.update(self.lockstep.periods(), now_ns)
@@ -81,5 +81,5 @@ class SimulatedTime(ClockSource):
         return True
 
     def teardown(self) -> None:
-        """Let go of the clock: it stands still."""
+        """Release the clock: it stops."""
         self.clock_writer.close()

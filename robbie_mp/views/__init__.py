@@ -1,1 +1,1 @@
-"""What commands and the operator station both show: messages as text, known types, the process table."""
+"""What both the commands and the operator station show: messages as text, known types, the process table."""

@@ -1,4 +1,4 @@
-"""Which message types a command knows: those of the run that is meant, or of the workspace around us."""
+"""The message types that a command knows: those of the selected run, or of the current workspace."""
 
 from contextlib import closing
 from pathlib import Path
@@ -22,15 +22,15 @@ def types_of_run(run: KnownRun) -> KnownTypes:
 
 
 def types_of_run_or_workspace(run_id: str | None) -> KnownTypes:
-    """Return the types of the run that fits, if one alone does, else those of the workspace around us."""
+    """Return the types of the matching run if there is exactly one, else those of the current workspace."""
     runs = [run for run in list_runs() if run.is_live and run.run_id.startswith(run_id or "")]
     return types_of_run(runs[0]) if len(runs) == 1 else KnownTypes(types_of_workspace(Path.cwd()))
 
 
 def types_of_workspace(folder: Path) -> list[TypeDescription]:
-    """Return the types that the modules of all profiles of a folder's workspace declare; none outside of any.
+    """Return the types that the modules of all profiles in a folder's workspace declare; [] outside of one.
 
-    The modules are imported in another process; those that cannot be are passed over.
+    Another process imports the modules; modules that cannot be imported are skipped.
     """
     try:
         workspace = find_workspace(folder)

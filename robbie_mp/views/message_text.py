@@ -1,4 +1,4 @@
-"""Messages as text: YAML for people, JSON and CSV for programs, whole or one field of them."""
+"""Messages as text: YAML for people, JSON and CSV for programs, as a whole or one field."""
 
 import csv
 import io
@@ -20,25 +20,25 @@ from robbie_mp.suggest import did_you_mean
 from robbie_mp.visible_text import one_line, visible_json
 
 SHOWN = 8
-"""Elements of an array that are shown to people, if not all are asked for."""
+"""Number of array elements shown to people unless they ask for all."""
 STEP = re.compile(r"(\w+)((?:\[\d+\])*)")
 PLAIN_NUMBER = re.compile(r"-?\d+(\.\d+)?")
 INDEX = re.compile(r"\[(\d+)\]")
 
 
 class NoSuchField(RobbieError, LookupError):
-    """A path names no field of a message type."""
+    """A path does not name a field of the message type."""
 
 
 class FieldPath:
-    """A field of a message, or of a message in it, or an element of it: `pose.position.x`, `ranges[3]`.
+    """A field of a message, a nested field, or an array element: `pose.position.x`, `ranges[3]`.
 
     Args:
-        message_type: whose field.
+        message_type: the type that has the field.
         path: the field; '' for the whole message.
 
     Raises:
-        NoSuchField: there is none.
+        NoSuchField: the type has no such field.
     """
 
     def __init__(self, message_type: type[Message], path: str):
@@ -73,7 +73,7 @@ class FieldPath:
 
         Args:
             message: the message.
-            full: arrays as they are; else long ones as `Abbreviated`.
+            full: return arrays unchanged; if false, return long ones as `Abbreviated`.
         """
         value: Any = message
         for step in self._steps:
@@ -87,11 +87,11 @@ class FieldPath:
 
 
 class Abbreviated(list[Any]):
-    """The first elements of a long array, and the last.
+    """The first elements of a long array, and its last one.
 
     Args:
-        elements: these.
-        missing: how many were left out before the last.
+        elements: those elements.
+        missing: number of elements left out before the last one.
     """
 
     def __init__(self, elements: list[Any], missing: int):
@@ -100,7 +100,7 @@ class Abbreviated(list[Any]):
 
 
 def _plain(value: Any, full: bool) -> Any:
-    """Only what JSON has; arrays as lists."""
+    """Convert to types that JSON has; arrays become lists."""
     if isinstance(value, Message):
         return {name: _plain(inner, full) for name, inner in as_dict(value).items()}
     if isinstance(value, dict):
@@ -115,10 +115,10 @@ def _plain(value: Any, full: bool) -> Any:
 
 
 def message_of_yaml(message_type: type[Message], text: str) -> Message:
-    """Return the message whose fields a YAML text gives.
+    """Return the message with the fields that a YAML text gives.
 
     Raises:
-        ProfileError: it is no YAML.
+        ProfileError: the text is not YAML.
         FieldError: a field does not exist or does not fit; the text names it with its path.
     """
     plain = read_text(text, message_type.type_name).plain()
@@ -146,7 +146,7 @@ def _yaml_lines(value: Any, indent: str) -> Iterator[str]:
 
 def _yaml_inline(value: Any) -> str:
     if PLAIN_NUMBER.fullmatch(number := repr(value)):
-        return number  # for which a YAML library takes a hundred times as long
+        return number  # a YAML library takes a hundred times as long for numbers
     if not isinstance(value, Abbreviated):
         return inline(value)
     first = inline(list(value[:-1])).removesuffix("]")
@@ -154,7 +154,7 @@ def _yaml_inline(value: Any) -> str:
 
 
 def to_json(value: Any) -> str:
-    """Return plain data as JSON on one line; infinity and not-a-number as null, for JSON has none."""
+    """Return plain data as JSON on one line; infinity and not-a-number become null, as JSON lacks them."""
     return visible_json(json.dumps(_without_infinity(value), ensure_ascii=False, allow_nan=False))
 
 
@@ -167,7 +167,7 @@ def _without_infinity(value: Any) -> Any:
 
 
 def to_csv(cells: list[Any]) -> str:
-    """Return a row of CSV (RFC 4180) on one line: control characters and ends of lines are made visible."""
+    """Return a row of CSV (RFC 4180) on one line; control characters and line ends are made visible."""
     row = io.StringIO()
     shown = [one_line(cell) if isinstance(cell, str) else cell for cell in cells]
     csv.writer(row, lineterminator="").writerow(shown)
@@ -184,7 +184,7 @@ def flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def describe_playback(state: PlaybackState) -> str:
-    """Say in a line where a playback stands."""
+    """Describe the state of a playback in one line."""
     at_s, end_s = ((time.nanoseconds - state.begin.nanoseconds) / 1e9 for time in (state.position, state.end))
     pace = "as fast as possible" if math.isinf(state.rate) else f"rate {state.rate:g}"
     doing = "ended" if state.ended else "paused" if state.paused else "plays"

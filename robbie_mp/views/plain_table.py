@@ -1,4 +1,4 @@
-"""A table whose cells cannot make a terminal do anything."""
+"""A table with cells that cannot control a terminal."""
 
 from rich.console import RenderableType
 from rich.table import Table
@@ -8,7 +8,7 @@ from robbie_mp.visible_text import one_line
 
 
 class PlainTable(Table):
-    """A table without lines; a cell that is a `str` is one line whatever it holds."""
+    """A table without borders; a `str` cell always takes one line."""
 
     def __init__(self, *headings: str, header: bool = True):
         super().__init__(*headings, box=None, pad_edge=False, header_style="bold", show_header=header)
@@ -19,5 +19,5 @@ class PlainTable(Table):
 
 
 def cell_of(cell: RenderableType | None) -> RenderableType | None:
-    """Return what stands in a cell: a `str` as text on one line, everything else as it is."""
+    """Return the content of a cell: a `str` becomes text on one line, everything else stays as it is."""
     return Text(one_line(cell)) if isinstance(cell, str) else cell

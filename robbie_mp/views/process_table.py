@@ -1,4 +1,4 @@
-"""What `robbie top` shows, as text: the same on a terminal, in a table that is printed, and in tests."""
+"""The text that `robbie top` shows: the same on a terminal, in a printed table, and in tests."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ from robbie_mp.visible_text import one_line
 
 ALARM = "bold red"
 HUNG_S = 1.0
-"""What takes longer than this in one handler or tick is shown as an alarm; the watchdog waits longer."""
+"""A handler or tick that takes longer than this is shown as an alarm; the watchdog waits longer."""
 SILENT_CORE_S = 1.0
 
 
 @dataclass(frozen=True)
 class ModuleRow:
-    """One process: what is known of it, and what happened lately."""
+    """One process: its figures, and its recent rates."""
 
     figures: ModuleFigures
     rates: ModuleRates | None
@@ -28,33 +28,33 @@ class ModuleRow:
 
     @property
     def busy_s(self) -> float:
-        """How long it has been doing what it does."""
+        """How long the process has been doing what it does now."""
         since_ns = self.figures.busy_since_ns
         return max(0, self.now_ns - since_ns) / 1e9 if since_ns else 0.0
 
     @property
     def is_hung(self) -> bool:
-        """Whether it has been in one handler or tick for so long that somebody should look."""
+        """Whether one handler or tick has taken long enough to need attention."""
         return self.busy_s >= HUNG_S and self.figures.activity in ("handler", "tick", "teardown")
 
     @property
     def state(self) -> Text:
-        """Its state, or that it hangs."""
+        """The process state, or a note that it hangs."""
         name = state_name(self.figures)
         return Text("HUNG", ALARM) if self.is_hung else Text(name, STYLES.get(name, ""))
 
 
 @dataclass(frozen=True)
 class ModuleColumn:
-    """One column of the view of modules."""
+    """One column of the module view."""
 
     heading: str
     cell: Callable[[ModuleRow], Text]
     order: Callable[[ModuleRow], float | str]
-    """What the rows are sorted by; numbers the largest first."""
+    """Sort key of the rows; numbers sort largest first."""
     is_text: bool = False
     is_line: bool = False
-    """Whether its text may be long."""
+    """Whether the text may be long."""
 
 
 def module_rows(reading: RunReading, rates: RunRates | None) -> list[ModuleRow]:
@@ -66,7 +66,7 @@ def module_rows(reading: RunReading, rates: RunRates | None) -> list[ModuleRow]:
 
 
 def doing(row: ModuleRow) -> Text:
-    """What a process says of itself; first what it hangs in, if it seems to."""
+    """The status of a process; if it seems to hang, the text first says in what."""
     module = row.figures
     state = state_name(module)
     if state in ("BACKOFF", "FAILED"):
@@ -113,7 +113,7 @@ def _rate(heading: str, name: str) -> ModuleColumn:
 
 
 def _time(heading: str, kind: str, part: str) -> ModuleColumn:
-    """Of lately, or of the whole incarnation if that is not known."""
+    """Make a column of recent times, or of the whole incarnation if there are no recent ones."""
 
     def value(row: ModuleRow) -> float | None:
         if row.rates:
@@ -224,7 +224,7 @@ PRINTED = (
 
 
 def _whole_time_ms(heading: str, kind: str) -> ModuleColumn:
-    """The p99 of the whole incarnation, always in ms: for people and programs that compare tables."""
+    """p99 over the whole incarnation, always in ms, so that people and programs can compare tables."""
 
     def value(row: ModuleRow) -> float | None:
         work = row.figures.work
@@ -242,7 +242,7 @@ PRINTED_TIMES = (_whole_time_ms("lat p99 ms", "latency"), _whole_time_ms("hnd p9
 
 
 def modules_table(reading: RunReading, rates: RunRates | None) -> PlainTable:
-    """The most important figures, to be printed."""
+    """Make the table of the most important figures, for printing."""
     columns = [column for column in (*MODULE_COLUMNS, *PRINTED_TIMES) if column.heading in PRINTED]
     columns.sort(key=lambda column: PRINTED.index(column.heading))
     made = PlainTable()
@@ -257,7 +257,7 @@ def modules_table(reading: RunReading, rates: RunRates | None) -> PlainTable:
 
 
 def totals_line(reading: RunReading, rates: RunRates | None) -> Text:
-    """One line on the whole run and its machine."""
+    """Summarize the whole run and its machine in one line."""
     core, machine = reading.core, reading.machine
     parts = [Text(f"up {long_time((reading.at_ns - reading.modules[0].started_ns) / 1e9)}")]
     silent_s = (reading.at_ns - core.heartbeat_ns) / 1e9
@@ -276,7 +276,7 @@ def totals_line(reading: RunReading, rates: RunRates | None) -> Text:
 
 @dataclass(frozen=True)
 class ChannelRow:
-    """One channel with both of its ends."""
+    """One channel with its publishers and subscribers."""
 
     talk: Talk
     rates: ChannelRates | None
@@ -284,7 +284,7 @@ class ChannelRow:
 
     @property
     def age_s(self) -> float | None:
-        """Since its last message; None if there was none."""
+        """Time since the last message; None if there was none."""
         last_ns = self.talk.channel.last_ns
         return max(0, self.now_ns - last_ns) / 1e9 if last_ns else None
 
@@ -296,7 +296,7 @@ class ChannelRow:
 
     @property
     def name(self) -> str:
-        """Type and topic, as they are shown."""
+        """Type and topic as shown."""
         channel = self.talk.channel
         type_name = channel.type_name.replace("/msg/", "/")
         return one_line(f"{type_name} {channel.topic}" if channel.topic else type_name)
@@ -304,14 +304,14 @@ class ChannelRow:
 
 @dataclass(frozen=True)
 class ChannelColumn:
-    """One column of the view of messages."""
+    """One column of the message view."""
 
     heading: str
     cell: Callable[[ChannelRow], Text]
     order: Callable[[ChannelRow], float | str]
     is_text: bool = False
     is_line: bool = False
-    """Whether its text may be long."""
+    """Whether the text may be long."""
 
 
 def _names(names: Sequence[str]) -> Text:
@@ -375,7 +375,7 @@ def channel_rows(reading: RunReading, rates: RunRates | None) -> list[ChannelRow
 
 
 def graph(reading: RunReading, rates: RunRates | None) -> Text:
-    """Who talks to whom: each module with what it sends, and to whom."""
+    """The communication graph: each module with what it publishes, and the receivers."""
     lines: list[Text] = []
     rows = channel_rows(reading, rates)
     for module in reading.modules:

@@ -1,10 +1,10 @@
-"""Numbers for people: short, and of the same width whatever their size."""
+"""Numbers for people: short, and of constant width."""
 
 BLOCKS = "▁▂▃▄▅▆▇█"
 
 
 def size(count: float) -> str:
-    """Bytes, as `812K` or `1.4G`."""
+    """Format bytes as `812K` or `1.4G`."""
     if count < 1000:
         return f"{count:.0f}"
     for unit in "KMGT":
@@ -15,7 +15,7 @@ def size(count: float) -> str:
 
 
 def seconds(time_s: float | None) -> str:
-    """A short time with its unit, as `35us` or `1.2s`; '-' for none."""
+    """Format a short time with its unit as `35us` or `1.2s`; '-' for None."""
     if time_s is None:
         return "-"
     if time_s < 1e-3:
@@ -26,7 +26,7 @@ def seconds(time_s: float | None) -> str:
 
 
 def long_time(time_s: float) -> str:
-    """Hours, minutes and seconds, or days."""
+    """Format a time as hours, minutes and seconds, or as days."""
     minutes, whole_s = divmod(int(time_s), 60)
     hours, minutes = divmod(minutes, 60)
     if hours >= 48:
@@ -35,12 +35,12 @@ def long_time(time_s: float) -> str:
 
 
 def rate(per_s: float) -> str:
-    """Something per second."""
+    """Format a rate per second."""
     return f"{per_s:.1f}" if 0 < per_s < 99.95 else f"{per_s:.0f}"
 
 
 def sparkline(values: list[float], width: int) -> str:
-    """The last values as bars, the largest one full."""
+    """Draw the last values as bars; the largest one is full."""
     shown = values[-width:]
     top = max(shown, default=0.0)
     scale = len(BLOCKS) / top if top > 0 else 0.0

@@ -1,4 +1,4 @@
-"""Figures of a run, as a table for people and as plain data for programs (described in docs/reference.md)."""
+"""Figures of a run, as a table for people and as plain data for programs (see docs/reference.md)."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -20,24 +20,25 @@ STYLES = {"RUNNING": "green", "STARTING": "cyan", "BACKOFF": "yellow", "FAILED":
 
 
 def state_name(figures: ModuleFigures) -> str:
-    """The state in words; '-' for who has none (the supervisor itself, or never started)."""
+    """The state in words; '-' if there is none (the supervisor, or a process that never started)."""
     return states.state_name(figures.state)
 
 
 def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str] = ()) -> PlainTable:
-    """One row a module.
+    """Make a table with one row per module.
 
     Args:
-        modules: the figures; the supervisor's row is left out, for it neither takes nor sends on its own.
-        live: whether they run: shows the status line; else the reason of the last state.
-        columns: which figures, of those in `FIGURES`; all by default.
+        modules: the figures; the supervisor's row is left out, as it sends and receives no messages.
+        live: whether the modules run. If so, the table shows the status line; if not, the reason of the last
+            state.
+        columns: which of `FIGURES` to show; all by default.
     """
     made = PlainTable()
     made.add_column("module", no_wrap=True)
     made.add_column("state", no_wrap=True)
     for heading in columns or FIGURES:
         made.add_column(heading, justify="right", no_wrap=True)
-    made.add_column("status" if live else "ended")  # the one column that gives way on a narrow terminal
+    made.add_column("status" if live else "ended")  # the one column that shrinks on a narrow terminal
     for module in modules[1:]:
         state = state_name(module)
         made.add_row(
@@ -66,10 +67,10 @@ FIGURES: dict[str, Callable[[ModuleFigures], Text]] = {
     "refused": lambda module: _alarming(module.refused),
 }
 LIVE_FIGURES = ("cpu s", "restarts", "in", "out", "dropped")
-"""Those that leave room for the status line in 80 columns."""
+"""The figures that leave room for the status line in 80 columns."""
 
 SCHEMA = 1
-"""Raised when a key of `run_as_data` goes or changes its meaning."""
+"""Increase this when a key of `run_as_data` is removed or changes its meaning."""
 TIMES = tuple(field.name for field in fields(WorkHistograms))
 _AS_THEY_ARE = tuple(
     field.name
@@ -79,7 +80,7 @@ _AS_THEY_ARE = tuple(
 
 
 def as_data(module: ModuleFigures, now_ns: int | None = None) -> dict[str, Any]:
-    """Everything known of a module since its begin."""
+    """Return everything known of a module since it started."""
     now_ns = time.monotonic_ns() if now_ns is None else now_ns
     state, work = state_name(module), module.work
     running = state == ChildState.RUNNING
@@ -99,12 +100,12 @@ def as_data(module: ModuleFigures, now_ns: int | None = None) -> dict[str, Any]:
 
 
 def run_as_data(run: KnownRun, now: RunReading, rates: RunRates | None) -> dict[str, Any]:
-    """Everything known of a run.
+    """Return everything known of a run.
 
     Args:
-        run: which one.
+        run: the run.
         now: the reading.
-        rates: since the one before; None if there is none.
+        rates: since the previous reading; None if there is none.
     """
     return {
         "schema": SCHEMA,
