@@ -59,7 +59,7 @@ class Visitor(Module):
         if state.engaged and not self.heard_when_detached:
             self.heard_when_detached = len(self.heard)
             self.status = "stands still"
-            wait_until(self.is_detached)
+            wait_until(Visitor.is_detached)
             assert not self.publish(EmergencyStop(), topic="emergency_stop"), "it went nowhere"
 
     def tick(self) -> None:

@@ -90,7 +90,9 @@ def test_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_commands_are_loaded_one_by_one() -> None:
-    assert list(_parser(["echo"])._subparsers._group_actions[0].choices) == ["echo"]  # type: ignore[union-attr]
+    choices = _parser(["echo"])._subparsers._group_actions[0].choices  # type: ignore[union-attr]
+    assert choices is not None
+    assert list(choices) == ["echo"]
 
 
 @pytest.mark.parametrize("variable", ["NO_COLOR", "NOTHING"])

@@ -54,7 +54,7 @@ def link_what_the_wheel_needs(site: Path) -> None:
             for file in needed.files or []:
                 top = file.parts[0]
                 if top not in ("..", "__pycache__") and not (site / top).exists():
-                    (site / top).symlink_to(needed.locate_file(top))
+                    (site / top).symlink_to(str(needed.locate_file(top)))
 
 
 def required_by_wheel(site: Path) -> list[str]:

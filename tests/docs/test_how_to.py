@@ -76,7 +76,7 @@ def test_camera_fills_images_in_place(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_encoded() -> None:
-    scan = LaserScan(ranges=[1.0, 2.0])
+    scan = LaserScan(ranges=np.array([1.0, 2.0]))
     with ModuleHarness(run("encoded")["Relay"]) as harness:
         harness.send(scan, topic="laser/front")
         harness.send(scan, topic="radar")

@@ -1,5 +1,7 @@
 """The state machine of docs/rescue.md does what the page says."""
 
+from typing import Any
+
 import pytest
 
 from tests.docs._support.pages import block
@@ -7,7 +9,7 @@ from workers.state_machine import IllegalTransition
 
 
 def test_example_of_a_state_machine_gets_stuck_and_stays_so(capsys: pytest.CaptureFixture[str]) -> None:
-    names: dict = {"__name__": __name__}
+    names: dict[str, Any] = {"__name__": __name__}
     exec(block("docs/rescue.md", "machine"), names)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "STUCK nothing came of it in 5 s"

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -118,8 +119,11 @@ class Reader:
             assert shape(line) in shape(self.answer), self.answer
 
     def see_in_first_terminal(self, text: str) -> None:
+        def is_seen(line: str) -> bool:
+            return shape(line) in shape(self.run_output.read_text())
+
         for line in text.splitlines():
-            wait_until(lambda line=line: shape(line) in shape(self.run_output.read_text()), LIMIT_S)
+            wait_until(partial(is_seen, line), LIMIT_S)
 
     def stop(self) -> None:
         """Press Ctrl-C in the first terminal."""

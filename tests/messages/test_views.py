@@ -4,6 +4,7 @@ import gc
 import mmap
 import weakref
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def test_views_outlive_the_message_and_pin_the_memoryview() -> None:
 
 
 def test_views_pin_an_array_that_was_decoded_from() -> None:
-    whole = np.frombuffer(SCAN.encode(), np.uint8)
+    whole: Any = np.frombuffer(SCAN.encode(), np.uint8)  # numpy declares a Buffer only since Python 3.12
     pin = weakref.ref(whole)
     ranges = LaserScan.decode(whole).ranges
     del whole

@@ -35,7 +35,7 @@ def documented(heading: str) -> dict[str, str]:
 def in_yaml(value: object) -> str:
     if value is None:
         return "null"
-    if is_dataclass(value):  # what differs from the class's own defaults
+    if is_dataclass(value) and not isinstance(value, type):  # what differs from the class's own defaults
         other = {
             key: content for key, content in vars(value).items() if content != getattr(type(value)(), key)
         }

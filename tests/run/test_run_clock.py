@@ -34,8 +34,7 @@ def test_time_begins_when_it_is_set_and_goes_at_its_rate(
     clocks: tuple[ClockWriter, RunClock, list[int]],
 ) -> None:
     writer, clock, machine_ns = clocks
-    assert not clock.has_begun
-    assert writer.now_ns is None
+    assert (clock.has_begun, writer.now_ns) == (False, None)
     assert math.isinf(clock.machine_s_until(1))
     writer.jump(BEGIN_NS)
     machine_ns[0] += 100

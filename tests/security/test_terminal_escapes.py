@@ -57,7 +57,7 @@ def write_hostile_log(path: Path, pose: str = HOSTILE) -> Path:
         writer.add_message(other, 10**18 + 1, b"\0\1\0\0", 10**18 + 1, 2)
         broken = writer.register_channel("/broken", "cdr", schema, {})
         writer.add_message(broken, 10**18 + 2, b"\0\1\0\0\1", 10**18 + 2, 3)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     return path
 
 
@@ -172,19 +172,19 @@ def test_runs_with_hostile_modules_print_plainly(
     assert "\\x1b]0;owned" in run("hz", "PoseStamped", "--once", "--every", "0.2")
     assert "\\x1b]0;owned" in run("bw", "PoseStamped", "--once", "--every", "0.2")
     run("hz", "PoseStamped", "--once", "--every", "0.2", "--json")
-    for form in ("--once", "--json"):
-        assert "owned" in run("top", form, "--interval", "0.1")
+    for option in ("--once", "--json"):
+        assert "owned" in run("top", option, "--interval", "0.1")
     run("top", "--csv", "-", "--once", "--interval", "0.1")
     run("top", "--csv", str(tmp_path / "top.csv"), "--once", "--interval", "0.1")
     assert not obeyed((tmp_path / "top.csv").read_text().replace("\r\n", "\n"))
-    for form in (
+    for log_form in (
         (),
         ("--json",),
         ("--crashes",),
         ("--crashes", "--json"),
         ("--module", "hostile", "--last", "3"),
     ):
-        assert "owned" in run("log", *form)
+        assert "owned" in run("log", *log_form)
     assert "owned" in run("param", "list")
     run("param", "list", "--json")
     assert "\\e" in run("param", "get", "hostile.greeting")

@@ -3,6 +3,7 @@
 import json
 import math
 
+import numpy as np
 import pytest
 import yaml
 
@@ -19,7 +20,7 @@ from robbie_mp.views.message_text import (
 
 
 def scan(size: int) -> LaserScan:
-    return LaserScan(ranges=[float(index) for index in range(size)], range_max=math.inf)
+    return LaserScan(ranges=np.arange(size, dtype=np.float32), range_max=math.inf)
 
 
 def test_field_is_found_in_messages_and_arrays() -> None:

@@ -1,6 +1,7 @@
 """Readings of runs that never were."""
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +93,10 @@ def run(run_id: str = "0a1b2c3d", output: Path = Path("/nowhere")) -> KnownRun:
     return KnownRun(run_id, Path("/nowhere") / run_id, True, record)
 
 
+def both(at_s: float) -> tuple[ModuleFigures, ...]:
+    return laser(at_s), mapping(at_s)
+
+
 class PlayedFeed:
     """Plays a run whose time passes by a second with each look.
 
@@ -103,8 +108,8 @@ class PlayedFeed:
     def __init__(self, output: Path = Path("/nowhere")) -> None:
         self.history = History()
         self.watching = Watching.RUN
-        self.runs = (run(output=output),)
-        self.modules = lambda at_s: (laser(at_s), mapping(at_s))
+        self.runs: tuple[KnownRun, ...] = (run(output=output),)
+        self.modules: Callable[[float], tuple[ModuleFigures, ...]] = both
         self.heartbeat_s: float | None = None
         self.chosen = 0
         self._now_s = 100.0

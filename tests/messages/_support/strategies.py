@@ -21,7 +21,7 @@ def primitives(kind: Primitive) -> st.SearchStrategy[Any]:
     if kind.name == "bool":
         return st.booleans()
     if kind.code in "fd":
-        return st.floats(width=kind.size * 8)
+        return st.floats(width=32 if kind.code == "f" else 64)
     limits = np.iinfo(kind.dtype)
     return st.integers(int(limits.min), int(limits.max))
 

@@ -72,7 +72,8 @@ def zstd_without_size(count: int) -> bytes:
 
 def lz4_without_size(count: int) -> bytes:
     frame = lz4.frame.LZ4FrameCompressor()
-    return frame.begin() + b"".join(map(frame.compress, zeros(count))) + frame.flush()
+    packed: bytes = frame.begin() + b"".join(map(frame.compress, zeros(count))) + frame.flush()
+    return packed
 
 
 PACKERS: dict[str, tuple[Callable[[int], bytes], bytes]] = {
