@@ -213,7 +213,8 @@ def test_lockstep_waits_for_what_a_tick_has_caused(log: Log) -> None:
     rig = with_ticks(log, None)
     rig.outlet.room = 0
     rig.run(0.1)
-    assert rig.outlet.ticked == rig.outlet.sent == []
+    assert rig.outlet.ticked == []
+    assert rig.outlet.sent == []
 
 
 ORDERS = st.one_of(

@@ -18,13 +18,15 @@ from tests.recording._support.logs import LogFile, scan, write_log
 SEQUENCES = st.lists(st.integers(0, 3), max_size=12)
 
 
-def compared(folder: Path, a: Sequence[Message], b: Sequence[Message], **options: bool) -> ChannelComparison:
+def compared(
+    folder: Path, a: Sequence[Message], b: Sequence[Message], *, ignore_stamps: bool = False
+) -> ChannelComparison:
     for name, messages in (("a", a), ("b", b)):
         with LogFile(folder / f"{name}.mcap") as file:
             for number, message in enumerate(messages):
                 file.add(message, "t", time_ns=number)
     with open_log(folder / "a.mcap") as log_a, open_log(folder / "b.mcap") as log_b:
-        (one,) = compare(log_a, log_b, **options)
+        (one,) = compare(log_a, log_b, ignore_stamps=ignore_stamps)
         return one
 
 

@@ -50,7 +50,7 @@ def test_a_carmen_log_becomes_odometry_scans_and_the_place_of_the_laser(tmp_path
     assert place.transforms[0].transform.translation.x == 0.15
     assert [one.channel.topic for one in logged] == ["tf_static", "odom", "", "odom"]
     assert isinstance(last, Odometry) and last.pose.pose.position.x == 1.6
-    assert scan.ranges.tolist() == np.float32([1.0, 2.0, 81.83, 0.5]).tolist()
+    assert scan.ranges.tolist() == np.array([1.0, 2.0, 81.83, 0.5], np.float32).tolist()
     assert (scan.header.stamp.sec, scan.header.stamp.nanosec) == (976052857, 300_000_000)
     first_ns = 976052857_330_000_000
     assert [one.time_ns - first_ns for one in logged] == [0, 0, 250_000_000, 500_000_000]

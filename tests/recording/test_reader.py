@@ -1,6 +1,7 @@
 """A log is read in file order, from where it is asked for, and as far as it is whole."""
 
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import pytest
 from hypothesis import given, settings
@@ -11,13 +12,15 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from robbie_mp.messages import LaserScan
+from robbie_mp.recording.contents import Block
 from robbie_mp.recording.decoding import LogDecoder
 from robbie_mp.recording.errors import LogUnreadable, NotALog
+from robbie_mp.recording.limits import ReadLimits
 from robbie_mp.recording.reader import Log, open_log
 from tests.messages._support.rosbags_bridge import assert_same
 from tests.recording._support.logs import START_NS, STEP_NS, LogFile, scan, traffic, write_log
 
-FORMS = {
+FORMS: dict[str, dict[str, Any]] = {
     "plain": {},
     "zstd": {"compression": CompressionType.ZSTD},
     "lz4": {"compression": CompressionType.LZ4},
@@ -197,10 +200,14 @@ def test_an_hour_is_sought_through_without_reading_it(
         for second in range(3600):
             file.add(scan(second), time_ns=START_NS + second * 10**9)
     with open_log(path) as log:
-        reads = []
-        block_type = type(log.parts[0].contents.blocks[0])
-        read = block_type.read
-        monkeypatch.setattr(block_type, "read", lambda *all_: reads.append(1) or read(*all_))
+        reads: list[Block] = []
+        read = Block.read
+
+        def read_and_count(block: Block, file: BinaryIO, limits: ReadLimits) -> bytes:
+            reads.append(block)
+            return read(block, file, limits)
+
+        monkeypatch.setattr(Block, "read", read_and_count)
         first = next(log.messages(start_ns=START_NS + 1800 * 10**9))
     assert first.time_ns == START_NS + 1800 * 10**9
     assert len(reads) == 1

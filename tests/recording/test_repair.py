@@ -192,7 +192,7 @@ def test_damaged_attachment_is_left_out(tmp_path: Path) -> None:
         writer = Writer(file)
         writer.start()
         writer.add_attachment(1, 2, "note.txt", "text/plain", b"hello")
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     content = (tmp_path / "a.mcap").read_bytes()
     (tmp_path / "a.mcap").write_bytes(content.replace(b"hello", b"hullo"))
     done = repaired(tmp_path / "a.mcap", tmp_path / "b.mcap")
@@ -211,7 +211,7 @@ def test_metadata_attachments_and_channels_without_messages_are_kept(tmp_path: P
         used = writer.register_channel("/used", "cdr", schema, {"c": "d"})
         writer.register_channel("/unused", "json", 0)
         writer.add_message(used, START_NS, b"\0\1\0\0\5", START_NS + 1, 7)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     done = repaired(tmp_path / "a.mcap", tmp_path / "b.mcap")
     assert (done.messages, done.damage) == (1, [])
     with (tmp_path / "b.mcap").open("rb") as file:
@@ -260,7 +260,7 @@ def test_what_does_not_read_as_it_was_written_is_removed(
     path, target = write_log(tmp_path / "a.mcap", 12), tmp_path / "b.mcap"
 
     def finish_on_a_bad_disk(writer: Any) -> None:
-        finish(writer)
+        finish(writer)  # type: ignore[no-untyped-call]
         file = writer._Writer__stream
         file.seek(0)
         written = file.read()

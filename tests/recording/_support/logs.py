@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from robbie_mp import Header, Message, Time
@@ -64,15 +65,14 @@ class LogFile:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        self.writer.finish()
+        self.writer.finish()  # type: ignore[no-untyped-call]
         self._file.close()
 
 
 def scan(number: int, time_ns: int = START_NS, rays: int = 8) -> LaserScan:
     """A sweep that tells its number."""
-    return LaserScan(
-        header=Header(stamp=Time.from_nanoseconds(time_ns), frame_id="laser"), ranges=[float(number)] * rays
-    )
+    header = Header(stamp=Time.from_nanoseconds(time_ns), frame_id="laser")
+    return LaserScan(header=header, ranges=np.full(rays, number, np.float32))
 
 
 def traffic(count: int, step_ns: int = STEP_NS) -> Iterator[tuple[Message, str, str, int]]:
