@@ -1,6 +1,6 @@
-"""Looks at a run from outside: maps board, core tables and the modules' own words read-only.
+"""Observes a run from outside: maps the board, the core tables and the modules' own words read-only.
 
-Watching costs the robot nothing, and works while the core is down.
+Observing costs the robot nothing, and works while the core is down.
 """
 
 from robbie_mp.observe.figures import (

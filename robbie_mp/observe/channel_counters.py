@@ -1,4 +1,4 @@
-"""What has passed through each channel, as the core counts it; reading it costs the robot nothing."""
+"""The core's count of what has passed through each channel; reading it costs the robot nothing."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,18 +10,18 @@ from robbie_mp.transport.words import Words
 
 @dataclass(frozen=True)
 class ChannelCount:
-    """Counters of one channel."""
+    """The counters of one channel."""
 
     messages: int = 0
     bytes: int = 0
     last_stamp_ns: int = 0
-    """When its newest message was published, monotonic clock; 0: none was."""
+    """When the newest message was published, monotonic clock; 0: there was none."""
     intervals_squared_us2: int = 0
-    """Sum of the squares of the times between messages, modulo 2^64."""
+    """Sum of the squared times between messages, modulo 2^64."""
 
 
 class ChannelCounters:
-    """The channels' rows in the core segment.
+    """The rows of the channels in the core segment.
 
     Args:
         words: the core segment.
@@ -32,11 +32,11 @@ class ChannelCounters:
         self._name = ChannelNames(words)
 
     def messages(self) -> dict[ChannelName, int]:
-        """Return how many messages have passed through each channel there is."""
+        """Return how many messages have passed through each channel."""
         return {self._name(row.index): row.messages for row in self._tables.channels()}
 
     def read(self, type_name: str, version: int, topic: str = "") -> dict[str, ChannelCount]:
-        """Return the counts of a type's channels by topic, of one topic or of all ('')."""
+        """Return the counts of a type's channels, by topic; `topic` selects one topic, or all with ''."""
         found = {}
         for row in self._tables.channels():
             name = self._name(row.index)
@@ -48,19 +48,19 @@ class ChannelCounters:
 
 
 def messages_missed(words: Words, slot: int) -> int:
-    """Return how many messages the module in a slot wanted and will never get, as the core's books say.
+    """Return the core's count of messages that the module in a slot subscribed to and will never get.
 
-    Its queue was full, or they were in the hands of a process of its that died.
+    Its queue was full, or a process of the module died while it held them.
 
     Args:
         words: the core segment.
-        slot: of the module.
+        slot: the slot of the module.
     """
     return sum(counts.dropped + counts.lost for counts in _counts(words, slot))
 
 
 def messages_waiting(words: Words, slot: int) -> int:
-    """Return how many messages wait for the module in a slot, or are in its hands; arguments as above."""
+    """Return how many messages wait for the module in a slot, or are held by it; arguments as above."""
     return sum(counts.waiting for counts in _counts(words, slot))
 
 

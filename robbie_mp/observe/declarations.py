@@ -1,4 +1,4 @@
-"""Who publishes what and who wants what, read from the modules' own words: it costs the robot nothing."""
+"""Publishers and subscribers, read from the modules' own words; this costs the robot nothing."""
 
 from dataclasses import dataclass
 
@@ -12,18 +12,18 @@ from robbie_mp.transport.tables import ChannelName, DeclarationRow
 
 @dataclass(frozen=True)
 class Declaration:
-    """That a module publishes messages of a type on a topic, or wants them."""
+    """A module's declaration that it publishes messages of a type on a topic, or subscribes to them."""
 
     module: str
     is_publisher: bool
     type_name: str
     version: int
     topic: str
-    """Of a subscription: '' for all topics."""
+    """For a subscription: '' for all topics."""
 
     @property
     def name(self) -> ChannelName:
-        """What is published or wanted."""
+        """The channel that is published or subscribed to."""
         return ChannelName(self.type_name, self.version, self.topic)
 
     @property
@@ -33,16 +33,16 @@ class Declaration:
 
 
 def read_declarations(run_id: str) -> list[Declaration]:
-    """Return what all living modules of a run have declared so far, in start order.
+    """Return what all live modules of a run have declared, in start order.
 
     Raises:
-        SegmentMissing: there is no such run.
+        SegmentMissing: the run does not exist.
     """
     segment = Segment.attach(names.board(run_id), SegmentKind.BOARD)
     board = Board(segment.words)
     rows = [
         (slot, board.read(slot)) for slot in range(board.slots - 1)
-    ]  # the core, the last, declares nothing
+    ]  # the core is last and declares nothing
     found = [
         entry
         for slot, row in rows
@@ -56,7 +56,7 @@ def read_declarations(run_id: str) -> list[Declaration]:
 def _declarations_of(run_id: str, slot: int, incarnation: int, module: str) -> list[Declaration]:
     try:
         segment = Segment.attach(names.outbound(run_id, slot, incarnation), SegmentKind.OUT)
-    except (SegmentMissing, SegmentMismatch):  # gone, or destroyed by the module itself
+    except (SegmentMissing, SegmentMismatch):  # it ended, or destroyed its segment itself
         return []
     found = [
         Declaration(module, row.kind == Outbound.ADVERTISE, *row.name)

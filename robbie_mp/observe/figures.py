@@ -1,4 +1,4 @@
-"""What is known of a run at one moment: counters since its begin, and what is now."""
+"""The figures of a run at one moment: counters since its start, and current values."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from robbie_mp.transport.histogram import Histogram
 
 @dataclass(frozen=True)
 class SubscriptionFigures:
-    """The books of one subscription: routed = delivered + replaced + dropped + lost + waiting."""
+    """The counters of one subscription: routed = delivered + replaced + dropped + lost + waiting."""
 
     type_name: str
     topic: str
@@ -19,11 +19,11 @@ class SubscriptionFigures:
     dropped: int
     lost: int
     left: int = 0
-    """Of the dropped ones: those that waited when the module was stopped."""
+    """Those of `dropped` that were waiting when the module was stopped."""
     version: int = 0
     """0: type and topic are shell patterns."""
     is_open: bool = True
-    """Whether messages go to it; not after its module has stopped for good."""
+    """Whether messages are routed to it; not after its module has stopped for good."""
 
     @property
     def waiting(self) -> int:
@@ -32,57 +32,57 @@ class SubscriptionFigures:
 
     @property
     def overflowed(self) -> int:
-        """Messages dropped because the queue was full: what somebody should do something about."""
+        """Messages dropped because the queue was full: a problem that you should fix."""
         return self.dropped - self.left
 
 
 @dataclass(frozen=True)
 class WorkHistograms:
-    """How long things took in the present incarnation of a module."""
+    """Durations in the present incarnation of a module."""
 
     latency: Histogram
-    """From the publication of a message to the moment its subscriber turns to it."""
+    """From the publication of a message to the start of its handling by the subscriber."""
     handler: Histogram
-    """For one message: decode it, run its handler, give it back."""
+    """For one message: to decode it, run its handler, and release it."""
     lateness: Histogram
-    """From the moment a tick is due to its begin: the jitter of an active module."""
+    """From the moment a tick is due to its start: the jitter of an active module."""
     tick: Histogram
-    """Length of ticks."""
+    """Duration of ticks."""
 
 
 @dataclass(frozen=True)
 class ModuleFigures:
-    """What is known of one process; counters are over all its incarnations."""
+    """The figures of one process; counters cover all its incarnations."""
 
     name: str
     state: int
-    """Place of its state in the supervisor's order, counted from 1; 0: never started."""
+    """Position of its state in the supervisor's order, counted from 1; 0: never started."""
     pid: int
     incarnation: int
     restarts: int
     started_ns: int
     """Start of this incarnation, monotonic clock."""
     reason: str
-    """Why it is in this state."""
+    """Why the process is in this state."""
     last_end: str
-    """How its last process ended; '' if none has."""
+    """How its last process ended; '' if none has ended."""
     last_end_ns: int
-    """When, monotonic clock."""
+    """When it ended, monotonic clock."""
     cpu_s: float
     rss_bytes: int
-    """Memory of its process, shared memory it has touched included."""
+    """Memory of the process, including the shared memory that it has touched."""
     shared_bytes: int
-    """Of these: shared memory, such as other modules' messages."""
+    """The part of it that is shared memory, such as other modules' messages."""
     threads: int
     published: int
     """Messages handed to the core."""
     refused: int
-    """Messages that memory, ring or tables had no room for."""
+    """Messages that found no room in memory, ring or tables."""
     handled: int
     ticks: int
-    """Of this incarnation."""
+    """Ticks of this incarnation."""
     ticks_missed: int
-    """Left out by this incarnation because it was too late for them."""
+    """Ticks that this incarnation skipped because it was too late for them."""
     waiting: int
     """Messages in its inbound queue."""
     waiting_peak: int
@@ -91,30 +91,30 @@ class ModuleFigures:
     """Limit of its inbound queue; 0: it has none."""
     queue_bytes: int
     outbound_waiting: int
-    """Records in its outbound ring that the core has not read."""
+    """Records in its outbound ring that the core has not read yet."""
     outbound_records: int
     """Capacity of its outbound ring."""
     pinned: int
-    """Messages it has handled but still looks at."""
+    """Messages that it has handled but still refers to."""
     pinned_bytes: int
     copied: int
-    """Messages that it was given as copies, because it pins too much of their publishers' memory."""
+    """Messages that it received as copies, because it pins too much of their publishers' memory."""
     outstanding: int
-    """Its own messages that somebody waits for or holds."""
+    """Messages it published that a subscriber still waits for or holds."""
     outstanding_bytes: int
     segment_bytes: int
-    """Its data segments."""
+    """Size of its data segments."""
     memory_bytes: int
-    """Limit of its data segments."""
+    """Limit of the size of its data segments."""
     status: str
-    """Of a module that has ended: the last it had."""
+    """For a module that has ended: its last value."""
     states: str
-    """Of its state machines."""
+    """The states of its state machines."""
     activity: str
     handler: str
-    """The handler that is running; '' if none is."""
+    """The handler that is running; '' if none."""
     busy_since_ns: int
-    """Since when it has been doing what it does, monotonic clock; 0 while it is idle."""
+    """When it started its present activity, monotonic clock; 0 while it is idle."""
     work: WorkHistograms | None
     """None while it has no process, and for the core."""
     subscriptions: tuple[SubscriptionFigures, ...]
@@ -122,13 +122,13 @@ class ModuleFigures:
     """Type, version and topic of the channels that it has declared."""
 
     def total(self, column: str) -> int:
-        """Sum of a column over its subscriptions."""
+        """Sum of a column over the subscriptions."""
         return sum(getattr(entry, column) for entry in self.subscriptions)
 
 
 @dataclass(frozen=True)
 class ChannelFigures:
-    """What has passed through one channel: the messages of one type and version on one topic."""
+    """The figures of one channel: the messages of one type and version on one topic."""
 
     type_name: str
     version: int
@@ -138,24 +138,24 @@ class ChannelFigures:
     last_ns: int = 0
     """When the newest message was published, monotonic clock; 0: there was none."""
     intervals_squared: int = 0
-    """Sum of the squares of all times between two messages, in us², modulo 2^64."""
+    """Sum of the squared times between two messages, in us², modulo 2^64."""
 
 
 @dataclass(frozen=True)
 class CoreFigures:
-    """What the core says of itself."""
+    """What the core reports about itself."""
 
     routed: int
     wakeups: int
     faults: int
-    """How often a module broke the protocol."""
+    """How often a module has violated the protocol."""
     heartbeat_ns: int
-    """When it was last seen to work, monotonic clock."""
+    """Time of its last sign of life, monotonic clock."""
     handles: int
-    """Messages on their way."""
+    """Messages in flight."""
     handles_limit: int
     references: int
-    """Pairs of a message on its way and a subscription that it goes to."""
+    """Pairs of a message in flight and a subscription that it goes to."""
     references_limit: int
 
 
@@ -167,13 +167,13 @@ class SegmentFigures:
     kind: str
     """board, core, out, in, data or checkpoint."""
     module: str
-    """Whose it is; '' for the whole run's."""
+    """Name of the owner; '' for a segment of the whole run."""
     bytes: int
 
 
 @dataclass(frozen=True)
 class RunReading:
-    """Everything known of a run at one moment."""
+    """All figures of a run at one moment."""
 
     at_ns: int
     """Monotonic clock."""
@@ -187,5 +187,5 @@ class RunReading:
     machine: MachineReading
 
     def module(self, name: str) -> ModuleFigures | None:
-        """Find a module."""
+        """Return the figures of a module; None if there is no such module."""
         return next((module for module in self.modules if module.name == name), None)

@@ -1,4 +1,4 @@
-"""The machine that a run is on: processors, memory, /dev/shm."""
+"""The computer that a run is on: processors, memory, /dev/shm."""
 
 import os
 from dataclasses import dataclass
@@ -10,21 +10,21 @@ SHARED_MEMORY = "/dev/shm"
 
 @dataclass(frozen=True)
 class MachineReading:
-    """The machine at one moment."""
+    """The figures of the machine at one moment."""
 
     cpu_busy_s: tuple[float, ...]
-    """Of each processor since the machine started."""
+    """Time used on each processor since the machine started."""
     load: tuple[float, float, float]
-    """Mean number of processes that ran or wanted to, over the last 1, 5 and 15 minutes."""
+    """Mean number of processes that ran or were ready to run, over the last 1, 5 and 15 minutes."""
     memory_available_bytes: int
     memory_total_bytes: int
     shared_memory_used_bytes: int
-    """Of /dev/shm, by whoever."""
+    """Used bytes of /dev/shm, by all processes."""
     shared_memory_total_bytes: int
 
     @classmethod
     def now(cls) -> "MachineReading":
-        """Read it."""
+        """Read the machine's figures now."""
         memory = psutil.virtual_memory()
         shared = os.statvfs(SHARED_MEMORY)
         return cls(
@@ -38,5 +38,5 @@ class MachineReading:
 
 
 def _busy_s(times: "psutil._ntuples.scputimes") -> float:
-    # Time of guests is counted in `user` already.
+    # `user` already includes the time of guests.
     return float(times.user + times.nice + times.system + times.irq + times.softirq + times.steal)

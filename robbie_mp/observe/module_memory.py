@@ -12,7 +12,7 @@ NO_WORDS = [0] * layout.OUT_DECLARATIONS
 
 
 class ModuleMemory:
-    """What one incarnation of a module shows of itself."""
+    """The memory of one incarnation of a module that observers can read."""
 
     def __init__(self, run_id: str, slot: int, incarnation: int):
         self.incarnation = incarnation
@@ -29,13 +29,13 @@ class ModuleMemory:
         return self._out is not None and self._in is not None
 
     def close(self) -> None:
-        """Unmap it."""
+        """Unmap the segments."""
         for segment in (self._out, self._in):
             if segment is not None:
                 segment.close()
 
     def own_words(self) -> list[int]:
-        """A copy of the words before the declarations, all at one moment; zeros without a segment."""
+        """A copy of the words before the declarations, taken at one moment; zeros without a segment."""
         return self._out.copy(0, layout.OUT_DECLARATIONS) if self._out else NO_WORDS
 
     def histograms(self) -> Sequence[int]:
@@ -44,7 +44,7 @@ class ModuleMemory:
         return self._out.copy(at, layout.OUT_RING - at) if self._out else ()
 
     def outbound(self, head: int) -> tuple[int, int]:
-        """Records in the outbound ring that the core has not read, and how many it can hold."""
+        """Records in the outbound ring that the core has not read yet, and the ring's capacity."""
         if self._out is None or self._in is None:
             return 0, 0
         capacity = (self._out.size // 8 - layout.OUT_RING) // layout.RECORD_WORDS
@@ -52,13 +52,13 @@ class ModuleMemory:
         return min(max(waiting, 0), capacity), capacity
 
     def handler(self, number: int) -> str:
-        """Name of the handler of one of its subscriptions."""
+        """Name of the handler of one of the subscriptions."""
         if self._out is None:
             return ""
         return DeclarationRow.read(self._out.words, number % layout.DECLARATION_COUNT).handler
 
     def read_declarations(self) -> None:
-        """Find channels that were declared since the last time."""
+        """Find channels that were declared since the last call."""
         if self._out is None:
             return
         for row in DeclarationRow.read_all(self._out.words, self._declared):
@@ -70,5 +70,5 @@ class ModuleMemory:
 def _attach(name: str, kind: SegmentKind) -> Segment | None:
     try:
         return Segment.attach(name, kind)
-    except (SegmentMissing, SegmentMismatch):  # gone, or destroyed by the module itself
+    except (SegmentMissing, SegmentMismatch):  # it ended, or destroyed its segment itself
         return None

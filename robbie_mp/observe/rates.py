@@ -1,4 +1,4 @@
-"""What happened between two readings of a run: rates, use of the processors, and how long things took."""
+"""What happened between two readings of a run: rates, processor use, and durations."""
 
 import math
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ from robbie_mp.transport.words import WORD_MAX
 
 @dataclass(frozen=True)
 class ModuleRates:
-    """Of one module."""
+    """The rates of one module."""
 
     cpu_percent: float
-    """Of one processor."""
+    """Share of one processor."""
     in_hz: float
     """Messages handled."""
     out_hz: float
@@ -30,24 +30,24 @@ class ModuleRates:
 
 @dataclass(frozen=True)
 class ChannelRates:
-    """Of one channel."""
+    """The rates of one channel."""
 
     hz: float = 0.0
     bytes_per_s: float = 0.0
     jitter_s: float | None = None
-    """Standard deviation of the time between two messages; None for less than two such times."""
+    """Standard deviation of the time between two messages; None if there are fewer than two such times."""
 
 
 @dataclass(frozen=True)
 class RunRates:
-    """Of the whole run."""
+    """The rates of the whole run."""
 
     interval_s: float
     routed_hz: float
     wakeups_hz: float
-    """Of the core."""
+    """Wake-ups of the core."""
     cpu_percent: tuple[float, ...]
-    """Of each processor of the machine, by whoever."""
+    """Use of each processor of the machine, by all processes."""
     modules: dict[str, ModuleRates]
     channels: dict[tuple[str, int, str], ChannelRates]
     """By type, version and topic."""
@@ -59,7 +59,7 @@ def rates_between(before: RunReading, now: RunReading, *, long_before: RunReadin
     Args:
         before: the earlier one.
         now: the later one.
-        long_before: an even earlier one, from which on times are described: quantiles need many of them.
+        long_before: an even earlier one, where the durations start: quantiles need many samples.
     """
     interval_s = max(1e-9, (now.at_ns - before.at_ns) / 1e9)
     modules = {module.name: module for module in before.modules}
@@ -96,7 +96,7 @@ def _module_rates(
     is_same = now.incarnation == before.incarnation
 
     def rate(column: str) -> float:
-        # A dying module's counters are for a moment neither its own nor among those of its past.
+        # For a moment, the counters of a dying module are neither in its own memory nor in its past totals.
         passed: float = getattr(now, column) - getattr(before, column)
         return max(0.0, passed) / interval_s
 
@@ -135,7 +135,7 @@ def _channel_rates(before: ChannelFigures | None, now: ChannelFigures, interval_
 
 
 def _jitter_s(before: ChannelFigures, now: ChannelFigures) -> float | None:
-    """Standard deviation from the sums of all times between messages, and of their squares."""
+    """Return the standard deviation, from the sums of all times between messages and of their squares."""
     count = now.messages - before.messages
     if count < 2 or not before.last_ns:
         return None

@@ -1,4 +1,4 @@
-"""Reads all figures of one run."""
+"""Reads all figures of a run."""
 
 import os
 import time
@@ -30,17 +30,17 @@ from robbie_mp.transport.words import read_text
 
 _ACTIVITIES = {int(activity): activity.name.lower() for activity in Activity}
 _OF_A_SLOT = ("out", "in", "data", "checkpoint")
-"""Kinds of segments whose names tell the slot."""
+"""Kinds of segments that have the slot in their names."""
 
 
 class RunObserver:
-    """A run's figures, read whenever asked.
+    """Reads a run's figures on request.
 
     Args:
         run_id: the run.
 
     Raises:
-        SegmentMissing: there is no such run.
+        SegmentMissing: the run does not exist.
     """
 
     def __init__(self, run_id: str):
@@ -65,7 +65,7 @@ class RunObserver:
         return self._words[layout.CORE_LAST_SEQUENCE]
 
     def read(self) -> RunReading:
-        """Read everything."""
+        """Read all figures."""
         return RunReading(
             at_ns=time.monotonic_ns(),
             wall_time_s=time.time(),
@@ -77,9 +77,9 @@ class RunObserver:
         )
 
     def modules(self) -> list[ModuleFigures]:
-        """Figures of all modules in start order; the supervisor comes first, the core last.
+        """Return the figures of all modules in start order; the supervisor comes first, the core last.
 
-        Before the core come the tools that are attached now.
+        Tools that are attached now come right before the core.
         """
         subscriptions = self._subscriptions()
         messages, sizes = self._outstanding()
@@ -90,14 +90,14 @@ class RunObserver:
         ]
 
     def channels(self) -> list[ChannelFigures]:
-        """Figures of all channels."""
+        """Return the figures of all channels."""
         return [
             ChannelFigures(*row.name, row.messages, row.bytes, row.last_stamp_ns, row.intervals_squared_us2)
             for row in self._tables.channels()
         ]
 
     def core(self) -> CoreFigures:
-        """Figures of the core."""
+        """Return the figures of the core."""
         words, sizes = self._words, self._tables.sizes
         handles = self._table(self._tables.handle(0), sizes.handles, layout.HANDLE_WORDS)
         references = self._table(self._tables.reference(0), sizes.references, layout.REFERENCE_WORDS)
@@ -113,7 +113,7 @@ class RunObserver:
         )
 
     def segments(self) -> list[SegmentFigures]:
-        """The run's shared memory."""
+        """Return the run's shared memory segments."""
         folder = names.folder(self._run_id)
         found = []
         with suppress(SegmentMissing), opened_folder(folder) as folder_fd:
@@ -130,12 +130,12 @@ class RunObserver:
     # -- inside ----------------------------------------------------------------------------------------
 
     def _table(self, at: int, rows: int, row_words: int) -> NDArray[np.uint64]:
-        """One of the core's tables, `(rows, row_words)`; it changes while one looks."""
+        """One of the core's tables, `(rows, row_words)`; the core may change it while you read."""
         words = np.frombuffer(self._core_segment.buffer, np.uint64)
         return words[at : at + rows * row_words].reshape(rows, row_words)
 
     def _outstanding(self) -> tuple[list[int], list[int]]:
-        """For each slot: how many of its messages are on their way, and their bytes."""
+        """For each slot: the number of its messages in flight, and their bytes."""
         table = self._table(self._tables.handle(0), self._tables.sizes.handles, layout.HANDLE_WORDS)
         live = table[table[:, layout.HANDLE_SEQUENCE] != 0]
         slots = live[:, layout.HANDLE_SOURCE].astype(np.int64) & 0xFFFF
@@ -171,7 +171,7 @@ class RunObserver:
         is_core = slot == self._board.slots - 1
         memory = self._memory(slot, 0 if is_core else row.incarnation)
         last = memory.own_words()
-        own = last if row.pid else NO_WORDS  # a dead one's counts are in the row
+        own = last if row.pid else NO_WORDS  # a dead module's counts are in the row
         queue = [0] * layout.PUBLISHER_WORDS
         if not is_core:
             at = self._tables.publisher(slot)
@@ -225,7 +225,7 @@ class RunObserver:
         )
 
     def _memory(self, slot: int, incarnation: int) -> ModuleMemory:
-        """The memory of an incarnation, 0 for none; what was mapped of the one before is unmapped."""
+        """The memory of an incarnation, 0 for none; that of the previous incarnation is unmapped."""
         known = self._memories.get(slot)
         if known is not None and known.incarnation == incarnation and (known.is_there or not incarnation):
             return known

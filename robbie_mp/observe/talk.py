@@ -1,4 +1,4 @@
-"""Who talks to whom."""
+"""Which modules communicate with each other."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -11,13 +11,13 @@ from robbie_mp.transport.tables import ChannelName
 
 @dataclass(frozen=True)
 class Talk:
-    """One channel with those at both of its ends."""
+    """One channel with its publishers and subscribers."""
 
     channel: ChannelFigures
     publishers: tuple[str, ...]
     """Modules whose present incarnation has declared it."""
     subscribers: tuple[tuple[str, SubscriptionFigures], ...]
-    """Modules and their subscriptions; one for all topics, or by patterns, is in several channels."""
+    """Modules and their subscriptions; a subscription to all topics or by patterns is in several channels."""
 
 
 def talk_of(reading: RunReading) -> list[Talk]:
@@ -43,7 +43,7 @@ def talk_of(reading: RunReading) -> list[Talk]:
 def _taking(
     channel: ChannelFigures, subscriptions: Sequence[SubscriptionFigures]
 ) -> list[SubscriptionFigures]:
-    """Return a module's subscriptions that get the messages of a channel: of those by patterns only one."""
+    """Return a module's subscriptions that receive a channel's messages: at most one of those by patterns."""
     name = ChannelName(channel.type_name, channel.version, channel.topic)
     taking = [
         entry

@@ -1,4 +1,4 @@
-"""How many messages of a module are not handled yet, whoever may still look at those that are."""
+"""Counts a module's messages that are not handled yet, kept messages excluded."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +18,15 @@ _STATE_BITS = 0xFF
 class UnhandledMessages:
     """Counts the messages of one module that wait for a handler or are in one.
 
-    It maps the core's tables read-only, and so costs nobody else anything. A message that was handled does
-    not count, even if a subscriber keeps it.
+    It only maps the core's tables read-only, and so costs other processes nothing. A handled message does not
+    count, even if a subscriber keeps it.
 
     Args:
         run_id: the run.
-        module: the name of the module; it runs.
+        module: the name of the module, which must be running.
 
     Raises:
-        SegmentMissing: there is no such run, or the module does not run.
+        SegmentMissing: the run does not exist, or the module does not run.
         ValueError: the run has no such module.
     """
 
@@ -43,9 +43,9 @@ class UnhandledMessages:
         self._fence = new_fence()
 
     def count(self) -> int:
-        """Return how many there are; those that the core has not looked at yet count as well."""
+        """Return the number of unhandled messages, including those that the core has not read yet."""
         unseen = self._out.words[layout.OUT_HEAD] - self._in.words[layout.IN_OUTBOUND_TAIL]
-        self._fence()  # what the core has seen is in the tables by now
+        self._fence()  # after the fence, the tables show everything the core has seen
         sizes = self._tables.sizes
         references = self._table(self._tables.reference(0), sizes.references, layout.REFERENCE_WORDS)
         handles = self._table(self._tables.handle(0), sizes.handles, layout.HANDLE_WORDS)
@@ -55,11 +55,11 @@ class UnhandledMessages:
         return unseen + int(np.count_nonzero((sources & _SLOT_BITS) == self._slot))
 
     def _table(self, at: int, rows: int, row_words: int) -> NDArray[np.uint64]:
-        """One of the core's tables, `(rows, row_words)`; it changes while one looks."""
+        """One of the core's tables, `(rows, row_words)`; the core may change it while you read."""
         words = np.frombuffer(self._core.buffer, np.uint64)
         return words[at : at + rows * row_words].reshape(rows, row_words)
 
     def close(self) -> None:
-        """Unmap what was mapped."""
+        """Unmap the core's tables."""
         for segment in (self._core, self._out, self._in):
             segment.close()
