@@ -10,11 +10,11 @@ FARTHEST_RAD = 2.6
 
 
 class LookAround:
-    """Turns the camera step by step, for its images are sharp only while it stands.
+    """Turns the camera in steps, because its images are sharp only while it stands still.
 
     Args:
-        step_s: It looks in each direction for so long, the turn to it included.
-        around_rad: Directions it takes one after the other, to the left of straight ahead.
+        step_s: Time for each direction, including the turn to it.
+        around_rad: The directions to look in, in order, measured to the left of straight ahead.
     """
 
     def __init__(self, step_s: float = 1.0, around_rad: tuple[float, ...] = AROUND_RAD) -> None:
@@ -22,12 +22,13 @@ class LookAround:
         self._around_rad = around_rad
 
     def pan_rad(self, now_s: float, pose: ArrayLike, look_at_xy_m: ArrayLike | None) -> float:
-        """Return the direction to take now, to the left of straight ahead.
+        """Return the direction to look in now, measured to the left of straight ahead.
 
         Args:
             now_s: The time.
             pose: The robot's x, y (m) and heading (rad), map frame.
-            look_at_xy_m: m, map frame; None to look around, as also while it is behind the robot.
+            look_at_xy_m: m, map frame. None: look around. The camera also looks around while this
+                point is behind the robot.
         """
         if look_at_xy_m is not None:
             x, y, heading = np.asarray(pose, float)

@@ -1,6 +1,6 @@
 """The rescue mission: from map, pose, navigation and victims to goals, with a state machine.
 
-It decides; it does not drive. Call `step` a few times each second, and do what it says.
+The mission decides; it does not drive. Call `step` a few times each second and carry out what it returns.
 """
 
 import math
@@ -27,7 +27,7 @@ WORKS = TRAVELS | {MissionState.LOOK, MissionState.INSPECT, MissionState.ASK}
 STANDS = frozenset({MissionState.WAIT, MissionState.HALT, MissionState.PAUSE})
 LOOKS = {MissionState.SEARCH: MissionState.LOOK, MissionState.APPROACH: MissionState.INSPECT}
 EMPTY_PLANS = 3
-"""One map may be caught half drawn; so many in a row with nothing left to do are believed."""
+"""One map may be incomplete. The mission ends its work only after this many maps in a row show none left."""
 HOME_ATTEMPTS = 5
 NOTHING_LEFT = "nothing is left to do"
 SAME_TARGET_M = 0.3
@@ -38,8 +38,8 @@ class Orders:
     """What the robot is to do now.
 
     Attributes:
-        goal: `(3,)`, x, y (m) and heading (rad), map frame; None: stand.
-        look_at_xy_m: `(2,)`, m, map frame; None: look around.
+        goal: `(3,)`, x, y (m) and heading (rad), map frame. None: stand still.
+        look_at_xy_m: `(2,)`, m, map frame. None: look around.
     """
 
     goal: Points | None = None
@@ -50,16 +50,16 @@ class Mission:
     """Carries out one mission.
 
     Args:
-        clock: Returns the time in s; the stamps of all inputs are in this time.
-        settings: How.
+        clock: Returns the time in s. The stamps of all inputs use the same clock.
+        settings: How to carry out the mission.
         on_change: Called with each new state.
 
     Attributes:
-        machine: The states, and why the present one was entered.
-        victims: What is known of them.
+        machine: The state machine, and why it entered the current state.
+        victims: What the mission knows about the victims.
         limits: What time and battery still allow.
-        notes: What went wrong on the way, for the report; each said once.
-        home: `(3,)`, where the mission began; None before the first pose.
+        notes: What went wrong, for the report. Each note is listed once.
+        home: `(3,)`, the pose where the mission began. None before the first pose.
         operator: What the operator has ordered.
         path_m: where the robot has been, m, map frame.
     """
@@ -105,22 +105,22 @@ class Mission:
 
     @property
     def frontiers(self) -> list[Frontier]:
-        """Return where the map ended when the robot last thought about where to go, the longest first."""
+        """Return the frontiers of the map at the robot's last planning step, longest first."""
         return self._targets.frontiers
 
     @property
     def searched(self) -> SearchedGrid | None:
-        """Return which walls were searched; None if nobody has said."""
+        """Return which walls were searched. None before the first report."""
         return self._searched
 
-    # -- what comes in ---------------------------------------------------------------------------------
+    # -- inputs ----------------------------------------------------------------------------------------
 
     def see_map(self, cells: NDArray[np.int8], resolution_m: float, corner_xy_m: ArrayLike) -> None:
-        """Take a new map: see `Surroundings` for the arguments."""
+        """Take a new map. `Surroundings` describes the arguments."""
         self._around = Surroundings(cells, resolution_m, corner_xy_m, self.settings)
 
     def see_searched(self, searched: SearchedGrid) -> None:
-        """Learn which walls were searched."""
+        """Record which walls were searched."""
         self._searched, self._searched_s = searched, self._clock()
 
     def see_pose(self, pose: ArrayLike) -> None:
@@ -133,17 +133,17 @@ class Mission:
             self.path_m.append((x, y))
 
     def see_camera(self) -> None:
-        """Learn that the camera works."""
+        """Record that the camera works."""
         self._camera_s = self._clock()
 
     def see_stopped(self, reason: str | None) -> None:
-        """Learn why the robot cannot drive; None: it can."""
+        """Record why the robot cannot drive. None: it can."""
         if reason is not None and self._stopped is None:
             self._note(f"stopped: {reason}")
         self._stopped = reason
 
     def order(self, order: int) -> str | None:
-        """Obey an order of the operator (an `OperatorOrder`), or return why it is refused."""
+        """Carry out an `OperatorOrder`, or return why the mission refuses it."""
         refusal = self.operator.refusal(order, self.state)
         if refusal is None:
             self.operator.is_held = order == OperatorOrder.PAUSE
@@ -154,7 +154,7 @@ class Mission:
         return refusal
 
     def arrived(self) -> None:
-        """Learn that the goal ordered last has been reached."""
+        """Record that the robot has reached its latest goal."""
         if self.state is MissionState.RETURN:
             self._judge_home("is home")
         elif self.state in LOOKS:
@@ -163,16 +163,16 @@ class Mission:
             self._give_up_target()
 
     def unreachable(self, reason: str) -> None:
-        """Learn that the goal ordered last cannot be reached."""
+        """Record that the robot cannot reach its latest goal."""
         if self.state is MissionState.RETURN:
             self._judge_home(reason)
         elif self.state in TRAVELS:
             self._give_up_target()
 
-    # -- what goes out ---------------------------------------------------------------------------------
+    # -- outputs ---------------------------------------------------------------------------------------
 
     def step(self) -> Orders:
-        """Think about what to do, and return it."""
+        """Decide what the robot does now, and return it."""
         if self.machine.is_final:
             return Orders()
         if self.operator.is_awaited:
@@ -191,7 +191,7 @@ class Mission:
         return Orders()
 
     def _judge(self) -> None:
-        """Change the state if something demands it."""
+        """Change the state if an input requires it."""
         if self.limits.is_over:
             self._end("the time is over")
         elif self.operator.is_held:
@@ -210,7 +210,7 @@ class Mission:
             self._go_on("a victim was seen on the way home")
 
     def _judge_work(self) -> None:
-        """Judge the states in which there is work to do."""
+        """Change the state, where necessary, during the working part of the mission."""
         if self.state is MissionState.ASK and not self.victims.is_asked:
             self._go_on("the operator was asked")
         elif self.state is not MissionState.ASK and self.victims.is_asked and not self.victims.is_waited_for:
@@ -241,7 +241,7 @@ class Mission:
         self.machine.go(MissionState.RETURN if self._ended else MissionState.EXPLORE, reason)
 
     def _plan(self) -> None:
-        """Go home if it is time; on the way choose what to do next."""
+        """Go home if it is time; while the robot travels, choose what to do next."""
         assert self._around is not None
         assert self._pose is not None
         way_home_m = self._around.way_m(self._pose, self.home[:2]) if self.home is not None else 0.0
@@ -259,7 +259,7 @@ class Mission:
             self._take(target)
 
     def _take(self, target: Target) -> None:
-        """Take a target, unless the robot does almost that already: a new goal begins navigation anew."""
+        """Take a target, unless it is almost the current one: each new goal restarts navigation."""
         old = self._target
         is_same = old is not None and old.state is target.state is self.state
         if old is not None and is_same and math.dist(old.about_xy_m, target.about_xy_m) <= SAME_TARGET_M:
@@ -268,7 +268,7 @@ class Mission:
         self.machine.go(target.state, f"at {target.about_xy_m[0]:.1f}, {target.about_xy_m[1]:.1f}")
 
     def _searched_walls(self) -> SearchedGrid | None:
-        """Return which walls were searched; None if no camera can search any."""
+        """Return which walls were searched. None if no camera works."""
         for seen_s, what in ((self._camera_s, "the camera"), (self._searched_s, "who looks at images")):
             if self._clock() - seen_s > self.settings.silent_s:
                 self._note(f"{what} is silent: goes on without victims")
@@ -282,7 +282,7 @@ class Mission:
         self.machine.go(MissionState.RETURN, reason)
 
     def _judge_home(self, reason: str) -> None:
-        """End at home; try again if it is not quite there."""
+        """End the mission at home; try again if the robot is not quite there."""
         assert self.home is not None
         assert self._pose is not None
         away_m = float(np.hypot(*(self._pose - self.home)[:2]))
@@ -314,10 +314,10 @@ class Mission:
         about = None if self.state is MissionState.EXPLORE else self._target.about_xy_m
         return Orders(self._target.goal if self.state in TRAVELS else None, about)
 
-    # -- over restarts ---------------------------------------------------------------------------------
+    # -- restarts --------------------------------------------------------------------------------------
 
     def memory(self) -> dict[str, Any]:
-        """Return what a restarted mission must know, as plain data."""
+        """Return what a restarted mission needs to go on, as plain data."""
         return {
             "over": self.machine.reason if self.machine.is_final else None,
             "is_held": self.operator.is_held,
@@ -332,7 +332,7 @@ class Mission:
         }
 
     def remember(self, memory: Mapping[str, Any]) -> None:
-        """Go on from what `memory` returned."""
+        """Continue from the data that `memory` returned."""
         self.home = memory["home"]
         self.path_m = [(x, y) for x, y in memory["path_m"].tolist()]
         self._ended = memory["ended"]

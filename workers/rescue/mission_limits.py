@@ -7,7 +7,7 @@ from typing import Any
 from workers.rescue.mission_states import MissionSettings
 
 JUDGED_AFTER_S = 20.0
-"""How fast the battery drains is known after so long."""
+"""The mission measures for this long before it trusts its figure of how fast the battery drains."""
 
 
 class MissionLimits:
@@ -31,7 +31,7 @@ class MissionLimits:
 
     @property
     def battery(self) -> float | None:
-        """Return what is left in the battery, as a ratio; None if nobody has said."""
+        """Return the battery's charge as a ratio. None before the first report."""
         return self._battery[-1][1] if self._battery else None
 
     @property
@@ -42,20 +42,20 @@ class MissionLimits:
 
     @property
     def is_over(self) -> bool:
-        """Say whether the time is over."""
+        """Return whether the time limit has passed."""
         return self.used_s >= self._settings.time_limit_s
 
     def begin(self) -> None:
-        """Count the time from now on."""
+        """Start counting the time now."""
         self._began_s = self._clock()
 
     def see_battery(self, ratio: float) -> None:
-        """Learn what is left in the battery, as a ratio."""
+        """Record the battery's charge, as a ratio."""
         if math.isfinite(ratio):
             self._battery[1:] = [(self.used_s, ratio)]
 
     def battery_lasts_s(self) -> float:
-        """Return how long the battery lasts down to its reserve, if it drains on as it has."""
+        """Return how long the battery lasts down to its reserve if it keeps draining at the same rate."""
         if len(self._battery) < 2:
             return math.inf
         (first_s, first), (last_s, last) = self._battery
@@ -66,10 +66,10 @@ class MissionLimits:
         return (last - self._settings.reserve) * (last_s - first_s) / (first - last)
 
     def must_return(self, way_home_m: float) -> str | None:
-        """Return why the robot must go home now; None while it need not.
+        """Return why the robot must go home now. None: it need not yet.
 
         Args:
-            way_home_m: cost of the way; +inf if none is known, which is no reason to go.
+            way_home_m: Cost of the way home. +inf: no way is known, which alone is no reason to go home.
         """
         way_s = way_home_m / self._settings.home_m_per_s if math.isfinite(way_home_m) else 0.0
         needed_s = way_s + self._settings.spare_s
@@ -80,10 +80,10 @@ class MissionLimits:
         return None
 
     def memory(self) -> dict[str, Any]:
-        """Return what a restarted mission must know, as plain data."""
+        """Return what a restarted mission needs to go on, as plain data."""
         return {"used_s": self.used_s, "battery": [list(entry) for entry in self._battery]}
 
     def remember(self, memory: Mapping[str, Any]) -> None:
-        """Go on from what `memory` returned."""
+        """Continue from the data that `memory` returned."""
         self._began_s = self._clock() - memory["used_s"]
         self._battery = [(at_s, ratio) for at_s, ratio in memory["battery"]]

@@ -1,4 +1,4 @@
-"""What the operator may order a mission to do, and which orders fit when."""
+"""The operator's orders to a mission, and the states in which each is accepted."""
 
 from enum import IntEnum
 
@@ -6,7 +6,7 @@ from workers.rescue.mission_states import MissionState
 
 
 class OperatorOrder(IntEnum):
-    """An order of the operator."""
+    """An order from the operator."""
 
     START = 0
     PAUSE = 1
@@ -15,13 +15,13 @@ class OperatorOrder(IntEnum):
 
 
 class OperatorOrders:
-    """Knows whether the operator lets the mission go on, and refuses orders that do not fit.
+    """Records whether the operator holds the mission, and refuses orders that do not fit its state.
 
     Args:
-        starts_by_itself: False: the robot stands until the operator starts the mission.
+        starts_by_itself: False: the robot waits until the operator starts the mission.
 
     Attributes:
-        is_held: the operator wants the robot to stand.
+        is_held: the operator has paused the robot.
         has_begun: the mission has left its start.
     """
 
@@ -31,11 +31,11 @@ class OperatorOrders:
 
     @property
     def is_awaited(self) -> bool:
-        """Say whether the mission waits for the operator to start it."""
+        """Return whether the mission waits for the operator to start it."""
         return self.is_held and not self.has_begun
 
     def refusal(self, order: int, state: MissionState) -> str | None:
-        """Return why an order does not fit; None: it does."""
+        """Return why an order does not fit the state. None: it fits."""
         if order not in list(OperatorOrder):
             return f"there is no order {order}; orders are " + ", ".join(
                 f"{known.value} ({known.name})" for known in OperatorOrder
@@ -57,5 +57,5 @@ class OperatorOrders:
         return "the robot is on its way home" if state is MissionState.RETURN else None
 
     def fitting(self, state: MissionState) -> list[OperatorOrder]:
-        """Return the orders that fit."""
+        """Return the orders that fit the state."""
         return [order for order in OperatorOrder if self.refusal(order, state) is None]

@@ -51,22 +51,23 @@ class MissionSettings:
     """How the mission is carried out.
 
     Attributes:
-        starts_by_itself: False: the robot stands until the operator starts the mission.
-        time_limit_s: The robot is home again by then, whatever is left to do.
+        starts_by_itself: False: the robot waits until the operator starts the mission.
+        time_limit_s: The robot is home again by then, even if work is left.
         reserve: The battery is not used below this ratio.
-        home_m_per_s: How fast the robot comes home, at least.
-        spare_s: It turns back so much earlier than it must.
-        clearance_m: Ways keep this far from obstacles, as navigation's do. Were it more, what lies behind a
-            passage that only navigation drives through would not be seen to be left to do.
-        tight_clearance_m: Ways keep this far from obstacles where the robot stands too near to some already.
-        body_radius_m: The robot's body is round; where it stands, no obstacle is.
-        goal_clearance_m: Goals keep this far from obstacles: more, so that the next map shows a way back.
-        plan_period_s: Goals are thought over this often.
-        travel_s: A goal that is not reached in so long is given up.
-        arrived_m: The robot is home when it is so near.
-        silent_s: A camera that has said nothing for so long is out of order.
+        home_m_per_s: The lowest speed at which the robot comes home.
+        spare_s: The robot turns back this much earlier than it must.
+        clearance_m: Paths keep this far from obstacles, as navigation's do. With a larger value the mission
+            would overlook the work behind a passage that navigation can still drive through.
+        tight_clearance_m: Paths keep this far from obstacles where the robot is already too near to one.
+        body_radius_m: Radius of the robot's round body. No obstacle is where the robot stands.
+        goal_clearance_m: Goals keep this larger distance from obstacles, so that the next map still shows
+            a way back.
+        plan_period_s: Time between two planning steps.
+        travel_s: The robot gives up a goal that it has not reached after this time.
+        arrived_m: The robot counts as home within this distance.
+        silent_s: A camera that has sent nothing for this long counts as failed.
         min_frontier_m: Shorter frontiers are not worth a visit.
-        min_wall_m: Neither are shorter pieces of unsearched wall.
+        min_wall_m: Shorter pieces of unsearched wall are not worth a visit.
     """
 
     starts_by_itself: bool = True

@@ -19,16 +19,16 @@ from workers.rescue.searched_walls import SEARCHED, WallFronts
 
 Points = NDArray[np.float64]
 Costs = NDArray[np.float64]
-"""The way to each cell, m; +inf where none leads, or where the robot should not be sent to."""
+"""Path cost to each cell, m; +inf where no path leads or where the robot must not be sent."""
 
 SNAP_M = 0.6
-"""The robot may be this far from where it can drive: within the clearance, or after a pose jump."""
+"""The robot may be this far from a drivable cell: within the clearance, or after a pose jump."""
 NEAR_FRONTIER_M = 0.5
 SAME_M = 0.4
 STAY_M = 0.8
 TURN_M_PER_RAD = 0.25
 GAIN, MAX_GAIN_M = 0.4, 2.0
-# Frontiers first: on the way to them the camera searches many walls anyhow.
+# Frontiers come first: on the way to them the camera already searches many walls.
 SEARCH_LATER_M = 1.0
 VICTIM_FIRST_M = 2.0
 VICTIM_FROM_M = (0.6, 1.3)
@@ -43,8 +43,8 @@ class Target:
     Attributes:
         state: what the robot is doing on its way there.
         goal: `(3,)`, x, y (m) and heading (rad), map frame.
-        about_xy_m: `(2,)`, m, map frame: what is to be seen from there.
-        cost_m: the way, less what it brings.
+        about_xy_m: `(2,)`, m, map frame: the point to look at from there.
+        cost_m: path cost minus the target's bonus.
     """
 
     state: MissionState
@@ -60,11 +60,11 @@ class Surroundings:
         cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown.
         resolution_m: Edge of a cell.
         corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
-        settings: How far ways and goals keep from obstacles.
+        settings: How far paths and goals keep from obstacles.
 
     Attributes:
         grid: where the robot can drive.
-        goals: `(H, W) bool`, the cells of `grid` that are clear enough to be sent to.
+        goals: `(H, W) bool`, the cells of `grid` that are clear enough for a goal.
         fronts: the walls.
     """
 
@@ -84,7 +84,7 @@ class Surroundings:
         self.fronts = WallFronts(cells, resolution_m, corner_xy_m)
 
     def ways_from(self, pose: ArrayLike) -> PathField | None:
-        """Return the ways from a pose to everywhere, or None if the robot is not near any drivable place."""
+        """Return the paths from a pose to all cells, or None if no drivable cell is near the robot."""
         place = np.asarray(pose, float)
         start = self.grid.nearest(self.grid.drivable, place, SNAP_M)
         if start is not None:
@@ -95,7 +95,7 @@ class Surroundings:
         return None if start is None else PathField(tight, start)
 
     def way_m(self, pose: ArrayLike, goal_xy_m: ArrayLike) -> float:
-        """Return the cost of the way to a place, +inf if there is none."""
+        """Return the path cost to a place; +inf if no path leads there."""
         ways = self.ways_from(pose)
         if ways is None:
             return math.inf
@@ -104,10 +104,10 @@ class Surroundings:
 
 
 class MissionTargets:
-    """Finds targets, and remembers those that were given up.
+    """Finds targets, and remembers those that the robot gave up.
 
     Attributes:
-        frontiers: of the map that was looked at last, the longest first.
+        frontiers: the frontiers of the latest map examined, longest first.
     """
 
     def __init__(self, settings: MissionSettings) -> None:
@@ -116,16 +116,16 @@ class MissionTargets:
         self._given_up: deque[tuple[str, float, float]] = deque(maxlen=REMEMBERED)
 
     def give_up(self, target: Target) -> None:
-        """Do not choose this target again, nor one of its kind about almost the same place."""
+        """Exclude this target, and those of its kind at almost the same place."""
         x, y = target.about_xy_m.tolist()
         self._given_up.append((target.state.name, x, y))
 
     def memory(self) -> list[list[Any]]:
-        """Return what was given up, as plain data."""
+        """Return the targets that were given up, as plain data."""
         return [list(given_up) for given_up in self._given_up]
 
     def remember(self, memory: Iterable[Sequence[Any]]) -> None:
-        """Take over what `memory` returned."""
+        """Restore the data that `memory` returned."""
         self._given_up.clear()
         self._given_up.extend((kind, x, y) for kind, x, y in memory)
 
@@ -142,12 +142,12 @@ class MissionTargets:
         Args:
             around: the newest map.
             pose: the robot's x, y (m) and heading (rad), map frame.
-            searched: which walls were searched; None: there is no camera to search any.
+            searched: which walls were searched. None: no camera works.
             suspected: x, y (m) and facing (rad) of the victims to approach.
             current: the target so far.
 
         Returns:
-            The best target, None if nothing is left to do; and whether the robot is where it can drive.
+            The best target, or None if no work is left; and whether the robot stands on drivable ground.
         """
         ways = around.ways_from(pose)
         if ways is None:
@@ -215,7 +215,7 @@ class MissionTargets:
 
 
 class SearchedGrid:
-    """Which walls were searched, as a grid of the map's kind: 100 searched, 0 not.
+    """Which walls were searched, as a grid like the map: 100 searched, 0 not.
 
     Args:
         cells: `(H, W) int8`, row 0 at the smallest y.
@@ -229,7 +229,7 @@ class SearchedGrid:
         self.corner_xy_m = np.asarray(corner_xy_m, float)
 
     def holds(self, points_m: Points) -> NDArray[np.bool_]:
-        """Say which of some points `(N, 2)`, m, map frame, were searched."""
+        """Return which of the points `(N, 2)`, m, map frame, were searched."""
         column, row = np.floor((points_m - self.corner_xy_m) / self.resolution_m).astype(int).T
         inside = (row >= 0) & (row < self.cells.shape[0]) & (column >= 0) & (column < self.cells.shape[1])
         searched: NDArray[np.bool_] = inside & (

@@ -1,4 +1,4 @@
-"""What the mission knows of victims."""
+"""What the mission knows about victims."""
 
 import math
 from collections.abc import Mapping
@@ -15,18 +15,18 @@ SAME_M = 0.5
 
 @dataclass(frozen=True)
 class VictimReport:
-    """A victim, as it goes into the report.
+    """A victim as listed in the report.
 
     Attributes:
         id: its number.
-        name: for people.
+        name: shown to people.
         x_m: where it is, map frame.
         y_m: where it is, map frame.
         z_m: where it is, map frame.
-        facing_rad: the direction it looks to.
-        found_s: when it was seen first, s since the epoch of the robot's clock.
+        facing_rad: the direction it faces.
+        found_s: when it was first seen, s since the epoch of the robot's clock.
         confidence: 0 to 1.
-        state: what has become of it.
+        state: its state, as in `VictimState`.
     """
 
     id: int
@@ -48,7 +48,7 @@ class MissionVictims:
         self._waited_for: set[int] = set()
 
     def see(self, report: VictimReport) -> None:
-        """Take what is told of a victim; when it was found first stays."""
+        """Store a report of a victim, but keep the time when the victim was first found."""
         before = self.reports.get(report.id)
         found_s = report.found_s if before is None else before.found_s
         self.reports[report.id] = VictimReport(**{**vars(report), "found_s": found_s})
@@ -57,7 +57,7 @@ class MissionVictims:
 
     @property
     def suspected(self) -> list[tuple[NDArray[np.float64], float]]:
-        """Return x, y (m) and facing (rad) of the victims that should be seen better, map frame."""
+        """Return x, y (m) and facing (rad) of the victims that need a better view, map frame."""
         return [
             (np.array([report.x_m, report.y_m]), report.facing_rad)
             for report in self.reports.values()
@@ -66,11 +66,11 @@ class MissionVictims:
 
     @property
     def suspected_ids(self) -> set[int]:
-        """Return the numbers of these victims."""
+        """Return the numbers of the victims that need a better view."""
         return {report.id for report in self.reports.values() if report.state is VictimState.SUSPECTED}
 
     def is_suspected_at(self, xy_m: ArrayLike) -> bool:
-        """Say whether a victim near a place, m, map frame, should be seen better."""
+        """Return whether a victim near a place, m, map frame, needs a better view."""
         x, y = np.asarray(xy_m, float).tolist()
         return any(math.dist(place, (x, y)) <= SAME_M for place, _ in self.suspected)
 
@@ -80,35 +80,35 @@ class MissionVictims:
 
     @property
     def is_asked(self) -> bool:
-        """Say whether the operator has been asked and has not answered."""
+        """Return whether a question to the operator is unanswered."""
         return bool(self._asked)
 
     @property
     def asked_name(self) -> str:
-        """Return about whom the operator has been asked; '' if about nobody."""
+        """Return the victim that the operator has been asked about; '' if none."""
         return ", ".join(report.name for report in self._asked)
 
     @property
     def is_waited_for(self) -> bool:
-        """Say whether the robot has waited for all these answers already."""
+        """Return whether the robot has already waited for every pending answer."""
         return all(report.id in self._waited_for for report in self._asked)
 
     def wait_for_answer(self) -> None:
-        """Note that the robot waits for the answers; it does so once for each question."""
+        """Note that the robot waits for the answers. It waits once for each question."""
         self._waited_for.update(report.id for report in self._asked)
 
     @property
     def summary(self) -> str:
-        """Return how many there are, in a few words."""
+        """Return the number of victims, in a few words."""
         confirmed = sum(report.state is VictimState.CONFIRMED for report in self.reports.values())
         return f"{len(self.reports)} victims, {confirmed} confirmed"
 
     def memory(self) -> list[dict[str, Any]]:
-        """Return all of it as plain data."""
+        """Return all reports as plain data."""
         return [{**asdict(report), "state": int(report.state)} for report in self.reports.values()]
 
     def remember(self, memory: list[Mapping[str, Any]]) -> None:
-        """Take over what `memory` returned."""
+        """Restore the data that `memory` returned."""
         for entry in memory:
             report = VictimReport(**{**entry, "state": VictimState(entry["state"])})
             self.reports[report.id] = report

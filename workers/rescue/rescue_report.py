@@ -1,7 +1,7 @@
 """The report of a rescue mission: map, victims, figures.
 
-The map is drawn in the colours of the RoboCup Rescue League's rule for GeoTIFF maps (Kleiner et al., "RoboCup
-Rescue virtual robots: map data format", 2009), as a PNG file; the victims are its list of victims, as CSV.
+The map is a PNG file in the colours of the RoboCup Rescue League's rule for GeoTIFF maps (Kleiner et al.,
+"RoboCup Rescue virtual robots: map data format", 2009). The victims are a CSV file, the rule's victim list.
 """
 
 import csv
@@ -35,14 +35,14 @@ VICTIM_M, START_M = 0.3, 0.4
 
 @dataclass(frozen=True)
 class MissionFigures:
-    """What is counted of a mission.
+    """The figures of a mission.
 
     Attributes:
-        state: the last one.
-        reason: why it is the last one.
-        duration_s: of the mission.
-        battery: what was left of it, as a ratio; None if nobody has said.
-        notes: what went wrong on the way.
+        state: the last state.
+        reason: why the mission entered it.
+        duration_s: how long the mission took.
+        battery: the charge that was left, as a ratio. None if it is not known.
+        notes: what went wrong.
     """
 
     state: str
@@ -69,12 +69,12 @@ def write_report(
     """Write `NAME_map.png` (if there is a map), `NAME_victims.csv` and `mission.json`.
 
     Args:
-        directory: where.
-        name: the beginning of the files' names.
-        figures: what is counted.
+        directory: where to write the files.
+        name: prefix of the files' names.
+        figures: the mission's figures.
         made_map: the newest map.
         searched: which walls were searched.
-        victims: all that were reported.
+        victims: all reported victims.
         path_m: where the robot was, m, map frame.
         home: x, y (m) and heading (rad) where the mission began.
     """
@@ -105,7 +105,7 @@ def _known_m2(cells: NDArray[np.int8], resolution_m: float) -> float:
 
 
 def _write_victims(path: Path, victims: Sequence[VictimReport]) -> None:
-    """Write those that the operator has not rejected."""
+    """Write the victims that the operator has not rejected."""
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(("id", "time", "name", "x", "y", "z", "confirmed"))
@@ -137,7 +137,7 @@ class RescuePicture:
         chess = np.floor(self._places).astype(int).sum(axis=-1) & 1
         colours[:] = np.where(chess[..., None], UNKNOWN_DARK, UNKNOWN_LIGHT)
         colours[values >= 0] = FREE
-        # A line each half metre on what is explored.
+        # Grid lines every half metre on the explored area.
         near_line = (np.abs(self._places / 0.5 - np.rint(self._places / 0.5)) < 0.5 / PX_PER_M).any(axis=-1)
         colours[(values >= 0) & near_line] = GRID_LINE
         colours[values >= OCCUPIED_PERCENT] = WALL

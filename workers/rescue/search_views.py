@@ -1,7 +1,7 @@
 """Next best views: where to go so that the camera sees walls it has not seen yet.
 
-The choice weighs the way against what there is to see, as that of frontiers does; see Gonzalez-Banos and
-Latombe, "Navigation strategies for exploring indoor environments" (IJRR 2002).
+The choice weighs the path cost against the length of wall in view, as the choice of a frontier does. See
+Gonzalez-Banos and Latombe, "Navigation strategies for exploring indoor environments" (IJRR 2002).
 """
 
 import math
@@ -14,22 +14,22 @@ from scipy import ndimage
 from workers.maps.navigation_grid import Cell, NavigationGrid
 from workers.rescue.searched_walls import ALL_EIGHT, WallFronts
 
-# A view is taken from this far; at best from the first of them.
+# Distance of a view from the wall: the best one, and the limits.
 BEST_M, NEAREST_M, FARTHEST_M = 1.1, 0.6, 1.9
 SLANT_RAD = 0.8
 PIECE_CELLS = 24
-"""Longer pieces of wall are looked at in several parts."""
+"""A longer piece of wall is split into several views."""
 
 
 @dataclass(frozen=True)
 class SearchView:
-    """A place to look at unsearched wall from.
+    """A place from which to look at an unsearched wall.
 
     Attributes:
         cell: (row, column) of the place.
         look_at_xy_m: `(2,)`, m, map frame: the middle of the piece of wall.
         length_m: of the piece.
-        cost_m: the way there.
+        cost_m: path cost to the place.
     """
 
     cell: Cell
@@ -49,7 +49,7 @@ def search_views(
 
     Args:
         grid: Where the robot may be.
-        cost_m: The way to each cell of `grid`, +inf where none leads.
+        cost_m: Path cost to each cell of `grid`, +inf where no path leads.
         fronts: The map's front cells.
         todo: Which of the front cells have not been searched `(N,)`.
         min_length_m: Shorter pieces are left out.

@@ -11,7 +11,7 @@ from workers.maps.navigation_grid import OCCUPIED_PERCENT
 from workers.planar_pose import wrap_angle
 
 KEY_M = 0.1
-"""What is searched is remembered by squares of this edge, so that small shifts of the map do not matter."""
+"""Searched walls are stored in squares with this edge, so that small shifts of the map do not matter."""
 KEY_SPAN = 1 << 20
 ALL_EIGHT = np.ones((3, 3), dtype=bool)
 NOTHING, UNSEARCHED, SEARCHED = -1, 0, 100
@@ -35,7 +35,7 @@ class CameraView:
 
 
 class WallFronts:
-    """The free cells of a map in front of its walls: there victims can hang.
+    """The free cells of a map in front of its walls, where victims can hang.
 
     Args:
         cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown.
@@ -63,17 +63,17 @@ class WallFronts:
         self.normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
 
     def keys(self) -> NDArray[np.int64]:
-        """Return a number for each front cell that names its square of `KEY_M`."""
+        """Return the number of the `KEY_M` square that each front cell lies in."""
         column, row = np.floor(self.middles_m / KEY_M).astype(np.int64).T
         keys: NDArray[np.int64] = row * KEY_SPAN + column
         return keys
 
     def seen_from(self, eye: ArrayLike, half_width_rad: float, view: CameraView) -> NDArray[np.bool_]:
-        """Say which front cells a camera sees well `(N,)`.
+        """Return which front cells a camera sees well `(N,)`.
 
         Args:
             eye: x, y (m) and heading (rad) of the optical axis, map frame.
-            half_width_rad: the image's.
+            half_width_rad: half the camera's horizontal field of view.
             view: how well it sees.
         """
         x, y, heading = np.asarray(eye, float)
@@ -90,12 +90,12 @@ class WallFronts:
         return seen
 
     def is_in_sight(self, eye_xy_m: NDArray[np.float64], points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Say whether no wall is between a place and each of some points `(N, 2)`, m, map frame."""
+        """Return whether each point `(N, 2)` can be seen from a place without a wall between; m, map frame."""
         if len(points_m) == 0:
             return np.zeros(0, dtype=bool)
         offset = points_m - eye_xy_m
         longest_m = float(np.hypot(*offset.T).max())
-        # The last cells before a wall's front may be grazed.
+        # The ray may graze the last cells before a wall's front.
         share = np.linspace(0.0, 1.0, int(longest_m / self._resolution_m * 1.5) + 2)[:-2]
         way = eye_xy_m + share[:, None, None] * offset
         column, row = np.floor((way - self._corner) / self._resolution_m).astype(int).transpose(2, 0, 1)
@@ -122,25 +122,25 @@ class WallMemory:
         Args:
             fronts: where victims can hang.
             eye: x, y (m) and heading (rad) of the camera's optical axis, map frame.
-            half_width_rad: the image's, to each side of the optical axis.
+            half_width_rad: half the image's field of view: the angle to each side of the optical axis.
         """
         new = fronts.keys()[fronts.seen_from(eye, half_width_rad, self._view)]
         self._searched = np.union1d(self._searched, new)
 
     def is_searched(self, fronts: WallFronts) -> NDArray[np.bool_]:
-        """Say which front cells were searched `(N,)`."""
+        """Return which front cells were searched `(N,)`."""
         return np.isin(fronts.keys(), self._searched)
 
     def grid(self, fronts: WallFronts) -> NDArray[np.int8]:
-        """Return a grid like the map's `(H, W)`: -1 no front of a wall, 0 not searched, 100 searched."""
+        """Return a grid like the map's `(H, W)`: -1 not in front of a wall, 0 not searched, 100 searched."""
         grid = np.full(fronts.shape, NOTHING, np.int8)
         grid[tuple(fronts.cells.T)] = np.where(self.is_searched(fronts), SEARCHED, UNSEARCHED)
         return grid
 
     def state(self) -> dict[str, Any]:
-        """Return it as plain data."""
+        """Return the memory as plain data."""
         return {"searched": self._searched}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Take over what `state` returned."""
+        """Restore the data that `state` returned."""
         self._searched = np.array(state["searched"], np.int64)

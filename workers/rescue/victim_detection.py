@@ -1,8 +1,8 @@
-"""Victims in camera images: the tags on their chests, and where they are as seen from the camera.
+"""Find victims in camera images by the tags on their chests, and measure the tags' poses from the camera.
 
 The tags are ArUco markers, dictionary 4x4_50 (Garrido-Jurado et al., "Automatic generation and detection of
-highly reliable fiducial markers under occlusion", Pattern Recognition 2014), found by OpenCV. Their pose
-follows from their size (Collins and Bartoli, "Infinitesimal plane-based pose estimation", IJCV 2014).
+highly reliable fiducial markers under occlusion", Pattern Recognition 2014). OpenCV detects them. Their known
+size gives their pose (Collins and Bartoli, "Infinitesimal plane-based pose estimation", IJCV 2014).
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-AROUND = 2.0  # times the tag: what the patch around it shows
+AROUND = 2.0  # size of the image patch, as a multiple of the tag's size
 
 
 class VisionMissing(ImportError):
@@ -21,7 +21,7 @@ class VisionMissing(ImportError):
 
 @dataclass(frozen=True)
 class Projection:
-    """How a camera without distortion projects.
+    """The projection of a camera without distortion.
 
     Attributes:
         focal_px: focal length in columns and rows.
@@ -63,8 +63,8 @@ class VictimDetector:
     """Finds tags in images.
 
     Args:
-        tag_edge_m: edge of a tag, its black border included.
-        min_edge_px: smaller ones are not trusted.
+        tag_edge_m: edge of a tag, including its black border.
+        min_edge_px: the detector ignores smaller tags.
 
     Raises:
         VisionMissing: OpenCV is not installed.
@@ -77,7 +77,7 @@ class VictimDetector:
             raise VisionMissing(
                 "victim detection needs OpenCV: install opencv-python-headless (extra 'vision')"
             ) from error
-        cv2.setNumThreads(1)  # the robot's processors have other work
+        cv2.setNumThreads(1)  # leave the robot's other processor cores free
         self._cv2 = cv2
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
@@ -94,7 +94,7 @@ class VictimDetector:
 
         Args:
             pixels: (height, width, 3) uint8, red, green, blue.
-            projection: how the camera projects.
+            projection: the camera's projection.
         """
         grey = self._cv2.cvtColor(pixels, self._cv2.COLOR_RGB2GRAY)
         found, tags, _ = self._detector.detectMarkers(grey)

@@ -1,4 +1,4 @@
-"""What is known of victims: where they are, fused over all views, and what the operator said of them."""
+"""What is known about victims: their positions, fused over all views, and the operator's verdicts."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,18 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from workers.planar_pose import wrap_angle
 
-# Standard deviation of a view's position: of the robot's own pose, and more with the distance squared, as of
-# everything that is measured by its size in an image.
+# Standard deviation of a view's position: that of the robot's own pose, plus a part that grows with the
+# square of the distance, as in every measurement by size in an image.
 POSE_SPREAD_M, SPREAD_PER_M = 0.03, 0.012
-# A view farther than this from where the victim is thought to be is of something else, or of a wrong map.
+# A view farther than this from the victim's estimated place shows something else, or the map is wrong.
 SAME_PLACE_M = 0.6
-# After so many of them in a row the place is believed to have changed.
+# After this many such views in a row, the victim's place counts as changed.
 BELIEVED = 3
 DOUBT_PER_VIEW = 0.6
 
 
 class VictimState(IntEnum):
-    """What has become of a victim; the numbers are those of the message `VictimFound`."""
+    """The state of a victim. The numbers are those of the message `VictimFound`."""
 
     SUSPECTED = 0
     ASKED = 1
@@ -36,17 +36,17 @@ class Victim:
 
     Attributes:
         tag: its number.
-        position_m: (3,), map frame: mean of all views, each weighted by how good it is.
-        facing_rad: the direction it looks to, map frame.
-        first_s: when it was seen first.
-        last_s: when it was seen last.
+        position_m: (3,), map frame: mean of all views, weighted by their quality.
+        facing_rad: the direction it faces, map frame.
+        first_s: when it was first seen.
+        last_s: when it was last seen.
         weight: of all views together, 1/m².
-        views: how many there were.
-        best_m: the shortest distance it was seen from.
-        state: what has become of it.
-        not_before_s: it is not asked for before this time.
-        elsewhere: how many views in a row were of another place.
-        asked_s: when the operator was asked last.
+        views: number of views.
+        best_m: the shortest distance of a view.
+        state: its state.
+        not_before_s: the operator is not asked about it before this time.
+        elsewhere: how many views in a row showed it at another place.
+        asked_s: when the operator was last asked.
         questions: how often the operator was asked.
         patch: (rows, columns, 3) uint8, the part of an image that shows it best.
     """
@@ -68,12 +68,12 @@ class Victim:
 
     @property
     def spread_m(self) -> float:
-        """Return the standard deviation of the position; that of the robot's pose does not average out."""
+        """Return the position's standard deviation, m. The share of the robot's pose does not average out."""
         return math.hypot(POSE_SPREAD_M, math.sqrt(1 / self.weight)) if self.weight else math.inf
 
     @property
     def confidence(self) -> float:
-        """Return how sure it is that there is one, 0 to 1."""
+        """Return how certain it is that the victim exists, 0 to 1."""
         return 1.0 - DOUBT_PER_VIEW**self.views
 
     def place(self, position_m: NDArray[np.float64], facing_rad: float, distance_m: float) -> None:
@@ -97,9 +97,9 @@ class VictimMap:
     """All victims seen so far.
 
     Args:
-        enough_views: The operator is asked about a victim that was seen so often ...
-        enough_spread_m: ... and is placed so well ...
-        near_m: ... and was seen from so near.
+        enough_views: The operator is asked about a victim after at least this many views,
+        enough_spread_m: once the standard deviation of its position is at most this,
+        near_m: and the nearest view was from at most this distance.
     """
 
     def __init__(self, enough_views: int = 4, enough_spread_m: float = 0.06, near_m: float = 2.2) -> None:
@@ -117,14 +117,14 @@ class VictimMap:
         stamp_s: float,
         patch: NDArray[np.uint8],
     ) -> Victim:
-        """Add a view of a victim and return what is known of it now.
+        """Add a view of a victim and return what is now known about it.
 
         Args:
             tag: its number.
             position_m: (3,), map frame.
-            facing_rad: the direction it looks to, map frame.
-            distance_m: from the camera.
-            stamp_s: of the image.
+            facing_rad: the direction it faces, map frame.
+            distance_m: distance from the camera.
+            stamp_s: time of the image.
             patch: the part of the image around it.
         """
         position = np.asarray(position_m, float)
@@ -138,16 +138,16 @@ class VictimMap:
         return victim
 
     def is_known_well(self, victim: Victim) -> bool:
-        """Say whether enough is known of a victim to ask the operator."""
+        """Return whether enough is known about a victim to ask the operator."""
         enough = victim.views >= self._enough_views and victim.spread_m <= self._enough_spread_m
         return enough and victim.best_m <= self._near_m
 
     def state(self) -> list[dict[str, Any]]:
-        """Return all of it as plain data."""
+        """Return all victims as plain data."""
         return [{**vars(victim), "state": int(victim.state)} for victim in self.victims.values()]
 
     def restore(self, state: Sequence[Mapping[str, Any]]) -> None:
-        """Take over what `state` returned."""
+        """Restore the data that `state` returned."""
         for entry in state:
             victim = Victim(**{**entry, "state": VictimState(entry["state"])})
             self.victims[victim.tag] = victim
