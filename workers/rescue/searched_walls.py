@@ -90,7 +90,7 @@ class WallFronts:
         return seen
 
     def is_in_sight(self, eye_xy_m: NDArray[np.float64], points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return whether each point `(N, 2)` can be seen from a place without a wall between; m, map frame."""
+        """Return whether each point `(N, 2)` can be seen from a place with no wall between; m, map frame."""
         if len(points_m) == 0:
             return np.zeros(0, dtype=bool)
         offset = points_m - eye_xy_m
