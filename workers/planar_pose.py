@@ -7,13 +7,13 @@ Array = NDArray[np.float64]
 
 
 def wrap_angle(angle_rad: Array) -> Array:
-    """Bring angles into [-pi, pi)."""
+    """Wrap angles into [-pi, pi)."""
     wrapped: Array = (angle_rad + np.pi) % (2 * np.pi) - np.pi
     return wrapped
 
 
 def compose(first: ArrayLike, second: ArrayLike) -> Array:
-    """Carry `second`, given in the frame of `first`, into the frame `first` is given in."""
+    """Transform `second` from the frame of `first` into the frame in which `first` is given."""
     first, second = np.asarray(first, float), np.asarray(second, float)
     cos, sin = np.cos(first[..., 2]), np.sin(first[..., 2])
     x = first[..., 0] + cos * second[..., 0] - sin * second[..., 1]
@@ -22,7 +22,7 @@ def compose(first: ArrayLike, second: ArrayLike) -> Array:
 
 
 def relative(base: ArrayLike, pose: ArrayLike) -> Array:
-    """Return `pose` as seen from `base` (both given in one frame)."""
+    """Return `pose` relative to `base` (both given in the same frame)."""
     base, pose = np.asarray(base, float), np.asarray(pose, float)
     cos, sin = np.cos(base[..., 2]), np.sin(base[..., 2])
     dx, dy = pose[..., 0] - base[..., 0], pose[..., 1] - base[..., 1]
@@ -32,21 +32,21 @@ def relative(base: ArrayLike, pose: ArrayLike) -> Array:
 
 
 def transform_points(pose: ArrayLike, points: ArrayLike) -> Array:
-    """Carry points `(N, 2)`, m, from the frame of `pose` into the frame the pose is given in."""
+    """Transform points `(N, 2)`, m, from the frame of `pose` into the frame in which the pose is given."""
     pose, points = np.asarray(pose, float), np.asarray(points, float)
     moved: Array = rotate(pose[2], points) + pose[:2]
     return moved
 
 
 def rotate(angle_rad: float, vectors: ArrayLike) -> Array:
-    """Turn vectors `(N, 2)` by an angle."""
+    """Rotate vectors `(N, 2)` by an angle."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)
     turned: Array = np.asarray(vectors, float) @ np.array([[cos, sin], [-sin, cos]])
     return turned
 
 
 def rotated_information(information: ArrayLike, angle_rad: float) -> Array:
-    """Carry the inverse covariance `(3, 3)` of a pose from a frame into one it stands in at an angle."""
+    """Rotate a pose's inverse covariance `(3, 3)` into the frame in which its own frame has this angle."""
     turn = np.eye(3)
     turn[:2, :2] = rotate(angle_rad, np.eye(2)).T
     turned: Array = turn @ np.asarray(information, float) @ turn.T

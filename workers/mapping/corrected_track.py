@@ -1,11 +1,11 @@
-"""The robot's trajectory at the rate of odometry, corrected at the sweeps that were matched."""
+"""The robot's trajectory at the rate of odometry, corrected at the matched sweeps."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workers.planar_pose import compose, relative, wrap_angle
 
-METRES_PER_RADIAN = 0.5  # odometry error of a turn relative to that of driving
+METRES_PER_RADIAN = 0.5  # weight of a turn against driving in odometry's error
 
 
 def corrected(
@@ -14,20 +14,19 @@ def corrected(
     anchor_odometry: NDArray[np.float64],
     anchor_poses: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Carry corrected poses along odometry.
+    """Correct the odometry's poses by anchors, whose corrected poses are known.
 
-    Between two anchors each pose is carried on from the one before and back from the one after, and the two
-    are blended by how far the robot had moved: so what odometry got wrong in between is spread over the
-    motion.
+    Between two anchors, odometry gives each pose twice: forwards from the anchor before, backwards from the
+    one after. The two are blended by the distance moved, which spreads odometry's error over the motion.
 
     Args:
         odometry: `(M, 3)`, odometry frame.
-        anchor_rows: `(A,)` ascending: the row of `odometry` an anchor belongs to, or a fraction between two.
+        anchor_rows: `(A,)` ascending: each anchor's row in `odometry`; a fraction lies between two rows.
         anchor_odometry: `(A, 3)`, odometry's pose at each anchor, odometry frame.
         anchor_poses: `(A, 3)`, the corrected pose at each anchor, map frame.
 
     Returns:
-        `(M, 3)`, map frame. Before the first anchor and after the last it is carried from that one alone.
+        `(M, 3)`, map frame. Before the first anchor and after the last, that anchor alone counts.
     """
     rows = np.arange(len(odometry))
     after = np.searchsorted(anchor_rows, rows)

@@ -1,8 +1,8 @@
 """Find the pose at which a sweep fits a set of points best, over a whole window of poses.
 
-Correlative scan matching (Olson, "Real-time correlative scan matching", ICRA 2009), searched by branch and
-bound over coarser and coarser maxima of the score (Hess, Kohler, Rapp and Andor, "Real-time loop closure in
-2D LIDAR SLAM", ICRA 2016). It cannot end in a local maximum within the window, and it is exact to one cell.
+Correlative scan matching (Olson, "Real-time correlative scan matching", ICRA 2009). The search is branch and
+bound over a pyramid of the score's maxima (Hess, Kohler, Rapp and Andor, "Real-time loop closure in 2D LIDAR
+SLAM", ICRA 2016). It finds the window's global maximum, exact to one cell.
 """
 
 from dataclasses import dataclass
@@ -10,20 +10,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-BLURS = 3  # standard deviations over which the fit is drawn
-COARSEST = 4  # branches on a side of the window to begin with
-BATCH = 256  # branches looked at together: numpy's cost is per call
+BLURS = 3  # radius of a reference point's blur, in standard deviations
+COARSEST = 4  # initial branches along a side of the window
+BATCH = 256  # branches scored together, because numpy's cost is per call
 
 
 @dataclass(frozen=True)
 class Window:
-    """Poses to search: as far as this on each side of the first guess.
+    """The poses to search: this far on each side of the first guess.
 
     Attributes:
         distance_m: In x and in y.
         angle_rad: In heading.
-        doubt_per_m2: What the score loses by the square of the distance from the first guess.
-        doubt_per_rad2: What the score loses by the square of the angle from the first guess.
+        doubt_per_m2: Subtracted from the score for each m² of squared distance from the first guess.
+        doubt_per_rad2: Subtracted from the score for each rad² of squared angle from the first guess.
     """
 
     distance_m: float
@@ -34,7 +34,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Found:
-    """The best pose of a window (x m, y m, heading rad), and its score, 0 to 1, less the window's doubt."""
+    """The best pose of a window (x m, y m, heading rad), and its score, 0 to 1, minus the window's doubt."""
 
     pose: NDArray[np.float64]
     score: float
@@ -47,13 +47,13 @@ class ScoreField:
         reference: Points `(M, 2)`, m.
         resolution_m: Edge of a cell.
         blur_m: Standard deviation of the fit over distance.
-        reach_m: How far from its first place a point may be moved by the search.
+        reach_m: How far the search may move a point from its first place.
     """
 
     def __init__(self, reference: ArrayLike, resolution_m: float, blur_m: float, reach_m: float) -> None:
         reference = np.asarray(reference, float)
         self.resolution_m = resolution_m
-        # Points beyond the margin are moved to its edge, and must find nothing from there.
+        # Points beyond the margin are moved to its edge, where no search step may reach a score.
         self.margin = int(np.ceil((2 * reach_m + 4 * blur_m) / resolution_m)) + 2
         self.corner = np.floor(reference.min(axis=0) / resolution_m).astype(np.int64) - self.margin
         cells = np.floor(reference / resolution_m).astype(np.int64) - self.corner
@@ -88,9 +88,9 @@ def search(
     Args:
         field: The score of places.
         points: `(N, 2)`, m, in the frame of the pose sought.
-        guess: Middle of the window (x, y, heading) in the field's frame.
+        guess: Centre of the window (x, y, heading) in the field's frame.
         window: Its size; the field's reach must cover its distance.
-        least_score: Poses below this score are of no interest.
+        least_score: Poses below this score are ignored.
 
     Returns:
         The best pose, or None if none reaches `least_score`.
@@ -103,7 +103,7 @@ def search(
     shifts = np.arange(-side, side + 1, step)
     grid = np.stack(np.meshgrid(np.arange(len(turns)), shifts, shifts, indexing="ij"), axis=-1).reshape(-1, 3)
     best, best_score = None, least_score
-    # Level, branches, and their bounds if they are known already.
+    # Level, branches, and their bounds where already known.
     stack: list[tuple[int, NDArray[np.int64], NDArray[np.float64] | None]] = [(top, grid, None)]
     while stack:
         level, branches, bounds = stack.pop()
@@ -129,7 +129,7 @@ def search(
 def _turned(
     field: ScoreField, points: NDArray[np.float64], guess: NDArray[np.float64], window: Window
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The headings to try (rad from the guess) and the cells the points fall into for each, `(A, N, 2)`."""
+    """Return the headings to try (rad from the guess) and the points' cells at each, `(A, N, 2)`."""
     farthest = max(float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 90)), 1.0)
     count = int(np.ceil(window.angle_rad / (field.resolution_m / farthest)))
     turns = np.linspace(-window.angle_rad, window.angle_rad, 2 * count + 1)
@@ -159,7 +159,7 @@ def _scores(
 def _doubt(
     field: ScoreField, level: int, branches: NDArray[np.int64], turns: NDArray[np.float64], window: Window
 ) -> NDArray[np.float64]:
-    """The least that any pose of each branch loses by lying away from the guess."""
+    """Return the smallest doubt among the poses of each branch."""
     low, high = branches[:, 1:], branches[:, 1:] + 2**level - 1
     nearest = np.maximum(np.maximum(low, -high), 0) * field.resolution_m
     squared_m2: NDArray[np.float64] = (nearest**2).sum(axis=1)

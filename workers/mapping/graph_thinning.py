@@ -1,9 +1,9 @@
-"""Take poses out of a pose graph, and let those around them know of each other what they knew through them.
+"""Remove poses from a pose graph, and pass their edges to their neighbours.
 
 In outline Kretzschmar and Stachniss, "Information-theoretic compression of pose graphs for laser-based SLAM"
-(IJRR 2012): a pose that goes hands its edges to one neighbour, its heir, and their uncertainties add up. So
-the graph stays sparse. What that forgets is at most pessimistic: no measurement counts twice between the same
-two poses.
+(IJRR 2012): a removed pose passes its edges to one neighbour, its heir, and the uncertainties add up. The
+graph stays sparse. The result may be too pessimistic, never too confident: no measurement counts twice
+between the same two poses.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from workers.mapping.pose_graph import DOUBT, PoseGraph, jacobians
 from workers.planar_pose import relative
 
-LOOPS_PER_POSE = 2  # edges that close loops, kept on average; the least informative ones go first
+LOOPS_PER_POSE = 2  # loop edges kept, on average; the least informative are removed first
 SINGULAR = 1e-6
 HERE = np.zeros(3)
 
@@ -58,15 +58,15 @@ class _Edge:
 
 
 def without(graph: PoseGraph, removed: Sequence[int]) -> tuple[PoseGraph, NDArray[np.int64]]:
-    """Return a settled graph without some of its poses; the others keep their order, and do not move.
+    """Return a settled graph without some of its poses. The others keep their order and do not move.
 
     Args:
-        graph: The graph; it is left as it is.
-        removed: Numbers of the poses to go; not the first one.
+        graph: The graph; it does not change.
+        removed: Numbers of the poses to remove; never the first one.
 
     Returns:
-        The new graph; and for each pose of the old one `(N,)` the number, in the old graph, of the pose that
-        stands for it: itself, or its heir.
+        The new graph; and for each pose of the old graph `(N,)` the old number of the pose that now
+        represents it: itself, or its heir.
     """
     edges, at = _read(graph)
     heir = np.arange(len(graph.poses))
@@ -86,7 +86,7 @@ def without(graph: PoseGraph, removed: Sequence[int]) -> tuple[PoseGraph, NDArra
 
 
 def _read(graph: PoseGraph) -> tuple[dict[Pair, _Edge], dict[int, set[Pair]]]:
-    """Return the edges by the pair that they tie, and the pairs that each pose is in."""
+    """Return the edges by their pair of poses, and the pairs that contain each pose."""
     state = graph.state()
     edges: dict[Pair, _Edge] = {}
     at: dict[int, set[Pair]] = {number: set() for number in range(len(graph.poses))}
@@ -97,7 +97,7 @@ def _read(graph: PoseGraph) -> tuple[dict[Pair, _Edge], dict[int, set[Pair]]]:
 
 
 def _keep(edges: dict[Pair, _Edge], at: dict[int, set[Pair]], edge: _Edge) -> None:
-    """Add an edge, unless the same two poses are tied better already."""
+    """Add an edge, unless a better one already joins the same two poses."""
     there = edges.get(edge.pair)
     if there is None or there.weight < edge.weight:
         edges[edge.pair] = edge
@@ -106,7 +106,7 @@ def _keep(edges: dict[Pair, _Edge], at: dict[int, set[Pair]], edge: _Edge) -> No
 
 
 def _joined(hub: _Edge, spoke: _Edge) -> _Edge:
-    """Return the edge from the end of one to the end of the other; both have the same base."""
+    """Return the edge from the end of one edge to the end of the other. Both have the same base."""
     by_hub, by_spoke = jacobians(hub.measured[None], spoke.measured[None])[0]
     covariance = by_hub @ hub.covariance @ by_hub.T + by_spoke @ spoke.covariance @ by_spoke.T
     measured = relative(hub.measured, spoke.measured)
@@ -115,7 +115,7 @@ def _joined(hub: _Edge, spoke: _Edge) -> _Edge:
 
 
 def _is_doubtful(graph: PoseGraph, edge: _Edge) -> bool:
-    """Say whether an edge that closes a loop fits so badly that it hardly counts."""
+    """Return whether an edge that closes a loop fits so badly that it hardly counts."""
     if not edge.closes_loop:
         return False
     error = relative(edge.measured, relative(graph.poses[edge.base], graph.poses[edge.seen]))
@@ -123,7 +123,7 @@ def _is_doubtful(graph: PoseGraph, edge: _Edge) -> bool:
 
 
 def _written(graph: PoseGraph, edges: dict[Pair, _Edge], removed: set[int]) -> PoseGraph:
-    """Make a graph of what is left, with the poses numbered anew."""
+    """Make a graph of the remaining poses and edges, with new pose numbers."""
     kept = [number for number in range(len(graph.poses)) if number not in removed]
     number = {old: new for new, old in enumerate(kept)}
     loops = sorted((edge for edge in edges.values() if edge.closes_loop), key=lambda edge: -edge.weight)

@@ -1,8 +1,8 @@
 """Map a place from wheel odometry and a planar laser: the stock robot's SLAM.
 
-Each sweep is matched against the ones before it (`scan_tracker`), loops are closed over a pose graph
-(`loop_closing`, `pose_graph`), and the key sweeps are drawn into an occupancy grid (`map_renderer`): in
-outline Konolige et al., "Efficient sparse pose adjustment for 2D mapping" (IROS 2010), and Hess et al.,
+The mapper matches each sweep against the ones before it (`scan_tracker`), closes loops over a pose graph
+(`loop_closing`, `pose_graph`), and draws the key sweeps into an occupancy grid (`map_renderer`). In outline:
+Konolige et al., "Efficient sparse pose adjustment for 2D mapping" (IROS 2010), and Hess et al.,
 "Real-time loop closure in 2D LIDAR SLAM" (ICRA 2016).
 """
 
@@ -29,22 +29,22 @@ from workers.row_log import RowLog
 HARDLY_M, HARDLY_RAD = 0.05, 0.03  # a sweep taken nearer to the last one adds no information
 KEY_M, KEY_RAD = 0.25, 0.2  # from one key sweep to the next
 FEWEST_HITS = 20
-THINNED = 0.1  # share of the key sweeps that make room at a time
-MOST_WAITING = 10  # sweeps whose odometry has not come yet
+THINNED = 0.1  # share of the key sweeps removed at a time
+MOST_WAITING = 10  # sweeps that wait for their odometry
 PATIENCE = 5  # odometry messages a sweep waits for one at its own stamp
 NOWHERE = np.zeros(3)
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the mapper's memory; what is left out is counted in `GridMapper.refused`.
+    """Limits of the mapper's memory. `GridMapper.refused` counts the inputs beyond them.
 
     Attributes:
-        cells: Of the grid (8 bytes each).
-        key_sweeps: Of the map (some 15 kB each with 360 beams). At the limit, redundant ones are
-            removed.
-        odometry: Entries of the trajectory (32 bytes each, and 64 for each matched sweep); the older half is
-            forgotten.
+        cells: Cells of the grid (8 bytes each).
+        key_sweeps: Key sweeps of the map (some 15 kB each with 360 beams). At the limit, the mapper removes
+            redundant ones.
+        odometry: Entries of the trajectory (32 bytes each, and 64 for each matched sweep). At the limit, the
+            mapper removes the older half.
     """
 
     cells: int = 16_000_000
@@ -56,7 +56,7 @@ class Limits:
 class _WaitingSweep:
     stamp_s: float
     sweep: LaserSweep
-    arrival: int  # number of the odometry entry that came next after the sweep
+    arrival: int  # number of the first odometry entry after the sweep
 
 
 class GridMapper:
@@ -92,7 +92,7 @@ class GridMapper:
         self._closer = LoopCloser(self._keys)
         self._renderer = MapRenderer(self._keys, OccupancyGrid(resolution_m, self.limits.cells))
         self._odometry = OdometryTrack(self.limits.odometry)
-        # Matched sweeps: position in the odometry, laser's pose by odometry, key sweep, pose seen from it.
+        # Matched sweeps: position in the odometry, laser's pose by odometry, key sweep, pose relative to it.
         self._anchors = RowLog(8, self.limits.odometry)
         self._waiting: deque[_WaitingSweep] = deque()
 
@@ -112,8 +112,8 @@ class GridMapper:
     ) -> None:
         """Add a sweep: ranges `(N,)`, m, outside [range_min_m, range_max_m) or not finite for no return.
 
-        Its pose in odometry is that at its own stamp; if odometry has not come that far, the sweep waits for
-        it.
+        The mapper uses the odometry pose at the sweep's own stamp. The sweep waits until odometry has reached
+        that stamp.
         """
         most = min(range_max_m, self.max_range_m)
         sweep = LaserSweep.from_ranges(ranges, angle_min_rad, angle_increment_rad, range_min_m, most)
@@ -128,7 +128,7 @@ class GridMapper:
 
     @property
     def pose(self) -> NDArray[np.float64]:
-        """Where the robot is now (x m, y m, heading rad), map frame."""
+        """Return the robot's current pose (x m, y m, heading rad), map frame."""
         if not len(self._odometry.log):
             return NOWHERE.copy()
         newest = self._odometry.log.rows[-1, 1:]
@@ -138,9 +138,9 @@ class GridMapper:
         return self._robot(compose(self._corrected(anchor), relative(anchor[1:4], self._laser(newest))))
 
     def trajectory(self) -> NDArray[np.float64]:
-        """Return where the robot was, `(M, 4)`: stamp (s), x, y (m), heading (rad), map frame.
+        """Return the robot's past poses, `(M, 4)`: stamp (s), x, y (m), heading (rad), map frame.
 
-        One row for each odometry message, in the order they came. Loops closed since have moved older rows.
+        Each odometry message has one row, in order of arrival. Each closed loop corrects the older rows.
         """
         if self._closer.settle():
             self._tracker.forget()
@@ -170,7 +170,7 @@ class GridMapper:
         return self._closer.closed
 
     def state(self) -> dict[str, Any]:
-        """Return what the mapper knows as plain data and arrays; the next message may change the arrays."""
+        """Return the mapper's state as plain data and arrays. The next message may change the arrays."""
         return {
             "settings": {
                 "resolution_m": self._renderer.grid.resolution_m,
@@ -193,7 +193,7 @@ class GridMapper:
 
     @staticmethod
     def from_state(state: Mapping[str, Any]) -> "GridMapper":
-        """Make a mapper that goes on just as the one whose `state` this is; ranges were kept as float32."""
+        """Make a mapper that continues exactly from a `state`, which stores ranges as float32."""
         mapper = GridMapper(**state["settings"], limits=Limits(**state["limits"]))
         mapper.refused.update(state["refused"])
         mapper.thinned = state.get("thinned", 0)
@@ -208,14 +208,14 @@ class GridMapper:
         return mapper
 
     def _place_waiting(self) -> None:
-        """Use the sweeps whose place in odometry is known by now, in order."""
+        """Use the waiting sweeps whose odometry has arrived, in order."""
         while self._waiting:
             first = self._waiting[0]
             place = self._odometry.at(first.stamp_s)
             if place is None:
                 if not len(self._odometry.log) or self._odometry.log.end - first.arrival < PATIENCE:
                     return
-                # No odometry has such a stamp: what came just before the sweep is the nearest.
+                # No odometry has this stamp: the entry that arrived just before the sweep is the nearest.
                 place = self._odometry.numbered(first.arrival - 1)
             self._waiting.popleft()
             self._use(first.sweep, place)
@@ -274,7 +274,7 @@ class GridMapper:
         self._anchors.add([place.position, *odometry, key, *offset])
 
     def _corrected(self, anchors: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The laser's poses at anchors `(..., 8)`, as the map has them now: `(..., 3)`, map frame."""
+        """Return the laser's poses at anchors `(..., 8)` by the current map: `(..., 3)`, map frame."""
         return compose(self._keys.poses[anchors[..., 4].astype(int)], anchors[..., 5:8])
 
     def _laser(self, robot: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The sweeps a map is made of, each with its pose in a pose graph."""
+"""The sweeps that make up a map, each with its pose in a pose graph."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -12,12 +12,12 @@ from workers.mapping.graph_thinning import without
 from workers.mapping.pose_graph import PoseGraph
 from workers.planar_pose import wrap_angle
 
-SPACING_M = 0.4  # sweeps nearer to each other show the same
+SPACING_M = 0.4  # sweeps nearer to each other show the same surfaces
 SPACING_RAD = 0.3
 
 
 class KeySweeps:
-    """Sweeps in the order they were taken, their poses (map frame), and how far the robot had come."""
+    """Sweeps in the order they were taken, their poses (map frame), and the distance travelled at each."""
 
     def __init__(self) -> None:
         self.sweeps: list[LaserSweep] = []
@@ -34,7 +34,7 @@ class KeySweeps:
 
     @property
     def travelled_m(self) -> NDArray[np.float64]:
-        """How far the robot had come at each sweep, `(N,)`, m."""
+        """Distance travelled at each sweep, `(N,)`, m."""
         return np.array(self._travelled)
 
     def add(self, sweep: LaserSweep, pose: ArrayLike) -> int:
@@ -46,10 +46,10 @@ class KeySweeps:
         return self.graph.add_pose(pose)
 
     def remove(self, numbers: Sequence[int]) -> NDArray[np.int64]:
-        """Take sweeps out of the map, whose graph must be settled; the others are numbered anew.
+        """Remove sweeps from the map, whose graph must be settled. The others get new numbers.
 
         Returns:
-            For each sweep there was `(N,)`, which one stands for it, by the old numbers: itself or its heir.
+            For each old sweep `(N,)` the old number of the one that now represents it: itself or its heir.
         """
         self.graph, heirs = without(self.graph, numbers)
         gone = set(numbers)
@@ -58,7 +58,7 @@ class KeySweeps:
         return heirs
 
     def state(self) -> dict[str, Any]:
-        """Return all there is to know, as arrays and a dict of arrays."""
+        """Return the whole state, as arrays and a dict of arrays."""
         bearings = [(sweep.angle_min_rad, sweep.angle_increment_rad) for sweep in self.sweeps]
         return {
             "ranges_m": np.concatenate([np.zeros(0), *(sweep.ranges_m for sweep in self.sweeps)]).astype(
@@ -71,7 +71,7 @@ class KeySweeps:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over what `state` returned."""
+        """Restore the data that `state` returned."""
         each = np.split(state["ranges_m"], np.cumsum(state["beams"])[:-1]) if len(state["beams"]) else []
         self.sweeps = [
             LaserSweep.from_ranges(ranges, float(first), float(increment), 0.0, np.inf)
@@ -81,7 +81,7 @@ class KeySweeps:
         self.graph = PoseGraph.from_state(state["graph"])
 
     def spaced(self, numbers: Iterable[int], most: int) -> list[int]:
-        """Choose sweeps that do not show the same, beginning with the first, up to `most`."""
+        """Choose up to `most` sweeps that show different surfaces, beginning with the first."""
         chosen: list[int] = []
         for number in numbers:
             if len(chosen) == most:
@@ -94,7 +94,7 @@ class KeySweeps:
         return chosen
 
     def surfaces(self, numbers: Iterable[int]) -> SurfacePoints:
-        """Join what some sweeps hit, map frame."""
+        """Join the surface points of some sweeps, map frame."""
         return SurfacePoints.joined(
             [self.sweeps[number].hits.moved(self.poses[number]) for number in numbers]
         )

@@ -1,8 +1,8 @@
-"""Close loops: recognise a place the robot has seen before, and tie the new sweep to the old ones there.
+"""Close loops: recognise a place the robot has seen before, and join the new sweep to the old ones there.
 
-Candidates are near by the map, within what the robot may have drifted on its way from there along the pose
-graph (Olson, "Robust and efficient robotic mapping", 2008). A candidate counts only if the surfaces agree and
-neither side looked through what the other side hit, so that places that merely look alike are told apart.
+A candidate lies near the robot on the map, within the possible drift along the pose graph (Olson, "Robust and
+efficient robotic mapping", 2008). It is accepted only if the surfaces agree and neither side looked through a
+surface that the other hit. This rejects places that only look alike.
 """
 
 from collections.abc import Mapping
@@ -16,24 +16,24 @@ from workers.mapping.key_sweeps import KeySweeps
 from workers.mapping.scan_matcher import Match, ScanMatcher
 from workers.planar_pose import compose, relative, rotated_information, transform_points, wrap_angle
 
-EVERY_M = 0.5  # of travel, a loop is looked for
+EVERY_M = 0.5  # of travel between two searches for a loop
 LEAST_LOOP_M = 8.0
 NEAR_M = 3.0
 DRIFT_PER_M, MOST_DRIFT_M = 0.02, 4.0
 LEAST_REACH_M = 0.3
 MOST_CANDIDATES = 2
-AROUND_M = 5.0  # travel on both sides of an old sweep, that shows its place
-BACK_M = 3.0  # the newest travel, that is recognised as one
+AROUND_M = 5.0  # travel before and after an old sweep whose sweeps show its place
+BACK_M = 3.0  # the newest travel, whose sweeps are matched together
 MOST_SWEEPS = 30
 QUERY_POINTS, CHECKED_POINTS = 300, 1000
 RESOLUTION_M = 0.1
 BLUR_M = 0.1
 LEAST_SCORE = 0.25
 LEAST_OVERLAP = 0.4
-LEAST_AGREEMENT = 0.9  # of what both saw
-MOST_MISSING = 0.1  # of the old surfaces, that the new sweeps looked through
+LEAST_AGREEMENT = 0.9  # share of the surfaces that both saw
+MOST_MISSING = 0.1  # share of the old surfaces that the new sweeps looked through
 SAME_M = 0.1
-SETTLED_M = 0.03  # an edge that disagrees with the map by less can wait for others
+SETTLED_M = 0.03  # an edge that disagrees with the map by less waits for others
 MOST_WAITING = 30
 
 
@@ -47,17 +47,17 @@ class LoopCloser:
         self.closed = 0
 
     def state(self) -> dict[str, float]:
-        """Return how far it has come."""
+        """Return the progress of the search."""
         return {"looked_at_m": self._looked_at_m, "waiting": self._waiting, "closed": self.closed}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over what `state` returned."""
+        """Restore the data that `state` returned."""
         self._looked_at_m = float(state["looked_at_m"])
         self._waiting = int(state["waiting"])
         self.closed = int(state["closed"])
 
     def look(self) -> bool:
-        """Look for loops at the newest key sweep; returns whether the map was moved to close one."""
+        """Look for loops at the newest key sweep. Return whether closing one has moved the map."""
         travelled = self._keys.travelled_m
         if travelled[-1] - self._looked_at_m < EVERY_M:
             return False
@@ -79,7 +79,7 @@ class LoopCloser:
         return self.settle() if misfit > SETTLED_M or self._waiting > MOST_WAITING else False
 
     def settle(self) -> bool:
-        """Optimise the graph if edges are waiting for it; returns whether any were."""
+        """Optimise the graph if edges are waiting for it. Return whether any were."""
         if self._waiting == 0:
             return False
         self._waiting = 0
@@ -87,7 +87,7 @@ class LoopCloser:
         return True
 
     def _candidates(self, newest: int) -> list[tuple[int, float]]:
-        """Old sweeps the robot may be near, best first, and how far off (m) each may be by now."""
+        """Return old sweeps that may be near the robot, best first, and the possible drift (m) of each."""
         poses, travelled = self._keys.poses, self._keys.travelled_m
         apart = np.hypot(*(poses - poses[newest])[:, :2].T)
         turned = np.abs(wrap_angle(poses[:, 2] - poses[newest, 2]))
@@ -104,7 +104,7 @@ class LoopCloser:
         return found
 
     def _recognised(self, newest: int, old: int, reach_m: float) -> Match | None:
-        """Match the newest sweeps with those around an old one; None if it is not the same place."""
+        """Match the newest sweeps with those around an old one. Return None if the places differ."""
         keys, travelled = self._keys, self._keys.travelled_m
         since = travelled[newest] - travelled
         there = (np.abs(travelled - travelled[old]) < AROUND_M) & (since > LEAST_LOOP_M)
@@ -136,7 +136,7 @@ class LoopCloser:
     def _looked_through(
         self, numbers: list[int], poses: NDArray[np.float64], places: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        """Tell which places `(M, 2)` any of the sweeps, taken at these poses, saw to be free."""
+        """Return which places `(M, 2)` any of the sweeps, taken at these poses, saw as free."""
         through = np.zeros(len(places), dtype=bool)
         for number, pose in zip(numbers, poses, strict=True):
             through |= self._keys.sweeps[number].looked_through(

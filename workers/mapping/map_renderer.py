@@ -1,4 +1,4 @@
-"""Draw key sweeps into an occupancy grid, and draw again those whose poses have moved since."""
+"""Draw key sweeps into an occupancy grid, and redraw those whose poses have moved."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -18,17 +18,17 @@ class MapRenderer:
     """Keeps an occupancy grid in step with key sweeps.
 
     Attributes:
-        left_out: Sweeps that are not drawn because the grid is at its limit.
+        left_out: Number of sweeps not drawn because the grid is at its limit.
     """
 
     def __init__(self, keys: KeySweeps, grid: OccupancyGrid) -> None:
         self.grid = grid
         self.left_out = 0
         self._keys = keys
-        self._drawn = np.full((0, 3), np.nan)  # pose each sweep is drawn at; NaN: it is not
+        self._drawn = np.full((0, 3), np.nan)  # pose at which each sweep is drawn; NaN: not drawn
 
     def update(self) -> None:
-        """Draw what is new and what has moved."""
+        """Draw the new sweeps, and redraw those that have moved."""
         poses = self._keys.poses
         missing = np.full((len(poses) - len(self._drawn), 3), np.nan)
         self._drawn = np.concatenate([self._drawn, missing])
@@ -51,7 +51,7 @@ class MapRenderer:
         self.left_out = int(np.isnan(self._drawn[:, 0]).sum())
 
     def forget(self, numbers: Sequence[int]) -> None:
-        """Take out sweeps that are about to be removed from the key sweeps."""
+        """Erase sweeps that are about to be removed from the key sweeps."""
         for number in numbers:
             if number < len(self._drawn) and np.isfinite(self._drawn[number, 0]):
                 self.grid.remove(*self._sweep(number, self._drawn[number]))
@@ -60,11 +60,11 @@ class MapRenderer:
         )
 
     def state(self) -> dict[str, Any]:
-        """Return what is drawn and where; arrays that the next `update` may change."""
+        """Return which sweeps are drawn and where. The next `update` may change the arrays."""
         return {"drawn": self._drawn, "grid": self.grid.state()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over what `state` returned."""
+        """Restore the data that `state` returned."""
         self._drawn = np.array(state["drawn"], float)
         self.grid.restore(state["grid"])
 

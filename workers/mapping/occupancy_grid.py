@@ -1,9 +1,9 @@
 """Occupancy grid: how likely it is that each cell of the plane holds an obstacle.
 
 After Elfes, "Using occupancy grids for mobile robot perception and navigation" (IEEE Computer, 1989), and
-Moravec and Elfes (ICRA 1985): the evidence of each sweep adds to the log-odds of a cell. Kept as two counts
-(beams that ended in a cell, sweeps that looked through it), from which the log-odds follow, so that a sweep
-can be taken out again exactly when its pose turns out to be another.
+Moravec and Elfes (ICRA 1985): the evidence of each sweep adds to the log-odds of a cell. The grid stores two
+counts (beams that ended in a cell, sweeps that looked through it) and computes the log-odds from them. So it
+can remove a sweep exactly when its pose is corrected.
 """
 
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ class OccupancyGrid:
 
     Args:
         resolution_m: Edge of a cell.
-        max_cells: Most cells the grid may have (8 bytes each).
+        max_cells: Maximum number of cells (8 bytes each).
     """
 
     def __init__(self, resolution_m: float = 0.05, max_cells: int = 16_000_000) -> None:
@@ -41,18 +41,18 @@ class OccupancyGrid:
         """Add a sweep: `points` `(N, 2)`, m, map frame, were hit by beams from `origin_xy_m`.
 
         Raises:
-            GridFull: With the sweep, the grid would exceed its limit of cells; nothing is added.
+            GridFull: The sweep would make the grid exceed its limit of cells. The grid does not change.
         """
         sweep = self._drawn(origin_xy_m, points)
         self._cover(sweep.corner, sweep.corner + sweep.hits.shape[::-1])
         self._count(sweep, 1)
 
     def remove(self, origin_xy_m: ArrayLike, points: ArrayLike) -> None:
-        """Take out a sweep that was added with exactly these values."""
+        """Remove a sweep that was added with exactly these values."""
         self._count(self._drawn(origin_xy_m, points), -1)
 
     def cells(self) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-        """Return the map as ROS has it, and where it lies.
+        """Return the map in ROS's form, and its position.
 
         Returns:
             Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 where nothing was seen; and the
@@ -66,17 +66,17 @@ class OccupancyGrid:
         return percent, corner_m
 
     def state(self) -> dict[str, Any]:
-        """Return the counts of all cells and where they lie; arrays that the next `add` may change."""
+        """Return the counts of all cells and their position. The next `add` may change the arrays."""
         return {"corner": self._corner, "hits": self._hits, "passes": self._passes}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over what `state` returned."""
+        """Restore the data that `state` returned."""
         self._corner = np.array(state["corner"], dtype=np.int64)
         self._hits = np.array(state["hits"], dtype=np.int32)
         self._passes = np.array(state["passes"], dtype=np.int32)
 
     def _drawn(self, origin_xy_m: ArrayLike, points: ArrayLike) -> "_Sweep":
-        """Draw a sweep for itself; a cell it hit is not one it looked through."""
+        """Draw one sweep. A cell that it hit does not count as looked through."""
         origin, ends = np.asarray(origin_xy_m, float), np.asarray(points, float).reshape(-1, 2)
         beams = ends - origin
         length = np.hypot(beams[:, 0], beams[:, 1])
@@ -94,7 +94,7 @@ class OccupancyGrid:
         return _Sweep(corner, hits, passes & (hits == 0))
 
     def _cover(self, low: NDArray[np.int64], high: NDArray[np.int64]) -> None:
-        """Grow the arrays until they hold the cells from `low` to before `high`."""
+        """Grow the arrays to hold the cells from `low` up to, but not including, `high`."""
         shape = np.array(self._hits.shape[::-1])
         if (low >= self._corner).all() and (high <= self._corner + shape).all():
             return
@@ -124,7 +124,7 @@ class OccupancyGrid:
 
 @dataclass(frozen=True)
 class _Sweep:
-    """A sweep drawn into a grid of its own: beams that ended in each cell, and cells looked through."""
+    """One sweep as a grid: the number of beams that ended in each cell, and the cells looked through."""
 
     corner: NDArray[np.int64]
     hits: NDArray[np.int32]

@@ -1,11 +1,11 @@
-"""Pose graph: poses tied together by measured relative poses, and the poses that fit all of them best.
+"""Pose graph: poses joined by measured relative poses, and the poses that fit all measurements best.
 
-Lu and Milios, "Globally consistent range scan alignment for environment mapping" (Autonomous Robots, 1997);
-solved as in Grisetti, Kümmerle, Stachniss and Burgard, "A tutorial on graph-based SLAM" (2010), by
-Gauss-Newton over sparse matrices. An edge that closes a loop counts the less the worse it fits (Agarwal et
-al., "Robust map optimization using dynamic covariance scaling", ICRA 2013), so that one false match cannot
-bend the map; that doubt grows while solving (Yang et al., "Graduated non-convexity for robust spatial
-perception", RA-L 2020).
+Lu and Milios, "Globally consistent range scan alignment for environment mapping" (Autonomous Robots, 1997).
+The solver is Gauss-Newton over sparse matrices, as in Grisetti, Kümmerle, Stachniss and Burgard, "A tutorial
+on graph-based SLAM" (2010). The worse an edge that closes a loop fits, the less it counts (Agarwal et al.,
+"Robust map optimization using dynamic covariance scaling", ICRA 2013), so one false match cannot bend the
+map. That doubt grows while solving (Yang et al., "Graduated non-convexity for robust spatial perception",
+RA-L 2020).
 """
 
 from collections.abc import Mapping
@@ -35,7 +35,7 @@ class PoseGraph:
         self._measured: list[NDArray[np.float64]] = []
         self._information: list[NDArray[np.float64]] = []
         self._robust: list[bool] = []
-        self._settled_edges = 0  # edges there were at the last optimisation
+        self._settled_edges = 0  # number of edges at the last optimisation
 
     def add_pose(self, pose: ArrayLike) -> int:
         """Add a pose and return its number."""
@@ -45,18 +45,18 @@ class PoseGraph:
     def add_edge(
         self, base: int, seen: int, measured: ArrayLike, information: ArrayLike, closes_loop: bool = False
     ) -> None:
-        """Tie two poses: `seen` was measured from `base`, with inverse covariance `information` `(3, 3)`."""
+        """Join two poses: `seen` was measured from `base`, with inverse covariance `information` `(3, 3)`."""
         self._ends.append((base, seen))
         self._measured.append(np.asarray(measured, float))
         self._information.append(np.asarray(information, float))
         self._robust.append(closes_loop)
 
     def settled(self) -> None:
-        """Take the poses for those that fit the edges best, as after `optimise`."""
+        """Mark the poses as those that fit the edges best, as after `optimise`."""
         self._settled_edges = len(self._ends)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return all there is to know, as arrays; `optimise` may change them."""
+        """Return the whole state as arrays. `optimise` may change them."""
         return {
             "poses": self.poses,
             "ends": np.array(self._ends, dtype=np.int64).reshape(-1, 2),
@@ -78,7 +78,7 @@ class PoseGraph:
         return graph
 
     def distances_m(self, start: int, limit_m: float = np.inf) -> NDArray[np.float64]:
-        """Return how far along edges each pose lies from one: what its uncertainty grows with."""
+        """Return each pose's distance from `start` along edges, m: uncertainty grows with it."""
         ends = np.array(self._ends)
         lengths = np.hypot(*np.array(self._measured)[:, :2].T) + 1e-6
         shape = (len(self.poses), len(self.poses))
@@ -87,10 +87,10 @@ class PoseGraph:
         return distances
 
     def optimise(self) -> float:
-        """Move the poses to where they fit the edges best.
+        """Move the poses so that they fit the edges best.
 
         Returns:
-            The farthest that any pose was moved, m.
+            The largest distance that any pose moved, m.
         """
         if not self._ends:
             return 0.0
@@ -98,7 +98,7 @@ class PoseGraph:
         edges = _Edges(
             *(np.array(each) for each in (self._ends, self._measured, self._information, self._robust))
         )
-        # What is new may pull hard at first, for after a long way round it starts far from fitting.
+        # A new edge starts with little doubt: after a long loop it is far from fitting at first.
         new = edges.doubtful & (np.arange(len(self._ends)) >= self._settled_edges)
         doubt = max(DOUBT, float(edges.squared_errors(self.poses)[new].max(initial=0.0)))
         for _ in range(MOST_ROUNDS):
@@ -112,7 +112,7 @@ class PoseGraph:
         return float(np.hypot(*(self.poses - before)[:, :2].T).max())
 
     def _step(self, edges: "_Edges", doubt: float) -> NDArray[np.float64]:
-        """One Gauss-Newton step for all poses but the first, `(N - 1, 3)`."""
+        """Return one Gauss-Newton step for all poses except the first, `(N - 1, 3)`."""
         error = edges.errors(self.poses)
         trust = np.minimum(1.0, 2 * doubt / (doubt + edges.squared_errors(self.poses))) ** 2
         trust = np.where(edges.doubtful, trust, 1.0)

@@ -1,24 +1,24 @@
-"""Finds redundant key sweeps: those that show the same as others."""
+"""Finds redundant key sweeps: those that show the same surfaces as others."""
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-LIKE_M, LIKE_RAD = 0.4, 0.3  # sweeps this far apart are as different as those turned by so much
-NEIGHBOURS = 8  # among which an older one is looked for
+LIKE_M, LIKE_RAD = 0.4, 0.3  # this distance makes two sweeps as different as this angle does
+NEIGHBOURS = 8  # nearest sweeps among which an older one is sought
 RECENT_M = 15.0  # of travel: these are still matched against
 
 
 def redundant(poses: NDArray[np.float64], travelled_m: NDArray[np.float64], count: int) -> list[int]:
     """Choose up to `count` sweeps that are nearest to older ones.
 
-    The older one of two that are alike stays: a map whose old sweeps went, generation after generation, would
-    drift. The first one stays in any case, and so do the most recent ones.
+    Of two sweeps that are alike, the older one stays: a map that kept replacing its old sweeps would drift.
+    The first sweep and the most recent ones always stay.
 
     Args:
-        poses: Of all sweeps, `(N, 3)`, map frame.
-        travelled_m: How far the robot had come at each, `(N,)`, m.
-        count: How many are to be chosen.
+        poses: Poses of all sweeps, `(N, 3)`, map frame.
+        travelled_m: Distance travelled at each sweep, `(N,)`, m.
+        count: Maximum number of sweeps to choose.
 
     Returns:
         Their numbers, ascending.
@@ -33,7 +33,7 @@ def redundant(poses: NDArray[np.float64], travelled_m: NDArray[np.float64], coun
     while len(chosen) < count and (left & old).any():
         older, apart = _nearest_older(places, np.flatnonzero(left))
         for number in sorted(np.flatnonzero(left & old).tolist(), key=lambda number: apart[number]):
-            # Not in one round with the one it is like, so that one of them stays.
+            # Never choose both of a pair that is alike in one round: one of them must stay.
             if len(chosen) < count and left[older[number]]:
                 left[number] = False
                 chosen.append(number)
@@ -43,7 +43,7 @@ def redundant(poses: NDArray[np.float64], travelled_m: NDArray[np.float64], coun
 def _nearest_older(
     places: NDArray[np.float64], numbers: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return for each place the older one nearest to it, and how far that is; without one itself, +inf."""
+    """Return each place's nearest older place and its distance; itself and +inf if there is none."""
     older, apart = np.arange(len(places)), np.full(len(places), np.inf)
     most = min(NEIGHBOURS + 1, len(numbers))
     found_m, found_at = cKDTree(places[numbers]).query(places[numbers], k=range(1, most + 1))

@@ -1,9 +1,10 @@
 """Fine scan matching: bring a sweep's points onto the surfaces of reference points.
 
-Iterative closest point, where a point may slide along a flat surface but not off it: the point-to-line
-distance of Censi ("An ICP variant using a point-to-line metric", ICRA 2008). Where the reference is clutter
-the distance counts in all directions; both are cases of Segal, Haehnel and Thrun, "Generalized-ICP" (RSS
-2009). A Cauchy weight keeps what has moved from pulling, and odometry can take part as a prior.
+The method is iterative closest point. A point may slide along a flat surface but not off it: this is the
+point-to-line distance of Censi ("An ICP variant using a point-to-line metric", ICRA 2008). Where the
+reference is clutter, the distance counts in all directions. Both are cases of Segal, Haehnel and Thrun,
+"Generalized-ICP" (RSS 2009). A Cauchy weight limits the pull of objects that have moved. Odometry can serve
+as a prior.
 """
 
 from dataclasses import dataclass
@@ -18,23 +19,23 @@ from workers.planar_pose import rotate, wrap_angle
 SURFACE_NOISE_M = 0.03
 CLUTTER_NOISE_M = 0.06
 SAME_SIDE = 0.5  # least cosine between the normals of points that may lie on one surface
-ON_SURFACE = 9.0  # squared distance, in standard deviations, within which a point lies on it
-COARSE_DISTANCE_M, FINE_DISTANCE_M = 0.3, 0.15  # to a point's partner, at first and in the end
+ON_SURFACE = 9.0  # squared distance, in standard deviations, within which a point lies on a surface
+COARSE_DISTANCE_M, FINE_DISTANCE_M = 0.3, 0.15  # to a point's partner, in the first and the last iteration
 NARROWING = 0.7
 MOST_ROUNDS = 20
-SETTLED = 1e-3  # m and rad in one
-MATCH_TRUST = 0.1  # the points of one sweep err together, so they count for fewer
-STEADY = 1e-3 * np.eye(3)  # keeps a sweep without any partner where it is
+SETTLED = 1e-3  # m and rad alike
+MATCH_TRUST = 0.1  # the errors of one sweep's points are correlated, so they count as fewer points
+STEADY = 1e-3 * np.eye(3)  # keeps a sweep without partners at its guess
 
 
 @dataclass(frozen=True)
 class Match:
-    """Where a sweep fits.
+    """The pose at which a sweep fits.
 
     Attributes:
         pose: x (m), y (m), heading (rad) in the reference's frame.
         information: `(3, 3)`, inverse covariance of the pose by the sweep alone, in the reference's frame.
-        on_surface: `(N,) bool`, which of the sweep's points lie on what the reference shows.
+        on_surface: `(N,) bool`, which of the sweep's points lie on a surface of the reference.
     """
 
     pose: NDArray[np.float64]
@@ -64,7 +65,7 @@ class ScanMatcher:
         Args:
             sweep: Points in the frame of the pose sought.
             guess: The pose to start from, in the reference's frame.
-            prior: Where odometry sees the pose, if that is to count.
+            prior: The pose by odometry, if it is to count.
             prior_information: `(3, 3)` inverse covariance of the prior.
         """
         pose = np.array(guess, float)
@@ -87,7 +88,7 @@ class ScanMatcher:
     def _linearised(
         self, sweep: SurfacePoints, pose: NDArray[np.float64], distance_m: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Hessian and pull (negative gradient) of the weighted squared distances, and who has a partner."""
+        """Return Hessian and negative gradient of weighted squared distances; which points have partners."""
         arms, facing = rotate(pose[2], sweep.points), rotate(pose[2], sweep.normals)
         points = arms + pose[:2]
         apart, nearest = self._tree.query(points, distance_upper_bound=distance_m)
@@ -99,7 +100,7 @@ class ScanMatcher:
         stiffness = self._stiffness[nearest]
         squared = np.einsum("ni,nij,nj->n", off, stiffness, off)
         stiffness = stiffness * (partners / (1 + squared))[:, None, None]
-        # How a point moves with the pose: with x and y as they do, and across its arm with the heading.
+        # A point's derivative by the pose: the identity by x and y, across its arm by the heading.
         moves = np.zeros((len(points), 2, 3))
         moves[:, 0, 0] = moves[:, 1, 1] = 1
         moves[:, 0, 2], moves[:, 1, 2] = -arms[:, 1], arms[:, 0]

@@ -11,15 +11,15 @@ from workers.mapping.key_sweeps import KeySweeps
 from workers.mapping.scan_matcher import Match, ScanMatcher
 from workers.planar_pose import compose, rotated_information
 
-BACK_M = 10.0  # sweeps taken on the last metres are matched against
+BACK_M = 10.0  # travel whose key sweeps form the reference
 MOST_SWEEPS = 15
 MOST_POINTS = 200
 RESOLUTION_M = 0.1
 BLUR_M = 0.1
-DEVIATIONS = 3.0  # of odometry's noise, that the search covers
+DEVIATIONS = 3.0  # standard deviations of odometry's noise that the search covers
 LEAST_REACH_M, MOST_REACH_M = 0.25, 1.0
 LEAST_REACH_RAD, MOST_REACH_RAD = 0.1, 0.8
-DOUBT = 0.01  # what a fit loses for lying one standard deviation of odometry off
+DOUBT = 0.01  # subtracted from the score of a fit one standard deviation of odometry away
 
 
 class ScanTracker:
@@ -34,7 +34,7 @@ class ScanTracker:
         self._reference: tuple[ScoreField, ScanMatcher] | None = None
 
     def forget(self) -> None:
-        """Take new reference sweeps the next time: the map has changed."""
+        """Choose new reference sweeps for the next match, because the map has changed."""
         self._reference = None
 
     def match(self, sweep: LaserSweep, before: ArrayLike, step: ArrayLike) -> Match:
@@ -75,9 +75,9 @@ class ScanTracker:
 
 
 def odometry_deviation(step: ArrayLike) -> NDArray[np.float64]:
-    """Return the standard deviation of odometry over a step (x m, y m, heading rad): that of plain wheels.
+    """Return the standard deviation of wheel odometry over a step (x m, y m, heading rad).
 
-    Roughly a tenth of the motion and some for slip, so that it holds for a robot nobody has calibrated.
+    It is roughly a tenth of the motion plus some slip, so that it also holds for an uncalibrated robot.
     """
     dx, dy, turn = np.abs(np.asarray(step, float))
     distance = float(np.hypot(dx, dy))

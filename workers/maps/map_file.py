@@ -22,7 +22,7 @@ class MapFileError(ValueError):
 
 @dataclass(frozen=True)
 class MapFile:
-    """A map as a file holds it.
+    """The contents of a map file.
 
     Attributes:
         cells: Occupancy `(H, W) int8`, row 0 at the smallest y: 0 free, 100 occupied, -1 unknown.
@@ -39,12 +39,12 @@ def write_map(path: Path, cells: NDArray[np.int8], resolution_m: float, corner_x
     """Write a map: the YAML file `path`, and beside it an image with the same name and the suffix `.pgm`.
 
     Args:
-        path: Of the YAML file.
+        path: Path of the YAML file.
         cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown.
         resolution_m: Edge of a cell.
         corner_xy_m: Position of the outer corner of cell (0, 0), m, map frame.
     """
-    if cells.size == 0:  # an image has at least one pixel
+    if cells.size == 0:  # an image needs at least one pixel
         cells = np.full((1, 1), -1, dtype=np.int8)
     shades = np.where(cells >= OCCUPIED_PERCENT, OCCUPIED_SHADE, FREE_SHADE)
     shades = np.where(cells < 0, UNKNOWN_SHADE, shades).astype(np.uint8)

@@ -26,7 +26,7 @@ def draw_map(
     estimated_path: ArrayLike | None = None,
     true_path: ArrayLike | None = None,
 ) -> None:
-    """Write a picture of a map (its format is that of the file's suffix).
+    """Write a picture of a map. The file's suffix chooses the format.
 
     Args:
         path: The file to write.
@@ -58,7 +58,7 @@ def draw_map(
 
 @dataclass(frozen=True)
 class _View:
-    """What part of the plane the picture shows, and how large."""
+    """The part of the plane that the picture shows, and its scale."""
 
     left_m: float
     top_m: float
@@ -76,7 +76,7 @@ def _view(
     resolution_m: float,
     paths: list[NDArray[np.float64]],
 ) -> _View:
-    """Show all that is known, and the paths."""
+    """Return the view that shows the whole known area and the paths."""
     rows, columns = np.nonzero(cells >= 0)
     known = np.column_stack([columns, rows]) * resolution_m + corner_m
     shown = np.concatenate([known, known + resolution_m, *paths])
@@ -92,7 +92,7 @@ def _view(
 def _ground(
     cells: NDArray[np.int8], corner_m: NDArray[np.float64], resolution_m: float, view: _View
 ) -> Image.Image:
-    """The map itself, cut and scaled to the view; a thin wall stays dark where the picture is smaller."""
+    """Return the map, cut and scaled to the view. A thin wall stays dark where the picture is smaller."""
     shades = np.where(cells < 0, UNKNOWN, 255 - np.clip(cells, 0, 100).astype(int) * 255 // 100).astype(
         np.uint8
     )
@@ -121,7 +121,7 @@ def _mark_start(draw: ImageDraw.ImageDraw, start_px: NDArray[np.float64]) -> Non
 
 
 def _footer(draw: ImageDraw.ImageDraw, view: _View, names: list[tuple[tuple[int, int, int], str]]) -> None:
-    """Draw the scale bar and what the colours mean below the map."""
+    """Draw the scale bar and the legend below the map."""
     font = ImageFont.load_default()
     middle = view.height_px + FOOTER_PX // 2
     fitting = [length for length in BAR_LENGTHS_M if length * view.px_per_m < WIDEST_BAR * view.width_px]

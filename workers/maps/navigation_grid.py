@@ -7,14 +7,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 OCCUPIED_PERCENT = 50
-# Room for what lies at the edge of the known cells, so that a neighbour always exists.
+# Margin around the known cells, so that each of them has all its neighbours.
 MARGIN_CELLS = 2
 
 Cell = tuple[int, int]
 
 
 class NavigationGrid:
-    """What is free, unknown, near to obstacles and drivable for a round robot; cropped to the known cells.
+    """Free, unknown and drivable cells for a round robot, and obstacle distances; cropped to the known cells.
 
     Args:
         cells: Occupancy in percent `(H, W) int8`, row 0 at the smallest y, -1 unknown.
@@ -43,7 +43,7 @@ class NavigationGrid:
 
     @property
     def known_m2(self) -> float:
-        """Return the area seen to be free."""
+        """Return the area seen as free."""
         return float(self.free.sum()) * self.resolution_m**2
 
     def around_robot(self, xy_m: ArrayLike, body_radius_m: float, clearance_m: float) -> "NavigationGrid":
@@ -51,11 +51,11 @@ class NavigationGrid:
 
         The cells under the robot's body count as free even if the map says otherwise, as with
         `footprint_clearing_enabled` of ROS 2's costmaps. If the robot's current clearance is less than the
-        given one, paths may use it, so the robot can leave by the way it came.
+        given one, paths may use the smaller clearance, so the robot can leave by the way it came.
 
         Args:
-            xy_m: Where it stands, m, map frame.
-            body_radius_m: Its body is round.
+            xy_m: Position of the robot, m, map frame.
+            body_radius_m: Radius of the robot's round body.
             clearance_m: The robot's centre keeps this far from obstacles where it can.
         """
         rows, columns = np.indices(self.free.shape)
@@ -120,7 +120,7 @@ def _cropped(cells: NDArray[np.int8]) -> tuple[NDArray[np.int8], NDArray[np.floa
 
 
 def distance_cells(occupied: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return how many cells it is from each cell to the nearest occupied one: +inf where there is none."""
+    """Return the distance, in cells, from each cell to the nearest occupied one; +inf if there is none."""
     if not occupied.any():
         return np.full(occupied.shape, np.inf)
     distance: NDArray[np.float64] = ndimage.distance_transform_edt(~occupied)
