@@ -1,1 +1,1 @@
-"""What a playback does, as plain code; `robbie_mp/services/playback.py` joins it to a run."""
+"""The logic of playback as plain code; `robbie_mp/services/playback.py` connects it to a run."""

@@ -1,38 +1,38 @@
-"""The time of a log that plays, and with it that of the run."""
+"""The time of a log during playback, which also drives the run's clock."""
 
 from collections.abc import Callable
 from typing import Protocol
 
 LEASE_NS = 250_000_000
-"""Time stops so long after this was last heard of: it does not go on without who plays the log."""
+"""Time stops this long after the last renewal: it does not advance without the player."""
 
 
 class ClockDriver(Protocol):
-    """What sets the run's clock; see `robbie_mp.run.run_clock.ClockWriter`."""
+    """Sets the run's clock; see `robbie_mp.run.run_clock.ClockWriter`."""
 
     def play(self, at_ns: int, rate: float, limit_ns: int) -> None:
-        """Let it go on from a time, so many times as fast as real time, up to a limit."""
+        """Let the clock advance from a time, at a multiple of real time, up to a limit."""
 
     def pause(self, at_ns: int) -> None:
-        """Let it stand at a time."""
+        """Stop the clock at a time."""
 
     def jump(self, at_ns: int) -> None:
-        """Set it to a time that may lie before the one it shows, and let it stand there."""
+        """Set the clock to a time, which may be earlier than the present one, and stop it there."""
 
 
 class LogTime:
-    """Where a playback stands in its log's time.
+    """The position of a playback in its log's time.
 
-    Between jumps it never goes back. It runs at `rate`, and stands while it is paused or held; with rate None
-    it stands, too, and goes from message to message. So does the run's clock; but in lockstep that goes from
-    message to message always, and the rate only says how fast.
+    Between jumps the time never goes back. It advances at `rate`, and stops while it is paused or held. With
+    rate None it does not advance either, but steps from message to message. The run's clock does the same; in
+    lockstep, however, the clock always steps from message to message, and `rate` only sets how fast.
 
     Args:
-        clock: the run's.
+        clock: the run's clock.
         monotonic_ns: real time.
-        at_ns: where it begins.
-        rate: times real time; None: it goes from message to message.
-        paused: whether it stands at first.
+        at_ns: the time at which it starts.
+        rate: multiple of real time; None: it steps from message to message.
+        paused: whether it starts paused.
         lockstep: whether the run is in lockstep.
     """
 
@@ -67,12 +67,12 @@ class LogTime:
 
     @property
     def runs(self) -> bool:
-        """Whether it goes on by itself."""
+        """Whether the time advances with real time."""
         return self._rate is not None and not self._paused and not self._held
 
     @property
     def rate(self) -> float | None:
-        """Times real time; None: it goes from message to message."""
+        """Multiple of real time; None: it steps from message to message."""
         return self._rate
 
     @rate.setter
@@ -83,7 +83,7 @@ class LogTime:
 
     @property
     def paused(self) -> bool:
-        """Whether somebody has asked it to stand."""
+        """Whether a user has paused it."""
         return self._paused
 
     @paused.setter
@@ -94,7 +94,7 @@ class LogTime:
 
     @property
     def held(self) -> bool:
-        """Whether it stands because the next message cannot be sent yet."""
+        """Whether it is stopped because the next message cannot be sent yet."""
         return self._held
 
     @held.setter
@@ -105,13 +105,13 @@ class LogTime:
             self._drive()
 
     def renew(self) -> None:
-        """Say that whoever plays the log is there."""
+        """Confirm that the player is alive."""
         if self.runs:
             self._freeze()
             self._drive()
 
     def advance_to(self, to_ns: int) -> None:
-        """Go on to the time of what happens now, if that is later."""
+        """Advance to the time of the present event, if that is later."""
         if not self.runs and to_ns > self._at_ns:
             self._at_ns = to_ns
             self._drive()

@@ -1,4 +1,4 @@
-"""Decides which message of a log is published when, and takes orders meanwhile."""
+"""Decides when each message of a log is published, and follows control requests meanwhile."""
 
 import math
 from collections.abc import Callable
@@ -10,11 +10,11 @@ from robbie_mp.playback.tape import Tape
 from robbie_mp.recording.reader import LoggedMessage
 
 LONGEST_TURN_NS = 20_000_000
-"""So long it publishes without looking for orders."""
+"""Longest time that it publishes without looking for control requests."""
 
 
 class ControlRefused(RobbieError, ValueError):
-    """An order to a playback cannot be followed.
+    """A playback cannot carry out a control request.
 
     Example scenarios:
       - seek to 80 s in a log of 60 s
@@ -30,42 +30,42 @@ class DueTick(NamedTuple):
 
 
 class Outlet(Protocol):
-    """Where messages go, and what is known of those on their way."""
+    """Where the messages go, and what is known of the messages in flight."""
 
     def send(self, message: LoggedMessage) -> bool:
         """Publish a message; False if there is no room for it now."""
 
     def has_room(self, size: int) -> bool:
-        """Whether so few messages are on their way that one more of this size may follow."""
+        """Whether few enough messages are in flight for one more of this size."""
 
     def is_empty(self) -> bool:
         """Whether everything sent has been handled."""
 
     def next_tick(self) -> DueTick | None:
-        """Return the tick that is to be granted next; None if modules tick by themselves."""
+        """Return the tick to grant next; None if modules tick by their own clock."""
 
     def send_tick(self, tick: DueTick) -> bool:
         """Grant a tick; False if there is no room for it now."""
 
     def announce(self, before_ns: int, after_ns: int, reason: str) -> None:
-        """Tell that the time has jumped."""
+        """Announce that the time has jumped."""
 
 
 class Player:
     """Plays a tape.
 
     Args:
-        tape: what to play.
-        time: where the playback stands.
+        tape: the messages to play.
+        time: the position of the playback.
         outlet: where messages go.
-        monotonic_ns: real time.
-        origin_ns: the moment that seeks are counted from.
-        loop: begin again at the end.
+        monotonic_ns: returns real time.
+        origin_ns: the moment from which seek positions are counted.
+        loop: start again at the end.
 
     Attributes:
         played: messages sent so far.
-        jumps: of the time so far.
-        ended: whether the tape is at its end, and will not begin again.
+        jumps: time jumps so far.
+        ended: whether the tape is at its end and will not start again.
     """
 
     def __init__(
@@ -88,24 +88,24 @@ class Player:
         self._origin_ns = origin_ns
         self._steps = 0
         self._jump: tuple[int, str] | None = None
-        """Where to jump, and why, once everything sent has been handled."""
+        """The target of a jump and its reason, to be carried out once everything sent has been handled."""
 
     @property
     def ended(self) -> bool:
-        """Whether the tape is at its end, and will not begin again."""
+        """Whether the tape is at its end and will not start again."""
         return self.tape.next is None and self._jump is None and not self._begins_again
 
     @property
     def _begins_again(self) -> bool:
         return self.loop and self.played > 0
 
-    # -- orders ------------------------------------------------------------------------------------------
+    # -- control requests --------------------------------------------------------------------------------
 
     def control(self, command: str, value: float) -> None:
-        """Follow an order; see `PlaybackControl`.
+        """Carry out a control request; see `PlaybackControl`.
 
         Raises:
-            ControlRefused: it cannot be followed; nothing has changed.
+            ControlRefused: the request cannot be carried out; nothing has changed.
         """
         match command:
             case "pause":
@@ -140,10 +140,10 @@ class Player:
             raise ControlRefused(f"a rate must be greater than 0, or infinity; got {rate:g}")
         self.time.rate = None if math.isinf(rate) else rate
 
-    # -- playing -----------------------------------------------------------------------------------------
+    # -- playback ----------------------------------------------------------------------------------------
 
     def play(self) -> None:
-        """Send what is due; return after a while even if more is."""
+        """Send what is due; return after a while even if more is due."""
         self.time.renew()
         until_ns = self._monotonic_ns() + LONGEST_TURN_NS
         while self._play_one() and self._monotonic_ns() < until_ns:
@@ -168,7 +168,7 @@ class Player:
         return self._send(message, tick, at_ns)
 
     def _send(self, message: LoggedMessage, tick: DueTick | None, at_ns: int) -> bool:
-        """Send a tick, or else the message, if that is possible now."""
+        """Send a tick if there is one, else the message, if that is possible now."""
         if not self._outlet.has_room(len(message.data)):
             self.time.held = True
             return False
@@ -182,7 +182,7 @@ class Player:
         return is_sent
 
     def _tick_until(self, until_ns: int) -> DueTick | None:
-        """Return the next tick that is to be granted, if that is before the next message."""
+        """Return the next tick to grant, if it is due before the next message."""
         tick = self._outlet.next_tick()
         return tick if tick and tick.due_ns <= until_ns else None
 

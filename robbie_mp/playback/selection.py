@@ -1,4 +1,4 @@
-"""Which channels of a log are played."""
+"""Selects the channels of a log to play."""
 
 from collections.abc import Collection, Iterable, Sequence
 from fnmatch import fnmatchcase
@@ -9,16 +9,16 @@ from robbie_mp.recording.reader import LogChannel
 from robbie_mp.recording.selection import select
 
 NEVER = {kind.type_name for kind in (PlaybackControl, PlaybackState, Tick, TimeJump)}
-"""What an earlier run said of its own time; it would contradict that of the run it is played into."""
+"""The times that an earlier run published; they would contradict the time of the present run."""
 
 
 def of_topics(channels: Iterable[LogChannel], patterns: Sequence[str]) -> list[LogChannel]:
-    """Return the channels that fit one of the patterns (see `select`), and that can be played."""
+    """Return the playable channels that match one of the patterns (see `select`)."""
     return [channel for channel in select(channels, patterns)[0] if _is_played(channel)]
 
 
 def unmatched(channels: Iterable[LogChannel], patterns: Sequence[str]) -> list[str]:
-    """Return the patterns that nothing fits that can be played."""
+    """Return the patterns that match no playable channel."""
     return select(filter(_is_played, channels), patterns)[1]
 
 
@@ -29,8 +29,8 @@ def of_senders(
 
     Args:
         channels: to choose from.
-        senders: shell patterns; None: all that do not run in this run, for those send anew.
-        run: names of what runs in it, other than the playback.
+        senders: shell patterns; None: all senders that do not run in this run, as those publish their own.
+        run: names of the processes that run in it, other than the playback.
     """
     if senders is None:
         return [channel for channel in channels if channel.sender not in run]
@@ -38,7 +38,7 @@ def of_senders(
 
 
 def unplayable(channels: Iterable[LogChannel]) -> list[LogChannel]:
-    """Return the channels whose messages are encoded in a way that nobody here reads."""
+    """Return the channels with messages in an encoding that this program cannot read."""
     return [channel for channel in channels if not _is_readable(channel)]
 
 

@@ -1,4 +1,4 @@
-"""The part of a log that is played, and how far that has come."""
+"""The part of a log that is played, and the position in it."""
 
 from collections.abc import Iterator, Sequence
 
@@ -10,13 +10,13 @@ class Tape:
 
     Args:
         log: the open log.
-        channels: whose messages are played.
-        begin_ns: time of the log at which the stretch begins.
-        end_ns: the last moment of it.
+        channels: the channels to play.
+        begin_ns: log time at which the stretch starts.
+        end_ns: log time of its last moment.
 
     Attributes:
-        next: the next message; None behind the last one.
-        sought_ns: where it was set to last.
+        next: the next message; None after the last one.
+        sought_ns: the target of the last seek.
         taken: messages taken since then.
     """
 
@@ -28,19 +28,19 @@ class Tape:
         self.seek(begin_ns)
 
     def seek(self, to_ns: int) -> None:
-        """Go to the first message that was not published before a moment."""
+        """Go to the first message published at or after a moment."""
         self.sought_ns = to_ns
         self.taken = 0
         self._messages: Iterator[LoggedMessage] = self._log.messages(to_ns, self.end_ns + 1, self._channels)
         self.next = next(self._messages, None)
 
     def take(self) -> None:
-        """Be done with the next message."""
+        """Advance past the next message."""
         self.taken += 1
         self.next = next(self._messages, None)
 
     def restore(self, sought_ns: int, taken: int) -> None:
-        """Go to where another tape of the same log was; all that it had taken is read again."""
+        """Go to the position of another tape of the same log; this reads again all that it had taken."""
         self.seek(sought_ns)
         while self.taken < taken and self.next is not None:
             self.take()

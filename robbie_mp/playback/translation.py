@@ -1,4 +1,4 @@
-"""Brings messages of a log to the versions that a run's classes have."""
+"""Upgrades messages of a log to the versions of a run's classes."""
 
 import importlib
 from collections.abc import Iterable
@@ -10,10 +10,10 @@ from robbie_mp.recording.reader import LogChannel
 
 
 class RunTypes:
-    """The message types that the processes of a run have classes of.
+    """The message types for which the processes of a run have classes.
 
     Args:
-        own: the robot's own types, each with the file that declares it; that is imported when it is needed.
+        own: the robot's own types, each with the file that declares it; the file is imported when needed.
     """
 
     def __init__(self, own: Iterable[TypeDescription]):
@@ -21,15 +21,15 @@ class RunTypes:
         self._own = {one.name: one for one in own if one.python_module}
 
     def describe(self, name: str) -> TypeDescription | None:
-        """Return what is known of a type; None if nobody has a class of it."""
+        """Return what is known of a type; None if no process has a class for it."""
         return TypeDescription.of(self._stock.get(name)) if name in self._stock else self._own.get(name)
 
     def load(self, name: str) -> type[Message]:
         """Return the class of a type that `describe` knows.
 
         Raises:
-            UnknownType: its file does not declare it any more.
-            Exception: whatever its file raises when it is imported.
+            UnknownType: the file no longer declares the type.
+            Exception: any exception that the file raises when it is imported.
         """
         if name in self._own and name not in self._stock:
             importlib.import_module(self._own[name].python_module)
@@ -44,14 +44,14 @@ class Translation(NamedTuple):
 
     version: int
     decoder: VersionDecoder[Message] | None
-    """None: as they are."""
+    """None: messages are published unchanged."""
 
     def translate(self, data: bytes) -> bytes:
-        """Return a message of the channel as it is published.
+        """Return a message of the channel in the form in which it is published.
 
         Raises:
             VersionError: a step from one version to the next fails.
-            DecodeError: the bytes are no encoding of the version they should have.
+            DecodeError: the bytes do not encode the expected version.
         """
         return data if self.decoder is None else self.decoder.decode(data).encode()
 
@@ -60,9 +60,9 @@ def translation_of(channel: LogChannel, types: RunTypes) -> Translation:
     """Return how the messages of a channel are published.
 
     Raises:
-        VersionError: what was written cannot become what the class is: it is newer, a step is missing, or it
-            has other fields under the same version.
-        SchemaError: the log's schema, which that takes, is not understood.
+        VersionError: the recorded version cannot be upgraded to the class: it is newer, a step is missing, or
+            it has other fields under the same version number.
+        SchemaError: the upgrade needs the log's schema, which is not understood.
     """
     as_they_are = Translation(channel.version, None)
     ours = types.describe(channel.type_name)

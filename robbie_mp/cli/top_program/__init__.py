@@ -1,1 +1,1 @@
-"""The program `robbie top` on a terminal. The only part of the framework that needs the library textual."""
+"""The terminal program `robbie top`. No other part of the framework needs the library textual."""

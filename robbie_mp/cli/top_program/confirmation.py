@@ -1,4 +1,4 @@
-"""Asks before something is done to the robot."""
+"""Asks for confirmation before a command acts on the robot."""
 
 from typing import ClassVar
 
@@ -27,5 +27,5 @@ class Confirmation(ModalScreen[bool]):
         self.question = question
 
     def compose(self) -> ComposeResult:
-        """Make the question."""
+        """Build the question."""
         yield Static(f"{one_line(self.question)}\n\ny: yes   n: no", markup=False)

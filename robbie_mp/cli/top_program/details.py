@@ -1,4 +1,4 @@
-"""Everything of one module: what it does, how long that takes, its books, its log and its last crash."""
+"""All figures of one module: its activity, durations, message counters, log and last crash."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -30,8 +30,8 @@ class Details(Screen[None]):
     """Shows one module until Escape.
 
     Args:
-        module: its name.
-        history: for the sparklines.
+        module: the name of the module.
+        history: the values for the sparklines.
     """
 
     CSS = "Details VerticalScroll { padding: 0 1; }"
@@ -49,13 +49,13 @@ class Details(Screen[None]):
         self._history = history
 
     def compose(self) -> ComposeResult:
-        """Make the one text."""
+        """Build the text widget."""
         with VerticalScroll():
             yield Static(id="details")
         yield Footer(compact=True)
 
     def show(self, shown: Snapshot) -> None:
-        """Show what is known now."""
+        """Show the present figures."""
         if shown.reading is None:
             return
         row = next(

@@ -1,4 +1,4 @@
-"""Where the program gets its figures: it finds the run, follows it to its end, and finds the next one."""
+"""Supplies the program with figures: finds the run, follows it to its end, and finds the next one."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -10,37 +10,37 @@ from robbie_mp.run.run_directory import KnownRun, is_live
 from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
 
 DESCRIBED_READINGS = 10
-"""Quantiles are of the time since so many readings ago."""
+"""Quantiles cover the time since this many readings ago."""
 KEPT_VALUES = 120
-"""Of each value that is shown as a sparkline."""
+"""Values kept for each sparkline."""
 
 
 class Watching(Enum):
-    """What there is to see."""
+    """Whether there is a run to watch."""
 
     NOTHING = auto()
     """There is no run."""
     SEVERAL = auto()
-    """There are several, and none was chosen."""
+    """There are several runs, and the user has chosen none."""
     RUN = auto()
     ENDED = auto()
-    """The run is over; the last reading is still there."""
+    """The run has ended; its last reading is still shown."""
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What is shown at one moment."""
+    """What the program shows at one moment."""
 
     watching: Watching
     runs: tuple[KnownRun, ...]
-    """Live ones, of those that are wanted."""
+    """The live runs that match the request."""
     run: KnownRun | None = None
     reading: RunReading | None = None
     rates: RunRates | None = None
 
 
 class History:
-    """The last values of everything that is shown as a sparkline, by name."""
+    """The last values for each sparkline, by name."""
 
     def __init__(self) -> None:
         self._values: dict[tuple[str, ...], deque[float]] = {}
@@ -58,11 +58,11 @@ class History:
             self._keep(("channel", type_name, str(version), topic), channel.hz)
 
     def values(self, *name: str) -> list[float]:
-        """Return what is kept of something, the newest last."""
+        """Return the values kept under a name, the newest last."""
         return list(self._values.get(name, ()))
 
     def clear(self) -> None:
-        """Forget everything: another run is watched."""
+        """Forget all values: another run is watched."""
         self._values.clear()
 
     def _keep(self, name: tuple[str, ...], value: float) -> None:
@@ -70,10 +70,10 @@ class History:
 
 
 class RunFeed:
-    """Reads one run, whichever there is.
+    """Reads one run, and follows from run to run.
 
     Args:
-        run_id: the begin of the id of the run that is wanted; None: the only one there is.
+        run_id: the beginning of the wanted run's id; None: the only run there is.
     """
 
     def __init__(self, run_id: str | None = None):
@@ -84,7 +84,7 @@ class RunFeed:
         self.history = History()
 
     def poll(self) -> Snapshot:
-        """Read what there is now."""
+        """Take a reading now."""
         runs = self._wanted()
         if self._run is not None and self._observer is not None and is_live(self._run.folder):
             return self._read(runs)
@@ -95,7 +95,7 @@ class RunFeed:
         return Snapshot(Watching.SEVERAL if len(runs) > 1 else Watching.NOTHING, runs)
 
     def choose_next(self) -> None:
-        """Watch the next one of the live runs that are wanted."""
+        """Watch the next of the live runs that match the request."""
         runs = self._wanted()
         known = [run.run_id for run in runs]
         if not runs:
@@ -104,7 +104,7 @@ class RunFeed:
         self._attach(runs[place % len(runs)])
 
     def close(self) -> None:
-        """Unmap what is watched."""
+        """Unmap the run that is watched."""
         if self._observer is not None:
             self._observer.close()
             self._observer = None
@@ -115,7 +115,7 @@ class RunFeed:
     def _attach(self, run: KnownRun) -> bool:
         try:
             observer = RunObserver(run.run_id)
-        except (SegmentMissing, SegmentMismatch):  # it is just being made, or of another version
+        except (SegmentMissing, SegmentMismatch):  # the run is just starting, or has another version
             return False
         self.close()
         self._run, self._observer = run, observer

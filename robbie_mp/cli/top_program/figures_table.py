@@ -1,4 +1,4 @@
-"""A table of figures that can be sorted and filtered, and stays where it is while its figures change."""
+"""A sortable, filterable table of figures that keeps its position while the figures change."""
 
 from collections.abc import Callable, Sequence
 from typing import ClassVar, Generic, Protocol, TypeVar
@@ -12,7 +12,7 @@ from robbie_mp.views.quantities import sparkline
 TREND = "trend"
 TREND_WIDTH = 12
 LINE_WIDTH = 34
-"""Of columns with whole lines of text; the others are as wide as they must be."""
+"""Width of columns with whole lines of text; other columns are as wide as needed."""
 AS_STARTED = "start order"
 
 Row = TypeVar("Row")
@@ -20,19 +20,19 @@ Row_contra = TypeVar("Row_contra", contravariant=True)
 
 
 class Column(Protocol[Row_contra]):
-    """What a column must tell."""
+    """What a column must provide."""
 
     @property
     def heading(self) -> str:
-        """Its name."""
+        """The name of the column."""
 
     @property
     def is_text(self) -> bool:
-        """Whether it holds text, not numbers."""
+        """Whether the column holds text, not numbers."""
 
     @property
     def is_line(self) -> bool:
-        """Whether its text may be long."""
+        """Whether the text may be long."""
 
     @property
     def cell(self) -> Callable[[Row_contra], Text]:
@@ -40,20 +40,20 @@ class Column(Protocol[Row_contra]):
 
     @property
     def order(self) -> Callable[[Row_contra], float | str]:
-        """What rows are sorted by: numbers the largest first."""
+        """Sort key of the rows; numbers sort largest first."""
 
 
 class FiguresTable(DataTable[Text], Generic[Row]):
-    """See the module's text.
+    """A sortable, filterable table of figures; see the module docstring.
 
     Args:
-        columns: of the rows; the first one stays in place when the others are scrolled.
-        key: names a row.
-        trend: the last values of what is shown as a sparkline.
-        id: of the widget.
+        columns: the columns; the first one stays in place when you scroll the others.
+        key: returns the name of a row.
+        trend: returns the last values for a sparkline.
+        id: id of the widget.
 
     Attributes:
-        filter: only rows that contain this in a text are shown.
+        filter: only rows with a text that contains this are shown.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select_cursor", "More", key_display="⏎")]
@@ -76,7 +76,7 @@ class FiguresTable(DataTable[Text], Generic[Row]):
 
     @property
     def sorted_by(self) -> str:
-        """Heading of the column that the rows are sorted by."""
+        """Heading of the column that sorts the rows."""
         heading = self._sorted_by.heading if self._sorted_by else AS_STARTED
         return f"{heading}, reversed" if self._reversed else heading
 
@@ -88,24 +88,24 @@ class FiguresTable(DataTable[Text], Generic[Row]):
         return self.coordinate_to_cell_key(self.cursor_coordinate).row_key.value
 
     def on_mount(self) -> None:
-        """Make the columns."""
+        """Build the columns."""
         for column in self._columns:
             width = LINE_WIDTH if column.is_line else None
             self.add_column(Text(column.heading), key=column.heading, width=width)
         self.add_column(Text(TREND), key=TREND, width=TREND_WIDTH)
 
     def sort_by_next(self) -> None:
-        """Sort by the next column; after the last one comes the order as given."""
+        """Sort by the next column; after the last one, use the given order."""
         place = self._columns.index(self._sorted_by) + 1 if self._sorted_by else 0
         self._sorted_by = self._columns[place] if place < len(self._columns) else None
         self._reversed = False
 
     def reverse(self) -> None:
-        """Sort the other way round."""
+        """Reverse the sort order."""
         self._reversed = not self._reversed
 
     def show(self, rows: Sequence[Row]) -> None:
-        """Show these rows; the cursor stays on the row that it is on."""
+        """Show these rows; the cursor stays on its row."""
         before, scroll = self.selected, self.scroll_offset
         chosen = self._chosen(rows)
         if [self._key(row) for row in chosen] == [key.value for key in self.rows]:
@@ -119,7 +119,7 @@ class FiguresTable(DataTable[Text], Generic[Row]):
         self.scroll_to(scroll.x, scroll.y, animate=False)
 
     def _change(self, rows: Sequence[Row]) -> None:
-        """Change what has changed in the rows that are shown: drawing is what costs most here."""
+        """Change only cells that differ: drawing costs most here."""
         headings = [*(column.heading for column in self._columns), TREND]
         for row in rows:
             key = self._key(row)

@@ -1,4 +1,4 @@
-"""The last place through which all goes that the program draws."""
+"""The last filter for everything that the program draws."""
 
 from rich.segment import Segment
 from textual.color import Color
@@ -8,10 +8,10 @@ from robbie_mp.visible_text import without_controls
 
 
 class PlainFilter(LineFilter):
-    """Takes out what a terminal would obey.
+    """Removes characters that a terminal would obey.
 
-    Texts are made visible where they are put into tables and lines. What was forgotten there must do no harm
-    either; here it is too late to show it, for every character has its place on the screen already.
+    Tables and lines make such characters visible when they take in a text. This filter catches any that they
+    missed. It cannot show them, because every character already has its place on the screen.
     """
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:

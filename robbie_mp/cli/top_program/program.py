@@ -41,11 +41,11 @@ UNTOUCHABLE = "supervisor"
 
 
 class TopProgram(App[None]):
-    """Shows a run until the user has seen enough.
+    """Shows a run until you quit.
 
     Args:
-        feed: where the figures come from; stays the caller's.
-        interval_s: time between two looks.
+        feed: supplies the figures; the caller still owns it.
+        interval_s: time between two readings.
     """
 
     TITLE = "robbie-top"
@@ -85,7 +85,7 @@ class TopProgram(App[None]):
         self._plain = PlainFilter()
 
     def compose(self) -> ComposeResult:
-        """Make the widgets."""
+        """Build the widgets."""
         history = self._feed.history
         yield Static(id="head")
         yield Input(placeholder="show only what contains this", id="filter", compact=True)
@@ -109,16 +109,16 @@ class TopProgram(App[None]):
         yield Footer(compact=True)
 
     def on_mount(self) -> None:
-        """Begin to look."""
+        """Start reading."""
         self.look()
         self.set_interval(self._interval_s, self.look)
 
-    # -- what is shown -----------------------------------------------------------------------------------
+    # -- display -----------------------------------------------------------------------------------------
 
     def look(self) -> None:
-        """Read the run, and show it unless what is shown is frozen."""
+        """Read the run, and show it unless the display is frozen."""
         if not self.screen_stack or not self._main.query("#head"):
-            return  # the program ends, and has taken its widgets away
+            return  # the program is ending and has removed its widgets
         snapshot = self._feed.poll()
         if not self._frozen:
             self._shown = snapshot
@@ -126,11 +126,11 @@ class TopProgram(App[None]):
 
     @property
     def snapshot(self) -> Snapshot:
-        """What is shown now."""
+        """Return what is shown now."""
         return self._shown
 
     def selected_module(self) -> str | None:
-        """The module that the cursor is on, in the view of modules."""
+        """Return the module under the cursor in the module view."""
         return self._modules.selected if self._view == MODULES and self._shown.reading else None
 
     def _show_all(self) -> None:
@@ -145,7 +145,7 @@ class TopProgram(App[None]):
             return
         if isinstance(self.screen, Details):
             self.screen.show(shown)
-            return  # what nobody sees is not drawn
+            return  # hidden views are not drawn
         rows = module_rows(shown.reading, shown.rates)
         match self._view:
             case "modules":
@@ -180,7 +180,7 @@ class TopProgram(App[None]):
         return head
 
     def _show_line(self, rows: list[ModuleRow]) -> None:
-        """Show who hangs, and what the selected module says of itself."""
+        """Show which modules hang, and the status of the selected module."""
         name = self.selected_module()
         parts = [
             Text.assemble((one_line(row.figures.name), "bold"), ": ", doing(row))
@@ -193,7 +193,7 @@ class TopProgram(App[None]):
 
     @property
     def _main(self) -> Screen[object]:
-        """The screen with the views, whatever is before it."""
+        """The screen with the views, even if another screen covers it."""
         return self.screen_stack[0]
 
     @property
@@ -211,7 +211,7 @@ class TopProgram(App[None]):
         return self._channels if self._view == CHANNELS else self._modules
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Views are changed, sorted and filtered only where they are seen."""
+        """Allow changing, sorting and filtering views only while they are visible."""
         of_views = ("show", "sort", "reverse", "filter", "clear_filter", "next_run")
         if action in of_views and len(self.screen_stack) > 1:
             return False
@@ -233,12 +233,12 @@ class TopProgram(App[None]):
         self._show_all()
 
     def action_reverse(self) -> None:
-        """Sort the other way round."""
+        """Reverse the sort order."""
         self._table.reverse()
         self._show_all()
 
     def action_filter(self) -> None:
-        """Ask what to show only."""
+        """Ask for the filter text."""
         field = self._main.query_one("#filter", Input)
         field.value = self._table.filter
         field.display = True
@@ -261,7 +261,7 @@ class TopProgram(App[None]):
         self._show_all()
 
     def action_freeze(self) -> None:
-        """Stop or go on."""
+        """Freeze or resume the display."""
         self._frozen = not self._frozen
         if self._frozen:
             self._show_all()
@@ -275,23 +275,23 @@ class TopProgram(App[None]):
         self.look()
 
     def on_data_table_row_highlighted(self, _event: DataTable.RowHighlighted) -> None:
-        """Show what the module says that the cursor has gone to."""
+        """Show the status of the module under the cursor."""
         if self._shown.reading is not None:
             self._show_line(module_rows(self._shown.reading, self._shown.rates))
 
     def on_data_table_row_selected(self, _event: DataTable.RowSelected) -> None:
-        """Show the module that Enter was pressed on."""
+        """Show the details of the module on which you pressed Enter."""
         self.action_details()
 
     def action_details(self) -> None:
-        """Show everything of one module."""
+        """Show all figures of one module."""
         name = self.selected_module()
         if name is not None:
             self.push_screen(Details(name, self._feed.history), lambda _: None)
             self.call_after_refresh(self._show_all)
 
     def action_act(self, command: str) -> None:
-        """Restart or stop the module, if the user is sure."""
+        """Restart or stop the module, if the user confirms."""
         name = self.screen.module if isinstance(self.screen, Details) else self.selected_module()
         run = self._shown.run
         if name is None or run is None or isinstance(self.screen, Confirmation):
@@ -307,7 +307,7 @@ class TopProgram(App[None]):
         self.push_screen(Confirmation(f"{command} {name} of run {run.run_id}?"), act)
 
     def _control(self, command: str, name: str) -> None:
-        """Have the supervisor do it; in a thread, for it takes its time."""
+        """Send the command to the supervisor, in a thread because it takes a while."""
         run = self._shown.run
         assert run is not None
         try:
@@ -320,7 +320,7 @@ class TopProgram(App[None]):
         self.notify(visible(text), severity=severity, markup=False)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
-        """Add the filter through which all goes that is drawn."""
+        """Add the filter for everything that is drawn."""
         return [*super().get_line_filters(), self._plain]
 
 
