@@ -1,4 +1,4 @@
-"""Logs: files that keep what passed on a robot's bus, in the format MCAP; written, read, repaired, compared.
+"""Logs: MCAP files that keep the messages of a robot's bus; written, read, repaired and compared here.
 
-No processes, no modules: see `robbie_mp/services/` for those that record and play.
+This package starts no processes and has no modules; `robbie_mp/services/` has those that record and play.
 """

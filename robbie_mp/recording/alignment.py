@@ -1,4 +1,4 @@
-"""Which elements of two sequences belong together, if some are missing in one or the other.
+"""Finds the elements of two sequences that correspond, when either sequence lacks some.
 
 Source: E. W. Myers, An O(ND) Difference Algorithm and Its Variations, Algorithmica 1 (1986).
 """
@@ -7,11 +7,11 @@ from collections.abc import Hashable, Iterator, Sequence
 from typing import NamedTuple
 
 EDIT_LIMIT = 1000
-"""Elements missing on either side beyond which elements are taken for counterparts by their place alone."""
+"""If more elements than this are missing on either side, elements are matched by position alone."""
 
 
 class Span(NamedTuple):
-    """A part of each of two sequences, A and B, that belong together."""
+    """A part of sequence A and a part of sequence B that correspond."""
 
     a_from: int
     a_to: int
@@ -21,7 +21,7 @@ class Span(NamedTuple):
 
 
 def align(a: Sequence[Hashable], b: Sequence[Hashable]) -> Iterator[Span]:
-    """Yield spans of A and B from beginning to end: equal ones, and what is between them."""
+    """Yield spans that cover A and B from start to end: equal spans, and the spans between them."""
     blocks = _equal_blocks(a, b) or _equal_places(a, b)
     at_a = at_b = 0
     for a_from, b_from, length in [*blocks, (len(a), len(b), 0)]:
@@ -37,9 +37,9 @@ def _equal_places(a: Sequence[Hashable], b: Sequence[Hashable]) -> list[tuple[in
 
 
 def _equal_blocks(a: Sequence[Hashable], b: Sequence[Hashable]) -> list[tuple[int, int, int]] | None:
-    """Return where equal elements begin in A and B and how many they are; None if too little is equal."""
+    """Return start in A, start in B and length of each equal block; None if too little is equal."""
     reached = {1: 0}
-    """For each diagonal, on which A is so far ahead of B, how far into A it leads."""
+    """For each diagonal (position in A minus position in B), the farthest position reached in A."""
     steps: list[dict[int, int]] = []
     for edits in range(EDIT_LIMIT + 1):
         steps.append(reached.copy())
@@ -55,7 +55,7 @@ def _equal_blocks(a: Sequence[Hashable], b: Sequence[Hashable]) -> list[tuple[in
 
 
 def _entry(reached: dict[int, int], edits: int, diagonal: int) -> tuple[int, int]:
-    """Return from which diagonal the given one is entered by one more edit, and where in A."""
+    """Return the diagonal from which one more edit enters the given one, and the position in A."""
     if diagonal == -edits or (diagonal != edits and reached[diagonal - 1] < reached[diagonal + 1]):
         return diagonal + 1, reached[diagonal + 1]
     return diagonal - 1, reached[diagonal - 1] + 1

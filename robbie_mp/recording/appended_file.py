@@ -1,4 +1,4 @@
-"""A file that grows at its end, written past the system's page cache where that can be.
+"""A file that grows at its end, written past the system's page cache where possible.
 
 Writing tens of MB a second through the cache stalls a small machine: on a virtual one with 2 cores, at 62 MB
 a second, one wake-up in a thousand of a thread with real-time priority came 9 ms late; with direct writes, in
@@ -16,37 +16,37 @@ from pathlib import Path
 from robbie_mp.linux.private_files import PRIVATE_FILE
 
 BLOCK_BYTES = 4096
-"""What direct writes are aligned to; no disk's block is larger."""
+"""Alignment of direct writes; no disk has larger blocks."""
 PIECE_BYTES = 256 << 10
-"""So much is written at once."""
+"""Bytes written at once."""
 
 
 class AppendedFile:
     """One file, open for appending.
 
     Args:
-        path: the file; it must not exist yet.
+        path: the path of the file, which must not exist yet.
 
     Attributes:
-        fd: for locks and syncs.
-        bytes: its size.
+        fd: file descriptor, for locks and syncs.
+        bytes: size of the file.
     """
 
     def __init__(self, path: Path):
         self.bytes = 0
         self.fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, PRIVATE_FILE)
         self._direct: int | None = None
-        with contextlib.suppress(OSError):  # a file system in memory, or over a network, need not have it
+        with contextlib.suppress(OSError):  # file systems in memory or on a network may lack it
             self._direct = os.open(path, os.O_WRONLY | os.O_DIRECT | os.O_CLOEXEC)
-        self._buffer = mmap.mmap(-1, PIECE_BYTES)  # aligned, as direct writes want their memory
+        self._buffer = mmap.mmap(-1, PIECE_BYTES)  # aligned, as direct writes require
         self._filled = 0
-        """Bytes in the buffer: the end of the file from the last whole block on, and what comes behind it."""
+        """Bytes in the buffer: the end of the file after the last whole block, and what follows it."""
 
     def append(self, pieces: Sequence[bytes | bytearray | memoryview]) -> None:
-        """Write pieces at the end of the file, or nothing.
+        """Write all pieces at the end of the file, or nothing.
 
         Raises:
-            OSError: there is no room; the file ends where it did.
+            OSError: there is no room; the file ends where it did before.
         """
         end = self.bytes
         try:
@@ -59,13 +59,13 @@ class AppendedFile:
         self.bytes = end
 
     def close(self) -> None:
-        """Close it."""
+        """Close the file."""
         os.close(self.fd)
         if self._direct is not None:
             os.close(self._direct)
 
     def _add(self, piece: memoryview, end: int) -> int:
-        """Put a piece behind `end` into the buffer, write that whenever it is full; return the new end."""
+        """Put a piece into the buffer after `end`, write the buffer when full, and return the new end."""
         while piece:
             count = min(len(piece), PIECE_BYTES - self._filled)
             self._buffer[self._filled : self._filled + count] = piece[:count]
@@ -78,7 +78,7 @@ class AppendedFile:
         return end
 
     def _write_rest(self, end: int) -> None:
-        """Write what is in the buffer, and keep in it what is no whole block."""
+        """Write the buffer, and keep the incomplete last block in it."""
         begin, rest = end - self._filled, self._filled % BLOCK_BYTES
         whole = self._filled - rest
         if whole:
@@ -90,7 +90,7 @@ class AppendedFile:
         self._filled = rest
 
     def _write_blocks(self, count: int, at: int) -> None:
-        """Write whole blocks from the begin of the buffer."""
+        """Write whole blocks from the start of the buffer."""
         with memoryview(self._buffer) as whole, whole[:count] as blocks:
             if self._direct is not None:
                 try:
@@ -99,13 +99,13 @@ class AppendedFile:
                 except OSError as error:
                     if error.errno != errno.EINVAL:
                         raise
-                    os.close(self._direct)  # it wants larger blocks than there are
+                    os.close(self._direct)  # the disk needs larger blocks than these
                     self._direct = None
             _write_all(self.fd, blocks, at)
 
     def _take_back(self) -> None:
-        """Let the file end where it did before the last append, and the buffer hold what is there."""
-        with contextlib.suppress(OSError):  # what is behind the last whole record is ignored by readers
+        """Restore the end of the file, and the buffer, to their state before the last append."""
+        with contextlib.suppress(OSError):  # readers ignore anything after the last whole record
             os.ftruncate(self.fd, self.bytes)
         rest = self.bytes % BLOCK_BYTES
         self._buffer[:rest] = os.pread(self.fd, rest, self.bytes - rest)

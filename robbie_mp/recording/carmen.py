@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from robbie_mp.recording.errors import LogError
 
 MAX_LINE_CHARACTERS = 16 << 20
-"""A sweep of a million beams has less."""
+"""Longer than a line with a million beams."""
 LASER_OFFSET = "robot_frontlaser_offset"
-"""How far in front of the robot's centre the laser is, in m."""
+"""Parameter: distance of the laser in front of the robot's centre, in m."""
 
 
 class BrokenLine(LogError, ValueError):
@@ -26,7 +26,7 @@ class BrokenLine(LogError, ValueError):
 
 @dataclass(frozen=True)
 class OdometryRecord:
-    """Where wheel odometry sees the robot: m, rad, m/s, rad/s, in the odometry frame.
+    """Robot pose and velocity from wheel odometry: m, rad, m/s, rad/s, in the odometry frame.
 
     Attributes:
         ipc_time_s: When it was measured; may jitter, even backwards.
@@ -72,10 +72,10 @@ class CarmenLog:
 
     Attributes:
         path: The file.
-        skip_broken: Leave out lines that cannot be read, and count them, rather than raise.
-        broken_lines: How many lines the last reading left out.
+        skip_broken: Skip and count lines that cannot be read, rather than raise.
+        broken_lines: How many lines the last reading skipped.
         parameters: `PARAM` lines read so far, such as `robot_frontlaser_offset`.
-        bytes_read: How far the last reading has come.
+        bytes_read: How far the last reading has got.
     """
 
     path: Path
@@ -134,7 +134,7 @@ class CarmenLog:
 
 
 def beam_angles(beams: int) -> tuple[float, float]:
-    """Return the first bearing and the increment (rad) of a `FLASER` line, which tells neither.
+    """Return the first bearing and the increment (rad) of a `FLASER` line, which states neither.
 
     The field of view is 180 degrees from -90 degrees on. A SICK scanner measures at both ends of it: 181 or
     361 beams, N - 1 steps. Loggers that kept an even number left out the last beam, so the steps are the

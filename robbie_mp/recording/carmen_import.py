@@ -1,4 +1,4 @@
-"""Makes a log of a CARMEN log: odometry, scans, and where the laser sits."""
+"""Converts a CARMEN log to a log: odometry, scans, and the position of the laser."""
 
 from pathlib import Path
 
@@ -15,20 +15,20 @@ PLACE_TOPIC = "tf_static"
 
 
 def import_carmen(source: Path, target: Path, *, skip_broken: bool, progress: Progress) -> Conversion:
-    """Write a log of a CARMEN log, on the topics on which `modules.playback` publishes it.
+    """Write a log from a CARMEN log, on the topics on which `modules.playback` publishes it.
 
-    A message is published when its line was recorded: the first one at its sensor's time, the others as much
-    later as the recorder says. The stamps in the messages are the sensors' own.
+    Messages are published when their lines were recorded: the first one at its sensor's time, the others
+    later by the interval that the recorder noted. The stamps in the messages are the sensors' own.
 
     Args:
         source: the CARMEN log.
         target: the new file.
-        skip_broken: leave out lines that cannot be read, rather than raise.
+        skip_broken: skip lines that cannot be read, rather than raise.
         progress: counts bytes.
 
     Raises:
         BrokenLine: a line cannot be read.
-        LogUnreadable: the source cannot be.
+        LogUnreadable: the source cannot be read.
         LogNotWritten: the target exists, or cannot be written.
     """
     carmen_log = CarmenLog(source, skip_broken=skip_broken)

@@ -1,4 +1,4 @@
-"""Messages of the records of a CARMEN log."""
+"""Converts the records of a CARMEN log to messages."""
 
 from robbie_mp.messages import (
     Header,
@@ -18,11 +18,11 @@ from robbie_mp.messages import (
 )
 from robbie_mp.recording.carmen import LASER_OFFSET, LaserRecord, OdometryRecord
 
-NO_RETURN_M = 81.0  # CARMEN's way to say it
+NO_RETURN_M = 81.0  # CARMEN's value for "no return"
 
 
 def odometry_message(record: OdometryRecord) -> Odometry:
-    """Make a message of an ODOM line; its stamp is the sensor's own."""
+    """Convert an ODOM line to a message; its stamp is the sensor's own."""
     return Odometry(
         header=Header(stamp=stamp(record.ipc_time_s), frame_id="odom"),
         child_frame_id="base_link",
@@ -38,7 +38,7 @@ def odometry_message(record: OdometryRecord) -> Odometry:
 
 
 def scan_message(record: LaserRecord) -> LaserScan:
-    """Make a message of a FLASER line; its stamp is the sensor's own."""
+    """Convert a FLASER line to a message; its stamp is the sensor's own."""
     last = len(record.ranges_m) - 1
     return LaserScan(
         header=Header(stamp=stamp(record.ipc_time_s), frame_id="laser"),
@@ -51,7 +51,7 @@ def scan_message(record: LaserRecord) -> LaserScan:
 
 
 def laser_place(parameters: dict[str, str]) -> TFMessage:
-    """Say where the laser sits on the robot, as the log's parameters have it."""
+    """Return the pose of the laser on the robot, from the log's parameters."""
     offset_m = float(parameters.get(LASER_OFFSET, "0"))
     place = Transform(translation=Vector3(x=offset_m), rotation=Quaternion.from_yaw(0.0))
     header = Header(frame_id="base_link")
@@ -59,5 +59,5 @@ def laser_place(parameters: dict[str, str]) -> TFMessage:
 
 
 def stamp(seconds: float) -> Time:
-    """Make a stamp of seconds since the epoch."""
+    """Convert seconds since the epoch to a stamp."""
     return Time.from_nanoseconds(round(seconds * 1e6) * 1000)

@@ -1,4 +1,4 @@
-"""Messages on their way into a log: put together as they will stand in a chunk of it."""
+"""Messages that will be written to a log, laid out as in one of its chunks."""
 
 import struct
 from array import array
@@ -6,7 +6,7 @@ from array import array
 from mcap.opcode import Opcode
 
 RECORD_HEAD = struct.Struct("<BQHIQQ")
-"""Of a message: opcode, length, channel, sequence, log time, publish time."""
+"""Head of a message: opcode, length, channel, sequence, log time, publish time."""
 RECORD_HEAD_BYTES = RECORD_HEAD.size
 _CONTENT_HEAD_BYTES = RECORD_HEAD.size - 9  # without opcode and length
 _MESSAGE = int(Opcode.MESSAGE)
@@ -14,19 +14,19 @@ _pack = RECORD_HEAD.pack
 
 
 class Chunk:
-    """Whole message records, one behind the other.
+    """Whole message records, one after the other.
 
     The bytes of a message are copied once, to where they will be compressed or written from. (The library's
-    own builder copies them four times, which for camera images is most of what recording costs.)
+    own builder copies them four times, which for camera images is most of the cost of recording.)
 
     Attributes:
         data: the records.
-        index: for each channel, log time and offset of its records, in turn.
-        messages: how many there are.
-        first_sequence: of its first message, in the order of the run.
+        index: for each channel, log time and offset of each record, alternating.
+        messages: number of messages.
+        first_sequence: sequence number of the first message, in the order of the run.
         start_ns: log time of the earliest message.
         end_ns: log time of the latest message.
-        opened_ns: when its first message came, on the machine's monotonic clock.
+        opened_ns: when the first message arrived, on the machine's monotonic clock.
     """
 
     __slots__ = ("data", "end_ns", "first_sequence", "index", "messages", "opened_ns", "start_ns")
@@ -61,5 +61,5 @@ class Chunk:
         records += data
 
     def counts(self) -> dict[int, int]:
-        """Return how many messages each channel has in it."""
+        """Return the number of messages of each channel in the chunk."""
         return {channel_id: len(entries) // 2 for channel_id, entries in self.index.items()}

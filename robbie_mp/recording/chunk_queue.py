@@ -11,24 +11,24 @@ from robbie_mp.recording.chunk import RECORD_HEAD_BYTES, Chunk
 
 @dataclass(frozen=True)
 class BufferLimits:
-    """How messages wait in memory."""
+    """Limits for messages that wait in memory."""
 
     chunk_bytes: int
-    """A chunk is closed when it has so many bytes."""
+    """A chunk is closed when it reaches this size."""
     buffer_bytes: int
-    """Of all messages that wait; what comes beyond that is not taken."""
+    """Limit for all waiting messages; messages beyond it are not taken."""
     close_after_s: float
-    """A chunk is closed so long after its first message at the latest."""
+    """A chunk is closed at the latest this long after its first message."""
     keep_s: float = 0.0
-    """Chunks are kept so long and then thrown away, unless somebody asks for them; 0: all are written."""
+    """Chunks are discarded after this time unless a snapshot is requested; 0: all are written."""
 
 
 class ChunkQueue:
     """Takes messages from one thread and hands chunks to another.
 
     Args:
-        limits: how much it may hold, and how long.
-        monotonic_ns: the machine's clock.
+        limits: how much the queue may hold, and for how long.
+        monotonic_ns: returns the time of the machine's clock.
     """
 
     def __init__(self, limits: BufferLimits, monotonic_ns: Callable[[], int] = time.monotonic_ns):
@@ -44,18 +44,18 @@ class ChunkQueue:
 
     @property
     def waiting_bytes(self) -> int:
-        """Bytes of messages that wait, or are being written."""
+        """Bytes of messages that wait or are being written."""
         return self._bytes
 
     @property
     def ended(self) -> bool:
-        """Whether nothing more will come."""
+        """Whether no more messages will be added."""
         return self._ended
 
     def add(self, channel_id: int, sequence: int, time_ns: int, data: bytes | memoryview) -> bool:
         """Copy a message; False if there is no room for it.
 
-        A message that is larger than all of the buffer is taken when nothing else waits.
+        A message larger than the whole buffer is taken when nothing else waits.
         """
         size = RECORD_HEAD_BYTES + len(data)
         limits = self._limits
@@ -66,7 +66,7 @@ class ChunkQueue:
             chunk = self._open
             if chunk is None:
                 chunk = self._open = Chunk(self._monotonic_ns())
-                self._condition.notify()  # the writer has to know when it is due
+                self._condition.notify()  # the writer must know when the chunk is due
             chunk.add(channel_id, sequence, time_ns, data)
             if len(chunk.data) >= limits.chunk_bytes:
                 self._close_open()
@@ -84,7 +84,7 @@ class ChunkQueue:
             self._condition.notify()
 
     def take(self, until_ns: int | None) -> Chunk | None:
-        """Return the next chunk that is to be written, waiting for it; None at `until_ns`, or at the end.
+        """Wait for the next chunk to be written and return it; None at `until_ns`, or at the end.
 
         The chunk counts as waiting until `written` is called.
         """
@@ -109,18 +109,18 @@ class ChunkQueue:
         return (min(due) - now_ns) / 1e9 if due else None
 
     def _forget_old(self, now_ns: int) -> None:
-        """Forget the oldest chunk as soon as the next one goes back far enough."""
+        """Discard the oldest chunk as soon as the next one goes back far enough."""
         oldest_ns = now_ns - round(self._limits.keep_s * 1e9)
         while len(self._kept) > 1 and self._kept[1].opened_ns <= oldest_ns:
             self._bytes -= len(self._kept.popleft().data)
 
     def written(self, chunk: Chunk) -> None:
-        """Forget a chunk that was taken."""
+        """Release a chunk that was taken."""
         with self._condition:
             self._bytes -= len(chunk.data)
 
     def write_kept(self) -> None:
-        """Hand out all that was kept until now."""
+        """Hand out all chunks kept until now."""
         with self._condition:
             self._close_open()
             self._closed.extend(self._kept)
@@ -128,13 +128,13 @@ class ChunkQueue:
             self._condition.notify()
 
     def kept_s(self) -> float:
-        """Over which time there are messages in memory."""
+        """Return the time span of the messages in memory."""
         with self._condition:
             first = self._kept[0] if self._kept else self._open
             return 0.0 if first is None else (self._monotonic_ns() - first.opened_ns) / 1e9
 
     def end(self) -> None:
-        """Take no more; what waits to be written can still be taken, what is only kept is forgotten."""
+        """Take no more messages. Chunks due to be written can still be taken; kept chunks are discarded."""
         with self._condition:
             if self._limits.keep_s:
                 self._close_open()
@@ -144,6 +144,6 @@ class ChunkQueue:
             self._condition.notify()
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass, but not beyond the end."""
+        """Sleep, but no longer than until the end."""
         with self._condition:
             self._condition.wait_for(lambda: self._ended, seconds)

@@ -1,4 +1,4 @@
-"""The messages of a channel as columns, one for each number or text in them, as numpy keeps them."""
+"""The messages of a channel as numpy columns, one for each number or text in them."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -14,12 +14,12 @@ LENGTHS = ".lengths"
 
 
 def columns(message_type: type[Message], messages: Iterable[Message]) -> Columns:
-    """Return the fields of N messages by dotted names, as `header.stamp.sec` and `ranges`.
+    """Return the fields of N messages by dotted names, such as `header.stamp.sec` and `ranges`.
 
-    A number or text is an array of N; an array of fixed length L is (N, L). An array of other lengths is one
-    column of all elements of all messages, one behind the other, with their numbers in `NAME.lengths`; so are
-    lists of texts and of messages, the latter with a column for each field: `transforms.child_frame_id`.
-    `numpy.split(ranges, numpy.cumsum(lengths)[:-1])` parts them again.
+    A number or text becomes an array of N; an array of fixed length L becomes (N, L). An array of variable
+    length becomes one column with all elements of all messages, one after the other, and their lengths in
+    `NAME.lengths`. Lists of texts and of messages do the same, the latter with a column for each field:
+    `transforms.child_frame_id`. `numpy.split(ranges, numpy.cumsum(lengths)[:-1])` separates them again.
     """
     found: Columns = {}
     _add(found, nested(message_type), list(messages), "")

@@ -1,4 +1,4 @@
-"""Compares two logs: each channel's messages in their order, bit for bit."""
+"""Compares two logs: the messages of each channel in order, bit for bit."""
 
 import hashlib
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ Digests = list[bytes]
 
 
 class ComparedChannel(NamedTuple):
-    """What two logs have to share to be compared: versions may differ."""
+    """What channels of two logs must share to be compared; versions may differ."""
 
     topic: str
     type_name: str
@@ -26,12 +26,12 @@ class ChannelComparison:
     """How a channel differs between two logs, A and B.
 
     Attributes:
-        channel: which.
+        channel: the channel.
         equal: messages that are the same in both.
-        different: messages that stand in the same place of both, but are not the same.
-        only_in_a: messages that B has no counterpart of.
-        only_in_b: messages that A has no counterpart of.
-        first: the first message that is different; None if there is none.
+        different: messages at the same position in both that are not the same.
+        only_in_a: messages without a counterpart in B.
+        only_in_b: messages without a counterpart in A.
+        first: the first message that differs; None if there is none.
     """
 
     channel: ComparedChannel
@@ -62,9 +62,9 @@ def compare(
     Args:
         a: one log.
         b: the other.
-        patterns: of channels, as `select` takes them.
-        ignore_stamps: take the stamps in all headers for equal.
-        progress: counts the messages of both.
+        patterns: patterns for channels, as `select` takes them.
+        ignore_stamps: treat the stamps in all headers as equal.
+        progress: counts the messages of both logs.
     """
     counts = [sum(log.counts.values()) for log in (a, b)]
     of_a = _digests(a, patterns, ignore_stamps, lambda done: progress(done, sum(counts)))

@@ -1,4 +1,4 @@
-"""The compressions of MCAP, applied to records that lie in several pieces."""
+"""The compressions of MCAP, applied to records that are in several pieces."""
 
 from collections.abc import Sequence
 from enum import StrEnum
@@ -7,7 +7,7 @@ import lz4.frame
 import zstandard
 
 ZSTD_LEVEL = 1
-"""Robots have little time for it."""
+"""Compression level: a robot has little time for it."""
 
 
 class Compression(StrEnum):
@@ -19,12 +19,12 @@ class Compression(StrEnum):
 
     @property
     def mcap_name(self) -> str:
-        """What a chunk says."""
+        """The name of the compression in a chunk."""
         return "" if self is Compression.NONE else str(self)
 
 
 def compress(pieces: Sequence[bytes | bytearray], compression: Compression) -> list[bytes | bytearray]:
-    """Compress pieces as if they were one; what is not compressed is not copied either."""
+    """Compress pieces as if they were one; without compression, nothing is copied."""
     size = sum(map(len, pieces))
     match compression:
         case Compression.ZSTD:

@@ -1,4 +1,4 @@
-"""What a log file holds, and where: what its summary says, or what reading all of it has found."""
+"""The contents of a log file and their positions, from its summary or from reading the whole file."""
 
 from dataclasses import dataclass, field
 from typing import BinaryIO, NamedTuple
@@ -11,23 +11,23 @@ from robbie_mp.recording.mcap_records import Frame, chunk_data, content, parse
 
 
 class Block(NamedTuple):
-    """Messages that lie together: those of a chunk, or of a row of records outside of any chunk."""
+    """Messages that lie together: those of a chunk, or of consecutive records outside of any chunk."""
 
     frame: Frame
-    """The chunk's; for a row of records its opcode is MESSAGE, and its content are whole records."""
+    """The chunk's frame; for consecutive records its opcode is MESSAGE, and its content is whole records."""
     start_ns: int
     """Log time of the earliest message."""
     end_ns: int
     """Log time of the latest message."""
     channel_ids: frozenset[int] | None
-    """Whose messages are in it; None if that is not known."""
+    """Ids of the channels with messages in it; None if they are not known."""
 
     def read(self, file: BinaryIO, limits: ReadLimits) -> bytes:
-        """Return its records.
+        """Return the records of the block.
 
         Raises:
-            LogDamaged: they are not what was written.
-            LogLimitExceeded: they are too large.
+            LogDamaged: the records are not what was written.
+            LogLimitExceeded: the records are too large.
         """
         data = content(file, self.frame, limits)
         return chunk_data(parse(Chunk, data), limits) if self.frame.opcode == Opcode.CHUNK else data
@@ -35,20 +35,20 @@ class Block(NamedTuple):
 
 @dataclass
 class Contents:
-    """What a log file holds, and where.
+    """The contents of a log file and their positions.
 
     Attributes:
-        header: which profile and library wrote it.
+        header: the profile and library that wrote it.
         schemas: by their ids.
         channels: by their ids.
-        blocks: where messages are, in file order.
+        blocks: positions of the messages, in file order.
         counts: messages of each channel, by its id.
         metadata: in file order.
-        attachments: where they are.
-        start_ns: log time of the earliest message; 0 without any.
-        end_ns: log time of the latest message; 0 without any.
-        compressions: how many chunks are compressed in which way ("" for not at all).
-        damage: what is wrong with it; empty for a file that was written to its end.
+        attachments: positions of the attachments.
+        start_ns: log time of the earliest message; 0 if there is none.
+        end_ns: log time of the latest message; 0 if there is none.
+        compressions: number of chunks by compression ("" for none).
+        damage: descriptions of the damage; empty for a file that was written to its end.
     """
 
     header: Header = field(default_factory=lambda: Header(profile="", library=""))
@@ -68,7 +68,7 @@ class Contents:
         """Add the description of a type.
 
         Raises:
-            LogLimitExceeded: there are too many, or they are too long.
+            LogLimitExceeded: there are too many schemas, or they are too long.
         """
         self._add_bytes(self.schemas.get(schema.id), schema)
         self.schemas[schema.id] = schema
@@ -78,7 +78,7 @@ class Contents:
         """Add the description of a channel.
 
         Raises:
-            LogLimitExceeded: there are too many, or they are too long.
+            LogLimitExceeded: there are too many channels, or they are too long.
         """
         self._add_bytes(self.channels.get(channel.id), channel)
         self.channels[channel.id] = channel
@@ -89,12 +89,12 @@ class Contents:
 
     @property
     def message_count(self) -> int:
-        """Messages in the whole file."""
+        """Number of messages in the whole file."""
         return sum(self.counts.values())
 
 
 def _length(described: Schema | Channel) -> int:
-    """Return about how many bytes a description takes."""
+    """Return the approximate size of a description in bytes."""
     if isinstance(described, Schema):
         return len(described.name) + len(described.data)
     texts = sum(len(key) + len(value) for key, value in described.metadata.items())

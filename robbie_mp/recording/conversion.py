@@ -1,4 +1,4 @@
-"""Writes a log of messages that were recorded elsewhere, in another format."""
+"""Writes a log from messages that were recorded elsewhere, in another format."""
 
 import contextlib
 import os
@@ -13,13 +13,13 @@ from robbie_mp.recording.errors import LogError, LogNotWritten
 from robbie_mp.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING
 
 LIBRARY = "robbie import"
-"""Not that of recordings, which make room for others when the disk is full."""
+"""Not the library name of recordings: a recording may be removed to make room when the disk is full."""
 IMPORT_METADATA = "robbie_import"
-"""Name of the metadata record that tells from where messages come."""
+"""Name of the metadata record that names the source of the messages."""
 
 
 class NewChannel(NamedTuple):
-    """A channel as the new log will have it."""
+    """A channel as it will be in the new log."""
 
     topic: str
     """With a leading slash."""
@@ -28,11 +28,11 @@ class NewChannel(NamedTuple):
 
 
 class Conversion:
-    """The new log, and what was written to it. `converted_log` makes one.
+    """The new log, and the count of messages written to it. `converted_log` makes one.
 
     Attributes:
-        messages: how many were written.
-        left_out: how many could not be read or converted, and why: by reason.
+        messages: number of messages written.
+        left_out: number of messages that could not be read or converted, by reason.
     """
 
     def __init__(self, writer: Writer):
@@ -47,8 +47,8 @@ class Conversion:
 
         Args:
             channel: its channel.
-            metadata: of the channel, with its first message.
-            time_ns: when it was published.
+            metadata: metadata of the channel, used with its first message.
+            time_ns: when the message was published.
             data: its encoding.
         """
         if channel not in self._channels:
@@ -66,17 +66,17 @@ class Conversion:
         return self._writer.register_channel(channel.topic, MESSAGE_ENCODING, self._schemas[schema], metadata)
 
     def leave_out(self, reason: str) -> None:
-        """Count what cannot be taken over."""
+        """Count a message that cannot be converted."""
         self.left_out[reason] = self.left_out.get(reason, 0) + 1
 
 
 @contextlib.contextmanager
 def converted_log(target: Path, source: Path) -> Iterator[Conversion]:
-    """Make a log of what is added inside of this context; none is left if that fails.
+    """Make a log of what is added inside this context; if that fails, no log is left.
 
     Args:
         target: the new file.
-        source: from where messages come, for the log's metadata.
+        source: the source of the messages, for the log's metadata.
 
     Raises:
         LogNotWritten: the target exists, or cannot be written.

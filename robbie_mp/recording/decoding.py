@@ -1,4 +1,4 @@
-"""Messages out of what a log has of them: as they were written, or as this program has them today."""
+"""Decodes messages of a log: as they were written, or as this program's present classes."""
 
 from robbie_mp.messages import Message, TypeRegistry, message_type_from_schema, stock_registry
 from robbie_mp.messages.versions import VersionDecoder
@@ -12,7 +12,7 @@ def logged_type(channel: LogChannel) -> type[Message]:
     """Return the message type of a channel as it was when the log was written.
 
     Raises:
-        NotDecodable: its messages are not CDR, or the log has no schema of them.
+        NotDecodable: its messages are not CDR, or the log has no schema for them.
         SchemaError: the schema is not understood.
     """
     if channel.encoding != MESSAGE_ENCODING:
@@ -28,12 +28,12 @@ def logged_type(channel: LogChannel) -> type[Message]:
 
 
 class LogDecoder:
-    """Decodes messages of a log to the classes that this program has, older versions through their upgrades.
+    """Decodes messages of a log to this program's classes, and upgrades older versions.
 
-    Of a type that it does not know it makes a class of the schema in the log.
+    For an unknown type it makes a class from the schema in the log.
 
     Args:
-        types: what the program knows; without it the stock types.
+        types: the types that the program knows; by default the stock types.
     """
 
     def __init__(self, types: TypeRegistry | None = None):
@@ -44,8 +44,8 @@ class LogDecoder:
         """Return the message.
 
         Raises:
-            VersionError: it is newer than the class, or a step from its version to ours is missing or fails.
-            DecodeError: its bytes are no encoding of its type.
+            VersionError: it is newer than the class, or an upgrade step to our version is missing or fails.
+            DecodeError: its bytes do not encode its type.
             NotDecodable, SchemaError: as `logged_type`.
         """
         decoder = self._decoders.get(logged.channel)

@@ -1,4 +1,4 @@
-"""Where two messages of logs differ, and what of them should not be compared."""
+"""Finds where two logged messages differ, and hides what should not be compared."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ class Difference:
     """The first difference between two messages.
 
     Attributes:
-        index: of the message in its channel of log A, from 0.
-        time_ns: when it was published in A.
-        field: its path, as `pose.position.x` or `ranges[3]`; "" if no field tells them apart.
-        a: what A has there; without a field where the bytes differ.
-        b: what B has there.
+        index: index of the message in its channel of log A, from 0.
+        time_ns: when it was published in log A.
+        field: its path, such as `pose.position.x` or `ranges[3]`; "" if no field differs.
+        a: the value in A; without a field, where the bytes differ.
+        b: the value in B.
     """
 
     index: int
@@ -35,7 +35,7 @@ class Difference:
 
 
 def first_difference(a: LoggedMessage, b: LoggedMessage, index: int, *, ignore_stamps: bool) -> Difference:
-    """Say where two messages differ that do differ."""
+    """Return where two messages differ; they must not be equal."""
     found = next(_differing_fields(a, b, ignore_stamps), None)
     if found is None:
         place = next(
@@ -79,7 +79,7 @@ def _of_values(a: Any, b: Any, path: str, ignore_stamps: bool) -> Iterator[tuple
         is_numeric = isinstance(a, np.ndarray) and isinstance(b, np.ndarray)
         for place in np.flatnonzero(a != b).tolist() if is_numeric else range(len(a)):
             yield from _of_values(a[place], b[place], f"{path}[{place}]", ignore_stamps)
-    elif (text := _text(a)) != _text(b):  # as text, for not-a-number is like itself here
+    elif (text := _text(a)) != _text(b):  # as text, because not-a-number equals itself there
         yield path, text, _text(b)
 
 
@@ -88,7 +88,7 @@ def _text(value: Any) -> str:
 
 
 def without_stamps(channel: LogChannel) -> Callable[[bytes], bytes]:
-    """Return what makes messages of a channel equal that differ only in the stamps of their headers."""
+    """Return a function that makes messages equal if they differ only in the stamps of their headers."""
     try:
         written = logged_type(channel)
     except (MessageError, NotDecodable):

@@ -12,7 +12,7 @@ from robbie_mp.recording.format import PART_NAME
 from robbie_mp.recording.mcap_records import MAGIC
 
 LIBRARY = "robbie-mp"
-"""What the header of every log of ours names first; no other file is ever removed."""
+"""First name in the header of each of our logs; no other file is ever removed."""
 
 
 class _OldPart(NamedTuple):
@@ -22,14 +22,14 @@ class _OldPart(NamedTuple):
 
 
 class DiskBudget:
-    """Room for recordings in a folder.
+    """Space for recordings in a folder.
 
-    Removed are parts of recordings of ours, the ones that were changed longest ago first; never one that is
-    being written, by whomever.
+    It removes only parts of our own recordings, those that were changed longest ago first, and never a part
+    that any process is writing.
 
     Args:
-        folder: holds recordings, each in a folder of its own.
-        bytes: for all their parts together; 0: no bound.
+        folder: holds recordings, each in its own folder.
+        bytes: limit for all their parts together; 0: no limit.
     """
 
     def __init__(self, folder: Path, bytes: int):
@@ -39,12 +39,12 @@ class DiskBudget:
         self._others_bytes = 0
 
     def look(self, own: Path) -> None:
-        """Find out what there is beside the part that is about to be written."""
+        """Look for other parts, beside the one that will be written."""
         self._others = deque(sorted(part for part in self._parts() if part.path != own))
         self._others_bytes = sum(part.bytes for part in self._others)
 
     def make_room(self, own_bytes: int) -> list[Path]:
-        """Remove old parts until one's own part may have so many bytes; return what was removed."""
+        """Remove old parts until our own part may have this many bytes; return the removed ones."""
         removed: list[Path] = []
         kept: list[_OldPart] = []
         while self._bytes and self._others and self._others_bytes + own_bytes > self._bytes:
@@ -67,7 +67,7 @@ class DiskBudget:
 
 
 def _remove(path: Path) -> bool:
-    """Remove a part, and its folder if it was the last one; False if that must not be."""
+    """Remove a part, and its folder if it was the last one; False if the part must not be removed."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:
@@ -75,7 +75,7 @@ def _remove(path: Path) -> bool:
     except OSError:
         return False
     try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)  # refused for the one that is being written
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)  # refused if a process is writing the part
         if not _is_ours(os.pread(fd, 256, 0)):
             return False
         path.unlink(missing_ok=True)

@@ -1,43 +1,43 @@
-"""What the recording package refuses, and why."""
+"""The errors of the recording package."""
 
 from robbie_mp.errors import RobbieError
 
 
 class LogError(RobbieError):
-    """The root of the errors of this package."""
+    """The base class of this package's errors."""
 
 
 class LogUnreadable(LogError, OSError):
-    """A log cannot be opened: it is missing, or may not be read."""
+    """A log cannot be opened: it is missing, or you may not read it."""
 
 
 class NotALog(LogError, ValueError):
-    """What was named is no log; the text says what it seems to be."""
+    """The named file is not a log; the text says what it seems to be."""
 
 
 class LogDamaged(LogError, ValueError):
-    """Bytes of a log are not what they must be; the text says which, and why."""
+    """Bytes of a log are wrong; the text says which, and why."""
 
 
 class LogLimitExceeded(LogError, ValueError):
-    """A log would take more memory than is allowed; the text says what of it, where, and the limit."""
+    """A log would take more memory than allowed; the text says what needs it, where, and the limit."""
 
 
 class NotDecodable(LogError, ValueError):
-    """Messages of a log are encoded in a way that is not known here, or their schema is missing."""
+    """Messages of a log have an unknown encoding, or their schema is missing."""
 
 
 class LogIncomplete(LogError, BlockingIOError):
-    """A log is still being written, so nothing should be done to it yet."""
+    """A log is still being written, so you should not change it yet."""
 
 
 class LogNotWritten(LogError, OSError):
-    """A log cannot be written: it exists already, its folder may not be written, or the disk is full."""
+    """A log cannot be written: it exists already, you may not write to its folder, or the disk is full."""
 
 
 class RepairFailed(LogError, RuntimeError):
-    """What a repair has written is not what it should be."""
+    """The result of a repair is not what it should be."""
 
 
 class BagUnreadable(LogError, ValueError):
-    """A bag of ROS, or a message in it, cannot be read."""
+    """A ROS bag, or a message in it, cannot be read."""

@@ -1,4 +1,4 @@
-"""What logs that others wrote leave unsaid."""
+"""Fills in what logs from other programs do not state."""
 
 from robbie_mp.messages import Message, message_type_from_schema
 from robbie_mp.messages.errors import MessageError
@@ -6,7 +6,7 @@ from robbie_mp.messages.schema import layout
 
 
 def version_of_foreign(ours: type[Message], schema: str) -> int:
-    """Say which version of a type a ros2msg text is: that of our class if both lay out alike, else 1."""
+    """Return the version of a type with a ros2msg text: our class's if both have the same layout, else 1."""
     try:
         same = layout(message_type_from_schema(ours.type_name, schema)) == layout(ours)
     except MessageError:

@@ -1,8 +1,8 @@
-"""What a log of Robbie's holds beyond what MCAP says: names, metadata, and how its channels are described.
+"""What our logs hold beyond MCAP's own rules: names, metadata, and how channels are described.
 
-A recording is a folder of parts, `NAME/NAME_0000.mcap`, `NAME/NAME_0001.mcap` …, each of them a whole log.
-Messages stand in it as they are, CDR with its encapsulation header, schemas are ros2msg texts, and the
-profile is "ros2": tools that know ROS 2 read it. Source: https://mcap.dev/spec.
+A recording is a folder of parts, `NAME/NAME_0000.mcap`, `NAME/NAME_0001.mcap` …, and each part is a complete
+log. Messages are stored unchanged, as CDR with its encapsulation header. Schemas are ros2msg texts, and the
+profile is "ros2", so ROS 2 tools can read the files. Source: https://mcap.dev/spec.
 """
 
 import json
@@ -31,16 +31,16 @@ def part_path(folder: Path, number: int) -> Path:
 
 
 class ChannelKey(NamedTuple):
-    """What makes messages belong together: one channel of a log each."""
+    """What identifies one channel of a log."""
 
     type_name: str
     version: int
     topic: str
     sender: str
-    """The module that published them; '' if that is not known."""
+    """The module that published the messages; '' if it is not known."""
 
     def metadata(self) -> dict[str, str]:
-        """Return the metadata of the log's channel."""
+        """Return the metadata of the channel in the log."""
         return {
             TOPIC_KEY: self.topic,
             VERSION_KEY: str(self.version),
@@ -50,7 +50,7 @@ class ChannelKey(NamedTuple):
 
 
 class TopicNames:
-    """The topics that channels have in one log: two types never share one, as in ROS."""
+    """The topics of channels in one log: two types never share a topic, as in ROS."""
 
     def __init__(self) -> None:
         self._type_of: dict[str, str] = {}
@@ -67,31 +67,31 @@ class TopicNames:
 
 @dataclass(frozen=True)
 class RunMetadata:
-    """The record `robbie_run` at the beginning of a part."""
+    """The record `robbie_run` at the start of a part."""
 
     run_id: str
     profile: str
     host: str
     version: str
-    """Of Robbie-MP."""
+    """Version of Robbie-MP."""
     python: str
     part: int
     first_sequence: int
-    """Of the part's first message, in the order of the run."""
+    """Sequence number of the part's first message, in the order of the run."""
     started_ns: int
-    """When the part was begun, on the clock of its messages."""
+    """When the part was started, on the clock of its messages."""
     clock: str
-    """Which clock that is."""
+    """The clock of the messages."""
     profile_yaml: str
-    """The profile as merged."""
+    """The merged profile."""
 
     def as_metadata(self) -> dict[str, str]:
-        """Return what the metadata record holds."""
+        """Return the content of the metadata record."""
         return {name: str(value) for name, value in asdict(self).items()}
 
     @classmethod
     def from_metadata(cls, metadata: dict[str, str]) -> Self:
-        """Read a metadata record; what is missing or no number is '' or 0."""
+        """Read a metadata record; a value that is missing or not a number becomes '' or 0."""
         values: dict[str, str | int] = {name: metadata.get(name, "") for name in cls.__annotations__}
         for name in ("part", "first_sequence", "started_ns"):
             text = str(values[name])
@@ -101,16 +101,16 @@ class RunMetadata:
 
 @dataclass
 class ChannelCount:
-    """What became of a channel's messages, in one part of a recording."""
+    """How many messages of a channel were written and how many are missing, in one part of a recording."""
 
     recorded: int = 0
     """Messages in the log."""
     dropped: int = 0
-    """Messages that are missing in it: since the end of the part before, up to the end of this one."""
+    """Messages missing from it: from the end of the previous part to the end of this one."""
 
 
 def counts_metadata(counts: Iterable[tuple[ChannelKey, ChannelCount]]) -> dict[str, str]:
-    """Return what a record `robbie_counts` holds; the last one of a part counts for all of that part."""
+    """Return the content of a record `robbie_counts`; the last one in a part covers the whole part."""
     rows = [
         {
             "type": key.type_name,
@@ -129,7 +129,7 @@ def counts_from_metadata(metadata: dict[str, str]) -> dict[ChannelKey, ChannelCo
     """Read a record `robbie_counts`.
 
     Raises:
-        ValueError: it is no such record.
+        ValueError: the metadata are not such a record.
     """
     try:
         return dict(map(_count, json.loads(metadata[CHANNELS_KEY])))

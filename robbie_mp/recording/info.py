@@ -1,4 +1,4 @@
-"""What a log is, in figures."""
+"""Describes a log in figures."""
 
 import contextlib
 from collections.abc import Iterator
@@ -25,9 +25,9 @@ class ChannelInfo:
 
     Attributes:
         channel: type, version, topic and sender.
-        messages: how many there are.
-        hz: of them, over the time of the whole log; 0 if that is none.
-        dropped: how many the logger could not write; None if it has not said.
+        messages: number of messages.
+        hz: mean message rate over the time of the whole log; 0 if the log spans no time.
+        dropped: number of messages the logger could not write; None if it has not reported it.
     """
 
     channel: LogChannel
@@ -36,7 +36,7 @@ class ChannelInfo:
     dropped: int | None
 
     def as_data(self) -> dict[str, Any]:
-        """Return what `robbie info --json` prints of it."""
+        """Return what `robbie info --json` prints about the channel."""
         channel = self.channel
         return {
             "topic": channel.topic,
@@ -56,12 +56,12 @@ class LogInfo:
     Attributes:
         path: the file or folder.
         parts: its files.
-        run: of which run; None if the log does not say.
-        library: what wrote it, as it calls itself.
+        run: the run it was recorded in; None if the log does not say.
+        library: the name of the program that wrote it.
         channels: in the order in which they were opened.
-        start_ns: time of the earliest message; 0 without any.
-        end_ns: time of the latest message; 0 without any.
-        damage: what is wrong with it: a line for each place.
+        start_ns: time of the earliest message; 0 if there is none.
+        end_ns: time of the latest message; 0 if there is none.
+        damage: one line for each damaged place.
     """
 
     path: Path
@@ -75,17 +75,17 @@ class LogInfo:
 
     @property
     def duration_s(self) -> float:
-        """From the earliest message to the latest."""
+        """Time from the earliest message to the latest."""
         return (self.end_ns - self.start_ns) / 1e9
 
     @property
     def bytes(self) -> int:
-        """Of all files."""
+        """Size of all files."""
         return sum(part.size for part in self.parts)
 
     @property
     def messages(self) -> int:
-        """In all channels."""
+        """Messages in all channels."""
         return sum(channel.messages for channel in self.channels)
 
     @property
@@ -95,7 +95,7 @@ class LogInfo:
 
     @property
     def compressions(self) -> list[str]:
-        """How chunks are compressed."""
+        """The compressions of the chunks."""
         return sorted({name or "none" for part in self.parts for name in part.contents.compressions})
 
     def as_data(self) -> dict[str, Any]:
@@ -122,7 +122,7 @@ RUN_KEYS = ("run_id", "profile", "host", "version", "python", "clock", "started_
 
 
 def describe(log: Log) -> LogInfo:
-    """Return a log in figures."""
+    """Describe a log in figures."""
     runs = log.metadata(RUN_METADATA)
     dropped = _dropped(log.parts)
     duration_s = (log.end_ns - log.start_ns) / 1e9
@@ -147,7 +147,7 @@ def describe(log: Log) -> LogInfo:
 
 
 def part_data(part: LogPart) -> dict[str, Any]:
-    """Return what is told of one file."""
+    """Return what is printed about one file."""
     contents = part.contents
     return {
         "path": str(part.path),
@@ -170,7 +170,7 @@ def _dropped(parts: list[LogPart]) -> dict[ChannelKey, int]:
 
 
 def last_counts(part: LogPart) -> dict[ChannelKey, ChannelCount]:
-    """Return what the last record `robbie_counts` of a file says; {} without any."""
+    """Return the content of the last record `robbie_counts` of a file; {} if it has none."""
     for record in reversed(part.contents.metadata):
         if record.name == COUNTS_METADATA:
             with contextlib.suppress(ValueError):
@@ -179,7 +179,7 @@ def last_counts(part: LogPart) -> dict[ChannelKey, ChannelCount]:
 
 
 def _missing_altogether(log: Log, dropped: dict[ChannelKey, int]) -> Iterator[ChannelInfo]:
-    """Yield what was dropped and is no channel of the log: nothing of it came, or its sender is not known."""
+    """Yield dropped channels that are not in the log: no message arrived, or the sender is not known."""
     recorded = {_key(channel) for channel in log.channels}
     for key, count in dropped.items():
         if count and key not in recorded:

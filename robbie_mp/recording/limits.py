@@ -1,4 +1,4 @@
-"""How much reading a log may take: a file of some kB can be made to unfold into gigabytes."""
+"""Limits for reading logs: a file of a few kB can be made to expand into gigabytes."""
 
 from dataclasses import dataclass
 
@@ -9,15 +9,15 @@ MEGABYTE = 1 << 20
 
 @dataclass(frozen=True)
 class ReadLimits:
-    """What is refused in a log, with `LogLimitExceeded`."""
+    """Limits for a log; reading beyond them raises `LogLimitExceeded`."""
 
     chunk_bytes: int = 256 * MEGABYTE
-    """Of a chunk when it is decompressed, and of any record outside of a chunk. Our logger writes chunks of
-    1 MiB, or of one message if that is larger."""
+    """Size of a decompressed chunk, and of a record outside of any chunk. Our logger writes chunks of 1 MiB,
+    or of one message if that is larger."""
     description_bytes: int = 16 * MEGABYTE
-    """Of all schemas and channels together."""
+    """Size of all schemas and channels together."""
     channels: int = 10_000
-    """And as many schemas."""
+    """Number of channels, and also of schemas."""
 
     def check_chunk(self, size: int) -> None:
         """Raise LogLimitExceeded if a chunk or a record is too large."""
@@ -28,7 +28,7 @@ class ReadLimits:
             )
 
     def check_descriptions(self, channels: int, size: int) -> None:
-        """Raise LogLimitExceeded if a log describes too many channels or schemas, or at too great length."""
+        """Raise LogLimitExceeded if a log's channel or schema descriptions are too many or too long."""
         if channels > self.channels:
             raise LogLimitExceeded(f"more than {self.channels} channels or schemas, which is the limit")
         if size > self.description_bytes:

@@ -1,4 +1,4 @@
-"""Writes a recording: part after part, within a budget, and what is missing in it."""
+"""Writes a recording: one part after another, within a disk budget, with a count of missing messages."""
 
 import contextlib
 from collections.abc import Callable, Mapping
@@ -24,30 +24,30 @@ from robbie_mp.recording.part_writer import PartWriter, RecordedChannel
 
 @dataclass(frozen=True)
 class Split:
-    """When a part ends and the next one begins."""
+    """When a part ends and the next one starts."""
 
     bytes: int = 0
-    """With so many bytes; 0: never."""
+    """End a part at this size; 0: never."""
     seconds: float = 0.0
-    """So long after its first message; 0: never."""
+    """End a part this long after its first message; 0: never."""
 
 
 class LogWriter:
-    """Writes the parts of one recording. Belongs to one thread.
+    """Writes the parts of one recording. Use it from one thread only.
 
-    A recording that is there already gets further parts. Every method that writes raises OSError if it
-    cannot; the part is then ended as well as may be, and the next chunk begins another one.
+    It adds parts to a recording that exists already. Every method that writes raises OSError if it cannot
+    write. It then ends the part as well as it can, and the next chunk starts another one.
 
     Args:
-        folder: of the recording; it is made.
-        compression: of the chunks.
-        run: what the parts say of the run; part, first sequence and start are filled in.
+        folder: the folder of the recording, which is created.
+        compression: compression of the chunks.
+        run: metadata for the parts; part, first sequence and start are filled in.
         split: when a part ends.
-        budget: room for this recording and others beside it.
-        dropped: says how many messages of which channels are missing, since the recording began.
+        budget: disk space for this recording and those beside it.
+        dropped: returns the number of missing messages by channel, since the recording started.
 
     Raises:
-        OSError: the folder cannot be made.
+        OSError: the folder cannot be created.
     """
 
     def __init__(
@@ -61,17 +61,17 @@ class LogWriter:
     ):
         self.folder = folder
         self.bytes = 0
-        """Written so far, of all parts."""
+        """Bytes written so far, in all parts."""
         self.parts = 0
         self.removed = 0
-        """Old parts that had to go."""
+        """Old parts that were removed."""
         self._compression = compression
         self._run = run
         self._split = split
         self._budget = budget
         self._dropped = dropped
         self._dropped_before: Mapping[ChannelKey, int] = {}
-        """In parts that are over."""
+        """Bytes in finished parts."""
         self._dropped_told: Mapping[ChannelKey, int] = {}
         self._part: PartWriter | None = None
         self._channels: Mapping[int, RecordedChannel] = {}
@@ -85,7 +85,7 @@ class LogWriter:
 
         Args:
             chunk: its messages.
-            channels: of the recording, by their ids.
+            channels: the channels of the recording, by id.
         """
         self._channels = channels
         if self._part is not None and self._is_full(self._part, chunk):
@@ -127,7 +127,7 @@ class LogWriter:
         return part
 
     def sync(self) -> None:
-        """Have the disk keep what was written, and what is known to be missing."""
+        """Force to disk what was written, and the counts of missing messages."""
         part = self._part
         if part is None:
             return
@@ -140,7 +140,7 @@ class LogWriter:
             raise
 
     def end_part(self) -> None:
-        """End the part that is being written; the next chunk begins another one."""
+        """End the part that is being written; the next chunk starts another one."""
         part = self._part
         if part is None:
             return
@@ -153,7 +153,7 @@ class LogWriter:
         self._forget(part)
 
     def _give_up(self, part: PartWriter) -> None:
-        """End a part behind its last whole chunk; if there is no room even for its summary, without one."""
+        """End a part after its last whole chunk; leave out the summary if there is no room for it."""
         if not part.is_finished:
             with contextlib.suppress(OSError):
                 self._tell_counts(part)
@@ -176,7 +176,7 @@ class LogWriter:
         self._dropped_told = dropped
 
     def close(self) -> None:
-        """End the recording; one without any message leaves no folder."""
+        """End the recording; a recording without any message leaves no folder."""
         try:
             self.end_part()
         finally:

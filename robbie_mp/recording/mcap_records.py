@@ -1,8 +1,8 @@
-"""The records of MCAP files, each checked to be whole before it is read.
+"""The records of MCAP files; each record is checked to be complete before it is read.
 
-Source: https://mcap.dev/spec. The library `mcap` takes records apart, but trusts their lengths: of a file
-that was cut it reads the last message short, and a length gone wrong makes it ask for that much memory. So
-what says how long something is, is read here and compared with what there is.
+Source: https://mcap.dev/spec. The library `mcap` parses records, but trusts their lengths. In a truncated
+    file it returns a shortened last message, and a wrong length makes it request that much memory. So this
+    module reads every length itself, and compares it with the bytes there are.
 """
 
 import struct
@@ -29,28 +29,28 @@ _Record_co = TypeVar("_Record_co", covariant=True)
 
 
 class Frame(NamedTuple):
-    """Where a record lies."""
+    """The position of a record."""
 
     opcode: int
     start: int
-    """Of its content, behind opcode and length."""
+    """Offset of the content, after opcode and length."""
     length: int
-    """Of its content."""
+    """Length of the content."""
 
     @property
     def end(self) -> int:
-        """Where the next record begins."""
+        """Offset of the next record."""
         return self.start + self.length
 
 
 class _Readable(Protocol[_Record_co]):
     @staticmethod
     def read(stream: ReadDataStream) -> _Record_co:
-        """Take a record apart."""
+        """Parse a record."""
 
 
 class _ExactStream(ReadDataStream):
-    """Raises where mcap's own would return less than was asked for."""
+    """Raises an error where mcap's own stream would return fewer bytes than requested."""
 
     def __init__(self, data: bytes):
         super().__init__(BytesIO(data))
@@ -63,10 +63,10 @@ class _ExactStream(ReadDataStream):
 
 
 def frame_at(file: BinaryIO, offset: int, size: int) -> Frame:
-    """Return the frame of the record at an offset of a file of that size.
+    """Return the frame of the record at an offset of a file of the given size.
 
     Raises:
-        LogDamaged: there is no whole record.
+        LogDamaged: there is no complete record.
     """
     file.seek(offset)
     head = file.read(RECORD_HEAD.size)
@@ -86,7 +86,7 @@ def content(file: BinaryIO, frame: Frame, limits: ReadLimits = READ_LIMITS) -> b
 
     Raises:
         LogDamaged: the file has become shorter.
-        LogLimitExceeded: it is too large.
+        LogLimitExceeded: the content is too large.
     """
     limits.check_chunk(frame.length)
     file.seek(frame.start)
@@ -97,14 +97,14 @@ def content(file: BinaryIO, frame: Frame, limits: ReadLimits = READ_LIMITS) -> b
 
 
 def parse(kind: _Readable[_Record_co], data: bytes) -> _Record_co:
-    """Take the content of a record apart.
+    """Parse the content of a record.
 
     Args:
-        kind: its class in `mcap.records`; not Message, whose length is that of the record.
+        kind: its class in `mcap.records`; not Message, whose length is the length of the record.
         data: the content.
 
     Raises:
-        LogDamaged: it is no such record.
+        LogDamaged: the content is not such a record.
     """
     try:
         return kind.read(_ExactStream(data))
@@ -115,7 +115,7 @@ def parse(kind: _Readable[_Record_co], data: bytes) -> _Record_co:
 
 
 def read_attachment(data: bytes) -> Attachment:
-    """Take the content of an attachment apart; its checksum is compared if there is one.
+    """Parse the content of an attachment, and verify its checksum if there is one.
 
     Raises:
         LogDamaged: it is not what was written.
@@ -128,13 +128,13 @@ def read_attachment(data: bytes) -> Attachment:
 
 
 def chunk_data(chunk: Chunk, limits: ReadLimits = READ_LIMITS) -> bytes:
-    """Return the records in a chunk, decompressed; their checksum is compared if there is one.
+    """Return the decompressed records of a chunk, and verify their checksum if there is one.
 
-    Never is more decompressed than the chunk says it holds, nor than the limit.
+    It never decompresses more than the chunk states, nor more than the limit.
 
     Raises:
-        LogDamaged: they are not what was written, or compressed in a way that is not known here.
-        LogLimitExceeded: there are more bytes than may be.
+        LogDamaged: they are not what was written, or their compression is unknown.
+        LogLimitExceeded: there are more bytes than the limit allows.
     """
     size = chunk.uncompressed_size
     try:
@@ -151,7 +151,7 @@ def chunk_data(chunk: Chunk, limits: ReadLimits = READ_LIMITS) -> bytes:
 
 
 def _decompress(compression: str, data: bytes, size: int, limits: ReadLimits) -> bytes:
-    """Decompress; a size that the compressed data do not confirm is damage, not a chunk that is too large."""
+    """Decompress; a stated size that the data do not confirm counts as damage, not as a chunk too large."""
     if compression == "":
         return data
     if compression == "zstd":
@@ -169,7 +169,7 @@ def _decompress(compression: str, data: bytes, size: int, limits: ReadLimits) ->
         def read(count: int) -> bytes:
             nonlocal rest
             piece: bytes = b"" if decompressor.eof else decompressor.decompress(rest, max_length=count)
-            rest = b""  # the decompressor keeps what it has not used
+            rest = b""  # the decompressor keeps the rest of its input
             return piece
 
         return _unfold(read, size, limits)
@@ -177,7 +177,7 @@ def _decompress(compression: str, data: bytes, size: int, limits: ReadLimits) ->
 
 
 def _unfold(read: Callable[[int], bytes], size: int, limits: ReadLimits) -> bytes:
-    """Read piece by piece, and no more than there may be."""
+    """Read piece by piece, and no more than the limit."""
     pieces: list[bytes] = []
     found = 0
     while found < size and (piece := read(min(DECOMPRESSED_PIECE_BYTES, size - found))):
@@ -189,10 +189,10 @@ def _unfold(read: Callable[[int], bytes], size: int, limits: ReadLimits) -> byte
 
 
 def frames_in(data: bytes) -> Iterator[Frame]:
-    """Yield the frames of the records that lie in `data` one behind the other.
+    """Yield the frames of consecutive records in `data`.
 
     Raises:
-        LogDamaged: the last one is not whole.
+        LogDamaged: the last record is not complete.
     """
     offset, size = 0, len(data)
     while offset < size:
