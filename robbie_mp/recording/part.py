@@ -22,7 +22,7 @@ OTHERS = {
 
 
 class PartMessage(NamedTuple):
-    """A message as it stands in a file."""
+    """A message as stored in a file."""
 
     channel_id: int
     sequence: int
@@ -32,26 +32,26 @@ class PartMessage(NamedTuple):
 
 
 class LogPart:
-    """One MCAP file, open; a context manager.
+    """An open MCAP file; use it as a context manager.
 
     Attributes:
         path: the file.
-        size: its bytes.
-        contents: what is where in it.
+        size: size of the file in bytes.
+        contents: its contents and their positions.
         is_being_written: whether a logger is writing it.
     """
 
     def __init__(self, path: Path, limits: ReadLimits = READ_LIMITS, *, trust_summary: bool = True):
-        """Open it, and read its summary, or all of it for want of one.
+        """Open the file, and read its summary, or the whole file if there is none.
 
         Args:
             path: the file.
-            limits: what may be in it.
-            trust_summary: whether its summary says what is in it; else all of it is read.
+            limits: limits for its contents.
+            trust_summary: whether to use the summary; if false, the whole file is read.
 
         Raises:
-            LogUnreadable: it cannot be opened.
-            NotALog: it is no MCAP file.
+            LogUnreadable: the file cannot be opened.
+            NotALog: the file is not an MCAP file.
             LogLimitExceeded: something in it is too large.
         """
         self.path = path
@@ -71,7 +71,7 @@ class LogPart:
 
     @property
     def is_complete(self) -> bool:
-        """Whether it was written to its end, and no damage was found so far."""
+        """Whether the file was written to its end, and no damage has been found so far."""
         return not self.contents.damage
 
     def _look(self, trust_summary: bool) -> Contents:
@@ -93,7 +93,7 @@ class LogPart:
         end_ns: int | None = None,
         channel_ids: Collection[int] | None = None,
     ) -> Iterator[PartMessage]:
-        """Yield messages in file order; see `Log.messages`. What is damaged is left out, and noted."""
+        """Yield messages in file order; see `Log.messages`. Damaged ones are left out and noted."""
         wanted = None if channel_ids is None else frozenset(channel_ids)
         for block in self.contents.blocks:
             if _may_have(block, start_ns, end_ns, wanted):
@@ -115,7 +115,7 @@ class LogPart:
             self.contents.damage.append(f"byte {block.frame.start - RECORD_HEAD.size}: {damage}")
 
     def attachments(self) -> Iterator[Attachment]:
-        """Yield the attachments; what is damaged is left out, and noted."""
+        """Yield the attachments; damaged ones are left out and noted."""
         for frame in self.contents.attachments:
             try:
                 yield read_attachment(content(self._file, frame, self._limits))
@@ -141,7 +141,7 @@ def _open(path: Path) -> BinaryIO:
 
 
 def _is_locked(file: BinaryIO) -> bool:
-    """Whether somebody writes a file that has begun: loggers keep it locked from before its first byte."""
+    """Whether a process is writing the file: loggers keep it locked from before its first byte."""
     try:
         fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:

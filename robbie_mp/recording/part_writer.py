@@ -1,8 +1,8 @@
-"""Writes one file of a log, chunk by chunk; what could not be written leaves no trace in it.
+"""Writes one file of a log, chunk by chunk; a failed write leaves no trace in it.
 
-The library's own `mcap.writer.Writer` is not used: it copies each message four times on its way, it counts
-messages before they are written, and after a write that failed it can neither take the chunk back nor
-finish the file. Its records are.
+This module does not use the library's `mcap.writer.Writer`: it copies each message four times, it counts
+messages before they are written, and after a failed write it can neither take the chunk back nor finish the
+file. It does use the library's record classes.
 """
 
 import fcntl
@@ -45,24 +45,24 @@ Pieces = Sequence[bytes | bytearray]
 
 @dataclass(frozen=True)
 class RecordedChannel:
-    """A channel of a recording; it has the same id in each of its parts."""
+    """A channel of a recording; it has the same id in every part."""
 
     id: int
     key: ChannelKey
     schema: str
-    """The ros2msg text of its type; '' if that is not known."""
+    """The ros2msg text of its type; '' if it is not known."""
 
 
 class PartWriter:
-    """One MCAP file that is being written, locked (flock) as long as it is.
+    """An MCAP file that is being written, and locked (flock) meanwhile.
 
-    Every method that writes raises OSError if it cannot, and has then taken back what it wrote: the file ends
-    with its last whole chunk.
+    Every method that writes raises OSError if it cannot write, after taking back what it wrote: the file then
+    ends with its last whole chunk.
 
     Args:
-        path: the file; it must not exist yet.
-        compression: of its chunks.
-        library: which program writes it.
+        path: the path of the file, which must not exist yet.
+        compression: compression of its chunks.
+        library: name of the program that writes it.
     """
 
     def __init__(self, path: Path, compression: Compression, library: str):
@@ -89,11 +89,11 @@ class PartWriter:
 
     @property
     def counts(self) -> dict[int, int]:
-        """Messages of each channel, by its id."""
+        """Number of messages of each channel, by channel id."""
         return self._counts
 
     def write(self, chunk: Chunk, channels: Mapping[int, RecordedChannel]) -> None:
-        """Write a chunk, with whatever has to be said of its channels before."""
+        """Write a chunk, after the descriptions of its channels that the file lacks."""
         new = [channels[id_] for id_ in chunk.index if id_ not in self._channels]
         new_schemas, new_channels = self._describe(new)
         described = b"".join(_bytes_of(record) for record in (*new_schemas.values(), *new_channels))
@@ -120,7 +120,7 @@ class PartWriter:
                 schema = schemas[wanted] = Schema(
                     id=number,
                     name=wanted[0],
-                    encoding=SCHEMA_ENCODING if wanted[1] else "",  # so MCAP says that there is none
+                    encoding=SCHEMA_ENCODING if wanted[1] else "",  # so MCAP states that there is no schema
                     data=wanted[1].encode(),
                 )
             records.append(
@@ -135,7 +135,7 @@ class PartWriter:
         return schemas, records
 
     def _pack(self, chunk: Chunk, described: bytes) -> tuple[ChunkIndex, Pieces]:
-        """Return a chunk's record and those of its message indexes, and the index of it for the summary."""
+        """Return a chunk's record and its message index records, and its index for the summary."""
         size = len(described) + len(chunk.data)
         checksum = zlib.crc32(chunk.data, zlib.crc32(described))
         packed = compress([described, chunk.data], self._compression)
@@ -173,15 +173,15 @@ class PartWriter:
         self._metadata_indexes.append(MetadataIndex(offset=at, length=len(record), name=name))
 
     def sync(self) -> None:
-        """Have the disk keep what was written.
+        """Force to disk what was written.
 
         Raises:
-            OSError: it does not; nobody knows then what it has kept since the last time.
+            OSError: the sync failed; it is then unknown what the disk has kept since the last sync.
         """
         os.fdatasync(self._file.fd)
 
     def finish(self) -> None:
-        """Write summary and end."""
+        """Write the summary and the end of the file."""
         data_end = _bytes_of(DataEnd(data_section_crc=0))
         start = self.bytes + len(data_end)
         groups: list[tuple[Opcode, Sequence[McapRecord]]] = [
@@ -235,7 +235,7 @@ class PartWriter:
 
 
 def _message_index(channel_id: int, entries: "array[int]", shift: int) -> bytes:
-    """Return the record that says where in a chunk a channel's messages are, all `shift` bytes farther."""
+    """Return the record with the positions of a channel's messages in a chunk, shifted by `shift` bytes."""
     shifted = array("Q", entries)
     for at in range(1, len(shifted), 2):
         shifted[at] += shift
@@ -251,7 +251,7 @@ def _bytes_of(record: McapRecord) -> bytes:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Have the disk keep the names in a folder."""
+    """Force the names in a folder to disk."""
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(fd)

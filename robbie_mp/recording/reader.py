@@ -25,22 +25,22 @@ from robbie_mp.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.recording.part import LogPart
 
 REPAIRED_SUFFIX = ".repaired.mcap"
-"""Of what `robbie log-repair` makes of a file that ends in .mcap."""
+"""End of the name that `robbie log-repair` gives to the repaired copy of a .mcap file."""
 
 
 @dataclass(frozen=True)
 class LogChannel:
-    """Messages of one type and version, on one topic, by one sender.
+    """The messages of one type and version, on one topic, from one sender.
 
     Attributes:
-        id: its place in `Log.channels`.
-        type_name: as in `sensor_msgs/msg/LaserScan`; "" if the log does not say.
-        version: of the type; for a foreign channel see `version_of_foreign`.
-        topic: Robbie's; of a log that others wrote their topic without the leading slash.
-        sender: the module that published it; "" if that is not known.
+        id: its index in `Log.channels`.
+        type_name: such as `sensor_msgs/msg/LaserScan`; "" if the log does not say.
+        version: version of the type; for a foreign channel see `version_of_foreign`.
+        topic: Robbie's topic; in a log from another program, that program's topic without the leading slash.
+        sender: the module that published the messages; "" if it is not known.
         schema: the ros2msg text of the type; "" if the log has none.
-        encoding: of the messages: "cdr", unless others wrote the log.
-        is_foreign: whether others wrote the log, who know no versions and senders.
+        encoding: encoding of the messages: "cdr", unless another program wrote the log.
+        is_foreign: whether another program wrote the log; such logs have no versions and senders.
     """
 
     id: int
@@ -70,14 +70,14 @@ class LoggedMessage(NamedTuple):
 
 
 class Log:
-    """A log that is open; a context manager. `open_log` makes one.
+    """An open log; use it as a context manager. `open_log` makes one.
 
     Attributes:
         path: the file or folder.
         parts: its files, in order.
-        channels: what was recorded.
-        start_ns: time of the earliest message; 0 without any.
-        end_ns: time of the latest message; 0 without any.
+        channels: the recorded channels.
+        start_ns: time of the earliest message; 0 if there is none.
+        end_ns: time of the latest message; 0 if there is none.
     """
 
     def __init__(self, path: Path, parts: list[LogPart]):
@@ -86,7 +86,7 @@ class Log:
         self.channels: list[LogChannel] = []
         self._stock = stock_registry()
         self._channels_of: list[dict[int, LogChannel]] = []
-        """For each part its channels by their ids in that file."""
+        """For each part, its channels by their ids in that file."""
         known: dict[LogChannel, LogChannel] = {}
         for part in parts:
             self._channels_of.append({id_: self._channel(part, id_, known) for id_ in part.contents.channels})
@@ -103,17 +103,17 @@ class Log:
 
     @property
     def is_complete(self) -> bool:
-        """Whether all files were written to their ends, and no damage was found so far."""
+        """Whether all files were written to their ends, and no damage has been found so far."""
         return all(part.is_complete for part in self.parts)
 
     @property
     def damage(self) -> list[str]:
-        """What is wrong with it, as far as that was found: a line for each place."""
+        """The damage found so far: one line for each place."""
         return [f"{part.path}: {damage}" for part in self.parts for damage in part.contents.damage]
 
     @property
     def counts(self) -> dict[LogChannel, int]:
-        """How many messages each channel has."""
+        """Number of messages in each channel."""
         counts = dict.fromkeys(self.channels, 0)
         for part, channels in zip(self.parts, self._channels_of, strict=True):
             for channel_id, count in part.contents.counts.items():
@@ -133,12 +133,12 @@ class Log:
     ) -> Iterator[LoggedMessage]:
         """Yield messages in file order, which is the order in which the core routed them.
 
-        What is damaged is left out; `is_complete` and `damage` tell of it afterwards.
+        Damaged messages are left out; `is_complete` and `damage` report them afterwards.
 
         Args:
-            start_ns: none that was published before.
-            end_ns: none that was published then or later.
-            channels: only of these.
+            start_ns: leave out messages published before this time.
+            end_ns: leave out messages published at this time or later.
+            channels: yield messages of these channels only.
         """
         wanted = None if channels is None else {channel.id for channel in channels}
         for part, known in zip(self.parts, self._channels_of, strict=True):
@@ -148,7 +148,7 @@ class Log:
                     yield LoggedMessage(channel, message.sequence, message.time_ns, message.data)
 
     def close(self) -> None:
-        """Close its files."""
+        """Close the log's files."""
         for part in self.parts:
             part.close()
 
@@ -162,16 +162,16 @@ class Log:
 def open_log(path: Path, limits: ReadLimits = READ_LIMITS) -> Log:
     """Open a log: an MCAP file, or a folder of parts `NAME_0000.mcap`, `NAME_0001.mcap`, ….
 
-    One that was cut, or is still being written, is read to its last whole chunk; to open it takes reading it.
+    A truncated log, or one still being written, is read to its last whole chunk; opening it reads all of it.
 
     Args:
         path: the file or folder.
-        limits: what may be in it.
+        limits: limits for its contents.
 
     Raises:
-        LogUnreadable: it is missing, or may not be read.
-        NotALog: it is no log, or a folder without one, or with several.
-        LogLimitExceeded: something in it is too large; to read its messages raises this, too.
+        LogUnreadable: the log is missing, or you may not read it.
+        NotALog: it is not a log, or is a folder that holds no log or several.
+        LogLimitExceeded: something in the log is too large; reading its messages can also raise this.
     """
     with ExitStack() as opened:
         parts = [opened.enter_context(LogPart(file, limits)) for file in part_files(path)]
@@ -181,10 +181,10 @@ def open_log(path: Path, limits: ReadLimits = READ_LIMITS) -> Log:
 
 
 def part_files(path: Path) -> list[Path]:
-    """Return the files of a log, in order; of a part that was repaired only what came of it.
+    """Return the files of a log, in order; of a repaired part, only the repaired file.
 
     Raises:
-        NotALog: it is a folder without a log, or with several.
+        NotALog: it is a folder that holds no log or several.
     """
     if not path.is_dir():
         return [path]
@@ -208,7 +208,7 @@ def _original_stem(file: Path) -> str:
 
 
 def _log_channel(contents: Contents, channel: Channel, stock: TypeRegistry) -> LogChannel:
-    """Describe a channel, for the time being without an id."""
+    """Describe a channel, without its id for now."""
     schema = contents.schemas.get(channel.schema_id)
     type_name = full_name(schema.name) if schema else ""
     text = schema.data.decode(errors="replace") if schema and schema.encoding == SCHEMA_ENCODING else ""

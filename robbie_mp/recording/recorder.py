@@ -1,4 +1,4 @@
-"""Records messages: a thread writes them while the next ones come; who records never waits for a disk."""
+"""Records messages: a separate thread writes them, so the recording thread never waits for a disk."""
 
 import logging
 import threading
@@ -14,24 +14,24 @@ from robbie_mp.recording.log_writer import LogWriter
 from robbie_mp.recording.part_writer import RecordedChannel
 
 LOGGER_NICE = 10
-"""How far processes that record step back behind the others: compressing must not hold up the robot."""
+"""Niceness of recording processes: compression must not hold up the robot."""
 RETRY_S = 1.0
-"""After a write that failed; the messages wait meanwhile."""
+"""Delay before the next attempt after a failed write; the messages wait meanwhile."""
 
 
 class RecordingFailed(RobbieError, RuntimeError):
-    """The thread that writes has ended with an error of ours."""
+    """The writing thread has ended with an error in our code."""
 
 
 class Recorder:
-    """Writes what it is given into a log.
+    """Writes messages into a log.
 
-    All methods are for one thread; the log is written by another one.
+    Call all methods from one thread; another thread writes the log.
 
     Args:
-        make_writer: makes the writer; gets a function that returns the drops.
-        limits: of what waits in memory.
-        log: hears of disks that refuse to take anything.
+        make_writer: makes the writer; it receives a function that returns the dropped messages.
+        limits: limits for messages that wait in memory.
+        log: receives reports of disks that refuse to take data.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Recorder:
         self._dropped: defaultdict[ChannelKey, int] = defaultdict(int)
         self._dropped_lock = threading.Lock()
         self.recorded: defaultdict[int, int] = defaultdict(int)
-        """Messages in the log, by channel."""
+        """Number of messages in the log, by channel."""
         self.error = ""
         """Why nothing can be written at the moment."""
         self._failure: BaseException | None = None
@@ -58,7 +58,7 @@ class Recorder:
         self._thread.start()
 
     def channel(self, key: ChannelKey, schema: str) -> int:
-        """Return the number of a channel, a new one if it was not there."""
+        """Return the number of a channel, a new one if the channel is new."""
         found = self._ids.get(key)
         if found is None:
             found = self._ids[key] = len(self._ids) + 1
@@ -66,7 +66,7 @@ class Recorder:
         return found
 
     def record(self, channel_id: int, sequence: int, time_ns: int, data: bytes | memoryview) -> bool:
-        """Copy a message; False if it had to be dropped, for there was no room in memory.
+        """Copy a message; False if it was dropped because there was no room in memory.
 
         Args:
             channel_id: as `channel` returned it.
@@ -75,7 +75,7 @@ class Recorder:
             data: its encoding.
 
         Raises:
-            RecordingFailed: nothing will ever be written any more.
+            RecordingFailed: nothing more will ever be written.
         """
         if self._failure is not None:
             raise RecordingFailed("the log is not written any more") from self._failure
@@ -85,12 +85,12 @@ class Recorder:
         return False
 
     def count_dropped(self, key: ChannelKey, messages: int) -> None:
-        """Count messages that are missing in the log."""
+        """Count messages that are missing from the log."""
         with self._dropped_lock:
             self._dropped[key] += messages
 
     def dropped(self) -> dict[ChannelKey, int]:
-        """Return how many messages of which channels are missing."""
+        """Return the number of missing messages by channel."""
         with self._dropped_lock:
             return dict(self._dropped)
 
@@ -110,17 +110,17 @@ class Recorder:
         return self._queue.kept_s()
 
     def write_kept(self) -> None:
-        """Write what was only kept until now, as a part of its own."""
+        """Write what was only kept until now, as a separate part."""
         self._queue.write_kept()
 
     def close(self) -> None:
-        """Write what waits, end the log, and wait for it."""
+        """Write what still waits, end the log, and wait until that is done."""
         self._queue.end()
         self._thread.join()
         if self._failure is not None:
             raise RecordingFailed("the log was not written to its end") from self._failure
 
-    # -- the thread that writes ------------------------------------------------------------------------
+    # -- the writing thread ----------------------------------------------------------------------------
 
     def _run(self) -> None:
         try:
@@ -134,7 +134,7 @@ class Recorder:
     def _turn(self) -> bool:
         """Write a chunk, or sync what was written; False at the end."""
         queue, keeps = self._queue, bool(self._limits.keep_s)
-        had_ended = queue.ended  # it may end while the disk syncs, when one more message has just come
+        had_ended = queue.ended  # it may end during the disk sync, just after one more message arrived
         chunk = queue.take(self._sync_due_ns)
         if chunk is not None:
             self._write(chunk)
@@ -146,7 +146,7 @@ class Recorder:
         return chunk is not None or not had_ended
 
     def _write(self, chunk: Chunk) -> None:
-        """Write a chunk, however often it takes; at the end once more, and else it is lost."""
+        """Write a chunk, and retry until it succeeds; at the end try once more, then drop the chunk."""
         while not self._attempt(lambda: self.writer.write(chunk, self._channels)):
             if self._queue.ended:
                 for id_, count in chunk.counts().items():
@@ -156,7 +156,7 @@ class Recorder:
         for id_, count in chunk.counts().items():
             self.recorded[id_] += count
         if self._limits.keep_s:
-            self._sync_due_ns = 0  # as soon as all of the snapshot is written, and that ends the part
+            self._sync_due_ns = 0  # sync once the whole snapshot is written; this ends the part
         elif self._sync_due_ns is None:
             self._sync_due_ns = chunk.opened_ns + round(self._limits.close_after_s * 1e9)
 

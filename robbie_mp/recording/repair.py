@@ -1,4 +1,4 @@
-"""Makes a whole log of one that was cut or damaged, and reads it again before it says so."""
+"""Makes a complete log from a truncated or damaged one, and verifies it by reading it again."""
 
 import hashlib
 import os
@@ -20,17 +20,17 @@ from robbie_mp.recording.reader import REPAIRED_SUFFIX
 
 COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
 REPAIR_METADATA = "robbie_repair"
-"""Name of the metadata record that tells of a repair."""
+"""Name of the metadata record that describes a repair."""
 
 
 @dataclass(frozen=True)
 class Repair:
-    """What was done.
+    """The result of a repair.
 
     Attributes:
         target: the new file.
-        messages: how many it has.
-        damage: what was wrong with the old one; empty if nothing was.
+        messages: number of messages in it.
+        damage: the damage in the old file; empty if there was none.
     """
 
     target: Path
@@ -39,11 +39,11 @@ class Repair:
 
 
 Progress = Callable[[int, int], None]
-"""Told how much was done, of how much."""
+"""Called with the amount done and the total."""
 
 
 def repaired_name(source: Path) -> Path:
-    """Return where the repaired log goes if nothing else is asked for: `open_log` of its folder finds it."""
+    """Return the default path of the repaired log, at which `open_log` of its folder finds it."""
     return source.with_name(source.name.removesuffix(".mcap") + REPAIRED_SUFFIX)
 
 
@@ -51,17 +51,17 @@ def repair(source: Path, target: Path, progress: Progress, limits: ReadLimits = 
     """Write a file with every message of every whole chunk of another, and check it by reading it again.
 
     Args:
-        source: the log; one MCAP file, by whomever. It is only read.
+        source: the log: one MCAP file, written by any program. It is only read.
         target: the new file. If the repair fails, it is removed.
-        progress: counts messages, each when it is written and when it is read again.
-        limits: what may be in the source.
+        progress: counts messages, each once when it is written and once when it is read again.
+        limits: limits for the contents of the source.
 
     Raises:
         LogUnreadable, NotALog: as for `open_log`.
         LogLimitExceeded: something in the source is too large.
         LogIncomplete: the source is still being written.
         LogNotWritten: the target exists, or cannot be written.
-        RepairFailed: reading it again has not given what was written.
+        RepairFailed: reading the file again did not yield what was written.
     """
     with LogPart(source, limits, trust_summary=False) as part:
         if part.is_being_written:
@@ -102,7 +102,7 @@ def _write_and_check(part: LogPart, file: BinaryIO, target: Path, progress: Prog
 
 
 class _Digest:
-    """Counts and condenses messages, to compare two sequences of them."""
+    """Counts and hashes messages, to compare two sequences of them."""
 
     def __init__(self, progress: Callable[[int], None]):
         self.count = 0
@@ -110,14 +110,14 @@ class _Digest:
         self._hash = hashlib.blake2b()
 
     def add(self, topic: str, sequence: int, time_ns: int, publish_time_ns: int, data: bytes) -> None:
-        """Take a message in."""
+        """Add a message."""
         self.count += 1
         self._hash.update(f"{topic}\n{sequence} {time_ns} {publish_time_ns} {len(data)}\n".encode())
         self._hash.update(data)
         self._progress(self.count)
 
     def state(self) -> tuple[int, bytes]:
-        """Return what two equal sequences have in common, and others not."""
+        """Return the count and the hash, which are equal only for equal sequences."""
         return self.count, self._hash.digest()
 
 
@@ -156,6 +156,6 @@ def _write(part: LogPart, file: BinaryIO, digest: _Digest) -> None:
 
 
 def _compression(contents: Contents) -> CompressionType:
-    """Return how most chunks are compressed."""
+    """Return the compression of most chunks."""
     counts = contents.compressions or {"": 1}
     return COMPRESSIONS[max(counts, key=counts.__getitem__)]

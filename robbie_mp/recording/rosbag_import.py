@@ -1,4 +1,4 @@
-"""Makes a log of a bag of ROS 1 or ROS 2, which the library rosbags reads."""
+"""Converts a ROS 1 or ROS 2 bag to a log; the library rosbags reads the bag."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,22 +17,22 @@ if TYPE_CHECKING:
 
 LITTLE_ENDIAN = b"\0\1"
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
-"""What ROS 2 calls a type that ROS 1 calls otherwise."""
+"""ROS 2 names of types that have another name in ROS 1."""
 HEADER = "std_msgs/msg/Header"
 
 
 def import_rosbag(source: Path, target: Path, *, progress: Progress) -> Conversion:
-    """Write a log with the messages of a bag, published when the bag says they were recorded.
+    """Write a log with the messages of a bag, published at the times at which the bag recorded them.
 
-    Types that we have get our schemas if they lay out alike; others keep their definitions.
+    A type that we have gets our schema if both have the same layout; other types keep their definitions.
 
     Args:
-        source: a `.bag` of ROS 1, or the folder of a bag of ROS 2.
+        source: a ROS 1 `.bag` file, or the folder of a ROS 2 bag.
         target: the new file.
         progress: counts messages.
 
     Raises:
-        BagUnreadable: the source is no bag, or damaged, or the library is missing.
+        BagUnreadable: the source is not a bag, is damaged, or the library is missing.
         LogNotWritten: the target exists, or cannot be written.
     """
     with _Bag(source) as bag, converted_log(target, source) as conversion:
@@ -46,7 +46,7 @@ def import_rosbag(source: Path, target: Path, *, progress: Progress) -> Conversi
 
 
 class _Bag:
-    """A bag that is open, with what goes wrong in the library as one error of ours."""
+    """An open bag; turns the library's errors into one error of ours."""
 
     def __init__(self, path: Path):
         try:
@@ -61,7 +61,7 @@ class _Bag:
             self._reader: AnyReader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
             self._reader.open()
             self._types: Typestore = self._reader.typestore if self._reader.is2 else self._ros2_types()
-        except Exception as error:  # of a damaged bag the library raises whatever comes up
+        except Exception as error:  # the library raises arbitrary errors for a damaged bag
             raise BagUnreadable(f"{path} cannot be read as a bag of ROS: {error!r}") from error
         self._stock = stock_registry()
         self._channels: dict[int, NewChannel] = {}
@@ -72,14 +72,14 @@ class _Bag:
         return self._reader.message_count
 
     def messages(self) -> Iterator["tuple[Connection, int, bytes]"]:
-        """Yield connection, time in ns, and bytes of each message, in the order of their times."""
+        """Yield connection, time in ns, and bytes of each message, in time order."""
         try:
             yield from self._reader.messages()
         except Exception as error:
             raise BagUnreadable(f"{self._path} is damaged: {error!r}") from error
 
     def channel(self, connection: "Connection") -> NewChannel:
-        """Return what becomes of a connection."""
+        """Return the new channel for a connection."""
         if connection.id not in self._channels:
             type_name = RENAMED.get(connection.msgtype, connection.msgtype)
             schema = self._schema(connection, type_name)
@@ -107,7 +107,7 @@ class _Bag:
         return _our_schema(self._stock, type_name, text)
 
     def _ros2_types(self) -> "Typestore":
-        """Return the bag's types with the header of ROS 2, into which rosbags converts that of ROS 1."""
+        """Return the bag's types with the ROS 2 header, to which rosbags converts the ROS 1 header."""
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
 
         header = get_typestore(Stores.ROS2_HUMBLE).fielddefs[HEADER]
@@ -123,7 +123,7 @@ class _Bag:
 
 
 def _our_schema(stock: TypeRegistry, type_name: str, schema: str) -> str:
-    """Return our schema of a type if we have it and it lays out like the given one, else that one."""
+    """Return our schema of a type if we have one with the same layout, else the given one."""
     if type_name not in stock:
         return schema
     ours = stock.get(type_name)

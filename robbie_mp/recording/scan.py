@@ -1,4 +1,4 @@
-"""Reads a log file from its beginning, for want of a summary: what is whole is found, whatever is not."""
+"""Reads a log file from its start if it has no summary, and finds whatever is whole in it."""
 
 import re
 import struct
@@ -23,30 +23,31 @@ from robbie_mp.recording.mcap_records import (
 )
 
 FIRST_PRIVATE_OPCODE = 0x80
-"""Of records that anybody may add."""
+"""First opcode of records that any program may add."""
 DATA_END_BYTES = 4
 ROW_BYTES = 1 << 22
-"""Messages outside of chunks are taken together up to so many bytes."""
+"""Consecutive messages outside of chunks form one block up to this size."""
 WINDOW_BYTES = 1 << 20
 CHUNK_HEAD = struct.Struct("<BQQQQII")
 """Opcode, length, start time, end time, size, checksum, and the length of the name of the compression."""
 LONGEST_NAME_BYTES = 16
 SEARCH_BYTES, SEARCH_TIMES_SIZE = 1 << 30, 16
-"""So much, and so many times the size of the file, is read and decompressed of what only looks like chunks. A
-file can be made of places that do, each within the one before."""
+"""Budget for reading and decompressing what only looks like chunks: the first value in bytes, plus the
+second value times the size of the file. A file can be built of such places, each nested in the previous
+one."""
 CHUNK_OPCODE = re.compile(rb"\x06")
 
 
 def scan(file: BinaryIO, size: int, limits: ReadLimits, known: Contents | None = None) -> Contents:
-    """Return what is whole in a file.
+    """Return the whole records of a file.
 
-    Where something is not, the next whole chunk is looked for; `damage` tells of it.
+    After a damaged place, it searches for the next whole chunk, and notes the damage in `damage`.
 
     Args:
         file: the file.
         size: its size.
-        limits: what may be in it.
-        known: what its summary says, for messages behind what is not whole.
+        limits: limits for the contents.
+        known: the content of the summary, for messages after a damaged place.
 
     Raises:
         LogLimitExceeded: something in it is too large.
@@ -62,12 +63,12 @@ class _Scan:
         self._known = known
         self._found = Contents(schemas=dict(known.schemas), channels=dict(known.channels))
         self._search_bytes = SEARCH_BYTES + SEARCH_TIMES_SIZE * size
-        """What may still be read and decompressed of places that only look like chunks."""
+        """Bytes that may still be read and decompressed at places that only look like chunks."""
         self._row: list[Frame] = []
-        """Messages outside of chunks since the last other record."""
+        """Messages outside of chunks since the last record of another kind."""
         self._row_tally = _Tally()
         self._strangers = 0
-        """Messages of channels that are not known."""
+        """Messages of unknown channels."""
 
     def run(self) -> Contents:
         """Read the file."""
@@ -96,7 +97,7 @@ class _Scan:
         return self._found
 
     def _compare_counts(self) -> None:
-        """Note messages of unknown channels, and those that the summary counts, but that are not there."""
+        """Note messages of unknown channels, and messages that the summary counts but the file lacks."""
         expected, count = self._known.message_count, self._found.message_count
         if self._strangers:
             self._found.damage.append(f"{self._strangers} messages are of channels whose description is lost")
@@ -104,7 +105,7 @@ class _Scan:
             self._found.damage.append(f"the summary tells of {expected} messages, there are {count}")
 
     def _take(self, frame: Frame) -> bool:
-        """Take a record in; return whether the data end with it."""
+        """Process a record; return whether the data end with it."""
         found = self._found
         if frame.opcode == Opcode.MESSAGE:
             self._take_single(frame)
@@ -138,7 +139,7 @@ class _Scan:
     def _take_chunk(self, frame: Frame) -> None:
         chunk = parse(Chunk, content(self._file, frame, self._limits))
         data = chunk_data(chunk, self._limits)
-        for _ in frames_in(data):  # none of it counts unless all of it is whole
+        for _ in frames_in(data):  # none of the chunk counts unless all of it is whole
             pass
         tally = _Tally()
         for inner in frames_in(data):
@@ -186,7 +187,7 @@ class _Scan:
             found.counts[id_] = found.counts.get(id_, 0) + count
 
     def _next_chunk(self, offset: int) -> int | None:
-        """Return where the next whole chunk begins, or None."""
+        """Return the offset of the next whole chunk, or None."""
         while offset < self._size and self._search_bytes >= 0:
             self._file.seek(offset)
             window = self._file.read(WINDOW_BYTES + CHUNK_HEAD.size + LONGEST_NAME_BYTES + 8)
@@ -213,16 +214,16 @@ class _Scan:
             return False
         except LogLimitExceeded as error:
             raise LogLimitExceeded(f"byte {offset}: {error}") from error
-        self._search_bytes += frame.length + len(data)  # what is a chunk is not searched in vain
+        self._search_bytes += frame.length + len(data)  # a real chunk does not use up the search budget
         return bool(data)
 
 
 class _Tally:
-    """How many messages of each channel there are, and from when to when, without keeping any of them."""
+    """Counts messages by channel, with their earliest and latest times, without keeping the messages."""
 
     def __init__(self) -> None:
         self.times: dict[int, list[int]] = {}
-        """By channel: how many, the earliest, the latest."""
+        """By channel: count, earliest time, latest time."""
 
     def add(self, channel_id: int, time_ns: int) -> None:
         """Count a message."""
@@ -238,7 +239,7 @@ class _Tally:
 
 
 def _may_be_chunk(window: bytes, at: int) -> bool:
-    """Whether the two lengths in what begins there agree; by chance they hardly ever do."""
+    """Whether the two lengths at this place agree; by chance they hardly ever do."""
     if at + CHUNK_HEAD.size > len(window):
         return False
     _, length, _, _, _, _, name_bytes = CHUNK_HEAD.unpack_from(window, at)

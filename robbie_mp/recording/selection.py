@@ -1,4 +1,4 @@
-"""Which channels of a log somebody wants."""
+"""Selects channels of a log by name."""
 
 from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
@@ -7,7 +7,7 @@ from robbie_mp.recording.reader import LogChannel
 
 
 def channel_name(channel: LogChannel) -> str:
-    """Return what a channel goes by: its topic, or without one the last part of its type."""
+    """Return the name of a channel: its topic, or without one the last part of its type."""
     return channel.topic or channel.type_name.rpartition("/")[2]
 
 
@@ -15,11 +15,11 @@ def select(channels: Iterable[LogChannel], patterns: Sequence[str]) -> tuple[lis
     """Choose channels by shell patterns of their names.
 
     Args:
-        channels: to choose from.
-        patterns: such as `laser/*` or `Odometry`; a slash at the beginning means nothing. None at all: all.
+        channels: the channels to choose from.
+        patterns: such as `laser/*` or `Odometry`; a leading slash is ignored. Without patterns: all channels.
 
     Returns:
-        The channels, and the patterns that match none.
+        The channels, and the patterns that match no channel.
     """
     every = list(channels)
     if not patterns:

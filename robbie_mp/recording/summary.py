@@ -1,4 +1,4 @@
-"""Reads the summary of a log file, by which the rest need not be read to know what is where."""
+"""Reads the summary of a log file, which describes the contents without reading the rest."""
 
 import struct
 import zlib
@@ -19,11 +19,11 @@ TEXT_LENGTH = struct.Struct("<QI")
 
 
 def read_summary(file: BinaryIO, size: int, limits: ReadLimits) -> Contents | None:
-    """Return what the summary of a file says; None if there is none, or if it does not say all.
+    """Return the content of a file's summary; None if there is none, or if it is incomplete.
 
     Raises:
         LogDamaged: the file has no end, or its summary is damaged.
-        LogLimitExceeded: the summary is too large, or something that it tells of.
+        LogLimitExceeded: the summary, or something that it describes, is too large.
     """
     start, data = _summary(file, size, limits)
     if not data:
@@ -57,7 +57,7 @@ def read_summary(file: BinaryIO, size: int, limits: ReadLimits) -> Contents | No
 
 
 def _summary(file: BinaryIO, size: int, limits: ReadLimits) -> tuple[int, bytes]:
-    """Return where the records of the summary begin, and them; nothing if there are none."""
+    """Return the position of the summary's records, and their bytes; b"" if there are none."""
     end = size - FOOTER_BYTES - len(MAGIC)
     file.seek(max(end, 0))
     tail = file.read(FOOTER_BYTES + len(MAGIC))
@@ -76,7 +76,7 @@ def _summary(file: BinaryIO, size: int, limits: ReadLimits) -> tuple[int, bytes]
 
 
 def _says_all(found: Contents, statistics: Statistics, metadata_count: int) -> bool:
-    """Whether the summary tells all there is in the file; writers may leave out any part of it."""
+    """Whether the summary describes the whole file; writers may leave out any part of it."""
     return (
         len(found.blocks) == statistics.chunk_count
         and (found.blocks != [] or statistics.message_count == 0)
@@ -89,7 +89,7 @@ def _says_all(found: Contents, statistics: Statistics, metadata_count: int) -> b
 
 
 def _block(record: bytes, compressions: dict[str, int], limit: int) -> Block:
-    """Read a ChunkIndex; the library takes 50 µs for one, and an hour has thousands."""
+    """Read a ChunkIndex; the library takes 50 µs for one, and an hour's log has thousands."""
     try:
         start_ns, end_ns, offset, length, map_bytes = CHUNK_INDEX_HEAD.unpack_from(record)
         at = CHUNK_INDEX_HEAD.size + map_bytes
