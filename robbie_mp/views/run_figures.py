@@ -28,7 +28,7 @@ def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str
     """Make a table with one row per module.
 
     Args:
-        modules: the figures; the supervisor's row is left out, as it sends and receives no messages.
+        modules: the figures; the supervisor's row is left out, as it sends and takes no messages itself.
         live: whether the modules run. If so, the table shows the status line; if not, the reason of the last
             state.
         columns: which of `FIGURES` to show; all by default.
