@@ -1,11 +1,11 @@
-"""Plays the Intel log in lockstep, again and again: the trajectory is the same, bit for bit.
+"""Plays the Intel log in lockstep several times and checks that the trajectories are equal, bit for bit.
 
     python -m tools.intel_lockstep [--messages N] [--data DIR] [--keep DIR] [--json]
 
-Five runs: three undisturbed, one while every processor is busy, one in which mapping is killed half way and
-goes on from its checkpoint. The first four must give the same trajectory.txt. The fifth must give that of a
-sixth run, of a log without the messages that mapping had handled since its last checkpoint, or had in its
-hands.
+There are six runs. Three are undisturbed. In the fourth, every processor is busy. These four must give the
+same trajectory.txt. In the fifth, the tool kills mapping half way, and mapping continues from its checkpoint.
+The sixth plays the log without the messages that the kill lost: those handled since the last checkpoint and
+the one being handled. The fifth and the sixth must give the same trajectory.txt.
 """
 
 import argparse
@@ -38,7 +38,7 @@ GOES_ON = re.compile(r"goes on after (\d+) odometry messages and (\d+) scans")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What mapping has made of a log."""
+    """What mapping computed from a log."""
 
     duration_s: float
     trajectory: bytes
@@ -47,19 +47,19 @@ class Outcome:
     dropped: int
     restarts: int
     restored: tuple[int, int] | None
-    """Odometry messages and scans that its checkpoint had in it when it was restarted."""
+    """Odometry messages and scans contained in the checkpoint from which mapping restarted."""
 
 
 def play(folder: Path, log: Path, kill_at: int = 0) -> Outcome:
     """Play a log in lockstep, as fast as it goes.
 
     Args:
-        folder: a new one, for all that the run writes.
-        log: what to play.
-        kill_at: after so many messages mapping is killed; 0: it is not.
+        folder: a new folder for everything the run writes.
+        log: the log to play.
+        kill_at: number of messages after which mapping is killed. 0: never.
 
     Raises:
-        RobotTrouble: the run does not come to its end, or fails.
+        RobotTrouble: the run does not end, or fails.
     """
     options = ("--rate", "max", "--lockstep", "--set", "mapping.checkpoint_share=1.0")
     began_s = time.monotonic()
@@ -94,7 +94,7 @@ def play(folder: Path, log: Path, kill_at: int = 0) -> Outcome:
 
 @contextmanager
 def busy_processors() -> Iterator[None]:
-    """Keep every processor busy, twice over."""
+    """Keep every processor busy with two processes."""
     busy = [
         subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * (os.cpu_count() or 1))
     ]
@@ -107,10 +107,10 @@ def busy_processors() -> Iterator[None]:
 
 
 def without_lost(messages: Iterable[LoggedMessage], killed: Outcome, calm: Outcome) -> list[LoggedMessage]:
-    """Leave out of a log what a killed mapping has forgotten.
+    """Remove from a log the messages that a killed mapping lost.
 
-    In lockstep those messages follow one another: from its last checkpoint on, as many of each kind as are
-    missing in what it has counted.
+    In lockstep these messages are consecutive. They begin after the last checkpoint; the number of each kind
+    is the number missing from mapping's counts.
     """
     restored = killed.restored or (0, 0)
     left = {Odometry.type_name: restored[0], LaserScan.type_name: restored[1]}
@@ -143,12 +143,12 @@ def write_log(path: Path, source: Path, messages: Iterable[LoggedMessage]) -> Pa
 
 
 def violations(same: Sequence[Outcome], killed: Outcome, less: Outcome) -> list[str]:
-    """Return what was promised and not kept.
+    """Return the broken promises.
 
     Args:
-        same: runs that must be the same.
-        killed: the one in which mapping was killed.
-        less: that of the log without what was lost.
+        same: the runs that must be equal.
+        killed: the run in which mapping was killed.
+        less: the run of the log without the lost messages.
     """
     found = [
         f"run {number} differs" for number, run in enumerate(same) if run.trajectory != same[0].trajectory

@@ -2,8 +2,9 @@
 
     python -m tools.intel_under_fire [--mapping-kills 5] [--core-kills 3] [--data DIR] [--json]
 
-The same log is mapped twice: undisturbed, and under fire. Every scan is checkpointed. What a killed mapping
-had in its hands is lost, and counted; nothing else is, and the map is as good.
+The tool maps the same log twice: undisturbed, and with kills. Mapping saves a checkpoint after every scan.
+Only the message that a killed mapping was handling may be lost, and it must be counted. The map must be as
+good.
 """
 
 import argparse
@@ -30,7 +31,7 @@ ALLOWED_ERROR_RATIO = 1.1
 
 @dataclass(frozen=True)
 class Shot:
-    """A kill that is to come, when so many messages of the log were handled."""
+    """A planned kill, after a given number of handled messages."""
 
     name: str
     at_handled: int
@@ -59,7 +60,7 @@ def map_intel(folder: Path, data: Path, shots: list[Shot]) -> Outcome:
     """Run the profile `intel` once, killing as planned.
 
     Raises:
-        RobotTrouble: it does not come to its end.
+        RobotTrouble: the run does not end.
     """
     log, share = f"playback.file={data / 'intel.clf'}", "mapping.checkpoint_share=1.0"
     robot = Robot(folder, REPOSITORY, "intel", "--fresh", "--set", log, "--set", share)
@@ -83,7 +84,7 @@ def _wait_until_handled(robot: Robot, messages: int) -> None:
 
 
 def _kill(robot: Robot, name: str) -> None:
-    """Kill a module while it is RUNNING: one that has not come back yet is waited for."""
+    """Kill a module while it is RUNNING. If it is still restarting, wait for it."""
 
     def killed() -> bool:
         return robot.all_running() and robot.send(robot.figures()[name].pid, signal.SIGKILL)
@@ -115,7 +116,7 @@ def _outcome(robot: Robot, summary: dict[str, Any], data: Path, duration_s: floa
 
 
 def violations(calm: Outcome, fire: Outcome, kills: dict[str, int]) -> list[str]:
-    """Compare both runs and return what was promised and not kept."""
+    """Compare both runs and return the broken promises."""
     found = []
     if fire.exit_code:
         found.append(f"exit code {fire.exit_code}")
@@ -161,7 +162,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def spread(kills: dict[str, int], messages: int, seed: int) -> list[Shot]:
-    """Choose moments between 5 and 95 % of a run of so many messages, each in a part of its own."""
+    """Choose moments between 5 and 95 % of a run, given in messages: one in each of equal parts."""
     chance = random.Random(seed)
     names = [name for name, count in kills.items() for _ in range(count)]
     chance.shuffle(names)

@@ -1,10 +1,10 @@
 """Find robots that know nothing but the map: global localisation in random buildings, over many seeds.
 
-In each building a simulated robot stands anywhere. Somebody drives it around; laser and odometry (with slip)
-go to the localizer, which has the building's map. Measured is how far the robot has come when the localizer
-says that it is sure, and how far off the truth it is from then on; to be sure of a wrong place is a failure.
-With `--kidnap` the robot is then lifted and put down elsewhere, and measured is the way until it is found
-again.
+In each building a simulated robot starts at a random pose and is driven around. The localizer has the
+building's map and gets laser sweeps and odometry (with slip). The tool measures how far the robot has driven
+when the localizer reports that it is sure, and its error from then on. Being sure of a wrong place is a
+failure. With `--kidnap` the tool then moves the robot elsewhere and measures the distance until the localizer
+finds it again.
 
     python -m tools.localization_trials --seeds 20 [--kidnap] [--json]
 """

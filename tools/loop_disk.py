@@ -1,8 +1,8 @@
-"""A small disk of our own that may be frozen: ext4 in a file, mounted by a loop device. Needs root on Linux.
+"""A small disk that you can freeze: ext4 in a file, mounted by a loop device. Needs root on Linux.
 
 A process that writes to a frozen file system sleeps in the kernel, and not even SIGKILL ends it, exactly as
-on a disk that has stalled. Nothing but a file system that was made here is ever frozen. A watchdog, a process
-of its own, thaws it when it was frozen for too long, and thaws and unmounts it when we have died.
+on a stalled disk. This module freezes only the file systems that it made. A watchdog, a separate process,
+thaws the file system when it has been frozen for too long, and thaws and unmounts it when its owner has died.
 """
 
 import argparse
@@ -76,12 +76,12 @@ class LoopDisk:
         self._unmount()
 
     def freeze(self) -> None:
-        """Have everybody who writes to it wait, from now on."""
+        """Freeze the disk: from now on, all processes that write to it wait."""
         self._tell("frozen")
         fcntl.ioctl(self._fd, FREEZE, 0)
 
     def thaw(self) -> None:
-        """Let everybody write again; nothing happens if it is not frozen."""
+        """Thaw the disk. Nothing happens if it is not frozen."""
         thaw(self._fd)
         self._tell("thawed")
 

@@ -39,10 +39,10 @@ SETTINGS = (
 CRASHES = "imu"
 QUESTION = "#victim-question:visible"
 VICTIMS_BEFORE = 2
-"""So many are confirmed when the picture of the map is taken."""
+"""Number of confirmed victims when the tool takes the picture of the map."""
 LIMIT_S = 300.0
 SETTLED_S = 5.0
-"""So long a panel is looked at before its picture is taken."""
+"""Time for which a panel is open before the tool takes its picture."""
 PLOTS = (
     ("odom: nav_msgs/Odometry", "twist.twist.linear.x"),
     ("odom: nav_msgs/Odometry", "twist.twist.angular.z"),

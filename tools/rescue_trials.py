@@ -3,9 +3,9 @@
     python -m tools.rescue_trials --seeds 20 --json FILE [--kill] [--first 0] [--profile rescue-fast]
 
 Each seed makes an arena (`hw.simulation.generate_arena`). The profile runs in it until its mission has ended.
-With `--kill` every module is killed once, at a random moment of the mission. In lockstep, as in the profile
-`rescue-fast`, a module that is restarted is waited for; what a death does to a robot that drives on meanwhile
-is seen with `--profile rescue`, at real-time speed.
+With `--kill` the tool kills every module once, at a random moment of the mission. In lockstep, as in the
+profile `rescue-fast`, the robot waits for a restarting module. To see what a death does to a robot that
+drives on meanwhile, use `--profile rescue`, which runs at real-time speed.
 """
 
 import argparse

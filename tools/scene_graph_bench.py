@@ -2,10 +2,10 @@
 
     python -m tools.scene_graph_bench [--seconds 10] [--json]
 
-Time passes as in a robot, but is not waited for: after each update, 4 poses between random nodes are asked
-for, at times within the last second. A second world is the worst there can be: 200 nodes in one row, each on
-a joint of its own. Then the service is fed with as many joint states, and all that it publishes is taken by
-a listener.
+The stamps advance as in a robot, but the tool does not wait. After each update it looks up 4 poses between
+random nodes, at times within the last second. A second world is the worst case: 200 nodes in one chain, each
+on a separate joint. Then the tool sends the service the same number of joint states, and a listener takes
+everything that the service publishes.
 """
 
 import argparse

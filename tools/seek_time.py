@@ -1,9 +1,9 @@
-"""Measures how long a playback takes to go elsewhere in a long log.
+"""Measures how long a playback takes to seek in a long log.
 
     python -m tools.seek_time [--hours 1] [--rate-hz 60] [--seeks 200] [--json]
 
-A log of laser scans is written, and sought in at random places. A seek is over when the first message from
-there could be sent. More than 0.2 s is a violation.
+The tool writes a log of laser scans and seeks to random places. A seek ends when the first message from there
+could be sent. More than 0.2 s is a violation.
 """
 
 import argparse

@@ -1,10 +1,10 @@
-"""Lets a robot run for a long time under kills, floods and playback, and watches what it holds.
+"""Runs a robot for a long time under kills, floods and playback, and watches the resources that it holds.
 
     python -m tools.soak --minutes M [--keep DIR] [--json]
 
-The robot is that of the kill campaign with the Intel log played in real time and mapped. Supervisor, core and
-some modules are spared, so that the memory of one process can be watched all the time; the others are
-killed and stopped. The end and its verdict are those of the campaign.
+The robot is that of the kill campaign; it also plays the Intel log in real time and maps it. The soak spares
+supervisor, core and some modules, so that it can watch the memory of one process all the time. It kills and
+stops the others. The end and the verdict are those of the campaign.
 """
 
 import argparse

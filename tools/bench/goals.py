@@ -1,4 +1,4 @@
-"""What Robbie is to reach, as ratios within one run, and whether it does."""
+"""Robbie's performance goals, as ratios within one run, and whether it meets them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

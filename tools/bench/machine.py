@@ -1,4 +1,4 @@
-"""What a figure was measured on."""
+"""The machine on which a figure was measured."""
 
 import os
 import platform
@@ -15,10 +15,10 @@ from robbie_mp.linux.wake_latency import limit_wake_latency
 
 @contextmanager
 def processors_awake() -> Iterator[None]:
-    """Keep processors from sleeping, for whoever runs.
+    """Keep processors from sleeping, for all processes.
 
     Raises:
-        OSError: this machine does not let us.
+        OSError: this machine does not permit it.
     """
     device = limit_wake_latency(0)
     try:

@@ -5,13 +5,13 @@
 Run it from a checkout (the simulated run is that of `tests/core`). An input says what a hostile module pushes
 and writes where in its segment, what it and two innocent modules do in between, and when the core dies. A
 finding is: an exception that leaves the core; an input that takes longer than 20 s; a wrong record whose
-module is not faulted, or a right one whose module is; somebody else accused; a message that the innocent did
-not get once and in order; books that do not balance. Its input is kept in the current directory, and
-`--input` plays it again.
+module is not faulted, or a right one whose module is; an innocent module that is faulted; a message that an
+innocent module did not get exactly once and in order; counters that do not add up. The tool keeps the
+finding's input in the current directory, and `--input` plays it again.
 
-Inputs are made by atheris (libFuzzer for Python), which looks for those that reach new branches of the core
-and needs the extra `fuzz`; or, with `--plain`, in a fixed order: every kind of record with every word of a
-dictionary in each of its columns, then random mutations.
+By default atheris (libFuzzer for Python) makes the inputs: it looks for inputs that reach new branches of the
+core, and needs the extra `fuzz`. With `--plain` the tool makes them in a fixed order: every kind of record
+with every word of a dictionary in each of its columns, then random mutations.
 """
 
 import argparse

@@ -11,9 +11,9 @@ from tools.kill_campaign.robot import Robot
 
 CORE = "core"
 RECOVERY_S = 0.5
-"""Within this time after a kill the victim is mostly still recovering."""
+"""A victim is usually still recovering for this long after a kill."""
 CORE_REST_S = 11.0
-"""The core's restarts are limited by the supervisor; running for 10 s gives it the whole budget back."""
+"""The supervisor limits the core's restarts. After 10 s of running, the core has its full budget again."""
 KINDS = {
     "one module": 10,
     "two at once": 2,
@@ -26,7 +26,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Signalled:
-    """A signal that met a living process."""
+    """A signal that was sent to a living process."""
 
     kind: str
     name: str
@@ -42,15 +42,15 @@ class Attack:
 
     Args:
         robot: the robot, RUNNING.
-        seed: of all choices.
+        seed: random seed of all choices.
         mean_pause_s: mean time between attacks.
-        longest_stop_s: how long a process is stopped at most.
-        spared: names of processes that are not to be killed or stopped.
+        longest_stop_s: maximum time for which a process is stopped.
+        spared: names of processes that are never killed or stopped.
         each_second: called about once a second.
         each_look: called about twenty times a second.
 
     Attributes:
-        kills, stops: what was done.
+        kills, stops: the signals sent.
     """
 
     robot: Robot
@@ -64,21 +64,21 @@ class Attack:
     stops: list[Signalled] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Begin with nothing stopped."""
+        """Start with no process stopped."""
         self._random = random.Random(self.seed)
         self._stopped: dict[int, float] = {}
         self._core_rests_until_s = 0.0
         self._next_second_s = 0.0
 
     def run(self, kills: int, deadline_s: float = float("inf")) -> None:
-        """Attack until so many were killed, a time of the monotonic clock, or the end of the run."""
+        """Attack until a number of kills, a time of the monotonic clock, or the end of the run."""
         while len(self.kills) < kills and time.monotonic() < deadline_s and self.robot.is_up:
             self._pause(self._random.expovariate(1 / self.mean_pause_s))
             kind = self._random.choices(list(KINDS), list(KINDS.values()))[0]
             self._attack(kind)
 
     def finish(self) -> None:
-        """Let everything run that is stopped."""
+        """Resume all stopped processes."""
         for pid in list(self._stopped):
             self._continue(pid)
 
@@ -111,7 +111,7 @@ class Attack:
             self._kill(kind, CORE, first)
 
     def _kill(self, kind: str, *names: str) -> None:
-        """Kill processes as nearly at once as signals go."""
+        """Kill several processes as nearly at the same time as signals allow."""
         figures = self.robot.figures()
         for name in names:
             pid, incarnation, at_ns = figures[name].pid, figures[name].incarnation, time.monotonic_ns()
@@ -135,7 +135,7 @@ class Attack:
             self._core_rests_until_s = time.monotonic() + CORE_REST_S
 
     def _pause(self, length_s: float) -> None:
-        """Wait, and meanwhile let run on what was stopped long enough."""
+        """Wait, and resume processes that have been stopped for long enough."""
         until_s = time.monotonic() + length_s
         while (left_s := until_s - time.monotonic()) > 0:
             time.sleep(min(left_s, 0.05))

@@ -24,7 +24,7 @@ from tools.kill_campaign.traces import Traces
 from tools.kill_campaign.verdict import causes, judge, read_records
 
 CALM_S = 1.0
-"""Time without kills before the pause, so that everybody's last messages are handled."""
+"""Time without kills before the pause, so that all modules handle their last messages."""
 REST_LIMIT_S = 120.0
 RESTART_SAID = re.compile(r"^(\S+): BACKOFF \((.*), again in [0-9.]+ s\)$", re.MULTILINE)
 
@@ -35,14 +35,14 @@ class Plan:
 
     Attributes:
         kills: processes to kill.
-        minutes: end after this time, whatever was killed.
+        minutes: end after this time, even with fewer kills.
         mean_pause_s: mean time between attacks.
-        longest_stop_s: how long a process is stopped at most.
+        longest_stop_s: maximum time for which a process is stopped.
         spared: processes that are neither killed nor stopped.
         rounds_with_camera: how often to measure what a stopped and a hoarding viewer of a camera cost a
             healthy one; 0: without a camera.
-        freeze_log: have the disk of the logs stand still now and then.
-        others: modules besides the participants, as the profile has them.
+        freeze_log: freeze the logs' disk from time to time.
+        others: further modules, as in a profile.
     """
 
     kills: int
@@ -59,7 +59,7 @@ class Plan:
 def run_campaign(
     plan: Plan, folder: Path, each_second: Callable[[Robot], None] | None = None
 ) -> dict[str, Any]:
-    """Run a campaign in an empty folder and return its report; `violations` must be empty.
+    """Run a campaign in an empty folder and return its report. Its `violations` must be empty.
 
     Raises:
         RobotTrouble: the robot does not start, come to rest, or end.
@@ -150,7 +150,7 @@ def _pids(robot: Robot) -> dict[str, int]:
 
 
 def _come_to_rest(robot: Robot, names: list[str]) -> float:
-    """Have everybody pause, and wait until nobody waits for, handles or holds any message."""
+    """Pause all modules, and wait until none of them waits for, handles or holds a message."""
     (robot.output / PAUSE_FILE).touch()
     return robot.wait_for(lambda: _rests(robot, names), "messages are still held or waited for", REST_LIMIT_S)
 
@@ -166,7 +166,7 @@ def _rests(robot: Robot, names: list[str]) -> bool:
 
 
 def _deaths(attack: Attack, figures: Mapping[str, ModuleFigures]) -> list[str]:
-    """Every restart must be our doing; a process that was stopped may also have been taken for hung."""
+    """Check that the campaign caused every restart. A stopped process may also count as hung."""
     found = []
     for name, module in figures.items():
         killed = {signalled.incarnation for signalled in attack.kills if signalled.name == name}
@@ -177,7 +177,7 @@ def _deaths(attack: Attack, figures: Mapping[str, ModuleFigures]) -> list[str]:
 
 
 def _other_ends(said: str) -> dict[str, int]:
-    """Restarts that were not for SIGKILL, by name and reason, as the supervisor has said them."""
+    """Return the restarts not caused by SIGKILL, by name and reason, from the supervisor's log."""
     ends = RESTART_SAID.findall(said)
     return dict(Counter(f"{name}: {reason}" for name, reason in ends if reason != "killed by SIGKILL"))
 
@@ -185,7 +185,7 @@ def _other_ends(said: str) -> dict[str, int]:
 def _end(
     robot: Robot, summary: dict[str, Any], figures: Mapping[str, ModuleFigures], names: list[str]
 ) -> list[str]:
-    """The summary must say what could be seen before, and nothing may be left."""
+    """Check that the summary matches the figures seen before the end, and that nothing is left behind."""
     code, reason = summary["exit_code"], summary["reason"]
     found = [f"the run ended with {code}: {reason}"] if code else []
     for module in summary["modules"]:

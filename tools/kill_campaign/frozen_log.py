@@ -1,4 +1,4 @@
-"""A disk for the robot's logs that stands still now and then, and what that must not cost the robot."""
+"""A disk for the robot's logs that freezes from time to time, and a check that the robot does not suffer."""
 
 import contextlib
 import random
@@ -19,15 +19,15 @@ SHORTEST_S = 1.0
 LONGEST_S = 12.0
 RESTART_S = 3.0
 MAX_FROZEN_S = 30.0
-"""After this time the disk's watchdog thaws it, whatever has become of the campaign."""
+"""After this time the disk's watchdog thaws the disk, even if the campaign has died."""
 
 
 @contextlib.contextmanager
 def log_disk(output: Path) -> Iterator[LoopDisk | None]:
-    """Put the logs of a run on a disk of their own; None, and it is said, where there can be none.
+    """Put the logs of a run on a separate disk. Where that is impossible, say so and yield None.
 
     Args:
-        output: where the run will write; not there yet.
+        output: folder where the run will write. It must not exist yet.
     """
     try:
         disk = LoopDisk(256 << 20, MAX_FROZEN_S).__enter__()
@@ -50,13 +50,13 @@ class FrozenLog:
     """Freezes and thaws the disk at random moments.
 
     Args:
-        disk: of the logs.
+        disk: the logs' disk.
         robot: the robot, RUNNING.
-        seed: of all choices.
+        seed: random seed of all choices.
 
     Attributes:
-        frozen_ns: begin and end of each time of standstill, on the monotonic clock.
-        restarts: how many processes were started again while the disk stood still.
+        frozen_ns: begin and end of each freeze, on the monotonic clock.
+        restarts: number of processes restarted while the disk was frozen.
     """
 
     disk: LoopDisk
@@ -73,7 +73,7 @@ class FrozenLog:
         self._next_s = time.monotonic() + self._random.expovariate(1 / MEAN_PAUSE_S)
 
     def look(self) -> None:
-        """Freeze or thaw it if it is time to; called often."""
+        """Freeze or thaw the disk when it is time. Call this often."""
         if time.monotonic() < self._next_s:
             return
         if self._began_ns is None:
@@ -85,7 +85,7 @@ class FrozenLog:
             self.finish()
 
     def finish(self) -> None:
-        """Thaw it, if it is frozen."""
+        """Thaw the disk if it is frozen."""
         if self._began_ns is not None:
             self.restarts += self._count() - self._restarts_before
             self.frozen_ns.append((self._began_ns, time.monotonic_ns()))
@@ -94,7 +94,7 @@ class FrozenLog:
         self._next_s = time.monotonic() + self._random.expovariate(1 / MEAN_PAUSE_S)
 
     def during(self, kills: list[Signalled], left_s: float = 0.0) -> list[Signalled]:
-        """Return the kills that fell into a standstill, so long before its end."""
+        """Return the kills that fell into a freeze, at least a given time before its end."""
         left_ns = left_s * 1e9
         return [
             kill
@@ -118,9 +118,9 @@ class FrozenLog:
         }
 
     def violations(self, kills: list[Signalled]) -> list[str]:
-        """Of the processes killed well before a standstill's end, half must have been started again in it.
+        """Check that half the processes killed well before a freeze's end were restarted during the freeze.
 
-        Not all, for a victim may be waiting for another one, or have been killed again.
+        Not all of them need be: a victim may wait for another one, or may have been killed again.
         """
         killed = len(self.during(kills, RESTART_S))
         if self.restarts < killed / 2:

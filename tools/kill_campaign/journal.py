@@ -1,14 +1,14 @@
-"""What a module writes down about itself: one line an event, in the page cache before the next step.
+"""A module's journal of its own events: one line per event, in the page cache before the next step.
 
-A line ends in ' .', so that one cut short by SIGKILL (which may end a write at a page's border) can be told;
-it counts as never written. Lines, with times `t` of the monotonic clock in nanoseconds:
+Each line ends in ' .', which shows that it is complete. SIGKILL may cut a write short at a page boundary; the
+reader ignores such a line. Lines, with times `t` of the monotonic clock in nanoseconds:
 
-    S incarnation t                       a process has begun
-    I number t                            it is going to publish this number
-    A number t                            it was accepted
-    R number t                            it was refused
+    S incarnation t                       a process has started
+    I number t                            the module is about to publish this number
+    A number t                            `publish` accepted it
+    R number t                            `publish` refused it
     E sequence publisher incarnation number whole published t     a handler was entered
-    L sequence t                          and left
+    L sequence t                          the handler returned
 """
 
 import os
@@ -20,18 +20,18 @@ END = " ."
 
 
 class Journal:
-    """Appends lines to a file, without a buffer of the process's own.
+    """Appends lines to a file, without a buffer in the process.
 
     Args:
-        path: the file; it is made if it is not there.
+        path: the file, created if it does not exist.
     """
 
     def __init__(self, path: Path):
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o600)
-        os.write(self._fd, b"\n")  # the process before may have died in the middle of a line
+        os.write(self._fd, b"\n")  # the previous process may have died in the middle of a line
 
     def note(self, *words: object) -> None:
-        """Write one line; the time is added."""
+        """Write one line and add the time."""
         os.write(self._fd, f"{' '.join(map(str, words))} {time.monotonic_ns()}{END}\n".encode())
 
 

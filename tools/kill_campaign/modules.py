@@ -1,4 +1,4 @@
-"""The module of which the campaign's robot is made; its settings say what part it plays."""
+"""The module that makes up the campaign's robot. Its settings choose its part."""
 
 import math
 import random
@@ -16,14 +16,14 @@ from tools.kill_campaign.message import Noise, Numbered, checksum, is_whole
 PAUSE_FILE = "pause"
 HOARD_FILE = "hoard"
 QUIET = "paused, 0 outstanding"
-"""The status of a paused module whose messages nobody has or waits for any more."""
+"""The status of a paused module when no process holds or awaits its messages any more."""
 
 
 class Participant(Module):
     """Publishes on the topic of its own name, journals what it handles, or both.
 
-    It stops publishing and lets go of all arrays when there is a file `pause` in the output directory. A
-    hoarder keeps arrays only while there is a file `hoard`.
+    The module stops publishing and releases all arrays while the output directory contains a file `pause`. A
+    hoarder keeps arrays only while the directory contains a file `hoard`.
     """
 
     period_s: float = setting(0.05, "time between ticks", minimum=0.001)
@@ -40,7 +40,7 @@ class Participant(Module):
     hoards: bool = setting(False, "keep them only while there is a file `hoard`, but all of them")
 
     def setup(self) -> None:
-        """Begin a new incarnation and say so."""
+        """Start a new incarnation and journal it."""
         self.incarnation = (self.restored or 0) + 1
         self.checkpoint(self.incarnation)
         self.journal = Journal(self.output_directory / f"{self.name}.journal")
@@ -56,16 +56,16 @@ class Participant(Module):
 
     @property
     def is_paused(self) -> bool:
-        """Whether the campaign wants it quiet."""
+        """Whether the campaign has paused the module."""
         return (self.output_directory / PAUSE_FILE).exists()
 
     @property
     def may_hold(self) -> bool:
-        """Whether it is to keep arrays now."""
+        """Whether the module keeps arrays now."""
         return not self.is_paused and (not self.hoards or (self.output_directory / HOARD_FILE).exists())
 
     def tick(self) -> None:
-        """Publish a burst, or be quiet."""
+        """Publish a burst, unless paused."""
         if self.is_paused:
             self.held.clear()
             self.status = f"paused, {self.outstanding} outstanding"
@@ -80,7 +80,7 @@ class Participant(Module):
                 self.send()
 
     def on_message(self, message: Numbered) -> None:
-        """Journal a message, and play the part that the settings say."""
+        """Journal a message, and act as the settings say."""
         envelope = self.envelope
         whole = int(is_whole(message) and envelope.sender == envelope.topic == message.publisher)
         self.journal.note(
@@ -101,7 +101,7 @@ class Participant(Module):
                 self.held.popleft()
         if self.relay_every and self.handled % self.relay_every == 0 and not self.is_paused:
             self.send()
-        # What lay in memory while the handler ran must still be what was published.
+        # The message in memory must not have changed while the handler ran.
         self.journal.note("L", envelope.sequence, int(is_whole(message)))
 
     def send(self) -> None:

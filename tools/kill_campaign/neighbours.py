@@ -1,4 +1,4 @@
-"""What a stopped and a hoarding subscriber cost a healthy one of the same camera."""
+"""Measures how much a stopped and a hoarding subscriber slow down a healthy one of the same camera."""
 
 import signal
 import time
@@ -23,14 +23,14 @@ class Rates:
 
     viewed_hz: float
     taken_hz: float
-    """Images that the camera took, whether or not there was room for them."""
+    """Images that the camera took, including those for which no memory was free."""
 
 
 def measure_neighbours(robot: Robot, rounds: int) -> dict[str, Any]:
-    """Compare the viewer's rate while one viewer is stopped and another hoards with its own just before.
+    """Compare the viewer's rate while one viewer is stopped and another hoards with its own rate just before.
 
-    The rate of what it sees is related to that of what the camera takes, which on a busy machine is not
-    always the same. Of several rounds the median counts. Afterwards the hoarder hoards for good.
+    The viewer's rate is divided by the camera's, which varies on a busy machine. The result is the median of
+    several rounds. Afterwards the hoarder keeps hoarding.
     """
     ratios, before, during = [], [], []
     hoard = robot.output / HOARD_FILE
@@ -64,7 +64,7 @@ def measure_neighbours(robot: Robot, rounds: int) -> dict[str, Any]:
 
 
 def ratio_of(before: Rates, during: Rates) -> float:
-    """Return which part of its rate the viewer has kept; 0 if it or the camera did nothing."""
+    """Return the share of its rate that the viewer kept; 0 if it or the camera did nothing."""
     if not before.viewed_hz or not before.taken_hz or not during.taken_hz:
         return 0.0
     return (during.viewed_hz / during.taken_hz) / (before.viewed_hz / before.taken_hz)

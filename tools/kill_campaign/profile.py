@@ -1,4 +1,4 @@
-"""The campaign's robot: who publishes what, and who listens to whom."""
+"""The campaign's robot: its publishers, its subscribers, and their topics."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -35,7 +35,7 @@ WITH_CAMERA: dict[str, dict[str, Any]] = {
     HOARDER: {"topics": [CAMERA], "hold": 60, "hoards": True},
     CAMERA: {"burst": 1, "period_s": 1 / 30, "smallest_bytes": IMAGE_BYTES, "largest_bytes": IMAGE_BYTES},
 }
-"""A camera and its three viewers; their memory and queues are what any module has by default."""
+"""A camera and its three viewers, with the default memory and queues of any module."""
 SHORT_QUEUE = {"messages": 100, "bytes": 16 * MEGABYTE}
 """Of the slow one, so that it is full most of the time."""
 MEMORY = {"segment_bytes": MEGABYTE, "limit_bytes": 96 * MEGABYTE, "checkpoint_bytes": 4096}
@@ -54,7 +54,7 @@ def roles(*, overloaded: bool, camera: bool = False) -> dict[str, dict[str, Any]
 
 
 def publishers(settings: dict[str, dict[str, Any]]) -> list[str]:
-    """Names of those who publish."""
+    """Names of the publishers."""
     return [name for name, part in settings.items() if part.get("burst") or part.get("relay_every")]
 
 
@@ -66,7 +66,7 @@ def write_workspace(
     Args:
         folder: of the workspace.
         settings: of the participants, by name.
-        others: further modules as the profile has them.
+        others: further modules, as in a profile.
     """
     known = {*publishers(settings), ""}
     modules = dict(others)

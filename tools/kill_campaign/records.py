@@ -1,4 +1,4 @@
-"""What the journals of a campaign say, read as streams and kept as figures."""
+"""The journals of a campaign, read as streams and kept as figures."""
 
 from array import array
 from collections import defaultdict
@@ -14,13 +14,13 @@ Key = tuple[int, int]
 
 @dataclass
 class Published:
-    """What one publisher has written down over all incarnations."""
+    """One publisher's journal over all incarnations."""
 
     intended: dict[int, int] = field(default_factory=dict)
     """How many numbers each incarnation tried to publish."""
     refused: set[Key] = field(default_factory=set)
     uncertain: set[Key] = field(default_factory=set)
-    """Numbers after whose intent the process died: they may or may not have been published."""
+    """Numbers that the process was about to publish when it died: they may or may not have been published."""
     last_accepted: Key = (0, -1)
 
     @property
@@ -36,14 +36,14 @@ class Published:
 
 @dataclass
 class Handled:
-    """What one subscriber has written down about one publisher's messages, over all incarnations."""
+    """One subscriber's journal about one publisher's messages, over all incarnations."""
 
     entered: int = 0
     left: int = 0
     last_key: Key = (0, -1)
     last_sequence: int = 0
     uncertain: set[Key] = field(default_factory=set)
-    """Numbers of which the publisher does not know whether it has published them; here they are."""
+    """Received numbers for which the publisher does not know whether it published them."""
 
 
 @dataclass
@@ -64,7 +64,7 @@ class ModuleRecord:
 
 
 def read_published(path: Path, record: ModuleRecord) -> None:
-    """Read what a module published; comes before everybody's `read_handled`."""
+    """Read what a module published. Do this for all modules before any `read_handled`."""
     incarnation, pending = 0, None
     published = record.published
     for words in read_journal(path):
@@ -93,8 +93,8 @@ def read_published(path: Path, record: ModuleRecord) -> None:
 def read_handled(path: Path, record: ModuleRecord, publishers: dict[str, Published]) -> None:
     """Read what a module handled, and check the order and wholeness of every message.
 
-    One global sequence, strictly increasing over all incarnations and publishers, and numbers strictly
-    increasing for each publisher: so nothing comes twice or out of order.
+    The global sequence must increase strictly over all incarnations and publishers, and the numbers must
+    increase strictly for each publisher. So no message comes twice or out of order.
     """
     last_sequence, current, has_worked = 0, None, False
     tell = record.violations.append

@@ -1,4 +1,4 @@
-"""How long it took until a killed process did its work again."""
+"""The time from a kill until the process works again."""
 
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
@@ -14,9 +14,9 @@ Statistics = dict[str, float]
 def recovery_times(kills: Iterable[Signalled], records: dict[str, ModuleRecord]) -> dict[str, Statistics]:
     """Times from a kill to the next message: of modules, handled or published; of the core, routed.
 
-    For the core it is the time until the first handler is entered for a message published after the kill.
-    A victim that had no message to handle for a while counts as long as that took, and one that was killed
-    again before it worked counts until it worked at last.
+    For the core it is the time until the first handler is entered for a message published after the kill. If
+    a victim had no message to handle for a while, that time counts. If it was killed again before it worked,
+    the time counts until it finally worked.
     """
     pairs = [_by_publication(record) for record in records.values() if record.entered_ns]
     found: dict[str, list[float]] = {"module": [], CORE: []}

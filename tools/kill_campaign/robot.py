@@ -1,4 +1,4 @@
-"""A robot under test: its own workspace, its own folder of runs, its supervisor a child of the campaign."""
+"""A robot under test, with its own workspace and runs folder; its supervisor is the campaign's child."""
 
 import contextlib
 import json
@@ -25,7 +25,7 @@ POLL_S = 0.02
 
 
 class RobotTrouble(RuntimeError):
-    """The robot did not do what it must, whatever is killed."""
+    """The robot did not do what it must do in spite of all kills."""
 
 
 class Robot:
@@ -63,7 +63,7 @@ class Robot:
         self.wait_for(self.all_running, "not everything is RUNNING")
 
     def attach(self) -> bool:
-        """Find the run and its figures; whether they are there."""
+        """Find the run and its figures. Return whether they exist yet."""
         runs = list_runs(self._bases)
         if not runs:
             return False
@@ -91,7 +91,7 @@ class Robot:
         """Wait for a condition; return how long it took (s).
 
         Raises:
-            RobotTrouble: it is not met in time, or the run has ended.
+            RobotTrouble: the condition is not met in time, or the run has ended.
         """
         began_s = time.monotonic()
         while not condition():
@@ -103,7 +103,7 @@ class Robot:
         return time.monotonic() - began_s
 
     def send(self, pid: int, number: signal.Signals) -> bool:
-        """Send a signal to a child of this supervisor, and surely to no other; False if it has ended."""
+        """Send a signal to a child of this supervisor and to no other process; False if it has ended."""
         try:
             descriptor = os.pidfd_open(pid)
         except ProcessLookupError:
@@ -135,14 +135,14 @@ class Robot:
         return found
 
     def said(self) -> str:
-        """Return what the supervisor has said so far: each restart with its reason."""
+        """Return the supervisor's messages so far: each restart with its reason."""
         return Path(self._stderr.name).read_text(errors="replace")
 
     def _last_words(self) -> str:
         return self.said()[-2000:]
 
     def close(self) -> None:
-        """End whatever still runs."""
+        """End everything that still runs."""
         if self.is_up:
             self.supervisor.kill()  # its children die with it
             self.supervisor.wait()

@@ -1,4 +1,4 @@
-"""What one stopped module costs the others: their latency while it stands still, and while it does not."""
+"""Measures what one stopped module costs the others: their latency with and without the stop."""
 
 import signal
 import time
@@ -13,9 +13,9 @@ from tools.kill_campaign.verdict import read_records
 
 VICTIMS = ("sink_all", "holder", "sink_large")
 STOP_S = 8.0
-"""Less than what a stopped module is granted until it is hung, and restarted."""
+"""Less than the time after which the supervisor restarts a stopped module as hung."""
 SETTLE_S = 3.0
-"""After a stop, until what has queued up is handled."""
+"""Time after a stop for the modules to handle their queued messages."""
 ALLOWED_RATIO = 1.5
 
 Span = tuple[int, int]
@@ -25,8 +25,8 @@ Span = tuple[int, int]
 def measure_stop_latency(folder: Path, rounds: int, stop_s: float = STOP_S) -> dict[str, Any]:
     """Stop one module after another for 8 s, and compare the others' latency with as long a time before.
 
-    Latency is from publishing to entering the handler. Reported are the 99th percentiles over all messages of
-    all other subscribers; more than 1.5 times as much during the stops is a violation.
+    Latency is the time from publishing to entering the handler. The report gives the 99th percentiles over
+    all messages of all other subscribers. More than 1.5 times the latency during the stops is a violation.
     """
     settings = roles(overloaded=False)
     write_workspace(folder / "workspace", settings, {})

@@ -1,4 +1,4 @@
-"""What a run holds of the machine: names in shared memory, descriptors, mappings, rows of tables."""
+"""The machine's resources that a run holds: shared memory names, descriptors, mappings, rows of tables."""
 
 import contextlib
 import os
@@ -17,11 +17,11 @@ from robbie_mp.transport.tables import CoreTables
 
 @dataclass(frozen=True)
 class Traces:
-    """What there is at one moment.
+    """The resources at one moment.
 
     Attributes:
         names: entries of /dev/shm that belong to the run.
-        descriptors: what each process has open besides the run's segments, by its name.
+        descriptors: the other open files of each process, by its name, without the run's segments.
         mappings: the run's segments that each process maps or has open, by its name; as `/proc` calls them.
     """
 
@@ -113,7 +113,7 @@ def violations(before: Traces, after: Traces, run_id: str, modules: Mapping[str,
 
 
 def rows_used(run_id: str) -> int:
-    """Messages, and claims to them, that the core's tables still hold."""
+    """Return the messages, and claims to them, that the core's tables still hold."""
     segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
     try:
         words, tables = segment.words, CoreTables.attach(segment.words)
@@ -126,7 +126,7 @@ def rows_used(run_id: str) -> int:
 
 
 def _kind(path: str) -> str:
-    """What is behind a descriptor, without the number that tells it from others."""
+    """Return what a descriptor refers to, without the number that distinguishes it from others."""
     return path.partition(":")[0]
 
 

@@ -1,20 +1,20 @@
-"""The verdict on a campaign: what the journals say, compared with what the core has counted.
+"""The verdict on a campaign: compares the journals with the core's counters.
 
-A publisher killed between the line before `publish` and the line after it leaves one number of which nobody
-knows whether it was published, unless a subscriber has it. So each death of a publisher makes the number of
-its published messages uncertain by at most one; nothing else is uncertain.
+If a publisher is killed between the line before `publish` and the line after it, it is unknown whether this
+one number was published, unless a subscriber has it. So each death of a publisher makes the number of its
+published messages uncertain by at most one. Nothing else is uncertain.
 
 For a subscription with E messages entered and L left in the journal, D deaths of its module, and the
 core's figures, all of this must hold:
 
-- accepted ≤ routed ≤ accepted + uncertain, the uncertain ones that somebody has counting as accepted;
+- accepted ≤ routed ≤ accepted + uncertain, where uncertain messages that a subscriber has count as accepted;
 - routed is the number of messages that passed through its channels, the same for all of its kind;
 - routed = delivered + replaced + dropped + lost, nothing waiting;
 - delivered ≤ L, E - L ≤ lost, E ≤ delivered + lost. Together with the line above: every message that is
   not in the journal is in replaced, dropped or lost;
 - lost ≤ D, over all subscriptions of the module;
-- the last message of each publisher has arrived: a queue that is full loses its oldest, and who keeps only
-  the newest has the newest at the end.
+- the last message of each publisher has arrived: a full queue drops its oldest message, and a subscriber
+  that keeps only the newest has the newest at the end.
 """
 
 from collections import Counter
@@ -33,18 +33,18 @@ SHOWN = 50
 
 @dataclass
 class Verdict:
-    """What a campaign has found.
+    """The findings of a campaign.
 
     Attributes:
-        records: what each module has written down.
-        violations: promises broken, one line each.
+        records: the journal of each module.
+        violations: broken promises, one line each.
     """
 
     records: dict[str, ModuleRecord]
     violations: list[str] = field(default_factory=list)
 
     def totals(self) -> dict[str, int]:
-        """Messages by what became of them, as the journals say."""
+        """Return the number of messages by outcome, from the journals."""
         published = [record.published for record in self.records.values()]
         handled = [entry for record in self.records.values() for entry in record.handled.values()]
         return {
@@ -125,7 +125,7 @@ def _subscriber(module: ModuleFigures, record: ModuleRecord, messages: Mapping[s
 def _last_messages(
     module: ModuleFigures, record: ModuleRecord, records: Mapping[str, ModuleRecord]
 ) -> Iterator[str]:
-    """Of a subscription to everybody's newest messages only the last one of all need have arrived."""
+    """If a subscription to all publishers keeps the newest, only the last of all must have arrived."""
     for books in module.subscriptions:
         if not books.topic and books.handling == MessageHandling.KEEP_ONLY_NEWEST.name:
             continue
@@ -150,7 +150,7 @@ def _subscription(books: SubscriptionFigures, entries: list[Handled], routed: in
 
 
 def causes(modules: Mapping[str, ModuleFigures]) -> dict[str, int]:
-    """What became of all messages that were routed, over all subscriptions."""
+    """Return the outcome of all routed messages, over all subscriptions."""
     found: Counter[str] = Counter()
     for module in modules.values():
         for column in ("routed", "delivered", "replaced", "dropped", "lost"):

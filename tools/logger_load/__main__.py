@@ -1,7 +1,7 @@
 """Measures what recording everything costs: `python -m tools.logger_load [--seconds 60] [--json FILE]`.
 
-Twenty modules exchange images of 6.2 MB ten times a second and 2,000 small messages a second. They are
-measured in turn, and as many rounds as wanted, without anybody who records (`without`) and with
+Twenty modules exchange images of 6.2 MB ten times a second and 2,000 small messages a second. In each round
+the tool measures them in turn without a recorder (`without`) and with each of these:
   taker      a subscriber that takes everything and does nothing,
   patient    the same, but it looks only every 20 ms, as the logger does,
   bystander  a process that takes nothing, but compresses as much as the logger,
@@ -27,7 +27,7 @@ from tools.bench.table import render, short_number
 from tools.logger_load.measure import CLASSES, WITHOUT, Result, measure
 
 GOAL = 1.2
-"""So much longer than without a logger messages may take."""
+"""The largest allowed ratio of a message's latency with a logger to that without."""
 COLUMNS: dict[str, Callable[[Result], float | None]] = {
     "small p50 us": lambda one: one["small"]["p50_us"],
     "small p99 us": lambda one: one["small"]["p99_us"],

@@ -1,4 +1,4 @@
-"""Runs the robot once, recorded or not, and says what came of it."""
+"""Runs the robot once, with or without a recorder, and returns the figures."""
 
 import contextlib
 import shutil
@@ -34,7 +34,7 @@ CLASSES = {
     MEMORY: "robbie_mp.services.message_logger:MessageLogger",
     MESSAGE_LOGGER: "robbie_mp.services.message_logger:MessageLogger",
 }
-"""Who records, besides nobody: from one who only takes messages to the logger itself."""
+"""The recorders, from one that only takes messages to the logger itself."""
 LOGGERS = (DISCARD, NULL, MEMORY, MESSAGE_LOGGER)
 SHARED_MEMORY = Path("/dev/shm")
 PAIRS = 9

@@ -1,9 +1,10 @@
 """Measures what the operator's page costs: `python -m tools.operator_load [--seconds 60] [--json FILE]`.
 
-A robot with a map of 1000 x 1000 cells, two cameras at 10 Hz and 50,000 points at 5 Hz is looked at by an
-operator and five observers. Its modules also exchange 500 small messages a second, whose latency is measured:
-without a station, with one that nobody looks at, with pages, and with one observer more whose link carries
-nothing any more, or little; then how often map and 3-D view are drawn while a mouse drags and zooms there.
+An operator and five observers watch a robot with a map of 1000 x 1000 cells, two cameras at 10 Hz and 50,000
+points at 5 Hz. The robot's modules also exchange 500 small messages a second. The tool measures their latency
+without a station, with a station without pages, with pages, and with one more observer whose link carries
+nothing any more, or little. Then it measures how often map and 3-D view are drawn while a mouse drags and
+zooms there.
 """
 
 import argparse

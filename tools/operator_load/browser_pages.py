@@ -1,7 +1,8 @@
 """Pages in a real Chromium: `python -m tools.operator_load.browser_pages ADDRESS ROLE/TAB …`.
 
-Says `ready` when all show their tabs. For a line `count` it says how often each has been drawn so far, for a
-line `drag` how often in a second while a mouse drags and zooms there; as JSON. It ends with its input.
+The program prints `ready` when all pages show their tabs. To a line `count` it answers how often each page
+has been drawn so far; to a line `drag`, how often per second while a mouse drags and zooms there. The answers
+are JSON. The program ends when its input ends.
 """
 
 import json

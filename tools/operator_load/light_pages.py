@@ -1,7 +1,7 @@
 """Pages without a browser: `python -m tools.operator_load.light_pages ADDRESS ROLE/TAB …`.
 
-They load what the page loads, connect as it does, take what it takes and answer what it answers, but draw
-nothing. What they say is as `browser_pages` says it.
+They load, connect, receive and answer as the real page does, but draw nothing. Their output has the form of
+that of `browser_pages`.
 """
 
 import ast

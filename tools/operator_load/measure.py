@@ -1,4 +1,4 @@
-"""Runs the robot once, with or without its operator's page, and says what came of it."""
+"""Runs the robot once, with or without its operator's page, and returns the figures."""
 
 import json
 import re
@@ -33,7 +33,7 @@ TALK_HZ = 100.0
 SETTLE_S = 5.0
 SAMPLE_S = 1.0
 KINDS = {
-    # Browsers run on other machines, so here they run when nobody else wants the processor.
+    # Browsers normally run on other machines, so here they get only the processor time that is left.
     "browser": ["nice", "-n", "19", sys.executable, "-m", "tools.operator_load.browser_pages"],
     "light": [sys.executable, "-m", "tools.operator_load.light_pages"],
 }

@@ -1,4 +1,4 @@
-"""A link to a server that carries as little as one wants: what comes from there is read only so fast."""
+"""A link to a server with a limited rate: it reads the server's data only at the rate that you set."""
 
 import asyncio
 import math
@@ -10,15 +10,15 @@ from contextlib import contextmanager
 
 PIECE = 4096
 KERNEL_BYTES = 1 << 16
-"""So much more may be on its way."""
+"""Data that may be in transit beyond the rate."""
 
 
 class NarrowLink:
     """Passes connections on to a server.
 
     Attributes:
-        bytes_per_s: from the server, of all connections together; 0: nothing any more. As much as it can
-            at first.
+        bytes_per_s: rate from the server, for all connections together. 0: nothing any more. At first,
+            the rate is not limited.
         port: of this end.
     """
 

@@ -1,1 +1,1 @@
-"""How soon the robot stands whatever becomes of page, server or link; see `__main__`."""
+"""Measures how soon the robot stops when page, server or link fails; see `__main__`."""

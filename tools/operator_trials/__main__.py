@@ -1,11 +1,11 @@
-"""How soon the robot stands, whatever becomes of the page, its server or the link to it.
+"""Measures how soon the robot stops when the page, its server or the link to it fails.
 
     python -m tools.operator_trials --repeats 20 --presses 200 --json FILE
 
-A simulated robot with an operator station, driven by a real Chromium (with Playwright, and a Chromium of
-the system); once on the machine as it is, once while all processors are busy and mapping is killed every
-few seconds. Times are those that the base itself gives its messages. The link is cut in a network namespace,
-where that is permitted.
+A real Chromium (the system's, with Playwright) drives a simulated robot through its operator station: once on
+the machine as it is, and once while all processors are busy and mapping is killed every few seconds. The
+times are the stamps of the base's own messages. The tool cuts the link in a network namespace, where that is
+permitted.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""From what becomes of page, server or link while it drives until the robot stands."""
+"""Measures the time from a failure of page, server or link during a drive until the robot stands."""
 
 import signal
 import time

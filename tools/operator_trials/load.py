@@ -1,4 +1,4 @@
-"""A machine that has no time: for each processor a process that never sleeps; a module that dies often."""
+"""An overloaded machine: for each processor a process that never sleeps, and a module that dies often."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""A module that writes down what the base did, as the base itself says, and when."""
+"""A module that records what the base reports about itself, and when."""
 
 from robbie_mp import Module
 from robbie_mp.messages import EmergencyStop, Odometry
