@@ -11,7 +11,7 @@ from hw.simulation.aruco import TAG_COUNT
 from hw.simulation.reachable_area import Mask, connected
 from hw.simulation.room_plan import RoomPlan
 
-# Edge of a cell of the drawing, and how many cells of the finer grid it has on each side.
+# Edge of a cell of the drawing, and the number of finer cells along that edge.
 CELL_M, FINE = 0.25, 5
 FINE_M = CELL_M / FINE
 # A robot that keeps either distance from obstacles reaches every place; the stock robot's radius is 0.2 m.
@@ -58,7 +58,7 @@ class ArenaGenerator:
 
     Args:
         seed: the same seed and wishes make the same arena.
-        wishes: what it should have.
+        wishes: the wanted contents.
 
     Attributes:
         walls: (rows, columns), True at walls; row 0 lies at y = 0.
@@ -108,7 +108,7 @@ class ArenaGenerator:
         return int(row), int(column)
 
     def _reached(self, solid: Mask, apart_m: float = PASS_M[-1]) -> tuple[Mask, Mask]:
-        """Return the cells that far from everything solid, and those of them that can be reached."""
+        """Return the cells at least that far from everything solid, and the reachable ones of them."""
         roomy = np.asarray(ndimage.distance_transform_edt(~solid) * FINE_M > apart_m)
         start = self.start[0] * FINE + FINE // 2, self.start[1] * FINE + FINE // 2
         return roomy, connected(roomy, start)
@@ -122,7 +122,7 @@ class ArenaGenerator:
         return math.hypot(x_m - (self.start[1] + 0.5) * CELL_M, y_m - (self.start[0] + 0.5) * CELL_M)
 
     def _add_obstacle(self) -> None:
-        """Add a box or circle if one of some tries finds a place where it cuts nothing off."""
+        """Add a box or circle if one of several tries finds a place where it cuts nothing off."""
         for _ in range(TRIES):
             x, y = self._place(~self._solid)
             if self._random.random() < 0.5:
@@ -143,7 +143,7 @@ class ArenaGenerator:
                     return
 
     def _block(self, covered: Mask, from_start_m: float) -> bool:
-        """Make cells solid unless they are too near the start or cut something off; return whether."""
+        """Make cells solid unless they are too near the start or cut something off. Return whether it did."""
         solid = self._solid | covered
         if from_start_m <= START_FREE_M / 2 or not self._is_connected(solid):
             return False
@@ -166,7 +166,7 @@ class ArenaGenerator:
         return round((column + 0.5) * FINE_M, 3), round((row + 0.5) * FINE_M, 3)
 
     def _choose_spots(self, count: int) -> list[WallSpot]:
-        """Return places on walls that can be viewed; each is the farthest from the others of some tries."""
+        """Return visible places on walls. Each is the farthest from the others of several tries."""
         candidates = [
             spot for spot in self._wall_middles() if self._from_start_m(spot.x_m, spot.y_m) > START_FREE_M
         ]

@@ -13,19 +13,19 @@ from hw.simulation.arena_contents import WallSpot
 from hw.simulation.texture import Texture
 from hw.simulation.view_rays import ViewRays
 
-# A picture is drawn if the wall is seen where it hangs, or so little before it.
+# A picture is visible if the ray reaches its wall, or ends at most this far in front of it.
 BEFORE_WALL_M = 0.06
-# A picture with a corner nearer than this to the plane of the eye is looked for in the whole image.
+# If a corner of a picture is nearer than this to the plane of the eye, the whole image is searched for it.
 NEAR_M = 0.05
 
 
 @dataclass(frozen=True)
 class Hanging:
-    """A picture at its place.
+    """A picture at a spot on a wall.
 
     Attributes:
-        spot: where its anchor is.
-        texture: what it shows.
+        spot: position of the picture's anchor.
+        texture: the picture's pixels.
     """
 
     spot: WallSpot
@@ -34,13 +34,13 @@ class Hanging:
 
 @dataclass(frozen=True)
 class HangingView:
-    """What a camera sees of pictures from one place.
+    """A camera's view of pictures from one place.
 
     Attributes:
         geometry: the camera.
-        rays: through its pixels.
-        tilt_rad: below the horizon.
-        eye: in the plane, arena frame.
+        rays: the rays through its pixels.
+        tilt_rad: angle of the optical axis below the horizon.
+        eye: position of the eye in the plane, arena frame.
     """
 
     geometry: CameraGeometry
@@ -49,12 +49,12 @@ class HangingView:
     eye: Pose
 
     def draw(self, image: NDArray[Any], hanging: Hanging, ranges_m: NDArray[np.float64]) -> None:
-        """Draw a picture into an image, where nothing hides it.
+        """Draw the visible part of a picture into an image.
 
         Args:
             image: (height, width, …).
             hanging: the picture.
-            ranges_m: (B,), to the walls at each bearing of the rays.
+            ranges_m: (B,), distance to the walls at each bearing of the rays.
         """
         spot, eye = hanging.spot, self.eye
         cos, sin = math.cos(spot.facing_rad), math.sin(spot.facing_rad)
@@ -77,8 +77,8 @@ class HangingView:
         """Return where rays meet the plane of a picture.
 
         Returns:
-            How much they go towards the plane, their way over the floor to it, and how far they end to the
-            right of the spot (as seen from the front) and above it.
+            The rays' components towards the plane, their distances to it over the floor, and how far to the
+            right of the spot (as seen from the front) and above it they meet the plane.
         """
         cos, sin = self.rays.cos[window], self.rays.sin[window]
         turn = spot.facing_rad - self.eye.heading_rad
@@ -93,7 +93,7 @@ class HangingView:
         return towards, distance, aside, above
 
     def _window(self, hanging: Hanging) -> tuple[slice, slice] | None:
-        """Return rows and columns of the image around a picture; None if it is out of sight."""
+        """Return the image's rows and columns that contain a picture; None if it is out of sight."""
         geometry = self.geometry
         ahead, left, above = _corners(hanging, self.eye)
         above -= geometry.mount_m[2]
@@ -110,7 +110,7 @@ class HangingView:
 
 
 def _corners(hanging: Hanging, eye: Pose) -> NDArray[np.float64]:
-    """Return the corners of a picture, ahead and left of the eye and above the floor: (3, 4), m."""
+    """Return a picture's corners: ahead of the eye, left of the eye and above the floor, (3, 4), m."""
     spot, texture = hanging.spot, hanging.texture
     rows, columns = texture.opaque.shape
     half_m = columns / 2 * texture.texel_m

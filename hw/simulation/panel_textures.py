@@ -1,4 +1,4 @@
-"""What victims and hazard signs look like, in light and in heat."""
+"""The appearance of victims and hazard signs, in visible light and in heat."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from hw.simulation.texture import Texture
 Colours = NDArray[np.uint8]
 
 TAG_M = 0.25
-"""Edge of a victim's tag, its black border included."""
+"""Edge of a victim's tag, including its black border."""
 SIGN_M = 0.30
 """Edge of the square around a sign, which stands on a corner."""
 
@@ -32,7 +32,7 @@ SIGN_COLOURS = {
 
 
 def victim_textures(victim: Victim) -> tuple[Texture, Texture]:
-    """Return the two pictures of a victim that waves, red, green, blue; of others both are the same."""
+    """Return the two pictures of a victim, red, green, blue. They differ only if it waves."""
     return _coloured(victim, 0), _coloured(victim, 1)
 
 
@@ -76,7 +76,7 @@ def _heated(victim: Victim, phase: int) -> Texture:
 
 
 def centikelvin(celsius: NDArray[np.float64]) -> NDArray[np.uint16]:
-    """Return temperatures as radiometric cameras tell them: in hundredths of a kelvin."""
+    """Return temperatures in the unit of radiometric cameras: hundredths of a kelvin."""
     return np.asarray((celsius + 273.15) * 100).astype(np.uint16)
 
 

@@ -1,4 +1,4 @@
-"""Where in an arena a robot can get, as a grid."""
+"""The area of an arena that a robot can reach, as a grid."""
 
 from dataclasses import dataclass
 
@@ -13,15 +13,15 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class ReachableArea:
-    """What is connected with the robot's start.
+    """The area connected with the robot's start.
 
     The middle of cell (row, column) is at x = (column + 0.5) * resolution_m, y = (row + 0.5) * resolution_m
     of the arena frame.
 
     Attributes:
         resolution_m: edge of a cell.
-        drivable: (rows, columns), where the robot's middle can get.
-        free: (rows, columns), what a point could reach: what can be seen from somewhere, to half a cell.
+        drivable: (rows, columns), cells that the robot's centre can reach.
+        free: (rows, columns), cells that a point could reach: those visible from somewhere, to half a cell.
     """
 
     resolution_m: float
@@ -30,7 +30,7 @@ class ReachableArea:
 
     @property
     def drivable_m2(self) -> float:
-        """Return the area where the robot's middle can get."""
+        """Return the area that the robot's centre can reach."""
         return float(self.drivable.sum()) * self.resolution_m**2
 
     @property
@@ -40,12 +40,12 @@ class ReachableArea:
 
 
 def reachable_area(arena: Arena, body_radius_m: float = 0.20, resolution_m: float = 0.05) -> ReachableArea:
-    """Return where a round robot can get from the arena's start.
+    """Return the area that a round robot can reach from the arena's start.
 
     Args:
         arena: the world, without the obstacles that come and go.
-        body_radius_m: the robot's.
-        resolution_m: of the grid.
+        body_radius_m: the robot's radius.
+        resolution_m: edge of the grid's cells.
     """
     rows, columns = round(arena.height_m / resolution_m), round(arena.width_m / resolution_m)
     x, y = (np.arange(columns) + 0.5) * resolution_m, (np.arange(rows) + 0.5) * resolution_m
@@ -59,6 +59,6 @@ def reachable_area(arena: Arena, body_radius_m: float = 0.20, resolution_m: floa
 
 
 def connected(passable: Mask, start: tuple[int, int]) -> Mask:
-    """Return what is connected with a cell over common edges."""
+    """Return the cells connected with a cell over common edges."""
     regions, _ = ndimage.label(passable)
     return passable & (regions == regions[start]) if passable[start] else np.zeros_like(passable)

@@ -1,4 +1,4 @@
-"""Draws an arena as a camera sees it: walls, floor, and what hangs on the walls."""
+"""Draws an arena as a camera sees it: walls, floor, and the pictures on the walls."""
 
 import math
 from typing import Any, Protocol
@@ -19,22 +19,22 @@ SKIRTING_M = 0.06
 
 
 class Paint(Protocol):
-    """What surfaces look like: values of one kind, colours or temperatures."""
+    """The appearance of surfaces, as values of one kind: colours or temperatures."""
 
     def walls(self, surfaces: NDArray[np.intp], points_m: Values, ranges_m: Values) -> Values:
-        """Return what walls look like where they are seen.
+        """Return the values of walls at the points where the camera sees them.
 
         Args:
             surfaces: (B,), index of the surface in the arena.
             points_m: (B, 2), arena frame.
-            ranges_m: (B,), from the eye.
+            ranges_m: (B,), distance from the eye.
 
         Returns:
-            (2 B, …), first of the walls, then of their lowest centimetres.
+            (2 B, …), first the values of the walls, then those of their skirting.
         """
 
     def rest(self) -> Values:
-        """Return (3, …): the two kinds of tiles on the floor, and what is above the walls."""
+        """Return (3, …): the values of the floor's two kinds of tiles, and of the area above the walls."""
 
 
 class Renderer:
@@ -42,7 +42,7 @@ class Renderer:
 
     Args:
         geometry: the camera.
-        paint: what surfaces look like.
+        paint: the appearance of surfaces.
     """
 
     def __init__(self, geometry: CameraGeometry, paint: Paint) -> None:
@@ -60,7 +60,7 @@ class Renderer:
             arena: the world.
             robot: pose of the robot that carries the camera, arena frame.
             direction: pan and tilt of the camera on the robot, rad.
-            hangings: what hangs on the walls.
+            hangings: the pictures on the walls.
         """
         pan_rad, tilt_rad = direction
         if tilt_rad != self._tilt_rad:
@@ -78,7 +78,7 @@ class Renderer:
         return arena.hits(eye.x_m, eye.y_m, self._rays.bearings_rad + eye.heading_rad)
 
     def _surroundings(self, arena: Arena, eye: Pose, ranges_m: Values, surfaces: NDArray[np.intp]) -> Values:
-        """Draw walls, floor and what is above the walls, by one look into a table for each pixel."""
+        """Draw walls, floor and the area above the walls, with one table look-up for each pixel."""
         rays, eye_z = self._rays, np.float32(self._geometry.mount_m[2])
         directions = rays.bearings_rad + eye.heading_rad
         points = np.stack([np.cos(directions), np.sin(directions)], axis=1) * ranges_m[:, None] + eye[:2]
@@ -95,7 +95,7 @@ class Renderer:
         return image
 
     def _tiles(self, eye: Pose, pixels: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return 0 or 1 for each of some pixels that show the floor, as on a chessboard."""
+        """Return 0 or 1 for each pixel that shows the floor, as on a chessboard."""
         rays = self._rays
         distance = -np.float32(self._geometry.mount_m[2]) / rays.slope.ravel()[pixels]
         ahead, left = distance * rays.cos.ravel()[pixels], distance * rays.sin.ravel()[pixels]

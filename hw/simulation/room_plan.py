@@ -31,13 +31,13 @@ class Region:
 
 @dataclass
 class RoomPlan:
-    """A floor plan; each wall that parts two regions gets a door, so all rooms are connected.
+    """A floor plan. Each wall between two regions gets a door, so all rooms are connected.
 
     Attributes:
-        rows: of cells, with the outer walls.
-        columns: of cells, with the outer walls.
-        random: decides.
-        rooms: the rectangles that are not parted further.
+        rows: number of rows of cells, with the outer walls.
+        columns: number of columns of cells, with the outer walls.
+        random: source of all random choices.
+        rooms: the rectangles that are not divided further.
     """
 
     rows: int
@@ -74,7 +74,7 @@ class RoomPlan:
         )
 
     def _part(self, region: Region) -> None:
-        """Part a region in two until its pieces are rooms."""
+        """Divide a region in two, and its parts again, until they are rooms."""
         along = region.columns >= region.rows
         length = region.columns if along else region.rows
         if length < 2 * ROOM_CELLS + 1 or (length < 3 * ROOM_CELLS and self.random.random() < 0.3):

@@ -13,11 +13,11 @@ Name = TypeVar("Name", bound=str)
 
 
 class ArenaError(ValueError):
-    """An arena file that cannot be used; the text says the file, the line, and what was expected."""
+    """An invalid arena file. The text names the file, the line, and what was expected."""
 
 
 class YamlMap:
-    """A map of a YAML file, whose values are asked for by type.
+    """A map of a YAML file, with one method for each type of value.
 
     Args:
         path: the file, for the errors.
@@ -26,8 +26,8 @@ class YamlMap:
         keys: the ones it may have.
 
     Raises:
-        ArenaError: it is no map, or has other keys or one key twice. So do all methods when a value is not
-            what they are asked for.
+        ArenaError: the node is no map, or has unknown keys or the same key twice. All methods raise it when a
+            value is not of the wanted type.
     """
 
     def __init__(self, path: Path, node: yaml.Node | None, what: str, keys: Collection[str]) -> None:
@@ -83,11 +83,11 @@ class YamlMap:
         return node.value.splitlines(), node.start_mark.line + 2
 
     def row(self, key: str, width: int) -> tuple[float, ...]:
-        """Return a list of so many numbers."""
+        """Return a list of the given number of numbers."""
         return self._row(self.node(key), f"{key} must be", width)
 
     def rows(self, key: str, width: int) -> tuple[NDArray[np.float64], list[yaml.Node]]:
-        """Return a list of lists of so many numbers, (N, width), and the node of each row."""
+        """Return a list of lists of `width` numbers, (N, width), and the node of each row."""
         nodes = self._items(key, f"a list of lists of {width} numbers")
         rows = [self._row(node, f"each of {key} must be", width) for node in nodes]
         return np.array(rows, dtype=np.float64).reshape(-1, width), nodes
