@@ -137,7 +137,7 @@ def test_help_and_version_tell(capsys: Out) -> None:
     # Twice: a command that is imported must not get in the way of the program.
     for option, text in [
         ("--help", "show what"),
-        ("--help", "show what a profile says after merging"),
+        ("--help", "show a profile merged with its parents"),
         ("--version", "robbie "),
     ]:
         with pytest.raises(SystemExit) as ended:
