@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def only_free_descriptors(count: int) -> Iterator[None]:
-    """Let this process open so many descriptors and no more."""
+    """Limit the number of descriptors that this process may open."""
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     highest = max(map(int, os.listdir("/proc/self/fd")))
     taken: list[int] = []

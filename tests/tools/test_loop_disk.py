@@ -1,4 +1,4 @@
-"""A disk that can be frozen, and that is thawed and unmounted whatever becomes of us."""
+"""A disk that can be frozen. It is thawed and unmounted even if this process is killed."""
 
 import os
 import subprocess

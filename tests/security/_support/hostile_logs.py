@@ -84,6 +84,6 @@ PACKERS: dict[str, tuple[Callable[[int], bytes], bytes]] = {
 
 
 def bomb(path: Path, packer: str, count: int = GIGABYTE) -> Path:
-    """Write a log whose one chunk unfolds into so many bytes."""
+    """Write a log whose only chunk decompresses to this number of bytes."""
     pack, name = PACKERS[packer]
     return log_of(path, chunk_record(pack(count), count + ZEROS_HEAD_BYTES, name))
