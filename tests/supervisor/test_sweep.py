@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.linux.proc import ProcessIdentity
+from robbie_mp.linux.proc import ProcessIdentity, environment_value
 from robbie_mp.run.run_directory import RunDirectory, list_runs
 from robbie_mp.supervisor.sweep import Swept, sweep
 from robbie_mp.transport.layout import (
@@ -21,6 +21,7 @@ from robbie_mp.transport.layout import (
     MAGIC,
 )
 from robbie_mp.transport.shared_folder import remove_names
+from tests.supervisor._support.running import wait_for
 
 RUN = "0123abcd"
 
@@ -101,6 +102,8 @@ def test_live_run_is_left_alone_whatever_its_age(place: Place, tmp_path: Path, l
 def test_process_of_a_dead_run_is_killed(place: Place) -> None:
     (place.base / RUN).mkdir()
     with subprocess.Popen(["sleep", "60"], env={**os.environ, "ROBBIE_CHILD": f"{RUN}/laser/3"}) as process:
+        # Popen returns while exec(2) is still at work: the kernel shows the new environment a little later.
+        wait_for(lambda: environment_value(process.pid, "ROBBIE_CHILD") is not None)
         assert place.sweep().processes == (process.pid,)
         assert process.wait() == -9
 
