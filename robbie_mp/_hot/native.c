@@ -1,0 +1,48 @@
+/* The Python module robbie_mp._hot.native: all that is written in C. */
+#include "native.h"
+
+int hold_words(struct held_words *held, PyObject *object, bool writable)
+{
+    held->words = NULL;
+    if (PyObject_GetBuffer(object, &held->buffer, writable ? PyBUF_WRITABLE : PyBUF_SIMPLE) != 0)
+        return -1;
+    if ((uintptr_t)held->buffer.buf % sizeof(shared_word) != 0 || held->buffer.len % sizeof(shared_word) != 0) {
+        PyBuffer_Release(&held->buffer);
+        PyErr_SetString(PyExc_ValueError, "words must lie at multiples of 8 bytes");
+        return -1;
+    }
+    held->words = held->buffer.buf;
+    held->count = held->buffer.len / (Py_ssize_t)sizeof(shared_word);
+    return 0;
+}
+
+void release_words(struct held_words *held)
+{
+    if (held->words == NULL)
+        return;
+    held->words = NULL;
+    PyBuffer_Release(&held->buffer);
+}
+
+static int add_all(PyObject *module)
+{
+    return add_ring_types(module);
+}
+
+static PyModuleDef_Slot slots[] = {
+    {Py_mod_exec, add_all},
+    {0, NULL},
+};
+
+static struct PyModuleDef definition = {
+    PyModuleDef_HEAD_INIT,
+    .m_name = "robbie_mp._hot.native",
+    .m_doc = "The hot path in C; what it does is described by the Python of the same names.",
+    .m_size = 0,
+    .m_slots = slots,
+};
+
+PyMODINIT_FUNC PyInit_native(void)
+{
+    return PyModuleDef_Init(&definition);
+}

@@ -1,0 +1,33 @@
+/* What the files with Python bindings share. */
+#ifndef ROBBIE_NATIVE_H
+#define ROBBIE_NATIVE_H
+
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include "ring.h"
+#include "words.h"
+
+/* Words that Python memory holds. As long as this is held, the memory cannot be unmapped: closing a mapping
+ * (mmap.close) or releasing a memoryview fails with BufferError while a buffer of it is in use. */
+struct held_words {
+    Py_buffer buffer;
+    shared_word *words; /* NULL: nothing is held */
+    Py_ssize_t count;
+};
+
+/* Hold the words of an object with a buffer of aligned 8-byte items; 0, or -1 with an exception set. */
+int hold_words(struct held_words *held, PyObject *object, bool writable);
+void release_words(struct held_words *held);
+
+/* Read a ring's place from a RingPlace of ring.py, and hold its memory; 0, or -1 with an exception set.
+ *
+ * Args:
+ *   record_words: RECORD_WORDS, or 1 for a ring of numbers.
+ *   is_writer: whether records and head are written here, or else the tail. */
+int hold_ring_place(struct ring_place *place, struct held_words *words, struct held_words *tail_words,
+                    PyObject *ring_place, int record_words, bool is_writer);
+
+/* Each adds its types and functions to the module; 0, or -1 with an exception set. */
+int add_ring_types(PyObject *module);
+
+#endif

@@ -1,0 +1,1 @@
+"""What the module written in C offers; its sources lie beside this file."""
