@@ -1,26 +1,35 @@
-/* For tests: counts the stores, writes them down, and leaves by longjmp before one of them. */
+/* For tests: a process may die before any of its stores. In the normal build there is nothing of this.
+ *
+ * A binding that reaches `store` says MAY_DIE before its first store. A death then leads back there: the
+ * exception of the tests is set, and the statement `leave` is carried out. This ends with the scope of
+ * MAY_DIE. Until the last store of the scope the binding must hold nothing that `leave` does not give back,
+ * and `leave` may only use variables that were set before MAY_DIE. A store made by Python code that the
+ * binding calls leads back to that code's own binding, and comes from there as an exception. */
 #ifndef ROBBIE_FUSE_H
 #define ROBBIE_FUSE_H
 
 #ifdef ROBBIE_FUSE
-#include "words.h"
+#include <Python.h>
 #include <setjmp.h>
-#include <stddef.h>
 
-struct traced_store {
-    shared_word *place;
-    uint64_t value;
+struct way_out {
+    jmp_buf jump;
+    struct way_out *outer;
 };
 
-struct fuse {
-    uint64_t stores;     /* since it was set */
-    uint64_t burns_at;   /* the store before which it burns; UINT64_MAX: never */
-    jmp_buf *exit;       /* set by the outermost C function that stores; NULL: it must not burn now */
-    struct traced_store *trace;
-    size_t traced;
-    size_t capacity;
-};
+void open_way_out(struct way_out *way_out);
+void close_way_out(struct way_out *way_out);
+void raise_died(void);
+int add_fuse_types(PyObject *module);
 
-extern struct fuse fuse; /* the one global of the test build: a store knows no other way to it */
+#define MAY_DIE(leave)                                                                                       \
+    struct way_out way_out_here __attribute__((cleanup(close_way_out)));                                     \
+    open_way_out(&way_out_here);                                                                             \
+    if (setjmp(way_out_here.jump) != 0) {                                                                    \
+        raise_died();                                                                                        \
+        leave;                                                                                               \
+    }
+#else
+#define MAY_DIE(leave) ((void)0)
 #endif
 #endif

@@ -26,6 +26,10 @@ void release_words(struct held_words *held)
 
 static int add_all(PyObject *module)
 {
+#ifdef ROBBIE_FUSE
+    if (add_fuse_types(module) != 0)
+        return -1;
+#endif
     return add_ring_types(module);
 }
 

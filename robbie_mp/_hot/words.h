@@ -8,13 +8,17 @@
 #include <stdatomic.h>
 #include <stdint.h>
 
-typedef _Atomic uint64_t shared_word;
+/* A struct, so that nothing but `store` and `load` compiles: `*place = value` would be a store that no test sees. */
+typedef struct {
+    _Atomic uint64_t atomic;
+} shared_word;
 
 _Static_assert(ATOMIC_LLONG_LOCK_FREE == 2, "a word must be stored in one step");
+_Static_assert(sizeof(shared_word) == 8, "words lie beside each other");
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "other processes expect little-endian words");
 
 #ifdef ROBBIE_FUSE
-/* Called before every store; does not return if the process is to die here. See fuse.c. */
+/* Called before every store; does not return if the process is to die here. See tests/hot/_support/fuse.c. */
 void before_store(shared_word *place, uint64_t value);
 #else
 #define before_store(place, value) ((void)0)
@@ -26,13 +30,13 @@ void before_store(shared_word *place, uint64_t value);
         shared_word *const store_place = (place);                                                            \
         const uint64_t store_value = (value);                                                                \
         before_store(store_place, store_value);                                                              \
-        atomic_store_explicit(store_place, store_value, memory_order_relaxed);                               \
+        atomic_store_explicit(&store_place->atomic, store_value, memory_order_relaxed);                       \
     } while (0)
 
 /* Load one word. */
 static inline uint64_t load(const shared_word *place)
 {
-    return atomic_load_explicit((shared_word *)place, memory_order_relaxed);
+    return atomic_load_explicit(&((shared_word *)place)->atomic, memory_order_relaxed);
 }
 
 /* Order all loads and stores before the call before all those after it, as other processes see them. */
