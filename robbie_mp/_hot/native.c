@@ -24,12 +24,25 @@ void release_words(struct held_words *held)
     PyBuffer_Release(&held->buffer);
 }
 
+#ifndef ROBBIE_SOURCES
+#define ROBBIE_SOURCES "" /* a test build */
+#endif
+
+static int add_constants(PyObject *module)
+{
+    if (PyModule_AddIntMacro(module, LAYOUT_VERSION) != 0)
+        return -1;
+    return PyModule_AddStringConstant(module, "SOURCES", ROBBIE_SOURCES);
+}
+
 static int add_all(PyObject *module)
 {
 #ifdef ROBBIE_FUSE
     if (add_fuse_types(module) != 0)
         return -1;
 #endif
+    if (add_constants(module) != 0)
+        return -1;
     return add_ring_types(module);
 }
 

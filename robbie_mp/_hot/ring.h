@@ -2,10 +2,9 @@
 #ifndef ROBBIE_RING_H
 #define ROBBIE_RING_H
 
+#include "layout.h"
 #include "words.h"
 #include <stdbool.h>
-
-enum { RECORD_WORDS = 8 };
 
 /* Where a ring lies: head and records in the writer's segment, the tail in the reader's segment. */
 struct ring_place {
