@@ -7,10 +7,10 @@ struct ring_writer ring_writer_at(struct ring_place place)
 
 uint64_t ring_room(const struct ring_writer *ring)
 {
-    /* The reader may have written anything as its tail: then this is 0, or wraps, as in ring.py it would be
-     * negative or too large. */
-    uint64_t used = ring->head - load(ring->place.tail);
-    return used > ring->place.capacity ? 0 : ring->place.capacity - used;
+    uint64_t tail = load(ring->place.tail);
+    if (tail > ring->head || ring->head - tail > ring->place.capacity)
+        return 0;
+    return ring->place.capacity - (ring->head - tail);
 }
 
 void ring_push(struct ring_writer *ring, const uint64_t record[7])
@@ -65,14 +65,9 @@ void number_ring_push(struct ring_writer *ring, uint64_t number)
     ring->head++;
 }
 
-uint64_t number_ring_copy(const struct ring_reader *ring, uint64_t *numbers, uint64_t size)
+uint64_t number_ring_at(const struct ring_reader *ring, uint64_t index)
 {
-    uint64_t waiting = load(ring->place.head) - ring->tail;
-    fence_loads();
-    uint64_t count = waiting < size ? waiting : size;
-    for (uint64_t index = 0; index < count; index++)
-        numbers[index] = load(ring->place.records + ((ring->tail + index) & (ring->place.capacity - 1)));
-    return count;
+    return load(ring->place.records + ((ring->tail + index) & (ring->place.capacity - 1)));
 }
 
 void number_ring_take(struct ring_reader *ring, uint64_t count)

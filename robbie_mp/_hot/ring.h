@@ -26,6 +26,7 @@ struct ring_reader {
 };
 
 struct ring_writer ring_writer_at(struct ring_place place);
+/* Records that can be pushed now; none if the reader's tail is one that it cannot have. */
 uint64_t ring_room(const struct ring_writer *ring);
 /* Append a record of seven words; call `ring_room` first. */
 void ring_push(struct ring_writer *ring, const uint64_t record[7]);
@@ -43,8 +44,8 @@ void ring_take(struct ring_reader *ring);
 /* Rings of single numbers, such as freed blocks. The writer does not check for room: the reader limits how
  * many numbers can be on their way. */
 void number_ring_push(struct ring_writer *ring, uint64_t number);
-/* Copy at most `size` numbers without taking them; returns how many. More than the capacity cannot wait. */
-uint64_t number_ring_copy(const struct ring_reader *ring, uint64_t *numbers, uint64_t size);
+/* The number at an index behind the tail; call `ring_waiting` first, which tells how many there are. */
+uint64_t number_ring_at(const struct ring_reader *ring, uint64_t index);
 /* Take the first `count` numbers. */
 void number_ring_take(struct ring_reader *ring, uint64_t count);
 

@@ -52,8 +52,9 @@ class RingWriter:
         self.head = place.words[place.head_at]
 
     def room(self) -> int:
-        """Records that can be pushed now."""
-        return self._capacity - (self.head - self._tail_words[self._tail_at])
+        """Records that can be pushed now; none if the reader's tail is one that it cannot have."""
+        room = self._capacity - (self.head - self._tail_words[self._tail_at])
+        return room if 0 <= room <= self._capacity else 0
 
     def push(self, a: int, b: int, c: int, d: int, e: int, f: int, g: int) -> None:
         """Append one record; call `room()` first."""
@@ -169,16 +170,23 @@ class NumberRingReader:
         self._head_at = place.head_at
         self._numbers_at = place.records_at
         self._mask = place.capacity - 1
+        self._capacity = place.capacity
         self._tail_words = place.tail_words
         self._tail_at = place.tail_at
         self._fence = new_fence()
         self.tail = place.tail_words[place.tail_at]
 
     def take_all(self) -> list[int]:
-        """Take all numbers in the ring."""
+        """Take all numbers in the ring.
+
+        Raises:
+            RingCorrupt: the head is out of the ring's range.
+        """
         head = self._words[self._head_at]
         if head == self.tail:
             return []
+        if not 0 < head - self.tail <= self._capacity:
+            raise RingCorrupt(f"a ring of {self._capacity} records claims that {head - self.tail} wait")
         self._fence()
         numbers = [self._words[self._numbers_at + (at & self._mask)] for at in range(self.tail, head)]
         self._fence()
