@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from tests.core._support.history import SLOTS, History
-from tests.core._support.simulated_run import Fuse, StateLog
+from tests.core._support.memory import Fuse, StateLog
+from tests.core._support.simulated_run import SimulatedRun
 
 pytestmark = pytest.mark.slow
 
@@ -238,10 +239,10 @@ def states(scenario: Scenario, settings: dict[str, Any], deaths: tuple[int, ...]
     "scenario", (backpressure, newest_replaced, owner_dead, subscriber_dead, short_of_memory)
 )
 def test_module_may_die_before_any_store(scenario: Scenario, slot: int) -> None:
-    undisturbed = Fuse()
+    undisturbed = SimulatedRun.memory.fuse()
     play(scenario, SETTINGS[0], (), {slot: undisturbed})
     for death in range(undisturbed.stores):
-        fuse = Fuse()
+        fuse = SimulatedRun.memory.fuse()
         fuse.deaths = [death]
         history = play(scenario, SETTINGS[0], (), {slot: fuse})
         assert history.incarnations[slot] > 1 or slot not in history.alive

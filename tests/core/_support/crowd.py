@@ -13,7 +13,8 @@ from robbie_mp import MessageHandling
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Delivery, Inbound, Outbound
 from robbie_mp.transport.words import WORD_MAX
-from tests.core._support.simulated_run import Died, Fuse, SimulatedModule, SimulatedRun
+from tests.core._support.memory import Died
+from tests.core._support.simulated_run import SimulatedModule, SimulatedRun
 
 TOPICS = ("a", "b", "c")
 ACTIONS = ("publish",) * 5 + ("handle",) * 4 + ("keep", "let_go", "make_room")
@@ -185,7 +186,7 @@ class Crowd:
         one.incarnations += 1
         fuse = None
         if self.random.random() < 0.15:
-            fuse = Fuse()
+            fuse = SimulatedRun.memory.fuse()
             fuse.deaths = [self.random.randrange(200)]
         module = self.run.make(slot, one.incarnations, fuse)
         one.module, one.channels = module, {}

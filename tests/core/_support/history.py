@@ -9,7 +9,8 @@ from robbie_mp import MessageHandling
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Delivery, Outbound
 from robbie_mp.transport.words import WORD_MAX
-from tests.core._support.simulated_run import Died, Fuse, SimulatedModule, SimulatedRun, StateLog
+from tests.core._support.memory import Died, Fuse, StateLog
+from tests.core._support.simulated_run import SimulatedModule, SimulatedRun
 
 HANDLINGS = {2: MessageHandling.ALWAYS_DELIVER, 3: MessageHandling.KEEP_ONLY_NEWEST}
 PUBLISHERS = (1, 2)

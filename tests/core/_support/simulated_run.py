@@ -1,7 +1,5 @@
 """A core and modules on plain arrays in one process: every step happens when the test says so."""
 
-import random
-from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -16,107 +14,11 @@ from robbie_mp.transport.records import ANY_VERSION, Delivery, Inbound, Notice, 
 from robbie_mp.transport.segment import SegmentMismatch
 from robbie_mp.transport.tables import CoreTables, TableSizes
 from robbie_mp.transport.words import Words
+from tests.core._support.memory import ArrayMemory, Died, Fuse, Memory, StateLog
 
 RING_RECORDS = 16
 CREDIT = 4
 TYPE = "test_msgs/msg/Number"
-
-
-def zeros(count: int) -> Words:
-    return array("Q", bytes(8 * count))
-
-
-class Died(Exception):
-    """A process was killed between two stores."""
-
-
-class Fuse:
-    """Kills a process before the store with a given number, counted from its start."""
-
-    def __init__(self) -> None:
-        self.stores = 0
-        self.deaths: list[int] = []
-        """For each incarnation in turn: how many stores it lives to see; an empty list lets it live."""
-        self.on_store: Callable[[int], None] | None = None
-        """Is told the number of each store before it."""
-
-    def burn(self) -> None:
-        if self.on_store is not None:
-            self.on_store(self.stores)
-        if self.deaths and self.stores >= self.deaths[0]:
-            raise Died
-        self.stores += 1
-
-
-class StateLog:
-    """Names the state of the whole run before every store of its core, so that equal states are tried once.
-
-    Two deaths of the core that leave every word of shared memory the same, and the modules with the same
-    past, have the same future. The modules of a simulated run act only while its core is idle, and what they
-    do follows from what they read then. So a state is named by all words as they were whenever the core began
-    to work, and as they are now. (Zobrist hashing: a random number for each word and value, combined by
-    exclusive or.)
-    """
-
-    _random = random.Random(13)
-    _numbers: ClassVar[dict[tuple[object, int, int], int]] = {}
-
-    def __init__(self) -> None:
-        self._words = 0
-        self._past = 0
-        self.before_store: list[int] = []
-        """A name for the state before each store of the core since its last death."""
-
-    def stored(self, segment: object, index: int, old: int, new: int) -> None:
-        """Note a store by anybody."""
-        if old != new:
-            self._words ^= self._number(segment, index, old) ^ self._number(segment, index, new)
-
-    def core_begins(self, reports: int) -> None:
-        """Note that the core is about to look at the rings: the modules have acted."""
-        self._past = hash((self._past, self._words, reports))
-
-    def core_stores(self, number: int, reports: int) -> None:
-        """Note that the core is about to store a word, its `number`-th, unless it dies before."""
-        del self.before_store[number:]
-        self.before_store.append(hash((self._past, self._words, reports)))
-
-    def _number(self, segment: object, index: int, value: int) -> int:
-        if value == 0:
-            return 0
-        key = (segment, index, value)
-        number = self._numbers.get(key)
-        if number is None:
-            number = self._numbers[key] = self._random.getrandbits(64)
-        return number
-
-
-class Mapped:
-    """What a process maps: its stores are counted, and looking at it after it was closed is an error."""
-
-    def __init__(self, words: Words, fuse: Fuse, segment: object = None, log: StateLog | None = None):
-        self._words: Words | None = words
-        self._fuse = fuse
-        self._segment = segment
-        self._log = log
-
-    def __getitem__(self, index: int) -> int:
-        assert self._words is not None, "the map was closed"
-        return self._words[index]
-
-    def __setitem__(self, index: int, value: int) -> None:
-        assert self._words is not None, "the map was closed"
-        self._fuse.burn()
-        if self._log is not None:
-            self._log.stored(self._segment, index, self._words[index], value)
-        self._words[index] = value
-
-    def __len__(self) -> int:
-        assert self._words is not None, "the map was closed"
-        return len(self._words)
-
-    def close(self) -> None:
-        self._words = None
 
 
 @dataclass
@@ -125,13 +27,13 @@ class SimulatedModule:
 
     slot: int
     incarnation: int
-    out: Words = field(default_factory=lambda: zeros(layout.out_words(RING_RECORDS)))
-    into: Words = field(default_factory=lambda: zeros(layout.in_words(CREDIT)))
+    out: Words = field(default_factory=lambda: SimulatedRun.memory.zeros(layout.out_words(RING_RECORDS)))
+    into: Words = field(default_factory=lambda: SimulatedRun.memory.zeros(layout.in_words(CREDIT)))
     blocks_out: set[int] = field(default_factory=set)
     next_block: int = 0
-    fuse: "Fuse | None" = None
+    fuse: Fuse | None = None
     """Kills the module before one of its own stores."""
-    log: "StateLog | None" = None
+    log: StateLog | None = None
     wakeups: int = 0
     """How often the core woke it."""
     core_wakeups: int = 0
@@ -146,7 +48,8 @@ class SimulatedModule:
     def __post_init__(self) -> None:
         own = self.out
         if self.fuse is not None or self.log is not None:
-            own = Mapped(own, self.fuse or Fuse(), ("out", self.slot, self.incarnation), self.log)
+            made_of, segment = SimulatedRun.memory, ("out", self.slot, self.incarnation)
+            own = made_of.map(own, self.fuse or made_of.fuse(), segment, self.log)
         memory = EndpointMemory(self.slot, self.incarnation, own, self.into, self.wake_core)
         self.endpoint = Endpoint(memory, RING_RECORDS, CREDIT)
 
@@ -206,6 +109,9 @@ class SimulatedModule:
 class SimulatedRun:
     """A core with a supervisor and a number of slots."""
 
+    memory: ClassVar[Memory] = ArrayMemory()
+    """What the shared memory of all simulated runs is made of."""
+
     def __init__(
         self,
         slots: int = 4,
@@ -223,9 +129,9 @@ class SimulatedRun:
         self.lockstep = lockstep
         self.log = log
         sizes = TableSizes(slots, 8, subscriptions, handles, references or 4 * handles)
-        self.words = zeros(sizes.words)
+        self.words = self.memory.zeros(sizes.words)
         self.tables = CoreTables.create(self.words, sizes)
-        self.fuse = Fuse()
+        self.fuse = self.memory.fuse()
         limits = SlotLimits(
             queue_messages, queue_bytes, in_flight_bytes=in_flight_bytes, memory_bytes=memory_bytes
         )
@@ -245,7 +151,7 @@ class SimulatedRun:
 
     def _make_core(self) -> Router:
         return Router(
-            CoreTables.attach(Mapped(self.words, self.fuse, "core", self.log)),
+            CoreTables.attach(self.memory.map(self.words, self.fuse, "core", self.log)),
             RouterLimits(RING_RECORDS, CREDIT, message_bytes=1 << 20),
             self.limits,
             self._connect,
@@ -262,8 +168,8 @@ class SimulatedRun:
         if module.out[layout.HEADER_MAGIC]:
             raise SegmentMismatch("its header was written over")
         mapped = (
-            Mapped(module.out, self.fuse),
-            Mapped(module.into, self.fuse, ("in", slot, incarnation), self.log),
+            self.memory.look_at(module.out),
+            self.memory.map(module.into, self.fuse, ("in", slot, incarnation), self.log),
         )
 
         def close() -> None:
@@ -291,7 +197,7 @@ class SimulatedRun:
     def _replace_core(self) -> None:
         while True:
             self.crashes += 1
-            self.fuse.deaths.pop(0)
+            self.fuse.deaths = self.fuse.deaths[1:]
             self.fuse.stores = 0
             self.while_dead()
             try:
