@@ -6,7 +6,10 @@ ROBBIE := .venv/bin/robbie
 # These folders' tests start no other processes and measure no times, so they share the processors.
 ALONE := tests/hw tests/messages tests/scene_graph tests/workers
 
-.PHONY: demo test test-all test-alone test-live lint types docs bench clean
+# What the installation compiles: a change of it, or of what is installed, installs again.
+INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/_hot/*.[ch])
+
+.PHONY: demo test test-all test-alone test-live test-pure lint types docs bench clean
 
 demo: .venv/robot
 	$(ROBBIE) run demo
@@ -19,6 +22,10 @@ test-alone: .venv/dev
 
 test-live: .venv/dev
 	.venv/bin/python -m pytest -q $(TIER) $(addprefix --ignore=,$(ALONE))
+
+# The tests of the hot path, of which there are two forms, with the one in Python.
+test-pure: .venv/dev
+	ROBBIE_PURE_PYTHON=1 .venv/bin/python -m pytest -q -m 'not slow' --numprocesses 2 --dist loadfile tests/core tests/transport
 
 lint: .venv/dev
 	.venv/bin/ruff check .
@@ -35,23 +42,24 @@ docs: .venv/docs
 bench: .venv/bench
 	.venv/bin/python -m tools.bench --json docs/benchmarks.json --report docs
 
-.venv/robot: pyproject.toml
+.venv/robot: $(INSTALLED)
 	$(PYTHON) -m venv .venv
 	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot]'
 	touch $@
 
-.venv/dev: pyproject.toml .venv/robot
+.venv/dev: .venv/robot
 	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot,dev]'
 	touch $@
 
-.venv/docs: pyproject.toml
+.venv/docs: $(INSTALLED)
 	test -x .venv/bin/python || $(PYTHON) -m venv .venv
 	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[docs]'
 	touch $@
 
-.venv/bench: pyproject.toml .venv/robot
+.venv/bench: .venv/robot
 	.venv/bin/pip install --quiet --disable-pip-version-check -e '.[robot,bench]'
 	touch $@
 
 clean:
 	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis output build site *.egg-info
+	rm -f robbie_mp/_hot/*.so

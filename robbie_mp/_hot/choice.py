@@ -35,13 +35,13 @@ def native() -> Native | None:
 
 
 def why_not() -> str:
-    """Say why Python does the hot path; '' if C does it."""
+    """Say why Python does the hot path, and after a semicolon what to do; '' if C does it."""
     return _choose()[1]
 
 
 def _choose() -> tuple[Native | None, str]:
     if os.environ.get(PURE_PYTHON, "") not in ("", "0"):
-        return None, f"{PURE_PYTHON}={os.environ[PURE_PYTHON]} is set"
+        return None, f"{PURE_PYTHON}={os.environ[PURE_PYTHON]} is set; unset it to use C"
     if "t" in sys.abiflags:
         return None, "this Python has no global interpreter lock, on which the C code relies; use another"
     try:

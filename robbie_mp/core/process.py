@@ -10,7 +10,7 @@ from types import FrameType
 from robbie_mp.core.members import SUPERVISOR_SLOT, LinkMemory, RouterLimits
 from robbie_mp.core.router import Router, SlotLimits
 from robbie_mp.transport import layout, names
-from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.layout import HotPath, SegmentKind
 from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes, attach_wakeup
 from robbie_mp.transport.segment import Segment
 from robbie_mp.transport.tables import CoreTables
@@ -45,6 +45,7 @@ class CoreProcess:
         self._words = self._segment.words
         self._wakeup = attach_wakeup(run_id, self._segment)
         self._wakeup.spin_s = spin_s
+        self._words[layout.CORE_HOT_PATH] = HotPath.PYTHON
         self._stopping = False
         self._wakeups = 0
         self._router = Router(

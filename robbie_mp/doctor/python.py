@@ -10,6 +10,7 @@ from importlib import metadata
 from pathlib import Path
 
 import robbie_mp
+from robbie_mp._hot.choice import why_not
 from robbie_mp.doctor.finding import Finding, fail, ok, warn
 from robbie_mp.profile.model import Profile
 from robbie_mp.profile.preflight import preflight
@@ -38,6 +39,7 @@ class Requirement:
 def look_at_python() -> Iterator[Finding]:
     """Judge this Python and its packages."""
     yield check_version(sys.version_info[:2], sys.implementation.name, is_gil_enabled())
+    yield check_hot_path(why_not())
     requirements = own_requirements()
     installed = {requirement.package: _installed(requirement.package) for requirement in requirements}
     yield from check_packages(requirements, installed)
@@ -80,6 +82,20 @@ def check_version(version: tuple[int, int], implementation: str, is_gil_enabled:
             "Robbie-MP is tested only with CPython with the global interpreter lock; use that",
         )
     return ok("Python", found)
+
+
+def check_hot_path(why_not: str) -> Finding:
+    """Judge what publishes, routes and takes messages.
+
+    Args:
+        why_not: why it is not the module written in C, and after a semicolon what to do; '': it is.
+    """
+    if not why_not:
+        return ok("hot path", "messages are published, routed and taken in C")
+    reason, _, advice = why_not.partition("; ")
+    return warn(
+        "hot path", f"messages are published, routed and taken in Python, which is slower: {reason}", advice
+    )
 
 
 def check_packages(

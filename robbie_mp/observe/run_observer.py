@@ -22,13 +22,14 @@ from robbie_mp.observe.module_memory import NO_WORDS, ModuleMemory
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.histogram import Histogram
-from robbie_mp.transport.layout import HISTOGRAM_WORDS, LINE_WORDS, Activity, SegmentKind
+from robbie_mp.transport.layout import HISTOGRAM_WORDS, LINE_WORDS, Activity, HotPath, SegmentKind
 from robbie_mp.transport.segment import Segment, SegmentMissing
 from robbie_mp.transport.shared_folder import opened_folder
 from robbie_mp.transport.tables import ROW_OPEN, CoreTables
 from robbie_mp.transport.words import read_text
 
 _ACTIVITIES = {int(activity): activity.name.lower() for activity in Activity}
+_HOT_PATHS = {int(path): path.name for path in HotPath}
 _OF_A_SLOT = ("out", "in", "data", "checkpoint")
 """Kinds of segments that have the slot in their names."""
 
@@ -179,6 +180,7 @@ class RunObserver:
         core_refused = queue[layout.PUBLISHER_REFUSED]
         usage = read_usage(row.pid) if row.pid else ProcessUsage()
         activity = own[layout.OUT_ACTIVITY]
+        hot_path = self._words[layout.CORE_HOT_PATH] if is_core else last[layout.OUT_HOT_PATH]
         outbound_waiting, outbound_records = memory.outbound(own[layout.OUT_HEAD])
         memory.read_declarations()
         return ModuleFigures(
@@ -219,6 +221,7 @@ class RunObserver:
             activity=_ACTIVITIES.get(activity & 0xFF, "unknown"),
             handler=memory.handler(activity >> 8) if activity & 0xFF == Activity.HANDLER else "",
             busy_since_ns=own[layout.OUT_ACTIVITY_SINCE_NS] if activity else 0,
+            hot_path=_HOT_PATHS.get(hot_path, ""),
             work=_work(memory) if row.pid else None,
             subscriptions=subscriptions,
             publishes=tuple(memory.publishes),

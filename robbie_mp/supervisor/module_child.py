@@ -39,7 +39,7 @@ from robbie_mp.supervisor.scheduling import apply_scheduling, prefer_new_threads
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.endpoint import Endpoint
-from robbie_mp.transport.layout import LINE_WORDS, SegmentKind
+from robbie_mp.transport.layout import LINE_WORDS, HotPath, SegmentKind
 from robbie_mp.transport.records import Delivery
 from robbie_mp.transport.run_memory import (
     IncarnationMemory,
@@ -58,6 +58,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     planned = plan.modules[slot - 1]
     memory = IncarnationMemory.attach_as_module(plan.run_id, slot, incarnation)
     words = memory.out.words
+    words[layout.OUT_HOT_PATH] = HotPath.PYTHON
     core_segment = Segment.attach(names.core(plan.run_id), SegmentKind.CORE)
     core_wakeup = attach_wakeup(plan.run_id, core_segment)
     endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post)

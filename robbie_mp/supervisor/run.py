@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
+from robbie_mp._hot.choice import why_not
 from robbie_mp.linux.private_files import make_private_folder, write_private
 from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.observe import ModuleFigures, RunObserver
@@ -26,6 +27,7 @@ from robbie_mp.supervisor.states import StateChange
 from robbie_mp.supervisor.sweep import sweep
 from robbie_mp.supervisor.tree import Tree
 from robbie_mp.trace.disk_writer import DiskWriter
+from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.reader import LOG_FOLDER
 from robbie_mp.transport.board import TOOL_PREFIX
 from robbie_mp.transport.words import check_machine
@@ -151,6 +153,7 @@ def _run(
         connections.callback(control.close)
         connections.callback(tools.close)
         listener.begin(plan.run_id)
+        _say_hot_path(tree)
     except BaseException:
         memory.close()
         raise
@@ -167,6 +170,14 @@ def _run(
         entries_dropped={name: output.dropped for name, output in outputs.items()},
         output_directory=output_directory,
     )
+
+
+def _say_hot_path(tree: Tree) -> None:
+    """Say once in each run which form of the hot path its processes will choose."""
+    if reason := why_not():
+        tree.say(Kind.WARNING, f"the hot path runs in Python, which is slower: {reason}")
+    else:
+        tree.say(Kind.INFO, "the hot path runs in C")
 
 
 def _without_tools(figures: Sequence[ModuleFigures]) -> list[ModuleFigures]:

@@ -295,8 +295,12 @@ class Tree:
         """Stop watching a descriptor. Call this before you close it."""
         self._loop.unwatch(fd)
 
+    def say(self, kind: Kind, text: str) -> None:
+        """Write an entry of the supervisor's own into the trace."""
+        self._own_output.say(kind, text)
+
     def _say(self, text: str) -> None:
-        self._own_output.say(Kind.SYSTEM, text)
+        self.say(Kind.SYSTEM, text)
 
     def _child(self, spec: ChildSpec, output: OutputStore) -> SupervisedChild:
         surroundings = Surroundings(
@@ -323,7 +327,7 @@ class Tree:
         self._announce_all_started()
         self._check_clock_step()
         if news := self.output.turn():
-            self._own_output.say(Kind.WARNING, news)
+            self.say(Kind.WARNING, news)
         self._each_turn()
         modules = [child for child in self.children if child.spec.kind is ChildKind.MODULE]
         if all(child.state and child.state.is_final and not child.may_return for child in modules):

@@ -15,7 +15,7 @@ change anything here, raise `LAYOUT_VERSION`: every segment carries it, and atta
 
 from enum import IntEnum
 
-LAYOUT_VERSION = 7
+LAYOUT_VERSION = 8
 MAGIC = int.from_bytes(b"ROBBIEMP", "little")
 
 
@@ -83,6 +83,7 @@ CORE_REFERENCES = HEADER_WORDS + 8
 CORE_HANDLES_USED = HEADER_WORDS + 9
 CORE_REFERENCES_USED = HEADER_WORDS + 10
 CORE_SETTLED = HEADER_WORDS + 11  # in lockstep: the last sequence when no message was left to handle
+CORE_HOT_PATH = HEADER_WORDS + 12  # a HotPath; 0: the core has not chosen yet
 CORE_TABLES = HEADER_WORDS + 16
 
 # A publisher's row, one for each slot.
@@ -173,6 +174,7 @@ OUT_PINNED_BYTES = HEADER_WORDS + 16
 OUT_TICK_PERIOD_NS = HEADER_WORDS + 17  # in lockstep: period of its ticks; 0: none
 OUT_AWAITS_SETTLED = HEADER_WORDS + 18  # in lockstep: wake it when no message is left to handle
 OUT_COPIED = HEADER_WORDS + 19  # messages copied because too much of their publishers' memory is pinned
+OUT_HOT_PATH = HEADER_WORDS + 20  # a HotPath; 0: the process has not chosen yet
 OUT_STATUS = HEADER_WORDS + 24
 OUT_STATES = OUT_STATUS + LINE_WORDS  # states of its state machines, a text like the status line
 OUT_DECLARATIONS = OUT_STATES + LINE_WORDS + 6
@@ -235,6 +237,13 @@ class Activity(IntEnum):
     HANDLER = 2
     TICK = 3
     TEARDOWN = 4
+
+
+class HotPath(IntEnum):
+    """What publishes, routes and takes the messages of a process."""
+
+    PYTHON = 1
+    C = 2
 
 
 def core_words(slots: int, channels: int, subscriptions: int, handles: int, references: int) -> int:

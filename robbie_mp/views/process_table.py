@@ -7,6 +7,7 @@ from rich.text import Text
 
 from robbie_mp.observe import ChannelRates, ModuleFigures, ModuleRates, RunRates, RunReading
 from robbie_mp.observe.talk import Talk, talk_of
+from robbie_mp.transport.layout import HotPath
 from robbie_mp.views.plain_table import PlainTable
 from robbie_mp.views.quantities import long_time, rate, seconds, size
 from robbie_mp.views.run_figures import STYLES, state_name
@@ -150,6 +151,11 @@ def _outbound(row: ModuleRow) -> Text:
     return _number(module.outbound_waiting, text)
 
 
+def _hot_path(name: str) -> Text:
+    """Show C or Python; Python is slower."""
+    return Text(name.capitalize() or "-", "yellow" if name == HotPath.PYTHON.name else "dim")
+
+
 def _memory_used(row: ModuleRow) -> Text:
     module = row.figures
     if not module.memory_bytes:
@@ -202,6 +208,12 @@ MODULE_COLUMNS: tuple[ModuleColumn, ...] = (
     _bytes("pin mem", lambda module: module.pinned_bytes),
     _of("copied", lambda module: module.copied),
     ModuleColumn("msg mem", _memory_used, lambda row: row.figures.outstanding_bytes),
+    ModuleColumn(
+        "code",
+        lambda row: _hot_path(row.figures.hot_path),
+        lambda row: row.figures.hot_path,
+        is_text=True,
+    ),
     _of("thr", lambda module: module.threads),
     _of("pid", lambda module: module.pid),
     ModuleColumn(
@@ -263,6 +275,7 @@ def totals_line(reading: RunReading, rates: RunRates | None) -> Text:
     silent_s = (reading.at_ns - core.heartbeat_ns) / 1e9
     if silent_s > SILENT_CORE_S:
         parts.append(Text(f"CORE SILENT {silent_s:.1f} s" if core.heartbeat_ns else "CORE NOT UP", ALARM))
+    parts += [Text("core in Python", "yellow")] if reading.modules[-1].hot_path == HotPath.PYTHON.name else []
     if rates:
         parts.append(Text(f"routed {rate(rates.routed_hz)}/s"))
         parts.append(Text("cpu " + " ".join(f"{percent:.0f}%" for percent in rates.cpu_percent)))

@@ -70,7 +70,7 @@ def test_installed_module_without_sources_beside_it_is_used(
 def test_variable_chooses_python(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(choice.PURE_PYTHON, "1")
     assert choice.native() is None
-    assert choice.why_not() == "ROBBIE_PURE_PYTHON=1 is set"
+    assert choice.why_not() == "ROBBIE_PURE_PYTHON=1 is set; unset it to use C"
 
 
 @pytest.mark.parametrize("value", ["", "0"])

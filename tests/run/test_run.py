@@ -6,7 +6,10 @@ import signal
 from pathlib import Path
 
 import psutil
+import pytest
 
+from robbie_mp._hot.choice import PURE_PYTHON
+from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.reader import last_entries
 from tests.run._support.robot import Ended, Robot, is_running, kill, wait_until
 
@@ -51,6 +54,23 @@ def test_every_module_and_the_core_are_processes_of_their_own(robot: Robot) -> N
     assert all(os.getsid(pid) == pid for pid in pids), "Ctrl-C would reach them"
     process.send_signal(signal.SIGINT)
     assert Ended.wait_for(process).exit_code == 0
+
+
+def test_run_with_the_hot_path_in_python_says_so_once_and_in_its_figures(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(PURE_PYTHON, "1")
+    robot.write_profile(COUNTING)
+    ended = robot.run()
+    assert ended.exit_code == 0, ended.stderr
+    assert {ended.modules[name]["hot_path"] for name in ("listener", "counter", "core")} == {"PYTHON"}
+    said = [entry for entry in last_entries(robot.output, "supervisor", 1000) if "hot path" in entry.text]
+    assert [(entry.kind, entry.text) for entry in said] == [
+        (
+            Kind.WARNING,
+            "the hot path runs in Python, which is slower: ROBBIE_PURE_PYTHON=1 is set; unset it to use C",
+        )
+    ]
 
 
 def test_array_seen_by_publisher_and_two_subscribers_is_one_piece_of_memory(robot: Robot) -> None:

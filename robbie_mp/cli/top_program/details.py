@@ -91,7 +91,7 @@ class Details(Screen[None]):
             f"queue {module.waiting}/{module.queue_messages} (peak {module.waiting_peak}), "
             f"{size(module.waiting_bytes)}/{size(module.queue_bytes)}; "
             f"outbound {module.outbound_waiting}/{module.outbound_records}; refused {module.refused}; "
-            f"ticks missed {module.ticks_missed}"
+            f"ticks missed {module.ticks_missed}; hot path in {module.hot_path.capitalize() or '-'}"
         )
         if rates:
             for name, text in (
