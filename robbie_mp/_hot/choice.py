@@ -7,10 +7,13 @@ import os
 import sys
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from robbie_mp._hot.sources import digest
 from robbie_mp.transport.layout import LAYOUT_VERSION
+
+if TYPE_CHECKING:
+    from robbie_mp._hot import native as written_in_c
 
 PURE_PYTHON = "ROBBIE_PURE_PYTHON"
 """The variable that chooses Python: any value except the empty one and 0."""
@@ -22,11 +25,13 @@ _BUILD_AGAIN = "install Robbie-MP again with pip, or run make in a checkout"
 class Native(Protocol):
     """The module written in C.
 
-    A class of `native.pyi` is an attribute here, such as `RingWriter: "type[native.RingWriter]"`.
+    A class of `native.pyi` is an attribute here, such as `RingWriter: "type[written_in_c.RingWriter]"`.
     """
 
     LAYOUT_VERSION: int
     SOURCES: str
+    WAITS_BY_MONOTONIC_CLOCK: bool
+    Semaphore: "type[written_in_c.Semaphore]"
 
 
 def native() -> Native | None:

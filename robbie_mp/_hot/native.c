@@ -35,15 +35,33 @@ static int add_constants(PyObject *module)
     return PyModule_AddStringConstant(module, "SOURCES", ROBBIE_SOURCES);
 }
 
+void raise_forked_process(void)
+{
+    PyObject *forks = PyImport_ImportModule("robbie_mp.linux.forks");
+    PyObject *error = forks == NULL ? NULL : PyObject_GetAttrString(forks, "ForkedProcess");
+    PyObject *raised = error == NULL ? NULL : PyObject_CallNoArgs(error);
+    if (raised != NULL)
+        PyErr_SetObject(error, raised);
+    Py_XDECREF(raised);
+    Py_XDECREF(error);
+    Py_XDECREF(forks);
+}
+
 static int add_all(PyObject *module)
 {
 #ifdef ROBBIE_FUSE
     if (add_fuse_types(module) != 0)
         return -1;
 #endif
-    if (add_constants(module) != 0)
-        return -1;
-    return add_ring_types(module);
+    int (*const add[])(PyObject *) = {
+        add_constants,
+        add_ring_types,
+        add_wakeup_types,
+    };
+    for (size_t index = 0; index < sizeof(add) / sizeof(add[0]); index++)
+        if (add[index](module) != 0)
+            return -1;
+    return 0;
 }
 
 static PyModuleDef_Slot slots[] = {

@@ -28,7 +28,11 @@ void release_words(struct held_words *held);
 int hold_ring_place(struct ring_place *place, struct held_words *words, struct held_words *tail_words,
                     PyObject *ring_place, int record_words, bool is_writer);
 
+/* Set the exception for the use of what belongs to the process that forked this one; see linux/forks.py. */
+void raise_forked_process(void);
+
 /* Each adds its types and functions to the module; 0, or -1 with an exception set. */
 int add_ring_types(PyObject *module);
+int add_wakeup_types(PyObject *module);
 
 #endif

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from robbie_mp._hot import choice
 from robbie_mp.errors import RobbieError
 from robbie_mp.linux.forks import keep_from_forks
 from robbie_mp.messages import Message
@@ -110,10 +111,11 @@ class Tool:
 
     def _map(self, plan: RunPlan, run_id: str) -> None:
         slot, incarnation = self._slot, self._incarnation
-        self._memory = IncarnationMemory.attach_as_module(run_id, slot, incarnation)
+        native = choice.native()
+        self._memory = IncarnationMemory.attach_as_module(run_id, slot, incarnation, native)
         self._words = self._memory.out.words
         self._core_segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
-        self._core_wakeup = attach_wakeup(run_id, self._core_segment)
+        self._core_wakeup = attach_wakeup(run_id, self._core_segment, native)
         self._endpoint: Endpoint = make_endpoint(
             self._memory, slot, incarnation, plan.tool_sizes, self._core_wakeup.post
         )

@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from types import FrameType
 
+from robbie_mp._hot.choice import Native
 from robbie_mp.core.members import SUPERVISOR_SLOT, LinkMemory, RouterLimits
 from robbie_mp.core.router import Router, SlotLimits
 from robbie_mp.transport import layout, names
@@ -28,6 +29,7 @@ class CoreProcess:
         message_bytes: size of the largest message that any module's memory can hold.
         spin_s: how long to poll for the next message before sleeping.
         lockstep: whether one message is handled at a time in the whole run.
+        native: what is written in C; None: Python does it.
     """
 
     def __init__(
@@ -39,11 +41,13 @@ class CoreProcess:
         spin_s: float = 0.0,
         *,
         lockstep: bool = False,
+        native: Native | None = None,
     ):
         self._run_id = run_id
+        self._native = native
         self._segment = Segment.attach(names.core(run_id), SegmentKind.CORE, write=True)
         self._words = self._segment.words
-        self._wakeup = attach_wakeup(run_id, self._segment)
+        self._wakeup = attach_wakeup(run_id, self._segment, native)
         self._wakeup.spin_s = spin_s
         self._words[layout.CORE_HOT_PATH] = HotPath.PYTHON
         self._stopping = False
@@ -77,5 +81,5 @@ class CoreProcess:
         self._stopping = True
 
     def _connect(self, slot: int, incarnation: int) -> LinkMemory:
-        memory = IncarnationMemory.attach_as_core(self._run_id, slot, incarnation)
+        memory = IncarnationMemory.attach_as_core(self._run_id, slot, incarnation, self._native)
         return LinkMemory(incarnation, memory.out.words, memory.into.words, memory.wakeup.post, memory.close)

@@ -2,6 +2,7 @@
 
 import logging
 
+from robbie_mp._hot.choice import native
 from robbie_mp.core.process import CoreProcess
 from robbie_mp.core.router import SlotLimits
 from robbie_mp.profile.model import QueueLimits
@@ -21,7 +22,9 @@ def run_core(plan: RunPlan) -> None:
     apply_scheduling(scheduling, logging.getLogger(CORE))
     message_bytes = max(message_bytes, TOOL_MEMORY_BYTES)
     spin_s, lockstep = scheduling.spin_us / 1e6, plan.clock.lockstep
-    CoreProcess(plan.run_id, plan.sizes, slots, message_bytes, spin_s, lockstep=lockstep).run()
+    CoreProcess(
+        plan.run_id, plan.sizes, slots, message_bytes, spin_s, lockstep=lockstep, native=native()
+    ).run()
 
 
 def _slot(

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from robbie_mp._hot import choice
 from robbie_mp.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.checkpoint.file import checkpoint_file
 from robbie_mp.checkpoint.keeper import CheckpointKeeper, DiskPolicy
@@ -56,11 +57,12 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     """Import, construct and run a module until it is stopped or stops itself."""
     slot = plan.names.index(name)
     planned = plan.modules[slot - 1]
-    memory = IncarnationMemory.attach_as_module(plan.run_id, slot, incarnation)
+    native = choice.native()
+    memory = IncarnationMemory.attach_as_module(plan.run_id, slot, incarnation, native)
     words = memory.out.words
     words[layout.OUT_HOT_PATH] = HotPath.PYTHON
     core_segment = Segment.attach(names.core(plan.run_id), SegmentKind.CORE)
-    core_wakeup = attach_wakeup(plan.run_id, core_segment)
+    core_wakeup = attach_wakeup(plan.run_id, core_segment, native)
     endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post)
     limits = planned.memory
     blocks = make_block_store(plan.run_id, slot, incarnation, limits.segment_bytes, limits.limit_bytes)

@@ -5,6 +5,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import Self
 
+from robbie_mp._hot.choice import Native
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.blocks import BlockStore
 from robbie_mp.transport.endpoint import Endpoint, EndpointMemory
@@ -23,7 +24,10 @@ class RingSizes:
 
 
 class IncarnationMemory:
-    """The shared memory of one incarnation of a module, as the supervisor, the core or the module maps it."""
+    """The shared memory of one incarnation of a module, as the supervisor, the core or the module maps it.
+
+    The argument `native` of its methods is what is written in C; None: Python does it.
+    """
 
     def __init__(self, run_id: str, out: Segment, into: Segment, wakeup: Wakeup):
         self.out = out
@@ -32,14 +36,16 @@ class IncarnationMemory:
         self._run_id = run_id
 
     @classmethod
-    def create(cls, run_id: str, slot: int, incarnation: int, sizes: RingSizes) -> Self:
+    def create(
+        cls, run_id: str, slot: int, incarnation: int, sizes: RingSizes, native: Native | None = None
+    ) -> Self:
         """Create it; only the supervisor does this.
 
         Raises:
             SharedMemoryFull: there is no room.
         """
         with ExitStack() as on_failure:
-            wakeup = Wakeup.create(run_id)
+            wakeup = Wakeup.create(run_id, native)
             on_failure.callback(unlink_wakeup, run_id, wakeup.tag)
             on_failure.callback(wakeup.close)
 
@@ -57,17 +63,19 @@ class IncarnationMemory:
         return cls(run_id, out, into, wakeup)
 
     @classmethod
-    def attach_as_module(cls, run_id: str, slot: int, incarnation: int) -> Self:
+    def attach_as_module(cls, run_id: str, slot: int, incarnation: int, native: Native | None = None) -> Self:
         """Map it for the module, which writes `out` and reads `in`."""
-        return cls._attach(run_id, slot, incarnation, written=SegmentKind.OUT)
+        return cls._attach(run_id, slot, incarnation, SegmentKind.OUT, native)
 
     @classmethod
-    def attach_as_core(cls, run_id: str, slot: int, incarnation: int) -> Self:
+    def attach_as_core(cls, run_id: str, slot: int, incarnation: int, native: Native | None = None) -> Self:
         """Map it for the core, which writes `in` and reads `out`."""
-        return cls._attach(run_id, slot, incarnation, written=SegmentKind.IN)
+        return cls._attach(run_id, slot, incarnation, SegmentKind.IN, native)
 
     @classmethod
-    def _attach(cls, run_id: str, slot: int, incarnation: int, written: SegmentKind) -> Self:
+    def _attach(
+        cls, run_id: str, slot: int, incarnation: int, written: SegmentKind, native: Native | None
+    ) -> Self:
         with ExitStack() as on_failure:
 
             def segment(name: str, kind: SegmentKind) -> Segment:
@@ -75,7 +83,7 @@ class IncarnationMemory:
 
             out = segment(names.outbound(run_id, slot, incarnation), SegmentKind.OUT)
             into = segment(names.inbound(run_id, slot, incarnation), SegmentKind.IN)
-            memory = cls(run_id, out, into, attach_wakeup(run_id, into))
+            memory = cls(run_id, out, into, attach_wakeup(run_id, into, native))
             on_failure.pop_all()
         return memory
 
@@ -92,14 +100,14 @@ class IncarnationMemory:
         unlink_wakeup(self._run_id, self.wakeup.tag)
 
 
-def attach_wakeup(run_id: str, segment: Segment) -> Wakeup:
+def attach_wakeup(run_id: str, segment: Segment, native: Native | None = None) -> Wakeup:
     """Open the semaphore whose tag is in a segment: a module's "in" segment, or the core's segment.
 
     Raises:
         SegmentMissing: the run is over.
         ForeignMemory: other users have access to it.
     """
-    return Wakeup.attach(run_id, segment.words[layout.HEADER_WAKEUP])
+    return Wakeup.attach(run_id, segment.words[layout.HEADER_WAKEUP], native)
 
 
 def make_endpoint(

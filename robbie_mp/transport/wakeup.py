@@ -1,18 +1,25 @@
 """A named semaphore by which one process wakes another."""
 
+from __future__ import annotations
+
 import contextlib
 import os
 import secrets
 import time
-from typing import Self
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Self
 
 import posix_ipc
 
+from robbie_mp._hot.choice import Native
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.linux.private_files import ownership_problem
 from robbie_mp.transport import names
 from robbie_mp.transport.segment import ForeignMemory, SegmentMissing, SharedMemoryFull
 from robbie_mp.transport.shared_folder import SHARED_MEMORY, NamesTaken
+
+if TYPE_CHECKING:
+    from robbie_mp._hot.native import Semaphore
 
 MAX_TRIES = 100
 """Names to try. They have 64 random bits, so two taken names are no coincidence."""
@@ -21,28 +28,41 @@ MAX_TRIES = 100
 class Wakeup:
     """A semaphore on which one process waits, and to which any number of processes post.
 
-    The time-outs of POSIX semaphores follow the wall clock: if that is set back, a wait may last longer than
-    asked. The supervisor watches for such steps and posts to every process.
+    Time-outs follow the monotonic clock where C waits and the C library can do so (glibc from 2.30 on).
+    Elsewhere they follow the wall clock: if that is set back, a wait may last longer than asked. So the
+    supervisor watches for such steps and posts to every process.
+
+    Args:
+        semaphore: the semaphore.
+        tag: names it to other processes of the run.
+        native: the same semaphore, opened by C; None: Python waits and posts.
     """
 
-    def __init__(self, semaphore: posix_ipc.Semaphore, tag: int):
+    def __init__(self, semaphore: posix_ipc.Semaphore, tag: int, native: Semaphore | None = None):
         self._semaphore = semaphore
+        self._native: Any = native
         self.tag = tag
         """Names the semaphore to other processes of the run; see `names.wakeup`."""
         self.spin_s = 0.0
         """A wait polls for this time before it sleeps. Meanwhile other threads rarely get the GIL."""
         self.patience_s = 0.0
         """A wait sleeps at least for this time before it looks for posts, so one wake-up serves several."""
-        self.post = semaphore.release
+        self.post: Callable[[], None] = semaphore.release if native is None else native.post
         keep_from_forks(self)
 
     def disown(self) -> None:
         """Prevent a forked process from posting, and from waiting, which would take its parent's posts."""
-        self._semaphore = self.post = REFUSED
+        if self._native not in (None, REFUSED):
+            self._native.disown()
+        self._semaphore = self._native = self.post = REFUSED
 
     @classmethod
-    def create(cls, run_id: str) -> Self:
+    def create(cls, run_id: str, native: Native | None = None) -> Self:
         """Create the semaphore under a random name.
+
+        Args:
+            run_id: the run.
+            native: what is written in C; None: Python does it.
 
         Raises:
             SharedMemoryFull: there is no room for it.
@@ -52,16 +72,22 @@ class Wakeup:
             tag = secrets.randbits(64)
             name = names.wakeup(run_id, tag)
             try:
-                return cls(posix_ipc.Semaphore(f"/{name}", posix_ipc.O_CREX, mode=0o600), tag)
+                semaphore = posix_ipc.Semaphore(f"/{name}", posix_ipc.O_CREX, mode=0o600)
             except posix_ipc.ExistentialError:
                 continue
             except OSError as error:
                 raise SharedMemoryFull.of(f"semaphore {name}", error) from error
+            return cls(semaphore, tag, None if native is None else native.Semaphore(f"/{name}"))
         raise NamesTaken(f"all {MAX_TRIES} names for a semaphore that were tried are taken, such as {name}")
 
     @classmethod
-    def attach(cls, run_id: str, tag: int) -> Self:
+    def attach(cls, run_id: str, tag: int, native: Native | None = None) -> Self:
         """Open an existing semaphore.
+
+        Args:
+            run_id: the run.
+            tag: of the semaphore.
+            native: what is written in C; None: Python does it.
 
         Raises:
             SegmentMissing: there is none of that name.
@@ -75,19 +101,25 @@ class Wakeup:
             raise SegmentMissing(f"there is no semaphore {name}; its run is over") from error
         except posix_ipc.PermissionsError as error:
             raise ForeignMemory(f"semaphore {name} is not ours") from error
+        opened = None
         try:
+            opened = None if native is None else native.Semaphore(f"/{name}")
             _check_owner(name)  # again, as another user may have taken the name of ours in between
-        except BaseException:
+        except BaseException as error:
             semaphore.close()
+            if opened is not None:
+                opened.close()
+            if isinstance(error, FileNotFoundError):
+                raise SegmentMissing(f"there is no semaphore {name}; its run is over") from error
             raise
-        return cls(semaphore, tag)
+        return cls(semaphore, tag, opened)
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait for a post and take all posts; return False after the time-out or a signal.
 
         The wait releases the GIL. It takes all posts at once, because the caller then looks at every ring.
         """
-        semaphore = self._semaphore
+        semaphore = self._semaphore if self._native is None else self._native
         if self.patience_s:
             nap_s = self.patience_s if timeout_s is None else min(self.patience_s, timeout_s)
             time.sleep(nap_s)
@@ -97,6 +129,8 @@ class Wakeup:
             end_ns = time.monotonic_ns() + spin_s * 1e9
             while not semaphore.value and time.monotonic_ns() < end_ns:
                 pass
+        if self._native is not None:
+            return bool(self._native.wait(timeout_s))
         try:
             semaphore.acquire(timeout_s)
         except (posix_ipc.BusyError, posix_ipc.SignalError):
@@ -108,6 +142,8 @@ class Wakeup:
     def close(self) -> None:
         """Close this process's handle."""
         self._semaphore.close()
+        if self._native is not None:
+            self._native.close()
 
 
 def unlink_wakeup(run_id: str, tag: int) -> None:

@@ -26,6 +26,7 @@ from robbie_mp.transport.shared_folder import (
     remove_names,
 )
 from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
+from tests._support.implementations import BOTH, Native
 from tests.run._support.robot import Ended, Robot
 from tests.security._support.second_user import NOBODY, as_nobody, is_refused, needs_root
 
@@ -206,7 +207,10 @@ def test_semaphore_whose_name_is_taken_gets_another(
 
 
 @needs_root
-def test_semaphore_of_another_user_is_neither_attached_nor_unlinked(foreign: list[Path]) -> None:
+@pytest.mark.parametrize("native", BOTH)
+def test_semaphore_of_another_user_is_neither_attached_nor_unlinked(
+    foreign: list[Path], native: Native | None
+) -> None:
     path = SHARED_MEMORY / f"sem.{names.wakeup(RUN, 7)}"
     foreign.append(path)
 
@@ -216,14 +220,15 @@ def test_semaphore_of_another_user_is_neither_attached_nor_unlinked(foreign: lis
 
     as_nobody(attack)
     with pytest.raises(ForeignMemory, match=f"belongs to user {NOBODY}"):
-        Wakeup.attach(RUN, 7)
+        Wakeup.attach(RUN, 7, native)
     unlink_wakeup(RUN, 7)
     assert remove_names(RUN) == []
     assert path.exists()
 
 
+@pytest.mark.parametrize("native", BOTH)
 def test_semaphore_replaced_while_it_is_opened_is_refused(
-    monkeypatch: pytest.MonkeyPatch, foreign: list[Path]
+    monkeypatch: pytest.MonkeyPatch, foreign: list[Path], native: Native | None
 ) -> None:
     wakeup = Wakeup.create(RUN)
     path = SHARED_MEMORY / f"sem.{names.wakeup(RUN, wakeup.tag)}"
@@ -236,7 +241,7 @@ def test_semaphore_replaced_while_it_is_opened_is_refused(
 
     monkeypatch.setattr(posix_ipc, "Semaphore", replace_and_open)
     with pytest.raises(ForeignMemory):
-        Wakeup.attach(RUN, wakeup.tag)
+        Wakeup.attach(RUN, wakeup.tag, native)
     wakeup.close()
 
 
