@@ -1,0 +1,98 @@
+"""What is built at installation, with a compiler and without one, and what is said then."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tests.docs._support.pages import ROOT
+
+pytestmark = pytest.mark.slow
+
+LIMIT_S = 100.0
+PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check")
+ASK = "from robbie_mp._hot.choice import native, why_not; print(native() is not None, why_not())"
+
+
+def run(*command: str | Path, cwd: Path, **environment: str) -> str:
+    """Run a command, and return all that it prints."""
+    done = subprocess.run(
+        list(map(str, command)), cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        timeout=LIMIT_S, check=False, env={**os.environ, **environment},
+    )  # fmt: skip
+    assert done.returncode == 0, f"{command}\n{done.stdout}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The source distribution."""
+    folder = tmp_path_factory.mktemp("sdist")
+    sources = folder / "sources"
+    ignored = shutil.ignore_patterns("__pycache__", "*.so")
+    shutil.copytree(ROOT / "robbie_mp", sources / "robbie_mp", ignore=ignored)
+    for name in ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, sources)
+    run(sys.executable, "setup.py", "-q", "sdist", "--dist-dir", folder / "made", cwd=sources)
+    (made,) = (folder / "made").iterdir()
+    return made
+
+
+def build(archive: Path, folder: Path, *options: str, **environment: str) -> tuple[Path, str]:
+    """Build a wheel from the source distribution; return it and what pip printed."""
+    wheels = folder / "wheels"
+    offline = ("--no-deps", "--no-build-isolation", "--no-cache-dir", "--wheel-dir", wheels)
+    printed = run(*PIP, "wheel", *options, *offline, archive, cwd=folder, **environment)
+    (wheel,) = wheels.iterdir()
+    return wheel, printed
+
+
+def answer_of(wheel: Path, folder: Path) -> str:
+    """Install a wheel into an empty environment, and let it say which form of the hot path it uses."""
+    venv.create(folder / "environment", symlinks=True)
+    python = folder / "environment" / "bin" / "python3"
+    run(*PIP, "--python", python, "install", "--no-deps", "--no-index", "--no-compile", wheel, cwd=folder)
+    return run(python, "-c", ASK, cwd=folder, ROBBIE_PURE_PYTHON="").strip()
+
+
+def test_source_distribution_has_all_sources(archive: Path) -> None:
+    here = {path.name for path in (ROOT / "robbie_mp" / "_hot").iterdir() if path.suffix in (".c", ".h")}
+    with tarfile.open(archive) as found:
+        names = found.getnames()
+    assert {Path(name).name for name in names if name.endswith((".c", ".h"))} == here
+    assert not [name for name in names if name.endswith(".so")]
+
+
+def test_wheel_has_what_was_built_and_no_sources(archive: Path, tmp_path: Path) -> None:
+    wheel, _ = build(archive, tmp_path, ROBBIE_STRICT_BUILD="1")
+    with zipfile.ZipFile(wheel) as found:
+        names = [name for name in found.namelist() if name.startswith("robbie_mp/_hot/")]
+    assert [name for name in names if name.endswith((".c", ".h"))] == []
+    assert len([name for name in names if name.endswith(".so")]) == 1
+    assert "robbie_mp/_hot/native.pyi" in names
+    assert answer_of(wheel, tmp_path) == "True"
+
+
+def test_installation_without_a_compiler_says_so_in_one_line_and_uses_python(
+    archive: Path, tmp_path: Path
+) -> None:
+    wheel, printed = build(archive, tmp_path, "-v", CC="no-such-compiler")
+    said = [line.strip() for line in printed.splitlines() if "no-such-compiler" in line]
+    assert said == [
+        "Robbie-MP uses Python for its hot path, which is slower: "
+        "there is no C compiler (no-such-compiler); install gcc"
+    ]
+    assert "Traceback" not in printed
+    answer = answer_of(wheel, tmp_path)
+    assert answer.startswith("False it was not built, because there was no working C compiler")
+
+
+def test_strict_installation_without_a_compiler_fails(archive: Path, tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match="there is no C compiler"):
+        build(archive, tmp_path, CC="no-such-compiler", ROBBIE_STRICT_BUILD="1")
