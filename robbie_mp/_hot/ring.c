@@ -8,6 +8,7 @@ struct ring_writer ring_writer_at(struct ring_place place)
 uint64_t ring_room(const struct ring_writer *ring)
 {
     uint64_t tail = load(ring->place.tail);
+    fence_loads(); /* places that the reader has left are written after it has read them */
     if (tail > ring->head || ring->head - tail > ring->place.capacity)
         return 0;
     return ring->place.capacity - (ring->head - tail);

@@ -17,6 +17,7 @@ from types import ModuleType
 
 HOT = Path(__file__).parents[3] / "robbie_mp" / "_hot"
 HERE = Path(__file__).parent
+PROGRAMS = HERE.parent / "programs"
 C_STANDARD = "-std=c11"
 COMPILE_S = 100
 
