@@ -12,13 +12,15 @@ import psutil
 import pytest
 import yaml
 
+from robbie_mp.profile.model import CoreLimits, QueueLimits
 from tests._support.present import present
 from tools.bench.__main__ import main
 from tools.bench.contender import PeerContender, Trouble, wait_for_end
 from tools.bench.load import Bus, measure_bus
 from tools.bench.options import Options, peer, read_variant
 from tools.bench.peers.peer import Peer
-from tools.bench.robbie import RobbieContender
+from tools.bench.robbie import RobbieContender, scheduling_of
+from tools.bench.robbie_modules import FLAT_OUT_OUTSTANDING
 from tools.bench.rounds import Series, run_rounds, run_work
 from tools.bench.shared_memory import mapped_names, remove_unmapped
 from tools.bench.work import Work
@@ -83,10 +85,25 @@ def test_ways_to_wake_a_process_are_measured_beside_one_another(tmp_path: Path) 
 
 def test_all_processes_run_where_the_work_says(tmp_path: Path) -> None:
     cpu = min(os.sched_getaffinity(0))
-    RobbieContender().write_workspace(tmp_path, {"one": {}}, (cpu,))
+    work = replace(WORK, cpus=(cpu,), realtime_priority=7)
+    RobbieContender().write_workspace(tmp_path, {"one": {}}, scheduling_of(work))
     profile = yaml.safe_load((tmp_path / "profiles" / "bench.yaml").read_text())
-    assert profile["core"] == {"scheduling": {"cpus": [cpu]}}
-    assert profile["modules"]["one"]["scheduling"] == {"cpus": [cpu]}
+    wanted = {"cpus": [cpu], "realtime_priority": 7}
+    assert profile["core"] == {"scheduling": wanted}
+    assert profile["modules"]["one"]["scheduling"] == wanted
+    assert scheduling_of(WORK) == {}
+
+
+def test_message_is_constructed_encoded_and_decoded_in_measured_time(tmp_path: Path) -> None:
+    run = measure(tmp_path, "handling", "--quick")
+    rows = run["results"][0]["contenders"]
+    assert {row["name"].split()[0] for row in rows} == {"construct", "encode", "decode"}
+    assert all(0 < row["us"][0] < 1000 for row in rows)
+
+
+def test_burst_of_a_flat_out_publisher_fits_into_ring_and_queue() -> None:
+    core, queue = CoreLimits(), QueueLimits()
+    assert min(core.ring_records - 2 * core.credits, queue.messages) > FLAT_OUT_OUTSTANDING
 
 
 def test_arrays_copied_and_filled_in_place_reach_the_last_subscriber(tmp_path: Path) -> None:

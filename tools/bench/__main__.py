@@ -12,6 +12,7 @@ from typing import Any
 from robbie_mp.linux.wake_latency import DEVICE, HOW_TO_ALLOW
 from tools.bench import load, messages
 from tools.bench.goals import goal_table
+from tools.bench.handling import handling
 from tools.bench.machine import describe_machine, processors_awake
 from tools.bench.options import Options, read_variant
 from tools.bench.report import write_report
@@ -27,6 +28,7 @@ BENCHMARKS = {
     "scale": load.scale,
     "idle": load.idle,
     "restart": restart,
+    "handling": handling,
 }
 
 

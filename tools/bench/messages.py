@@ -1,6 +1,8 @@
 """The benchmarks of one publisher: `latency`, `wake`, `large`, `fanout` and `throughput`."""
 
 import os
+import resource
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ IMAGE_BYTES = 1920 * 1080 * 3
 """6.2 MB."""
 IMAGE_HZ = 30.0
 FANOUT = 8
+REALTIME_PRIORITY = 10
 FLOORS = ("floor", "floor_futex", "floor_eventfd", "floor_fifo", "floor_datagram")
 SCHEDULED = (
     RobbieContender(
@@ -38,11 +41,26 @@ SCHEDULED = (
 
 
 def latency(options: Options) -> list[Result]:
-    """A typed message of 64 bytes, 1,000 times a second, from one publisher to one subscriber."""
-    work = Work("", Path(), count=options.messages(3000, 500), rate_hz=1000.0, warm_up=100)
-    measured: list[Contender] = [peer("floor"), *options.robbies(), *peers()]
-    series = [Series(one) for one in measured]
-    return [_latencies(options, "latency", "64 bytes, 1 kHz, 1 subscriber", work, series, (5, 2))]
+    """A typed message of 64 bytes to one subscriber: often; unless quick, also seldom and in real time."""
+    often = Work("", Path(), count=options.messages(3000, 500), rate_hz=1000.0, warm_up=100)
+    works = {"1 kHz": often}
+    if not options.quick:
+        works["30 Hz"] = replace(often, count=options.messages(120, 120), rate_hz=30.0, warm_up=5)
+        if may_run_at(REALTIME_PRIORITY):
+            works["1 kHz at SCHED_FIFO"] = replace(often, realtime_priority=REALTIME_PRIORITY)
+    results = []
+    for title, work in works.items():
+        measured: list[Contender] = [peer("floor"), *options.robbies(), *peers()]
+        series = [Series(one) for one in measured]
+        results.append(
+            _latencies(options, "latency", f"64 bytes, {title}, 1 subscriber", work, series, (5, 2))
+        )
+    return results
+
+
+def may_run_at(priority: int) -> bool:
+    """Whether this user may give processes this real-time priority."""
+    return os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_RTPRIO)[0] >= priority
 
 
 def wake(options: Options) -> list[Result]:
@@ -67,7 +85,7 @@ def large(options: Options) -> list[Result]:
         small = Series(options.robbies()[0], {"size_bytes": PROBE_BYTES}, "64 B")
         series = [Series(peer("memcpy")), small, *_with_arrays(options)]
         results.append(
-            _latencies(options, "large", f"{title}, {IMAGE_HZ:g} Hz, 1 subscriber", work, series, (5, 1))
+            _latencies(options, "large", f"{title}, {IMAGE_HZ:g} Hz, 1 subscriber", work, series, (5, 2))
         )
     return results
 

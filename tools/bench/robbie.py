@@ -2,7 +2,7 @@
 
 import contextlib
 import subprocess
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -20,6 +20,12 @@ LIMIT_S = 90.0
 TOP_STARTS_S = 4.0
 MODULE = {"restart": {"policy": "never"}, "essential": True}
 """A benchmark in which a module crashes is over."""
+
+
+def scheduling_of(work: Work) -> dict[str, Any]:
+    """Return what a profile says of the scheduling of a work's processes."""
+    wanted = {"cpus": list(work.cpus), "realtime_priority": work.realtime_priority}
+    return {key: value for key, value in wanted.items() if value}
 
 
 class RobbieContender:
@@ -77,7 +83,7 @@ class RobbieContender:
         """Run a profile with one publisher and the work's subscribers to its end."""
         with work_folder() as (topic, folder):
             here = replace(work.at(topic, folder), settle_s=self.settle_s)
-            with self.robot(folder, self.pair(here), work.cpus) as robot:
+            with self.robot(folder, self.pair(here), scheduling_of(work)) as robot:
                 robot.wait_for_end(LIMIT_S)
                 if robot.supervisor.returncode:
                     raise Trouble(last_words(folder / "stderr"))
@@ -107,25 +113,25 @@ class RobbieContender:
         return described
 
     def write_workspace(
-        self, folder: Path, modules: Mapping[str, dict[str, Any]], cpus: Sequence[int] = ()
+        self, folder: Path, modules: Mapping[str, dict[str, Any]], scheduling: Mapping[str, Any] | None = None
     ) -> None:
-        """Write the profile `bench` with these modules, all on these processors, into a folder."""
+        """Write the profile `bench` into a folder: these modules, and core and modules scheduled alike."""
         (folder / "profiles").mkdir()
-        place = {"scheduling": {"cpus": list(cpus)}} if cpus else {}
+        place = {"scheduling": dict(scheduling)} if scheduling else {}
         complete = {name: {**MODULE, **place, **own, **self._module} for name, own in modules.items()}
         text = yaml.safe_dump({"core": {**place, **self._core}, "modules": complete}, sort_keys=False)
         (folder / "profiles" / "bench.yaml").write_text(text)
 
     @contextlib.contextmanager
     def robot(
-        self, folder: Path, modules: Mapping[str, dict[str, Any]], cpus: Sequence[int] = ()
+        self, folder: Path, modules: Mapping[str, dict[str, Any]], scheduling: Mapping[str, Any] | None = None
     ) -> Iterator[Robot]:
         """Start a profile of these modules; at the end it is stopped, and killed if it does not.
 
         Raises:
             Trouble: from the block too, if the robot did not do what it must.
         """
-        self.write_workspace(folder, modules, cpus)
+        self.write_workspace(folder, modules, scheduling)
         robot = Robot(folder, folder, "bench")
         try:
             with watched(robot) if self._with_top else contextlib.nullcontext():

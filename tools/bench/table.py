@@ -141,12 +141,17 @@ def _restart(result: Row) -> str:
     return render(["", "median ms", "p99 ms"], lines)
 
 
+def _handling(result: Row) -> str:
+    return render(["", "µs"], [[row["title"], number(middle(row["us"]), 2)] for row in result["contenders"]])
+
+
 TABLES: dict[str, Callable[[Row], str]] = {
     "latency": _latency,
     "throughput": _throughput,
     "idle": _idle,
     "scale": _scale,
     "restart": _restart,
+    "handling": _handling,
 }
 
 

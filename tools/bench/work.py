@@ -28,6 +28,7 @@ class Work:
         settle_s: how long Robbie's publisher waits before it begins.
         pause_s: with a count of 0, how long all processes wait for messages that do not come.
         cpus: processors on which all processes run; (): all.
+        realtime_priority: of all processes under SCHED_FIFO; 0: they run under the usual scheduler.
     """
 
     topic: str
@@ -42,6 +43,7 @@ class Work:
     settle_s: float = 0.0
     pause_s: float = 0.0
     cpus: tuple[int, ...] = ()
+    realtime_priority: int = 0
 
     @property
     def has_array(self) -> bool:

@@ -25,6 +25,8 @@ def run(peer: Peer, role: str, work: Work) -> None:
     """Play one role to its end."""
     if work.cpus:
         os.sched_setaffinity(0, work.cpus)
+    if work.realtime_priority:  # threads that are started later inherit it
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(work.realtime_priority))
     if role == PUBLISHER:
         with peer.publisher(work) as send:
             publish_all(work, send)
