@@ -98,6 +98,9 @@ class Memory(Protocol):
         """Return some words as a process maps them that only reads them."""
         ...
 
+    def note_wake(self, slot: int) -> None:
+        """Note that the core wakes a module."""
+
 
 class Mapped:
     """Words of an array as a process maps them."""
@@ -145,3 +148,6 @@ class ArrayMemory:
 
     def look_at(self, words: Words) -> ClosableWords:
         return Mapped(words, Fuse())
+
+    def note_wake(self, slot: int) -> None:
+        """Wakes are counted by the modules."""

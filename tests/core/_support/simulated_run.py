@@ -41,6 +41,7 @@ class SimulatedModule:
 
     def wake(self) -> None:
         self.wakeups += 1
+        SimulatedRun.memory.note_wake(self.slot)
 
     def wake_core(self) -> None:
         self.core_wakeups += 1

@@ -392,27 +392,10 @@ static int words_set_fuse(Words *self, PyObject *value, void *unused)
     return 0;
 }
 
-static PyObject *words_stray(Words *self, PyObject *unused)
-{
-    (void)unused;
-    PyObject *found = PyList_New(0);
-    struct region *region = self->region;
-    for (Py_ssize_t index = 0; found != NULL && index < region->count; index++) {
-        if (load(region->words + index) == region->stored[index])
-            continue;
-        PyObject *number = PyLong_FromSsize_t(index);
-        if (number == NULL || PyList_Append(found, number) != 0)
-            Py_CLEAR(found);
-        Py_XDECREF(number);
-    }
-    return found;
-}
-
 static PyMethodDef words_methods[] = {
     {"map", (PyCFunction)words_map, METH_NOARGS, "Return the same words, as another process maps them."},
     {"close", (PyCFunction)words_close, METH_NOARGS, "Unmap them; BufferError while somebody holds them."},
     {"watch", (PyCFunction)words_watch, METH_O, "Tell index, old and new value of each store; None: nobody."},
-    {"stray", (PyCFunction)words_stray, METH_NOARGS, "Return the indices that were not stored through `store`."},
     {NULL},
 };
 
@@ -492,10 +475,21 @@ static PyObject *unguarded_stores(PyObject *module, PyObject *unused)
     return PyLong_FromUnsignedLongLong(unguarded);
 }
 
+static PyObject *stray_words(PyObject *module, PyObject *unused)
+{
+    (void)module, (void)unused;
+    for (struct region *region = regions; region != NULL; region = region->next)
+        for (Py_ssize_t index = 0; index < region->count; index++)
+            if (load(region->words + index) != region->stored[index])
+                return Py_BuildValue("[(In)]", (unsigned int)region->number, index);
+    return PyList_New(0);
+}
+
 static PyMethodDef functions[] = {
     {"begin_trace", begin_trace, METH_NOARGS, "Write down all stores from now on; words are numbered from 0."},
     {"end_trace", end_trace, METH_NOARGS, "Return the stores: words, index (4 bytes each) and value (8)."},
     {"note_wake", note_wake, METH_O, "Write down that somebody was woken."},
+    {"stray_words", stray_words, METH_NOARGS, "Return the first word that was not stored through `store`, if any."},
     {"unguarded_stores", unguarded_stores, METH_NOARGS, "Count the stores of C that no MAY_DIE covered."},
     {NULL},
 };

@@ -39,3 +39,6 @@ class FusedMemory:
         assert isinstance(words, self._built.Words)
         mapped: ClosableWords = words.map()
         return mapped
+
+    def note_wake(self, slot: int) -> None:
+        self._built.note_wake(slot)
