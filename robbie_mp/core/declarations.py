@@ -36,7 +36,7 @@ class Declarations:
         """Open a channel."""
         row = link.declaration(record[1])
         channel = self._directory.channel(row.name, link.slot)
-        link.channels[record[1]] = channel
+        link.channels = {**link.channels, record[1]: channel}
 
     def on_subscribe(self, _slot: Slot, link: Link, record: Record) -> None:
         """Open a subscription, or continue the one of an earlier incarnation."""

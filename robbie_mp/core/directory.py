@@ -13,7 +13,6 @@ from robbie_mp.transport.words import WORD_BYTES, WORD_MAX
 
 MAX_INTERVAL_US = 10**9
 """Longest interval between two messages that is counted; a module may claim any time."""
-_DROPPED_COUNT = layout.SUBSCRIPTION_DROPPED - layout.SUBSCRIPTION_ROUTED
 
 
 class TableFull(RobbieError, OverflowError):
@@ -45,12 +44,9 @@ class Subscription:
 
     A subscription may also be by shell patterns for type and topic. If several patterns of a module match a
     channel, the first of them gets its messages, so the module gets each message once.
-    """
 
-    __slots__ = (
-        "at", "counts", "declaration", "declared_by", "index", "is_open", "newest_only", "pattern", "queued",
-        "slot", "topic", "type_name", "version",
-    )  # fmt: skip
+    Its counts are only in its row of the tables.
+    """
 
     def __init__(self, index: int, at: int, slot: int, name: ChannelName, handling: MessageHandling):
         self.index = index
@@ -66,8 +62,6 @@ class Subscription:
         self.newest_only = handling is MessageHandling.KEEP_ONLY_NEWEST
         self.queued: int | None = None
         """The reference that waits, of a subscription that keeps only the newest."""
-        self.counts = [0, 0, 0, 0, 0]
-        """Routed, delivered, replaced, dropped, lost; the words from SUBSCRIPTION_ROUTED on."""
 
     def matches(self, channel: "Channel") -> bool:
         """Whether this subscription gets the messages of a channel."""
@@ -82,46 +76,35 @@ class Subscription:
 
 
 class Channel:
-    """A message type with a version on a topic."""
-
-    __slots__ = (
-        "_figures_at", "at", "bytes", "index", "intervals_squared", "last_stamp_ns", "messages",
-        "subscriptions", "topic", "type_name", "version",
-    )  # fmt: skip
+    """A message type with a version on a topic. Its figures are only in its row of the tables."""
 
     def __init__(self, index: int, at: int, name: ChannelName):
         self.index = index
         self.at = at
         self.type_name, self.version, self.topic = name
-        self._figures_at = (at + layout.CHANNEL_MESSAGES) * WORD_BYTES
-        self.messages = 0
-        self.bytes = 0
-        self.last_stamp_ns = 0
-        self.intervals_squared = 0
-        self.subscriptions: list[Subscription] = []
+        self.figures_at = (at + layout.CHANNEL_MESSAGES) * WORD_BYTES
+        """Where four words of its row begin: messages, bytes, last stamp, squares of the intervals."""
+        self.subscriptions: tuple[Subscription, ...] = ()
+        """Those that get its messages, in this order; always set as a whole."""
 
-    def count(self, write: Callable[..., None], size: int, stamp_ns: int) -> None:
+    def count(self, write: Callable[..., None], before: tuple[int, ...], size: int, stamp_ns: int) -> None:
         """Count a message, and note its publication time and the interval since the one before it.
 
         After a crash of the core, a message routed again may add its interval twice; only statistics use it.
 
         Args:
             write: writes four words of the tables.
+            before: the figures without this message, the four words at `figures_at`.
             size: size of the message in bytes.
             stamp_ns: when it was published.
         """
-        self.messages += 1
-        self.bytes += size
-        if self.last_stamp_ns:
-            interval_us = (stamp_ns - self.last_stamp_ns) // 1000
+        messages, total_bytes, last_stamp_ns, squares = before
+        if last_stamp_ns:
+            interval_us = (stamp_ns - last_stamp_ns) // 1000
             if not -MAX_INTERVAL_US < interval_us < MAX_INTERVAL_US:
                 interval_us = MAX_INTERVAL_US
-            self.intervals_squared = self.intervals_squared + interval_us * interval_us & WORD_MAX
-        self.last_stamp_ns = stamp_ns
-        write(
-            self._figures_at,
-            self.messages, self.bytes, stamp_ns, self.intervals_squared,
-        )  # fmt: skip
+            squares = squares + interval_us * interval_us & WORD_MAX
+        write(self.figures_at, messages + 1, total_bytes + size, stamp_ns, squares)
 
 
 class Directory:
@@ -144,17 +127,12 @@ class Directory:
         for row in self._tables.subscriptions():
             at = self._tables.subscription(row.index)
             entry = Subscription(row.index, at, row.slot, row.name, row.handling)
-            entry.counts = list(row.counts)
             entry.is_open = row.state == ROW_OPEN
             self.subscriptions.append(entry)
 
     def _read_channels(self) -> None:
         for row in self._tables.channels():
-            channel = self._add_channel(row.index, row.name)
-            channel.messages = row.messages
-            channel.bytes = row.bytes
-            channel.last_stamp_ns = row.last_stamp_ns
-            channel.intervals_squared = row.intervals_squared_us2
+            self._add_channel(row.index, row.name)
 
     def by_index(self, index: int) -> Channel:
         """Return the channel in a row of the table."""
@@ -250,7 +228,8 @@ class Directory:
 
     def _forget_end(self, entry: Subscription) -> None:
         """Note that a module is back; also if a core died while it closed the subscription."""
-        self._row(entry).forget_end(entry.counts[_DROPPED_COUNT])
+        row = self._row(entry)
+        row.forget_end(row.counts.dropped)
 
     def _row(self, entry: Subscription) -> SubscriptionRow:
         return self._tables.subscription_row(entry.index)
@@ -267,7 +246,8 @@ class Directory:
 
     def note_end(self, entry: Subscription) -> None:
         """Note that messages dropped from now on waited for a module that has ended; may be repeated."""
-        self._row(entry).note_end(entry.counts[_DROPPED_COUNT])
+        row = self._row(entry)
+        row.note_end(row.counts.dropped)
 
     def close(self, entry: Subscription) -> None:
         """Route no more messages to a subscription; its counters are kept."""
@@ -275,7 +255,7 @@ class Directory:
         entry.is_open = False
         for channel in self._channels.values():
             if entry in channel.subscriptions:
-                channel.subscriptions.remove(entry)
+                channel.subscriptions = tuple([one for one in channel.subscriptions if one is not entry])
                 for other in self._patterns(entry.slot) if entry.pattern else ():
                     _connect(channel, other)
 
@@ -292,4 +272,4 @@ def _connect(channel: Channel, entry: Subscription) -> None:
         place = len(channel.subscriptions)
         while not entry.pattern and place and channel.subscriptions[place - 1].pattern:
             place -= 1
-        channel.subscriptions.insert(place, entry)
+        channel.subscriptions = (*channel.subscriptions[:place], entry, *channel.subscriptions[place:])

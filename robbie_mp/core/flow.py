@@ -14,7 +14,7 @@ from robbie_mp.core.queues import Queues
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import block_bytes
 from robbie_mp.transport.ring import Record
-from robbie_mp.transport.words import WORD_MAX, Words, row_writer
+from robbie_mp.transport.words import WORD_MAX, Words, row_reader, row_writer
 
 # Looked up once, not for every message: each look-up costs as much as what is done with it.
 _CORE_LAST_SEQUENCE, _PUBLISHER_ROUTED = layout.CORE_LAST_SEQUENCE, layout.PUBLISHER_ROUTED
@@ -44,13 +44,11 @@ class MessageFlow:
         blocks: "FreedBlocks",
     ):
         self._words = words
-        self._write_channel = row_writer(words, 4)
+        self._read_figures, self._write_figures = row_reader(words, 4), row_writer(words, 4)
         self._message_bytes = message_bytes
         self._ledger = ledger
         self._queues = queues
         self._blocks = blocks
-        self.sequence = 0
-        """Sequence of the last message, in the global order of the run."""
 
     def on_publish(self, slot: Slot, link: Link, record: Record) -> None:
         """Enter a message in the ledger and route it.
@@ -69,33 +67,52 @@ class MessageFlow:
         if not ledger.has_room(len(subscriptions)):
             self._refuse(slot, link, block)
             return
-        handle = _new_tuple(Handle, (self.sequence + 1, source, offset, size, channel.index, stamp, block))
-        index = ledger.open_handle(handle, link.outbound.tail, slot.routed + 1, channel)
-        self.route(slot, channel, index, handle, subscriptions)
+        words = self._words
+        sequence = words[_CORE_LAST_SEQUENCE] + 1
+        handle = _new_tuple(Handle, (sequence, source, offset, size, channel.index, stamp, block))
+        routed = words[slot.at + _PUBLISHER_ROUTED] + 1
+        figures = self._read_figures(channel.figures_at)
+        index = ledger.open_handle(handle, link.outbound.tail, routed, figures[0] + 1, figures[1] + size)
+        self.route(slot, channel, figures, index, handle, subscriptions)
 
     def route(
-        self, slot: Slot, channel: Channel, index: int, handle: Handle, subscriptions: Sequence[Subscription]
+        self,
+        slot: Slot,
+        channel: Channel,
+        figures: tuple[int, ...],
+        index: int,
+        handle: Handle,
+        subscriptions: Sequence[Subscription],
     ) -> None:
-        """Send an entered message to its subscribers, or queue it for them, and count it."""
+        """Send an entered message to its subscribers, or queue it for them, and count it.
+
+        Args:
+            slot: its publisher.
+            channel: its channel.
+            figures: those of the channel without it, see `Channel.count`.
+            index: its row in the table of handles.
+            handle: the message.
+            subscriptions: those that get it.
+        """
         ledger, words, add = self._ledger, self._words, self._queues.add
         sequence, _, _, size, _, stamp_ns, _ = handle
-        self.sequence = words[_CORE_LAST_SEQUENCE] = sequence
+        words[_CORE_LAST_SEQUENCE] = sequence
         claims = ledger.open_references(subscriptions, index)
         for subscription, reference in claims:
             add(subscription, reference, handle)
-        slot.routed = words[slot.at + _PUBLISHER_ROUTED] = slot.routed + 1
-        channel.count(self._write_channel, size, stamp_ns)
+        words[slot.at + _PUBLISHER_ROUTED] = words[slot.at + _PUBLISHER_ROUTED] + 1
+        channel.count(self._write_figures, figures, size, stamp_ns)
         if not claims and not ledger.holders(index):
             self._blocks.give_back(index)
 
     def _refuse(self, slot: Slot, link: Link, block: int) -> None:
         """Count a message that does not fit into the tables, and give its block back."""
         words, at = self._words, slot.at
-        slot.refused += 1
-        words[at + layout.PUBLISHER_REFUSED_NTH] = slot.refused
+        nth = words[at + layout.PUBLISHER_REFUSED] + 1
+        words[at + layout.PUBLISHER_REFUSED_NTH] = nth
         words[at + layout.PUBLISHER_REFUSED_INCARNATION] = link.incarnation
         words[at + layout.PUBLISHER_REFUSED_RECORD] = link.outbound.tail
-        words[at + layout.PUBLISHER_REFUSED] = slot.refused  # commits
+        words[at + layout.PUBLISHER_REFUSED] = nth  # commits
         self._blocks.free(link, block)
 
     def on_done(self, slot: Slot, link: Link, record: Record) -> None:
@@ -108,7 +125,7 @@ class MessageFlow:
         del link.pushed[reference]
         handle = self._ledger.handle(self._ledger.reference(reference)[1])
         link.in_flight[handle.source & _SOURCE_SLOT] -= handle.size
-        link.pinned.add(reference)
+        link.pinned[reference] = 0
         self._ledger.count(reference, Outcome.DELIVERED)
         self._queues.pump(slot, link)
         self._queues.outdate(slot)
@@ -123,7 +140,7 @@ class MessageFlow:
             link.in_flight[source & _SOURCE_SLOT] -= size
             ledger.deliver(reference, entry[1], entry[2])
         elif reference in link.pinned and ledger.reference(reference)[0] == record[2]:
-            link.pinned.remove(reference)
+            del link.pinned[reference]
             ledger.close_reference(reference)
         elif not link.is_repeated():
             raise ProtocolViolation(f"it released reference {reference}, which it does not have")
@@ -147,8 +164,8 @@ class FreedBlocks:
         self._ledger = ledger
         self._slots = slots
         self._members = members
-        self.dead_sources: set[tuple[int, int]] = set()
-        """Slot and incarnation of dead publishers that still have live messages."""
+        self.dead_sources: dict[int, int] = {}
+        """Live messages of each dead publisher that still has any, by its incarnation as in `Link.source`."""
         self.waits = 0
         """Number of modules that wait for freed blocks."""
 
@@ -159,11 +176,13 @@ class FreedBlocks:
         link = self._slots[source & 0xFFFF].link
         if link is not None and source == link.source:
             self.free(link, handle.block)
-        if not self._ledger.close_handle(index) and self.dead_sources:
-            slot, _, incarnation = layout.unpack_source(source)
-            if (slot, incarnation) in self.dead_sources:
-                self.dead_sources.remove((slot, incarnation))
-                self.announce_gone(slot, incarnation)
+        self._ledger.close_handle(index)
+        if source in self.dead_sources:
+            self.dead_sources[source] -= 1
+            if not self.dead_sources[source]:
+                del self.dead_sources[source]
+                slot, _, incarnation = layout.unpack_source(source)
+                self._members.announce_gone((slot, incarnation))
 
     def free(self, link: Link, block: int) -> None:
         """Give one block back."""
@@ -189,17 +208,13 @@ class FreedBlocks:
 
     def mark_dead(self, slot: int, incarnation: int) -> None:
         """Note that an incarnation is dead and has been reclaimed; its messages may outlive it."""
-        if self._ledger.has_live(slot, incarnation):
-            self.dead_sources.add((slot, incarnation))
+        source = layout.pack_source(slot, 0, incarnation)
+        if live := len(self._ledger.live_of(source)):
+            self.dead_sources[source] = live
         else:
-            self.announce_gone(slot, incarnation)
+            self._members.announce_gone((slot, incarnation))
         if self._slots[slot].link is None:
             self._words[self._slots[slot].at + layout.PUBLISHER_LINKED] = 0
-
-    def announce_gone(self, slot: int, incarnation: int) -> None:
-        """Announce that a dead publisher has no live message left."""
-        self._ledger.forget_source(slot, incarnation)
-        self._members.announce_gone((slot, incarnation))
 
 
 class RoomMaker:

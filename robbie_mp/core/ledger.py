@@ -6,12 +6,13 @@ core dies after the commit, `takeover` can finish the step from the row alone; i
 the step has not happened.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import IntEnum
 from itertools import compress
 from typing import NamedTuple
 
-from robbie_mp.core.directory import Channel, Subscription
+from robbie_mp.core.directory import Subscription
 from robbie_mp.transport import layout
 from robbie_mp.transport.tables import CoreTables
 from robbie_mp.transport.words import WORD_BYTES, WORD_MAX, row_writer
@@ -100,15 +101,23 @@ class Ledger:
         self.handle = self._handles.__getitem__
         self._holders = [0] * tables.sizes.handles
         self._references: list[tuple[int, int, Subscription] | None] = [None] * tables.sizes.references
-        self._live_of_source: dict[int, int] = {}
-        """Number of live messages of each incarnation of a publisher."""
 
     def has_room(self, references: int) -> bool:
         """Whether there is a row for a message, and rows for this number of references to it."""
         return bool(self._free_handles) and len(self._free_references) >= references
 
-    def open_handle(self, handle: Handle, record: int, publisher_routed: int, channel: Channel) -> int:
-        """Enter a message; return the index of its row."""
+    def open_handle(
+        self, handle: Handle, record: int, publisher_routed: int, channel_messages: int, channel_bytes: int
+    ) -> int:
+        """Enter a message; return the index of its row.
+
+        Args:
+            handle: the message.
+            record: number of the outbound record that published it.
+            publisher_routed: the publisher's count of routed messages, with this one.
+            channel_messages: likewise the channel's count.
+            channel_bytes: likewise their size in total.
+        """
         index = self._free_handles.pop()
         at = self._handles_at + index * _HANDLE_WORDS
         words = self._words
@@ -117,43 +126,38 @@ class Ledger:
         self._write_handle(
             (at + 2) * WORD_BYTES,
             source, offset, size, channel_index, stamp_ns, block,
-            publisher_routed, channel.messages + 1, channel.bytes + size,
+            publisher_routed, channel_messages, channel_bytes,
         )  # fmt: skip
         words[at + 1] = record
         words[at] = sequence  # commits: from here on the message is routed
         self._handles[index] = handle
-        source &= _SOURCE_OF_INCARNATION
-        self._live_of_source[source] = self._live_of_source.get(source, 0) + 1
         return index
 
-    def close_handle(self, index: int) -> int:
-        """Free a handle's row; return how many messages of its publisher are left."""
+    def close_handle(self, index: int) -> None:
+        """Free a handle's row."""
         self._words[self._handles_at + index * _HANDLE_WORDS] = 0
         self._free_handles.append(index)
-        source = self._handles[index][1] & _SOURCE_OF_INCARNATION
-        self._live_of_source[source] = left = self._live_of_source[source] - 1
-        return left
 
-    def forget_source(self, slot: int, incarnation: int) -> None:
-        """Forget a dead publisher that has no messages left."""
-        self._live_of_source.pop(layout.pack_source(slot, 0, incarnation), None)
-
-    def sources(self) -> set[tuple[int, int]]:
-        """Slot and incarnation of every publisher with live messages."""
-        return {_publisher(source) for source, live in self._live_of_source.items() if live}
-
-    def has_live(self, slot: int, incarnation: int) -> bool:
-        """Whether messages of that publisher are alive."""
-        return self._live_of_source.get(layout.pack_source(slot, 0, incarnation), 0) > 0
+    def live_of_sources(self) -> dict[int, int]:
+        """Count the messages that have references, by the incarnation of their publishers; see `live_of`."""
+        handles = self._handles
+        return Counter(handles[row].source & _SOURCE_OF_INCARNATION for row in self._held())
 
     def live_of(self, source: int) -> list[int]:
-        """Return the rows of a publisher's messages that have references, the oldest first."""
-        rows = compress(range(len(self._holders)), self._holders)
+        """Return the rows of a publisher's messages that have references, the oldest first.
+
+        Args:
+            source: any data segment of its incarnation, with the number of the segment 0.
+        """
         handles = self._handles
         return sorted(
-            [row for row in rows if handles[row].source & _SOURCE_OF_INCARNATION == source],
+            [row for row in self._held() if handles[row].source & _SOURCE_OF_INCARNATION == source],
             key=lambda row: handles[row].sequence,
         )
+
+    def _held(self) -> Iterable[int]:
+        """Return the rows of the messages that have references."""
+        return compress(range(len(self._holders)), self._holders)
 
     def holders(self, handle: int) -> int:
         """Return how many references to a message are left."""
@@ -169,8 +173,7 @@ class Ledger:
         for subscription in subscriptions:
             index = self._free_references.pop()
             at = self._references_at + index * _REFERENCE_WORDS
-            counts = subscription.counts
-            counts[0] = routed = counts[0] + 1
+            routed = words[subscription.at + _ROUTED] + 1
             self._write_reference((at + 1) * WORD_BYTES, sequence, handle, subscription.index, 0)
             words[at] = _HELD | routed << 8  # commits
             words[subscription.at + _ROUTED] = routed
@@ -201,11 +204,10 @@ class Ledger:
 
     def count(self, index: int, outcome: Outcome) -> None:
         """Enter the outcome of a reference."""
-        subscription = self.reference(index)[2]
-        column = outcome - 1
-        subscription.counts[column] = nth = subscription.counts[column] + 1
-        self._words[self._references_at + index * _REFERENCE_WORDS] = outcome | nth << 8  # commits
-        self._words[subscription.at + _ROUTED + column] = nth
+        words, at = self._words, self.reference(index)[2].at + _ROUTED + outcome - 1
+        nth = words[at] + 1
+        words[self._references_at + index * _REFERENCE_WORDS] = outcome | nth << 8  # commits
+        words[at] = nth
 
     def close_reference(self, index: int) -> None:
         """Free a reference's row; after the last reference, give the message back."""
@@ -224,10 +226,11 @@ class Ledger:
 
     def deliver(self, index: int, handle: int, subscription: Subscription) -> None:
         """Do the same as `finish` with DELIVERED, but faster: almost every reference ends here."""
-        words, at, counts = self._words, self._references_at + index * _REFERENCE_WORDS, subscription.counts
-        counts[1] = nth = counts[1] + 1
+        words, at = self._words, self._references_at + index * _REFERENCE_WORDS
+        count_at = subscription.at + _ROUTED + 1
+        nth = words[count_at] + 1
         words[at] = _DELIVERED | nth << 8  # commits
-        words[subscription.at + _ROUTED + 1] = nth
+        words[count_at] = nth
         words[at] = _FREE
         self._references[index] = None
         self._free_references.append(index)
@@ -284,8 +287,6 @@ class Ledger:
         """Take over the live messages of a dead core, by the index of their rows."""
         for index, handle in found.items():
             self._handles[index] = handle
-            source = handle.source & _SOURCE_OF_INCARNATION
-            self._live_of_source[source] = self._live_of_source.get(source, 0) + 1
         self._free_handles[:] = [row for row in self._free_handles if row not in found]
 
     def adopt_references(self, found: Mapping[int, tuple[int, int, Subscription]]) -> None:
@@ -306,9 +307,3 @@ class Ledger:
     def was_claimed(self, subscription: Subscription, sequence: int) -> bool:
         """Whether a subscription has had its reference to the message of this sequence."""
         return self._words[subscription.at + layout.SUBSCRIPTION_LAST_SEQUENCE] >= sequence
-
-
-def _publisher(source: int) -> tuple[int, int]:
-    """Slot and incarnation of a publisher."""
-    slot, _, incarnation = layout.unpack_source(source)
-    return slot, incarnation

@@ -87,15 +87,15 @@ class Link:
             RingPlace(into, layout.IN_FREED_HEAD, freed_at, freed_records, out, tail_at)
         )
         self.channels: dict[int, Channel] = {}
-        """By the module's declaration number."""
+        """By the module's declaration number; always set as a whole."""
         self.pushed: dict[int, int] = {}
         """References that it has been sent and has not handled yet, and the record that brought each."""
         self.windows = windows
         """Most bytes of these, by the slot of their publisher."""
         self.in_flight = [0] * len(windows)
         """Bytes of these now, by the slot of their publisher."""
-        self.pinned: set[int] = set()
-        """References that it has handled, but whose memory it still uses."""
+        self.pinned: dict[int, int] = {}
+        """References that it has handled, but whose memory it still uses; the values mean nothing."""
         self.notices: deque[tuple[Inbound, int, int, int]] = deque()
         self._fence = new_fence()
         self.credit = credit
@@ -149,7 +149,7 @@ class Link:
 
 
 class Slot:
-    """A module through all its incarnations: its waiting messages and its publisher counters."""
+    """A module through all its incarnations, and its waiting messages. Its counters are in the tables."""
 
     def __init__(self, index: int, at: int, queue_messages: int, queue_bytes: int, credit: int):
         self.index = index
@@ -160,11 +160,6 @@ class Slot:
         self.waiting: OrderedDict[int, int] = OrderedDict()
         """References in the order of their sequence, each with the size of its message in bytes."""
         self.waiting_bytes = 0
-        self.waiting_peak = 0
-        self.routed = 0
-        self.refused = 0
-        self.refused_record: tuple[int, int] | None = None
-        """Incarnation and number of the outbound record of the message that was refused last."""
         self.windows: list[int] = []
         """Most bytes of each publisher that the module may have and not have handled yet; see `Router`."""
         self.link: Link | None = None

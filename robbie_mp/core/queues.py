@@ -4,7 +4,8 @@
 see `robbie_mp.module.lockstep`.
 """
 
-from collections.abc import Sequence, Set
+from collections.abc import Callable, Sequence, Set
+from operator import attrgetter
 
 from robbie_mp.core.directory import Subscription
 from robbie_mp.core.ledger import Handle, Ledger, Outcome
@@ -16,6 +17,8 @@ from robbie_mp.transport.words import WORD_BYTES, Words, row_writer
 # Looked up once, not for every message.
 _DELIVER = int(Inbound.DELIVER)
 _SOURCE_SLOT = layout.SOURCE_SLOT
+_WAITING_PEAK = layout.PUBLISHER_WAITING_PEAK
+_waiting = attrgetter("waiting")
 
 
 class Queues:
@@ -34,13 +37,11 @@ class Queues:
         self._write_figures = row_writer(words, 4)
         self.holds_posts = False
         """Whether more messages are about to follow, so that one post may wake a module for all of them."""
-        self.to_post: set[Link] = set()
-        """Modules that have been sent records and have not been woken yet."""
-        self.not_empty: set[Slot] = set()
-        """Modules for which messages wait."""
-        self._outdated: set[Slot] = set()
-        """Modules whose figures must be written again; always the same set, which `outdate` is bound to."""
-        self.outdate = self._outdated.add
+        self.to_post: dict[Link, None] = {}
+        """Modules that have been sent records and have not been woken yet, in that order."""
+        self._outdated: dict[Slot, None] = {}
+        """Modules whose figures must be written again; `outdate` is bound to it."""
+        self.outdate: Callable[[Slot], None] = self._outdated.setdefault
         """Note that the queue of a module, or the messages it has, have changed."""
 
     def add(self, subscription: Subscription, reference: int, handle: Handle) -> None:
@@ -55,7 +56,7 @@ class Queues:
         ):
             self._push(subscription, reference, handle, link)
             if self.holds_posts:
-                self.to_post.add(link)
+                self.to_post[link] = None
             else:
                 link.wake()
         else:
@@ -70,7 +71,6 @@ class Queues:
             subscription.queued = reference
         slot.waiting[reference] = size
         slot.waiting_bytes += size
-        self.not_empty.add(slot)
         if slot.link is not None and slot.link.ready:
             self.pump(slot, slot.link)
         while len(slot.waiting) > 1 and (
@@ -83,8 +83,6 @@ class Queues:
     def remove(self, slot: Slot, reference: int) -> None:
         """Take a message out of the queue."""
         slot.waiting_bytes -= slot.waiting.pop(reference)
-        if not slot.waiting:
-            self.not_empty.discard(slot)
         subscription = self._ledger.reference(reference)[2]
         if subscription.queued == reference:
             subscription.queued = None
@@ -103,7 +101,7 @@ class Queues:
             self._push(subscription, reference, handle, link)
             sent = True
         if sent:
-            self.to_post.add(link)
+            self.to_post[link] = None
 
     def _may_follow(self, subscription: Subscription, handle: Handle, link: Link) -> bool:
         """Whether a module that has messages may be sent one more, by their number and their bytes.
@@ -141,12 +139,16 @@ class Queues:
         slot.waiting[reference] = size
         slot.waiting.move_to_end(reference, last=False)
         slot.waiting_bytes += size
-        self.not_empty.add(slot)
+
+    def somebody_waits(self) -> bool:
+        """Whether messages wait for a module."""
+        return any(map(_waiting, self._slots))
 
     def post(self) -> None:
         """Wake the modules that have been sent records."""
-        while self.to_post:
-            self.to_post.pop().wake()
+        for link in self.to_post:
+            link.wake()
+        self.to_post.clear()
 
     def end_round(self) -> None:
         """Wake modules and write figures, at the end of each round over the rings."""
@@ -161,8 +163,7 @@ class Queues:
     def write_figures(self) -> None:
         """Write the length of the queues, and the number of messages that modules have, for observers."""
         words = self._words
-        while self._outdated:
-            slot = self._outdated.pop()
+        for slot in self._outdated:
             link, waiting = slot.link, len(slot.waiting)
             self._write_figures(
                 (slot.at + layout.PUBLISHER_WAITING) * WORD_BYTES,
@@ -171,9 +172,11 @@ class Queues:
                 len(link.pushed) if link else 0,
                 len(link.pinned) if link else 0,
             )
-            if waiting > slot.waiting_peak:
-                slot.waiting_peak = waiting
-                words[slot.at + layout.PUBLISHER_WAITING_PEAK] = waiting
+            peak_at = slot.at + _WAITING_PEAK
+            peak = words[peak_at]
+            if waiting > peak:
+                words[peak_at] = waiting
+        self._outdated.clear()
 
 
 class LockstepQueues(Queues):
@@ -242,7 +245,7 @@ class LockstepQueues(Queues):
         _, handle, subscription = self._ledger.reference(reference)
         self.remove(slot, reference)
         self._push(subscription, reference, self._ledger.handle(handle), link)
-        self.to_post.add(link)
+        self.to_post[link] = None
         self.outdate(slot)
 
     def _next_sequence(self, slot: Slot) -> int:

@@ -190,7 +190,7 @@ class Router:
             self._announce_if_settled()
         members = self._members
         look_again, members.have_changed = members.have_changed, False
-        somebody_waits = self._queues.not_empty or self._blocks.waits or self._lockstep
+        somebody_waits = self._blocks.waits or self._lockstep or self._queues.somebody_waits()
         if not (somebody_waits or self._wanting or members.have_notices):
             return look_again
         self._wanting = members.have_notices = False
@@ -211,8 +211,9 @@ class Router:
         """Wake the modules that wait until no message is left to handle."""
         if not self._queues.is_settled():
             return
-        if self._words[layout.CORE_SETTLED] != self._flow.sequence:
-            self._words[layout.CORE_SETTLED] = self._flow.sequence
+        words = self._words
+        if words[layout.CORE_SETTLED] != words[layout.CORE_LAST_SEQUENCE]:
+            words[layout.CORE_SETTLED] = words[layout.CORE_LAST_SEQUENCE]
             self._fence()
         for link in self._members.links:
             if link.out_words[layout.OUT_AWAITS_SETTLED]:

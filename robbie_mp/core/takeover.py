@@ -25,7 +25,7 @@ from robbie_mp.core.queues import Queues
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import MessageHandling, Outbound
 from robbie_mp.transport.tables import DeclarationRow
-from robbie_mp.transport.words import Words, row_writer
+from robbie_mp.transport.words import Words, row_reader, row_writer
 
 MAX_UNANNOUNCED = 8
 """Number of each module's last incarnations whose end the dead core may not have announced to everyone."""
@@ -67,14 +67,13 @@ class Takeover:
 
     def run(self) -> None:
         """Take over. A core that dies during this leaves what its own successor can take over."""
-        self._flow.sequence = self._words[layout.CORE_LAST_SEQUENCE]
-        for slot in self._slots:
-            self._restore_slot(slot)
+        for slot in self._slots:  # connect with the modules that the dead core was connected with
+            if incarnation := self._words[slot.at + layout.PUBLISHER_LINKED]:
+                self._members.connect(slot.index, incarnation)
         handles = self._restore_handles()
         for link in self._members.links:
             self._restore_link(link)
         self._restore_references()
-        self._queues.not_empty = {slot for slot in self._slots if slot.waiting}
         self._finish_routing(handles)
         entered = self._entered()
         for link in self._members.links:
@@ -89,24 +88,6 @@ class Takeover:
         self._resume()
 
     # -- reading what the dead core left ---------------------------------------------------------------
-
-    def _restore_slot(self, slot: Slot) -> None:
-        """Read a slot's counters, and connect with the module that the dead core was connected with."""
-        words, at = self._words, slot.at
-        self._restore_counters(slot)
-        if incarnation := words[at + layout.PUBLISHER_LINKED]:
-            self._members.connect(slot.index, incarnation)
-
-    def _restore_counters(self, slot: Slot) -> None:
-        words, at = self._words, slot.at
-        slot.routed = words[at + layout.PUBLISHER_ROUTED]
-        slot.refused = words[at + layout.PUBLISHER_REFUSED]
-        if slot.refused and slot.refused == words[at + layout.PUBLISHER_REFUSED_NTH]:
-            slot.refused_record = (
-                words[at + layout.PUBLISHER_REFUSED_INCARNATION],
-                words[at + layout.PUBLISHER_REFUSED_RECORD],
-            )
-        slot.waiting_peak = words[at + layout.PUBLISHER_WAITING_PEAK]
 
     def _restore_handles(self) -> list[int]:
         """Find the live messages; return the indices of their rows."""
@@ -133,7 +114,7 @@ class Takeover:
             if row.kind == Outbound.ADVERTISE:
                 channel = self._directory.known_channel(row.name)
                 if channel is not None:
-                    link.channels[row.number] = channel
+                    link.channels = {**link.channels, row.number: channel}
                 continue
             entry = self._directory.find(link.slot, row.name, MessageHandling(row.handling))
             if entry is not None and entry.is_open:
@@ -150,7 +131,7 @@ class Takeover:
             link = self._slots[subscription.slot].link
             pushed_at = ledger.read_reference(index).pushed_at
             if state is Outcome.DELIVERED and link is not None:
-                link.pinned.add(index)
+                link.pinned[index] = 0
             elif state is not Outcome.HELD:
                 ledger.close_reference(index)
             elif link is not None and 0 < pushed_at <= link.inbound.head:
@@ -179,9 +160,10 @@ class Takeover:
         return states
 
     def _complete_count(self, subscription: Subscription, column: int, nth: int) -> None:
-        if subscription.counts[column] < nth:
-            subscription.counts[column] = nth
-            self._words[subscription.at + layout.SUBSCRIPTION_ROUTED + column] = nth
+        at = subscription.at + layout.SUBSCRIPTION_ROUTED + column
+        counted = self._words[at]
+        if counted < nth:
+            self._words[at] = nth
 
     def _restore_waiting(self, index: int) -> None:
         ledger = self._ledger
@@ -213,11 +195,17 @@ class Takeover:
         handle = ledger.handle(index)
         slot = self._slots[layout.unpack_source(handle.source)[0]]
         channel = self._directory.by_index(handle.channel)
-        if slot.routed < row.publisher_routed:
-            self._flow.route(slot, channel, index, handle, self._unclaimed(index, channel))
-        elif channel.messages < row.channel_messages or channel.bytes < row.channel_bytes:
-            channel.messages, channel.bytes = row.channel_messages - 1, row.channel_bytes - handle.size
-            channel.count(row_writer(self._words, 4), handle.size, handle.stamp_ns)
+        figures = row_reader(self._words, 4)(channel.figures_at)
+        messages, total_bytes, *times = figures
+        if self._routed(slot) < row.publisher_routed:
+            self._flow.route(slot, channel, figures, index, handle, self._unclaimed(index, channel))
+        elif messages < row.channel_messages or total_bytes < row.channel_bytes:
+            before = (row.channel_messages - 1, row.channel_bytes - handle.size, *times)
+            channel.count(row_writer(self._words, 4), before, handle.size, handle.stamp_ns)
+
+    def _routed(self, slot: Slot) -> int:
+        """Return the number of a module's messages that were routed to their end."""
+        return self._words[slot.at + layout.PUBLISHER_ROUTED]
 
     def _unclaimed(self, handle: int, channel: Channel) -> list[Subscription]:
         """Return the subscriptions that a message cut short in routing has not reached yet."""
@@ -243,7 +231,7 @@ class Takeover:
         for index in self._ledger.used_handles():
             row = self._ledger.read_handle(index)
             slot, _, incarnation = layout.unpack_source(row.handle.source)
-            if row.handle.sequence or self._slots[slot].routed >= row.publisher_routed:
+            if row.handle.sequence or self._routed(self._slots[slot]) >= row.publisher_routed:
                 found.add((slot, incarnation, row.record))
         return found
 
@@ -257,22 +245,34 @@ class Takeover:
         record = (link.incarnation, link.outbound.tail)
         if (link.slot, *record) in entered:
             link.outbound.take()
-        elif self._slots[link.slot].refused_record == record and link.outbound.waiting():
+        elif self._refused_record(self._slots[link.slot]) == record and link.outbound.waiting():
             self._blocks.free(link, link.outbound.peek()[6])
             link.outbound.take()
+
+    def _refused_record(self, slot: Slot) -> tuple[int, int] | None:
+        """Return incarnation and number of the outbound record of the message that was refused last."""
+        words, at = self._words, slot.at
+        refused = words[at + layout.PUBLISHER_REFUSED]
+        if refused and refused == words[at + layout.PUBLISHER_REFUSED_NTH]:
+            return (
+                words[at + layout.PUBLISHER_REFUSED_INCARNATION],
+                words[at + layout.PUBLISHER_REFUSED_RECORD],
+            )
+        return None
 
     # -- telling the modules -----------------------------------------------------------------------------
 
     def _announce_dead_publishers(self) -> None:
         """Find out which messages outlive their publishers, and announce the publishers that have none."""
-        connected = {(link.slot, link.incarnation) for link in self._members.links}
-        self._blocks.dead_sources = self._ledger.sources() - connected
+        connected = {link.source for link in self._members.links}
+        live = self._ledger.live_of_sources()
+        self._blocks.dead_sources = {source: live[source] for source in live if source not in connected}
         for slot in self._slots:
             last = self._words[slot.at + layout.PUBLISHER_LAST_INCARNATION]
             for incarnation in range(max(1, last - MAX_UNANNOUNCED), last + 1):
-                source = (slot.index, incarnation)
+                source = layout.pack_source(slot.index, 0, incarnation)
                 if source not in connected and source not in self._blocks.dead_sources:
-                    self._blocks.announce_gone(*source)
+                    self._members.announce_gone((slot.index, incarnation))
 
     def _resume(self) -> None:
         """Send the modules what their credit allows, and wake all of them: any may wait for the dead core."""

@@ -19,7 +19,7 @@ def nothing(*_arguments: object, **_named: object) -> None:
     """Do not do this step."""
 
 
-def forget_what_was_claimed(_takeover: Takeover, _handle: int, channel: Channel) -> list[Subscription]:
+def forget_what_was_claimed(_takeover: Takeover, _handle: int, channel: Channel) -> tuple[Subscription, ...]:
     return channel.subscriptions
 
 
@@ -51,7 +51,7 @@ MUTATIONS: dict[str, tuple[object, str, Callable[..., object]]] = {
     "pushing is not noted": (Ledger, "mark_pushed", nothing),
     "declarations are not read again": (Takeover, "_restore_declarations", nothing),
     "references are not read again": (Takeover, "_restore_references", nothing),
-    "counters are not read again": (Takeover, "_restore_counters", nothing),
+    "a refused message is not known again": (Takeover, "_refused_record", nothing),
 }  # fmt: skip
 
 MUTATIONS_OF_LOCKSTEP: dict[str, tuple[object, str, Callable[..., object]]] = {
