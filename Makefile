@@ -3,29 +3,31 @@
 PYTHON ?= python3
 ROBBIE := .venv/bin/robbie
 
-# These folders' tests start no other processes and measure no times, so they share the processors.
-ALONE := tests/hw tests/messages tests/scene_graph tests/workers
+# The slow tests of these folders start no robots and measure no times, so they share the processors.
+COMPUTING := tests/core tests/hot tests/hw tests/messages tests/recording tests/scene_graph tests/transport tests/workers
+PARALLEL := --numprocesses 2 --dist loadfile
 
 # What the installation compiles: a change of it, or of what is installed, installs again.
 INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/_hot/*.[ch])
 
-.PHONY: demo test test-all test-alone test-live test-pure lint types docs bench clean
+.PHONY: demo test test-all test-slow test-pure lint types docs bench clean
 
 demo: .venv/robot
 	$(ROBBIE) run demo
 
-test: TIER := -m 'not slow'
-test test-all: test-alone test-live
+test: .venv/dev
+	.venv/bin/python -m pytest -q -m 'not slow' $(PARALLEL)
 
-test-alone: .venv/dev
-	.venv/bin/python -m pytest -q $(TIER) --numprocesses 2 --dist loadfile $(ALONE)
+test-all: test test-slow
 
-test-live: .venv/dev
-	.venv/bin/python -m pytest -q $(TIER) $(addprefix --ignore=,$(ALONE))
+# Campaigns and whole robots measure times, so each has the machine for itself.
+test-slow: .venv/dev
+	.venv/bin/python -m pytest -q -m slow $(PARALLEL) --dist worksteal $(COMPUTING)
+	.venv/bin/python -m pytest -q -m slow $(addprefix --ignore=,$(COMPUTING))
 
 # The tests of the hot path, of which there are two forms, with the one in Python.
 test-pure: .venv/dev
-	ROBBIE_PURE_PYTHON=1 .venv/bin/python -m pytest -q -m 'not slow' --numprocesses 2 --dist loadfile tests/core tests/transport
+	ROBBIE_PURE_PYTHON=1 .venv/bin/python -m pytest -q -m 'not slow' $(PARALLEL) tests/core tests/transport
 
 lint: .venv/dev
 	.venv/bin/ruff check .

@@ -9,6 +9,7 @@ session's.
 
 import contextlib
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -113,8 +114,8 @@ def run_ids() -> set[str]:
 
 
 def run_id_of(name: str) -> str:
-    """Return the run of `robbie-RUN`, `robbie-RUN/SEGMENT` or `sem.robbie-RUN.TAG`."""
-    return name.partition("/")[0].removeprefix("sem.").removeprefix("robbie-").partition(".")[0]
+    """Return the run of `robbie-RUN`, `robbie-RUN/SEGMENT`, `sem.robbie-RUN.TAG` or `robbie-RUN-GUESS`."""
+    return re.split(r"[.-]", name.partition("/")[0].removeprefix("sem.").removeprefix("robbie-"))[0]
 
 
 def watch(session: Session, seen: Path) -> None:

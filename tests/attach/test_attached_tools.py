@@ -212,7 +212,7 @@ def test_tool_that_stands_still_or_breaks_the_protocol_is_detached_and_leaves_no
     with pytest.raises(Detached):
         still.take()  # though its ring is full of messages: their memory is used again
     with pytest.raises(Detached, match="it has not taken its messages for 1 s"):
-        still.wait(0.1)
+        still.wait_for(lambda: False, 20.0)  # it is told why a little after its row has gone
     still.close()
     idle.wait(0.01)
     assert TOOL in robot.top()

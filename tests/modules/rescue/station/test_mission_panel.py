@@ -26,6 +26,7 @@ modules:
 """
 
 
+@pytest.mark.slow
 def test_operator_answers_and_steers_the_mission_and_an_observer_only_looks(robot: Robot) -> None:
     (robot.folder / "zoo" / "rescuer.py").write_text((SUPPORT / "rescuer.py").read_text())
     robot.write_secret("operator.token", "opens-everything")

@@ -51,6 +51,7 @@ def answers(robot: Robot) -> list[str]:
 
 @needs_chromium
 @pytest.mark.timeout(300)
+@pytest.mark.slow
 def test_answer_is_for_the_victim_that_was_shown_when_the_button_was_pressed(robot: Robot) -> None:
     (robot.folder / "zoo" / "two_victims.py").write_text((HERE / "_support" / "two_victims.py").read_text())
     robot.write_profile(PROFILE)
