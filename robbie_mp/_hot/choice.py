@@ -32,6 +32,7 @@ class Native(Protocol):
     SOURCES: str
     WAITS_BY_MONOTONIC_CLOCK: bool
     Semaphore: "type[written_in_c.Semaphore]"
+    MessageCodec: "type[written_in_c.MessageCodec]"
 
 
 def native() -> Native | None:

@@ -57,6 +57,7 @@ static int add_all(PyObject *module)
         add_constants,
         add_ring_types,
         add_wakeup_types,
+        add_message_types,
     };
     for (size_t index = 0; index < sizeof(add) / sizeof(add[0]); index++)
         if (add[index](module) != 0)

@@ -3,6 +3,9 @@
 What is declared here is listed in `Native` of `choice.py` as well.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 from robbie_mp.transport.ring import Record, RingPlace
 
 LAYOUT_VERSION: int
@@ -56,3 +59,22 @@ class Semaphore:
     def wait(self, timeout_s: float | None, /) -> bool: ...
     def close(self) -> None: ...
     def disown(self) -> None: ...
+
+class MessageCodec:
+    """Creates, encodes and decodes the messages of one class.
+
+    Args:
+        message_type: the class.
+        describe: called at the first use; returns the fields, as `tabulate` does.
+        generated: given the name of a function, returns the one that was generated in Python.
+    """
+
+    def __init__(
+        self,
+        message_type: type[Any],
+        describe: Callable[[], tuple[Any, ...]],
+        generated: Callable[[str], Callable[..., Any]],
+    ) -> None: ...
+    def install(self, name: str, /) -> None:
+        """Give the class one of its functions: `__new__`, `encoded_size`, `encode_into` or `decode`."""
+    def decode(self, buffer: Any, /) -> Any: ...

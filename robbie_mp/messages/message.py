@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self, TypeVar, cast, dataclass_transform
 
 import numpy as np
 
+from robbie_mp._hot.choice import native
 from robbie_mp.messages.codec.generate import LoanEncoder, generate, generate_loan_encoder
+from robbie_mp.messages.codec.table import tabulate
 from robbie_mp.messages.declaration import Constant, Upgrade, read_declaration
 from robbie_mp.messages.errors import DeclarationError
 from robbie_mp.messages.field_types import Field, MessageLayout, Nested, Numbers, natural_default
@@ -15,6 +18,13 @@ from robbie_mp.messages.text import represent
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
+
+    from robbie_mp._hot.native import MessageCodec
+
+_NATIVE = native()
+"""Chosen here, because classes get their functions when they are made, and most are made by imports."""
+FUNCTIONS = ("__new__", "encoded_size", "encode_into", "decode")
+"""What each class has of its own: generated in Python at the first call, or done in C."""
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)
@@ -69,6 +79,11 @@ class MessageType(type):
         made: Any = super().__new__(metacls, class_name, (*bases, blank), body)
         made._layout = MessageLayout(name, version, declaration.fields, blank, made)
         made.has_views = made._layout.has_views
+        if _NATIVE is not None:
+            codec = _NATIVE.MessageCodec(made, partial(tabulate, made._layout), partial(_generate, made))
+            for function in FUNCTIONS:
+                if function not in namespace and (function != "__new__" or "__init__" not in namespace):
+                    codec.install(function)
         return cast("MessageType", made)
 
 
@@ -103,10 +118,12 @@ class Message(metaclass=MessageType):
     _constants: ClassVar[tuple[Constant, ...]]
     _upgrades: ClassVar[dict[int, Upgrade]]
     _source: ClassVar[dict[str, str]]
-    """The source of the functions generated so far, by name."""
+    """The source of the functions generated so far, by name; with C, of those that it left something to."""
+    _codec: ClassVar[MessageCodec | None] = None
+    """Does in C what the generated functions do, if C is used."""
     _loan_encoders: ClassVar[dict[frozenset[str], LoanEncoder]]
 
-    # Four functions are generated for each class at their first call, by these functions.
+    # Four functions are generated for each class at their first call, by these functions, unless C does them.
 
     def __new__(cls, **fields: Any) -> Self:
         """Create a message."""
@@ -200,10 +217,16 @@ def _decode_as(message_type: type[Message], data: bytes) -> Message:
 
 def _install(message_type: type[Message], name: str) -> Callable[..., Any]:
     """Generate one of the four functions of a message class, install it in the class, and return it."""
-    made, message_type._source[name] = generate(message_type._layout, name)
-    made.__doc__ = getattr(message_type, name).__doc__
-    made.__qualname__ = f"{message_type.__qualname__}.{name}"
+    made = _generate(message_type, name)
     setattr(message_type, name, staticmethod(made) if name in ("__new__", "decode") else made)
+    return made
+
+
+def _generate(message_type: type[Message], name: str) -> Callable[..., Any]:
+    """Generate one of the four functions of a message class, and return it."""
+    made, message_type._source[name] = generate(message_type._layout, name)
+    made.__doc__ = getattr(Message, name).__doc__
+    made.__qualname__ = f"{message_type.__qualname__}.{name}"
     return made
 
 
