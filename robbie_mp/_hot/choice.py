@@ -33,6 +33,11 @@ class Native(Protocol):
     WAITS_BY_MONOTONIC_CLOCK: bool
     Semaphore: "type[written_in_c.Semaphore]"
     MessageCodec: "type[written_in_c.MessageCodec]"
+    RingWriter: "type[written_in_c.RingWriter]"
+    RingReader: "type[written_in_c.RingReader]"
+    NumberRingReader: "type[written_in_c.NumberRingReader]"
+    Lock: "type[written_in_c.Lock]"
+    Endpoint: "type[written_in_c.Endpoint]"
 
 
 def native() -> Native | None:

@@ -4,7 +4,13 @@
 int hold_words(struct held_words *held, PyObject *object, bool writable)
 {
     held->words = NULL;
-    if (PyObject_GetBuffer(object, &held->buffer, writable ? PyBUF_WRITABLE : PyBUF_SIMPLE) != 0)
+    /* A memoryview of its own: the one that Python uses can then be released, as for a forked process. */
+    PyObject *view = PyMemoryView_FromObject(object);
+    if (view == NULL)
+        return -1;
+    int failed = PyObject_GetBuffer(view, &held->buffer, writable ? PyBUF_WRITABLE : PyBUF_SIMPLE);
+    Py_DECREF(view);
+    if (failed)
         return -1;
     if ((uintptr_t)held->buffer.buf % sizeof(shared_word) != 0 || held->buffer.len % sizeof(shared_word) != 0) {
         PyBuffer_Release(&held->buffer);
@@ -58,6 +64,8 @@ static int add_all(PyObject *module)
         add_ring_types,
         add_wakeup_types,
         add_message_types,
+        add_lock_type,
+        add_endpoint_type,
     };
     for (size_t index = 0; index < sizeof(add) / sizeof(add[0]); index++)
         if (add[index](module) != 0)

@@ -9,7 +9,7 @@
 #include "words.h"
 
 /* Words that Python memory holds. As long as this is held, the memory cannot be unmapped: closing a mapping
- * (mmap.close) or releasing a memoryview fails with BufferError while a buffer of it is in use. */
+ * (mmap.close) fails with BufferError while a buffer of it is in use. */
 struct held_words {
     Py_buffer buffer;
     shared_word *words; /* NULL: nothing is held */
@@ -35,5 +35,7 @@ void raise_forked_process(void);
 int add_ring_types(PyObject *module);
 int add_wakeup_types(PyObject *module);
 int add_message_types(PyObject *module);
+int add_lock_type(PyObject *module);
+int add_endpoint_type(PyObject *module);
 
 #endif

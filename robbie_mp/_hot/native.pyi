@@ -3,10 +3,13 @@
 What is declared here is listed in `Native` of `choice.py` as well.
 """
 
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from robbie_mp.transport.records import Delivery, Outbound
 from robbie_mp.transport.ring import Record, RingPlace
+from robbie_mp.transport.words import Words
 
 LAYOUT_VERSION: int
 """That of layout.py when the module was built."""
@@ -78,3 +81,31 @@ class MessageCodec:
     def install(self, name: str, /) -> None:
         """Give the class one of its functions: `__new__`, `encoded_size`, `encode_into` or `decode`."""
     def decode(self, buffer: Any, /) -> Any: ...
+
+class Lock:
+    def acquire(self) -> bool: ...
+    def release(self) -> None: ...
+    def __enter__(self) -> bool: ...
+    def __exit__(self, *error: object) -> None: ...
+
+class Endpoint:
+    def __init__(
+        self,
+        outbound: RingWriter,
+        inbound: RingReader,
+        freed: NumberRingReader,
+        in_words: Words,
+        source: int,
+        reserve: int,
+        backlog: deque[tuple[Outbound, int, int, int]],
+        lock: Lock,
+        wake_core: Callable[[], None],
+        delivery: type[Delivery],
+    ) -> None: ...
+    def publish(
+        self, declaration: int, segment: int, offset: int, size: int, stamp_ns: int, block: int, /
+    ) -> bool: ...
+    def give_back(self, kind: int, reference: int, sequence: int, /) -> bool: ...
+    def take(self) -> Delivery | None: ...
+    def close(self) -> None: ...
+    def disown(self) -> None: ...

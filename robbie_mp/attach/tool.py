@@ -117,7 +117,7 @@ class Tool:
         self._core_segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
         self._core_wakeup = attach_wakeup(run_id, self._core_segment, native)
         self._endpoint: Endpoint = make_endpoint(
-            self._memory, slot, incarnation, plan.tool_sizes, self._core_wakeup.post
+            self._memory, slot, incarnation, plan.tool_sizes, self._core_wakeup.post, native
         )
         blocks = make_block_store(run_id, slot, incarnation, SEGMENT_BYTES, TOOL_MEMORY_BYTES)
         self.outbox = Outbox(self._endpoint, blocks, self._words, SystemClock())
@@ -135,6 +135,7 @@ class Tool:
         """Detach. Messages already published are still routed."""
         self.outbox.close()
         self._views.close()
+        self._endpoint.close()
         self._memory.close()
         self._core_wakeup.close()
         self._board_segment.close()

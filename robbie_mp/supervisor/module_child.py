@@ -63,7 +63,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     words[layout.OUT_HOT_PATH] = HotPath.PYTHON
     core_segment = Segment.attach(names.core(plan.run_id), SegmentKind.CORE)
     core_wakeup = attach_wakeup(plan.run_id, core_segment, native)
-    endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post)
+    endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post, native)
     limits = planned.memory
     blocks = make_block_store(plan.run_id, slot, incarnation, limits.segment_bytes, limits.limit_bytes)
     outbox = Outbox(endpoint, blocks, words, SystemClock())

@@ -3,11 +3,14 @@
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from typing import Any
 
+from robbie_mp._hot.choice import Native
 from robbie_mp.errors import RobbieError
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
-from robbie_mp.transport import layout
+from robbie_mp.transport import layout, ring
 from robbie_mp.transport.blocks import Block
 from robbie_mp.transport.records import (
     ANY_VERSION,
@@ -21,7 +24,7 @@ from robbie_mp.transport.records import (
     Notice,
     Outbound,
 )
-from robbie_mp.transport.ring import NumberRingReader, RingPlace, RingReader, RingWriter
+from robbie_mp.transport.ring import RingPlace
 from robbie_mp.transport.tables import ChannelName, DeclarationRow
 from robbie_mp.transport.words import Words, new_fence
 
@@ -67,9 +70,10 @@ class Endpoint:
         memory: the incarnation's segments.
         ring_records: capacity of the outbound ring.
         credit: most messages in the inbound ring.
+        native: what is written in C; None: Python does it.
     """
 
-    def __init__(self, memory: EndpointMemory, ring_records: int, credit: int):
+    def __init__(self, memory: EndpointMemory, ring_records: int, credit: int, native: Native | None = None):
         out, into = memory.out_words, memory.in_words
         self._source = layout.pack_source(memory.slot, 0, memory.incarnation)
         self._out = out
@@ -77,7 +81,8 @@ class Endpoint:
         self.wake_core = memory.wake_core
         """Makes the core look at all rings, which a release alone may not do."""
         self._fence = new_fence()
-        self.lock = threading.RLock()
+        lock: Any = threading.RLock() if native is None else native.Lock()
+        self.lock: AbstractContextManager[bool] = lock
         """Held while a record is pushed; a publisher may hold it longer."""
         self._declaration_fence = new_fence()
         self._declarations = 0
@@ -85,22 +90,40 @@ class Endpoint:
         self._backlog: deque[tuple[Outbound, int, int, int]] = deque()
         # Publishing leaves this room in the ring for releases, which must not be refused.
         self._reserve = min(2 * credit, ring_records // 2)
-        self._outbound = RingWriter(
+        ends: Any = ring if native is None else native
+        self._outbound: Any = ends.RingWriter(
             RingPlace(out, layout.OUT_HEAD, layout.OUT_RING, ring_records, into, layout.IN_OUTBOUND_TAIL)
         )
         capacity = layout.inbound_records(credit)
         tail_at = layout.OUT_INBOUND_TAIL
-        self._inbound = RingReader(RingPlace(into, layout.IN_HEAD, layout.IN_RING, capacity, out, tail_at))
+        self._inbound: Any = ends.RingReader(
+            RingPlace(into, layout.IN_HEAD, layout.IN_RING, capacity, out, tail_at)
+        )
         freed_at = layout.IN_RING + capacity * layout.RECORD_WORDS
         tail_at = layout.OUT_FREED_TAIL
-        self._freed = NumberRingReader(
+        self._freed: Any = ends.NumberRingReader(
             RingPlace(into, layout.IN_FREED_HEAD, freed_at, layout.FREED_RECORDS, out, tail_at)
         )
-
+        self.native: Any = None
+        """The common form in C; what it answers with False or NotImplemented, Python does."""
+        if native is not None:
+            self.native = native.Endpoint(
+                self._outbound, self._inbound, self._freed, into, self._source, self._reserve,
+                self._backlog, lock, self.wake_core, Delivery,
+            )  # fmt: skip
         keep_from_forks(self)
+
+    def close(self) -> None:
+        """Let go of the memory."""
+        if self.native is not None:
+            for end in (self.native, self._outbound, self._inbound, self._freed):
+                end.close()
 
     def disown(self) -> None:
         """Prevent a forked process from pushing or taking records."""
+        if self.native is not None and self._outbound is not REFUSED:
+            for end in (self.native, self._outbound, self._inbound, self._freed):
+                end.disown()
         self.lock = self._outbound = self._inbound = self._freed = self.wake_core = REFUSED
 
     # -- declarations ----------------------------------------------------------------------------------
@@ -176,6 +199,10 @@ class Endpoint:
 
     def publish(self, declaration: int, block: Block, size: int, stamp_ns: int) -> bool:
         """Publish a filled block; return False if the ring is full, and then the block stays yours."""
+        if self.native is not None and self.native.publish(
+            declaration, block.segment, block.offset, size, stamp_ns, block.number
+        ):
+            return True
         with self.lock:
             outbound = self._outbound
             if self._backlog:
@@ -212,6 +239,8 @@ class Endpoint:
         self._return(_RELEASE, delivery)
 
     def _return(self, kind: Outbound, delivery: Delivery) -> None:
+        if self.native is not None and self.native.give_back(kind, delivery.reference, delivery.sequence):
+            return
         with self.lock:
             if self._backlog or not self._outbound.room():
                 self._backlog.append((kind, delivery.reference, delivery.sequence, 0))
@@ -239,6 +268,10 @@ class Endpoint:
 
         This also pushes the backlog of records that did not fit into the ring before.
         """
+        if self.native is not None:
+            taken: Delivery | None = self.native.take()
+            if taken is not NotImplemented:
+                return taken
         if self._backlog:
             with self.lock:
                 self._flush()
@@ -256,16 +289,18 @@ class Endpoint:
 
     def freed(self) -> list[int]:
         """Return the numbers of blocks whose messages have no reference left."""
-        return self._freed.take_all()
+        numbers: list[int] = self._freed.take_all()
+        return numbers
 
     @property
     def freed_count(self) -> int:
         """Blocks that `freed()` has ever returned."""
-        return self._freed.tail
+        count: int = self._freed.tail
+        return count
 
     def wake_after_freed(self, blocks: int) -> int:
         """Ask to be woken when this number of further blocks is freed; return the `freed_count` then."""
-        total = self._freed.tail + blocks
+        total: int = self._freed.tail + blocks
         self._out[layout.OUT_AWAITED_FREED] = total  # for a core that takes over
         self.send(Outbound.WAIT_FREED, total)
         return total

@@ -111,11 +111,16 @@ def attach_wakeup(run_id: str, segment: Segment, native: Native | None = None) -
 
 
 def make_endpoint(
-    memory: IncarnationMemory, slot: int, incarnation: int, sizes: RingSizes, wake_core: Callable[[], None]
+    memory: IncarnationMemory,
+    slot: int,
+    incarnation: int,
+    sizes: RingSizes,
+    wake_core: Callable[[], None],
+    native: Native | None = None,
 ) -> Endpoint:
-    """Connect a module's memory with the core."""
+    """Connect a module's memory with the core; `native` is what is written in C, None: Python does it."""
     words = EndpointMemory(slot, incarnation, memory.out.words, memory.into.words, wake_core)
-    return Endpoint(words, sizes.records, sizes.credit)
+    return Endpoint(words, sizes.records, sizes.credit, native)
 
 
 def make_block_store(

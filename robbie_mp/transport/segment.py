@@ -186,12 +186,12 @@ class Segment:
 
     def close(self) -> None:
         """Unmap the segment; arrays over it keep the memory mapped until they are freed."""
-        self._cast.release()
         try:
+            self._cast.release()
             self.buffer.release()
             self._mapping.close()
         except BufferError:
-            pass  # arrays still use a part of it: the last one to be freed unmaps it
+            pass  # arrays or C code still use it: the last one to be freed unmaps it
 
     def unlink(self) -> None:
         """Remove the name; the memory stays until the last process has unmapped it."""

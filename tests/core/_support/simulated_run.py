@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from robbie_mp import MessageHandling
 from robbie_mp.core.members import LinkMemory, RouterLimits
@@ -52,7 +52,8 @@ class SimulatedModule:
             made_of, segment = SimulatedRun.memory, ("out", self.slot, self.incarnation)
             own = made_of.map(own, self.fuse or made_of.fuse(), segment, self.log)
         memory = EndpointMemory(self.slot, self.incarnation, own, self.into, self.wake_core)
-        self.endpoint = Endpoint(memory, RING_RECORDS, CREDIT)
+        native: Any = SimulatedRun.native_modules or SimulatedRun.memory.native
+        self.endpoint = Endpoint(memory, RING_RECORDS, CREDIT, native)
 
     def ready(self) -> None:
         self.endpoint.send(Outbound.READY)
@@ -112,6 +113,8 @@ class SimulatedRun:
 
     memory: ClassVar[Memory] = ArrayMemory()
     """What the shared memory of all simulated runs is made of."""
+    native_modules: ClassVar[Any] = None
+    """The hot path in C, for the modules of all simulated runs; None: as the memory says."""
 
     def __init__(
         self,
