@@ -1,3 +1,4 @@
+import gc
 import os
 import resource
 from collections.abc import Iterator
@@ -7,10 +8,12 @@ import pytest
 
 from robbie_mp.transport import layout
 from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.ring import RingPlace
 from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing, SharedMemoryFull
 from robbie_mp.transport.shared_folder import make_folder, remove_names
 from robbie_mp.transport.words import read_text, words_for_text, write_text
 from tests._support.growth import blocks_kept
+from tests._support.implementations import NATIVE
 
 RUN = f"testsegm{os.getpid()}"
 NAME = f"robbie-{RUN}/one"
@@ -87,6 +90,38 @@ def test_segment_of_another_kind_or_layout_is_refused(segment: Segment, word: in
     segment.words[word] = value
     with pytest.raises(SegmentMismatch, match="same version"):
         Segment.attach(NAME, SegmentKind.DATA)
+
+
+@pytest.mark.skipif(NATIVE is None, reason="C is not used here")
+def test_memory_that_c_uses_stays_mapped_until_c_lets_it_go(segment: Segment) -> None:
+    assert NATIVE is not None
+    words = Segment.attach(NAME, SegmentKind.DATA, write=True)
+    writer = NATIVE.RingWriter(RingPlace(words.words, 20, 32, 4, words.words, 21))
+    words.close()
+    assert times_mapped(segment) == 2
+    writer.push(7, 0, 0, 0, 0, 0, 0)
+    assert segment.words[32] == 7
+    with pytest.raises(ValueError, match="released"):
+        words.words[100] = 1
+    writer.close()
+    del words
+    assert times_mapped(segment) == 1
+
+
+@pytest.mark.skipif(NATIVE is None, reason="C is not used here")
+def test_words_are_taken_from_a_forked_process_though_c_uses_them(segment: Segment) -> None:
+    assert NATIVE is not None
+    writer = NATIVE.RingWriter(RingPlace(segment.words, 20, 32, 4, segment.words, 21))
+    words = segment.words
+    segment.disown()
+    with pytest.raises(ValueError, match="released"):
+        words[100] = 1
+    writer.close()
+
+
+def times_mapped(segment: Segment) -> int:
+    gc.collect()
+    return Path("/proc/self/maps").read_text().count(segment.name)
 
 
 def test_attaching_keeps_no_descriptor(segment: Segment) -> None:
