@@ -5,7 +5,7 @@ import threading
 import weakref
 from array import array
 from collections import deque
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -97,19 +97,21 @@ def test_message_let_go_by_a_thread_in_the_moment_its_handler_ends_is_released(p
         handler_ended.wait(10)
         kept.clear()
 
-    def keep(image: Image) -> None:
-        kept.append(image)
-        # Called before the finalizer of the inbox, which was registered earlier.
-        whole: Any = image.data.base
-        while isinstance(whole, memoryview):
-            whole = whole.obj
-        watching.append(weakref.ref(whole, hold_up_death))
+    class Watching:
+        has_views = True
+
+        def decode(self, buffer: memoryview) -> Image:
+            # Called before the finalizer of the inbox, which was registered earlier.
+            watching.append(weakref.ref(cast(Any, buffer.obj), hold_up_death))
+            return Image.decode(buffer)
 
     kept: list[object] = []
     watching: list[object] = []
     words = Words("Q", bytes(8 * layout.OUT_RING))
     inbox = Inbox(pair.run.modules[2, 1].endpoint, pair.views, words, pair.channel_name)
-    inbox.subscriptions.subscribe(Image, keep, MessageHandling.ALWAYS_DELIVER, "")
+    inbox.subscriptions.subscribe(Image, kept.append, MessageHandling.ALWAYS_DELIVER, "")
+    for number, subscription in inbox.subscriptions.by_number.items():
+        inbox.subscriptions.by_number[number] = subscription._replace(decoder=Watching())
     pair.run.run_core()
     pair.outbox.publish(picture(7), "")
     pair.run.run_core()
