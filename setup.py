@@ -14,6 +14,7 @@ from setuptools.errors import BaseError, CCompilerError
 FOLDER = Path("robbie_mp/_hot")
 STRICT = os.environ.get("ROBBIE_STRICT_BUILD", "") not in ("", "0")
 """Whether warnings of the compiler, and its absence, are errors."""
+FLAGS = ("-std=c11", "-O2", "-fvisibility=hidden", "-Wall", "-Wextra")
 sources = runpy.run_path(str(FOLDER / "sources.py"))
 
 
@@ -55,7 +56,7 @@ setup(
             "robbie_mp._hot.native",
             sources=sorted(str(path) for path in FOLDER.glob("*.c")),
             define_macros=[("ROBBIE_SOURCES", f'"{sources["digest"](FOLDER)}"')],
-            extra_compile_args=["-std=c11", "-O2", "-Wall", "-Wextra", *(["-Werror"] if STRICT else [])],
+            extra_compile_args=[*FLAGS, *(["-Werror"] if STRICT else [])],
             optional=not STRICT,
         )
     ],
