@@ -1,1 +1,1 @@
-"""Benchmarks: Robbie beside its peers and two floors; `python -m tools.bench --help`."""
+"""Benchmarks that compare Robbie with other transports and with two lower bounds ("floors")."""

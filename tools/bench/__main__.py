@@ -1,4 +1,4 @@
-"""Measures Robbie beside its peers: `python -m tools.bench [BENCHMARK…] [--quick] [--json FILE]`."""
+"""Compares Robbie with other transports: `python -m tools.bench [BENCHMARK…] [--quick] [--json FILE]`."""
 
 import argparse
 import json
@@ -57,7 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _measure(names: list[str], options: Options) -> list[dict[str, Any]]:
-    """Run benchmarks and print their tables as they come."""
+    """Run benchmarks, and print the table of each when it is done."""
     results: list[dict[str, Any]] = []
     for name in names:
         for result in BENCHMARKS[name](options):
@@ -71,17 +71,28 @@ def _measure(names: list[str], options: Options) -> list[dict[str, Any]]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tools.bench", description=__doc__)
     add = parser.add_argument
-    add("benchmarks", nargs="*", metavar="BENCHMARK", help=f"{', '.join(BENCHMARKS)}; all if none")
-    add("--quick", action="store_true", help="less than 30 s for each")
-    add("--json", type=Path, metavar="FILE", help="write the results here as well")
-    add("--report", type=Path, metavar="DOCS", help="put them into benchmarks.md of this folder")
-    add("--read", type=Path, metavar="FILE", help="measure nothing; read what --json has written")
-    add("--only", default="", help="names of those measured, as robbie,floor,zeromq")
-    add("--rounds", type=int, default=0, help="how often each is measured")
-    add("--count", type=int, default=0, help="messages in each round")
-    add("--modules", type=int, default=0, help="the largest number of modules or subscribers")
-    add("--seconds", type=float, default=0.0, help="for which processor time is measured")
-    add("--awake", action="store_true", help="processors do not sleep meanwhile; needs permission")
+    add("benchmarks", nargs="*", metavar="BENCHMARK", help=f"{', '.join(BENCHMARKS)}; default: all")
+    add("--quick", action="store_true", help="take less than 30 s for each benchmark")
+    add("--json", type=Path, metavar="FILE", help="also write the results to this file")
+    add(
+        "--report", type=Path, metavar="DOCS", help="also write the results into benchmarks.md in this folder"
+    )
+    add(
+        "--read",
+        type=Path,
+        metavar="FILE",
+        help="measure nothing; use the results in this file, which --json wrote",
+    )
+    add("--only", default="", help="measure only these contenders, for example robbie,floor,zeromq")
+    add("--rounds", type=int, default=0, help="number of rounds")
+    add("--count", type=int, default=0, help="number of messages in each round")
+    add("--modules", type=int, default=0, help="maximum number of modules or subscribers")
+    add("--seconds", type=float, default=0.0, help="time for which processor time is measured")
+    add(
+        "--awake",
+        action="store_true",
+        help="keep processors from sleeping while you measure; needs permission",
+    )
     add("--with-top", action="store_true", help="also measure Robbie watched by robbie top")
     add(
         "--variant",
@@ -108,7 +119,9 @@ def _options(parsed: argparse.Namespace) -> Options:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # what it started must not outlive it
+    signal.signal(
+        signal.SIGTERM, signal.default_int_handler
+    )  # the processes that it started must not outlive it
     try:
         sys.exit(main())
     except KeyboardInterrupt:

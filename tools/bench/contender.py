@@ -1,4 +1,4 @@
-"""Runs the processes of one peer for one work, and ends them."""
+"""Runs the processes of one peer for one piece of work, and ends them."""
 
 import contextlib
 import os
@@ -24,17 +24,17 @@ LIMIT_S = 60.0
 
 
 class Trouble(RuntimeError):
-    """A contender did not do its work."""
+    """A contender failed to do its work."""
 
 
 @dataclass
 class Outcome:
-    """What came of one work.
+    """The result of one piece of work.
 
     Attributes:
-        sent: messages published, without those that warm up.
-        latencies_ns: for each subscriber and message; 0: it has not come.
-        took_s: from the first publication to the last receipt.
+        sent: number of messages published, without the warm-up.
+        latencies_ns: latency for each subscriber and message; 0: the message has not arrived.
+        took_s: time from the first publication to the last receipt.
     """
 
     sent: int
@@ -43,12 +43,12 @@ class Outcome:
 
     @property
     def lost(self) -> int:
-        """Messages that did not come, over all subscribers."""
+        """Number of messages that did not arrive, over all subscribers."""
         return sum(int(np.count_nonzero(one[: self.sent] == 0)) for one in self.latencies_ns)
 
 
 class Contender(Protocol):
-    """Something that is measured."""
+    """A system that the benchmarks measure."""
 
     @property
     def name(self) -> str:
@@ -60,7 +60,7 @@ class Contender(Protocol):
 
     @property
     def how(self) -> str:
-        """How it is set up, in one line."""
+        """Its set-up, in one line."""
 
     @property
     def version(self) -> str:
@@ -74,13 +74,13 @@ class Contender(Protocol):
         """Do the work.
 
         Raises:
-            Trouble: it failed; says why.
+            Trouble: the contender failed; the text says why.
         """
 
 
 @contextlib.contextmanager
 def work_folder() -> Iterator[tuple[str, Path]]:
-    """Give a topic and a folder that no other work has; the folder is removed at the end."""
+    """Yield a topic and a folder that no other work uses, and remove the folder at the end."""
     with tempfile.TemporaryDirectory(prefix="robbie-bench-") as name:
         folder = Path(name)
         yield folder.name.replace("_", "-"), folder
@@ -106,7 +106,7 @@ class PeerContender:
         return self.peer.why_absent
 
     def run(self, work: Work) -> Outcome:
-        """Start its processes, and wait for their end."""
+        """Start the peer's processes, and wait until they end."""
         with work_folder() as (topic, folder):
             here = work.at(topic, folder)
             try:
@@ -118,10 +118,10 @@ class PeerContender:
 
     @contextlib.contextmanager
     def started(self, work: Work) -> Iterator[list[subprocess.Popen[bytes]]]:
-        """Start its processes, subscribers first; at the end, kill what is left of them.
+        """Start the peer's processes, subscribers first. At the end, kill those that still run.
 
         Raises:
-            Trouble: from the block, with what the processes said.
+            Trouble: the block raised it; this adds the last line that the processes printed.
         """
         work_file = work.folder / "work.json"
         work.save(work_file)
@@ -147,13 +147,13 @@ class PeerContender:
 
 
 def wait_for_end(processes: list[subprocess.Popen[bytes]], limit_s: float) -> None:
-    """Wait until all have ended well.
+    """Wait until all processes have ended with exit code 0.
 
     Raises:
-        Trouble: one has not.
+        Trouble: a process failed or did not end in time.
     """
     deadline_s = time.monotonic() + limit_s
-    for process in reversed(processes):  # the publisher, which comes last, ends first
+    for process in reversed(processes):  # the publisher is last in the list and ends first
         try:
             code = process.wait(max(0.0, deadline_s - time.monotonic()))
         except subprocess.TimeoutExpired:
@@ -164,7 +164,7 @@ def wait_for_end(processes: list[subprocess.Popen[bytes]], limit_s: float) -> No
 
 
 def end(processes: list[subprocess.Popen[bytes]]) -> None:
-    """Kill what is left of processes and their descendants, and remove the shared memory they leave."""
+    """Kill processes that still run, with their descendants, and remove the shared memory they leave."""
     left = []
     for process in processes:
         if process.poll() is None:
@@ -184,13 +184,13 @@ def end(processes: list[subprocess.Popen[bytes]]) -> None:
 
 
 def last_words(file: Path) -> str:
-    """Return the last line that says something."""
+    """Return the last line of a file that is not empty."""
     lines = [line.strip(" -=") for line in file.read_text(errors="replace").splitlines()]
-    return next(filter(None, reversed(lines)), "it said nothing")
+    return next(filter(None, reversed(lines)), "it printed nothing")
 
 
 def outcome(work: Work) -> Outcome:
-    """Read the records of a work that is done."""
+    """Read the records of finished work."""
     publisher = np.fromfile(record.publisher_file(work), np.int64)
     last_ns = 0
     latencies = []
@@ -203,6 +203,6 @@ def outcome(work: Work) -> Outcome:
 
 
 def environment() -> dict[str, str]:
-    """Return the environment of processes that import this repository from elsewhere."""
+    """Return an environment in which processes in other folders can import this repository."""
     path = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
     return dict(os.environ, PYTHONPATH=path)

@@ -1,4 +1,4 @@
-"""Processor time of processes, to the nanosecond, as the kernel's scheduler counts it."""
+"""Processor time of processes in nanoseconds, as the kernel's scheduler counts it."""
 
 import contextlib
 import time
@@ -9,20 +9,20 @@ import psutil
 
 
 def thread_times_ns(pids: Iterable[int]) -> dict[Path, int]:
-    """Return what each thread of these processes has run, in ns.
+    """Return the processor time that each thread of these processes has used so far, in ns.
 
-    Source: proc(5), /proc/PID/task/TID/schedstat, whose first number is the time on a processor.
+    Source: proc(5). The first number in /proc/PID/task/TID/schedstat is the time on a processor.
     """
     found = {}
     for pid in pids:
         for file in Path(f"/proc/{pid}/task").glob("*/schedstat"):
-            with contextlib.suppress(OSError):  # a thread that has just ended
+            with contextlib.suppress(OSError):  # the thread has just ended
                 found[file] = int(file.read_text().split()[0])
     return found
 
 
 def measure_cpu_ns(pids: Iterable[int], window_s: float) -> int:
-    """Return what these processes run during a while, in ns; without threads that end meanwhile."""
+    """Wait, and return the processor time used meanwhile, in ns. Threads that end meanwhile do not count."""
     processes = list(pids)
     before = thread_times_ns(processes)
     time.sleep(window_s)
@@ -30,16 +30,16 @@ def measure_cpu_ns(pids: Iterable[int], window_s: float) -> int:
 
 
 def family(*pids: int) -> list[int]:
-    """Return processes and all that descend from them, from one look at all processes."""
+    """Return processes and all their descendants, from one pass over the process table."""
     children: dict[int, list[int]] = {}
     for process in psutil.process_iter(["ppid"]):
         children.setdefault(process.info["ppid"], []).append(process.pid)
     found = list(pids)
-    for pid in found:  # which grows meanwhile
+    for pid in found:  # the list grows during the loop
         found += children.get(pid, [])
     return found
 
 
 def process_ns(pid: int) -> int:
-    """Return what the threads of one process have run, in ns."""
+    """Return the processor time that the threads of one process have used so far, in ns."""
     return sum(thread_times_ns([pid]).values())

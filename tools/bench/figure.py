@@ -1,4 +1,4 @@
-"""Draws the results of a run; needs matplotlib, of the extra `bench`."""
+"""Draws the results of a run. Needs matplotlib, which the extra `bench` installs."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,7 +33,7 @@ def draw(results: Sequence[Row], file: Path) -> None:
 
 
 def _draw_latencies(axes: Any, result: Row) -> None:
-    """Bars to the p50, on a logarithmic scale, and a mark at the p99."""
+    """Draw a bar up to the p50, on a logarithmic scale, and a mark at the p99."""
     rows = _measured(result, "p50_us")
     p50_us = [middle(row["p50_us"]) for row in rows]
     axes.barh(_titles(rows), p50_us, color=[_colour(row) for row in rows])
@@ -55,7 +55,7 @@ def _draw_rates(axes: Any, result: Row) -> None:
 
 
 def _measured(result: Row, column: str) -> list[Row]:
-    """Rows with figures, the best at the top."""
+    """Return the rows with figures, sorted so that the best is at the top."""
     rows = [row for row in result["contenders"] if middle(row.get(column, ())) is not None]
     return sorted(rows, key=lambda row: middle(row[column]) or 0.0, reverse=result["kind"] == "latency")
 

@@ -1,4 +1,4 @@
-"""Robbie's performance goals, as ratios within one run, and whether it meets them."""
+"""Robbie's performance goals, most of them ratios within one run, and whether it meets them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,12 +12,14 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Goal:
-    """One figure to be reached.
+    """One performance goal.
 
     Attributes:
-        title: of what.
-        limit: the figure must be at most this, or at least if `at_least`.
-        figure: what was measured, and who it was compared to; None if it was not measured.
+        title: what is measured.
+        limit: maximum of the figure, or its minimum with `at_least`.
+        figure: returns the measured figure (None if it was not measured) and the title of the contender
+            that it was compared to.
+        at_least: whether `limit` is a minimum.
     """
 
     title: str
@@ -33,7 +35,7 @@ class Results:
         self._results = results
 
     def rows(self, benchmark: str, part: str = "") -> list[Row]:
-        """Return the contenders of the result whose title begins so."""
+        """Return the contenders of the first result of a benchmark whose title begins with `part`."""
         for result in self._results:
             if result["benchmark"] == benchmark and result["title"].startswith(part):
                 rows: list[Row] = result["contenders"]
@@ -41,17 +43,17 @@ class Results:
         return []
 
     def row(self, benchmark: str, name: str, part: str = "") -> Row:
-        """Return one contender's row; {} if there is none."""
+        """Return the row of one contender, or {} if there is none."""
         return next((row for row in self.rows(benchmark, part) if row["name"] == name), {})
 
     def best(self, benchmark: str, column: str, part: str = "", *, in_place: bool = False) -> Row:
-        """Return the peer with the lowest median of a column; {} if there is none.
+        """Return the row of the peer with the lowest median in a column, or {} if there is none.
 
         Args:
-            benchmark: where.
-            column: of the figures.
-            part: how the title of the result begins.
-            in_place: of those that fill arrays in place, else of those that copy them.
+            benchmark: name of the benchmark.
+            column: name of the column.
+            part: beginning of the result's title.
+            in_place: search the peers that fill arrays in place, instead of those that copy them.
         """
         rows = [row for row in self.rows(benchmark, part) if row["name"].endswith(IN_PLACE) == in_place]
         peers = [row for row in rows if is_peer(row) and middle(row.get(column, ()))]
@@ -59,12 +61,12 @@ class Results:
 
 
 def is_peer(row: Row) -> bool:
-    """Whether a row is neither Robbie's nor a floor's."""
+    """Return whether a row belongs to a peer, rather than to Robbie or a floor."""
     return not row["name"].startswith(("robbie", "floor", "memcpy"))
 
 
 def _against(benchmark: str, name: str, other: str, part: str = "") -> Callable[[Results], Any]:
-    """Robbie's p50 against that of a certain row."""
+    """Return a function that divides a contender's p50 by that of another one."""
 
     def figure(results: Results) -> tuple[float | None, str]:
         row, compared = results.row(benchmark, name, part), results.row(benchmark, other, part)
@@ -76,7 +78,7 @@ def _against(benchmark: str, name: str, other: str, part: str = "") -> Callable[
 def _against_best(
     benchmark: str, name: str, part: str = "", column: str = "p50_us", *, in_place: bool = False
 ) -> Callable[[Results], Any]:
-    """Robbie's figure against the best peer's."""
+    """Return a function that divides a contender's figure by the best peer's."""
 
     def figure(results: Results) -> tuple[float | None, str]:
         best = results.best(benchmark, column, part, in_place=in_place)
@@ -101,7 +103,7 @@ def _of_row(benchmark: str, name: str, column: str) -> Callable[[Results], Any]:
 
 
 def _of_bus(beginning: str, column: str, compared: str = "") -> Callable[[Results], Any]:
-    """A figure of Robbie's in `scale`, or its ratio to another bus."""
+    """Return a function that finds a figure of Robbie in `scale`, or its ratio to another bus."""
 
     def find(results: Results, begins: str) -> float | None:
         rows = [
@@ -137,9 +139,9 @@ def _throughput_share(results: Results) -> tuple[float | None, str]:
 
 
 OFTEN, SELDOM, FIFO = "64 bytes, 1 kHz, ", "64 bytes, 30 Hz, ", "64 bytes, 1 kHz at SCHED_FIFO"
-"""How the titles of the results of `latency` begin."""
-ALONE = "4 modules, nobody else"
-"""What the other buses of `scale` are compared to."""
+"""Beginnings of the titles of the results of `latency`."""
+ALONE = "4 modules only"
+"""The bus that the other buses of `scale` are compared to."""
 GOALS = (
     Goal("64 B, 1 kHz: p50 ÷ floor", 1.3, _against("latency", "robbie", "floor", OFTEN)),
     Goal("64 B, 1 kHz: p50 ÷ best peer", 0.75, _against_best("latency", "robbie", OFTEN)),
@@ -174,8 +176,8 @@ GOALS = (
     Goal("flat out: messages/s", 200_000, _of_row("throughput", "robbie", "received_per_s"), at_least=True),
     Goal("flat out: messages/s ÷ iceoryx2", 1.0, _throughput_of_peer, at_least=True),
     Goal("flat out: lost", 0, _of_row("throughput", "robbie", "lost")),
-    Goal("4 → most modules: core's time ÷", 1.1, _of_bus("all traffic among", "core_us_per_message", ALONE)),
-    Goal("4 → most modules: p50 ÷", 1.2, _of_bus("all traffic among", "p50_us", ALONE)),
+    Goal("most ÷ 4 modules: core time", 1.1, _of_bus("4 exchange all", "core_us_per_message", ALONE)),
+    Goal("most ÷ 4 modules: p50", 1.2, _of_bus("4 exchange all", "p50_us", ALONE)),
     Goal("20 idle modules: % of a core", 1.0, _of_row("idle", "robbie", "cpu_percent")),
     Goal("20 modules, 1,500 messages/s: core %", 3.0, _of_bus("1,500", "core_percent")),
     Goal("20 modules, 1,500 messages/s: whole robot %", 12.0, _of_bus("1,500", "robot_percent")),
@@ -193,7 +195,7 @@ GOALS = (
 
 
 def goal_table(results: Sequence[Row]) -> str:
-    """Return a table of what is to be reached and what was, as far as it was measured; '' if nothing was."""
+    """Return a table of the goals whose figures were measured; '' if there are none."""
     found = Results(results)
     lines = []
     for goal in GOALS:
@@ -203,4 +205,4 @@ def goal_table(results: Sequence[Row]) -> str:
             continue
         reached = figure >= goal.limit if goal.at_least else figure <= goal.limit
         lines.append([goal.title, limit, f"{figure:,.2f}", compared, "yes" if reached else "no"])
-    return render(["", "goal", "measured", "compared to", "reached"], lines) if lines else ""
+    return render(["", "goal", "measured", "compared to", "met"], lines) if lines else ""

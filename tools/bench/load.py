@@ -26,9 +26,9 @@ IDLE_MODULES = 20
 MOST_MODULES = 64
 SETTLE_S = 1.0
 MARGIN_S = 2.0
-"""How much longer than it is measured a peer is silent."""
+"""How much longer a peer's publisher is silent than the measurement takes."""
 SPARE = "spare"
-"""What an interpreter that was started ahead calls itself once it is warm."""
+"""Process name of a spare interpreter that has finished its imports."""
 CONNECT_LIMIT_S = 30.0
 POLL_S = 0.05
 SCALE_HZ = 1000.0
@@ -37,13 +37,14 @@ LOAD_HZ = 1500.0
 
 @dataclass(frozen=True)
 class Bus:
-    """Who is on the bus in `scale`.
+    """The modules on the bus in one row of `scale`.
 
     Attributes:
-        title: what the table calls it.
-        pairs: of a publisher and its subscriber, on topics of their own, sharing the traffic.
-        idle: subscribers to a topic on which nothing is published.
-        rate_hz: of all messages together.
+        title: name of the row in the table.
+        pairs: number of pairs of a publisher and its subscriber. Each pair has a separate topic, and all
+            pairs have the same rate.
+        idle: number of subscribers to a topic on which no message is published.
+        rate_hz: rate of all messages together.
     """
 
     title: str
@@ -53,22 +54,22 @@ class Bus:
 
 
 def buses(most: int) -> list[Bus]:
-    """Return what `scale` measures; the first is what the next two are compared to.
+    """Return the buses that `scale` measures. The next two are compared to the first.
 
     Args:
-        most: how many modules, at least 4 and even.
+        most: maximum number of modules; even, and at least 4.
     """
     loaded = min(20, most)
     return [
         Bus(ALONE, 2, 0, SCALE_HZ),
-        Bus(f"{most} modules, all traffic among 4", 2, most - 4, SCALE_HZ),
-        Bus(f"{most} modules share the traffic", most // 2, 0, SCALE_HZ),
+        Bus(f"{most} modules, 4 exchange all messages", 2, most - 4, SCALE_HZ),
+        Bus(f"{most} modules exchange messages", most // 2, 0, SCALE_HZ),
         Bus(f"{loaded} modules, {LOAD_HZ:,.0f} messages/s", loaded // 2, 0, LOAD_HZ),
     ]
 
 
 def idle(options: Options) -> list[Result]:
-    """Processor time of a robot of idle modules, and of as many idle subscribers of each peer."""
+    """Measure the processor time of idle modules, and of the same number of idle subscribers of each peer."""
     window_s = options.window_s(10.0, 2.0)
     count = options.modules or IDLE_MODULES
     series = options.chosen([*map(Series, options.robbies()), *map(Series, peers())])
@@ -86,7 +87,7 @@ def idle(options: Options) -> list[Result]:
 
 
 def scale(options: Options) -> list[Result]:
-    """What a message costs when more modules are on the bus."""
+    """Measure how the cost of a message grows with the number of modules on the bus."""
     window_s = options.window_s(10.0, 2.0)
     most = options.modules or (24 if options.quick else MOST_MODULES)
     series = options.chosen(
@@ -125,7 +126,7 @@ def _name(process: psutil.Process) -> str:
 
 
 def subscribers_only(modules: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Leave out the publishers."""
+    """Return the subscribers among the modules."""
     return {name: module for name, module in modules.items() if not name.startswith("publisher")}
 
 
@@ -145,7 +146,7 @@ def _idle_peer(contender: PeerContender, count: int, window_s: float) -> float:
 
 
 def _wait_for_pause(work: Work, processes: list[subprocess.Popen[bytes]]) -> None:
-    """Wait until all subscribers have heard the publisher, which is silent from then on."""
+    """Wait until all subscribers have received the warm-up. From then on, the publisher is silent."""
     deadline_s = time.monotonic() + CONNECT_LIMIT_S
     while not (record.publisher_file(work).exists() and record.map_publisher(work)[record.ENDED_NS]):
         ended = [process.returncode for process in processes if process.poll() is not None]
@@ -156,7 +157,7 @@ def _wait_for_pause(work: Work, processes: list[subprocess.Popen[bytes]]) -> Non
 
 
 def measure_bus(contender: RobbieContender, bus: Bus, window_s: float) -> Result:
-    """Run a robot; return what core and robot take, for each message and in percent of a processor."""
+    """Run a robot; return the processor time of core and robot, per message and in percent of a processor."""
     with work_folder() as (topic, folder):
         modules: dict[str, dict[str, Any]] = {}
         works = []

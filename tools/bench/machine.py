@@ -1,4 +1,4 @@
-"""The machine on which a figure was measured."""
+"""Describes the machine on which the figures are measured."""
 
 import os
 import platform
@@ -15,10 +15,10 @@ from robbie_mp.linux.wake_latency import limit_wake_latency
 
 @contextmanager
 def processors_awake() -> Iterator[None]:
-    """Keep processors from sleeping, for all processes.
+    """Keep the machine's processors from sleeping.
 
     Raises:
-        OSError: this machine does not permit it.
+        OSError: the machine does not permit this.
     """
     device = limit_wake_latency(0)
     try:
@@ -28,7 +28,7 @@ def processors_awake() -> Iterator[None]:
 
 
 def describe_machine() -> dict[str, Any]:
-    """Return processor, kernel, Python, load and date."""
+    """Return the processor, kernel, Python version, load and date."""
     return {
         "date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         "processor": _processor(),

@@ -1,4 +1,4 @@
-"""The benchmarks of one publisher: `latency`, `wake`, `large`, `fanout` and `throughput`."""
+"""The benchmarks with one publisher: `latency`, `wake`, `large`, `fanout` and `throughput`."""
 
 import os
 import resource
@@ -37,11 +37,11 @@ SCHEDULED = (
         {"scheduling": {"realtime_priority": 10}},
     ),
 )
-"""Robbie with what a profile may set for its processes."""
+"""Variants of Robbie, each with settings that a profile can give to its processes."""
 
 
 def latency(options: Options) -> list[Result]:
-    """A typed message of 64 bytes to one subscriber: often; unless quick, also seldom and in real time."""
+    """Measure a typed message of 64 bytes at 1 kHz; unless quick, also at 30 Hz and at real-time priority."""
     often = Work("", Path(), count=options.messages(3000, 500), rate_hz=1000.0, warm_up=100)
     works = {"1 kHz": often}
     if not options.quick:
@@ -59,12 +59,12 @@ def latency(options: Options) -> list[Result]:
 
 
 def may_run_at(priority: int) -> bool:
-    """Whether this user may give processes this real-time priority."""
+    """Return whether this user may give processes a real-time priority."""
     return os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_RTPRIO)[0] >= priority
 
 
 def wake(options: Options) -> list[Result]:
-    """Ways to wake a process, on all processors and on one, bare and in Robbie."""
+    """Compare ways to wake a process, on all processors and on one, with and without Robbie."""
     work = Work("", Path(), count=options.messages(3000, 500), rate_hz=1000.0, warm_up=100)
     rows: list[Contender] = [*(peer(name) for name in FLOORS), *options.robbies(), *SCHEDULED]
     series = [
@@ -77,7 +77,7 @@ def wake(options: Options) -> list[Result]:
 
 
 def large(options: Options) -> list[Result]:
-    """Messages with large arrays, copied from an existing array or filled in place."""
+    """Measure messages with large arrays, copied from an existing array or filled in place."""
     sizes = {"6.2 MB": IMAGE_BYTES} if options.quick else {"1 MB": MEGABYTE, "6.2 MB": IMAGE_BYTES}
     results = []
     for title, size_bytes in sizes.items():
@@ -91,14 +91,14 @@ def large(options: Options) -> list[Result]:
 
 
 def fanout(options: Options) -> list[Result]:
-    """1 MB to eight subscribers: when does the last one have it?"""
+    """Measure how long 1 MB takes until the last of eight subscribers has it."""
     work = _images(options, MEGABYTE, subscribers=options.modules or FANOUT)
     title = f"1 MB, {IMAGE_HZ:g} Hz, {work.subscribers} subscribers: until the last one has it"
     return [_latencies(options, "fanout", title, work, _with_arrays(options), (5, 1))]
 
 
 def throughput(options: Options) -> list[Result]:
-    """64-byte messages as fast as they go; those that can be told to lose nothing are told so."""
+    """Measure 64-byte messages at the highest rate. Contenders that can avoid losses are set to do so."""
     count = options.messages(200_000, 20_000)
     work = Work("", Path(), count=count, rate_hz=0.0, warm_up=50, lossless=True)
     zeromq = Series(peer("zeromq"), {"lossless": False}, "default high-water marks")
@@ -115,13 +115,12 @@ def _images(options: Options, size_bytes: int, subscribers: int = 1) -> Work:
 
 
 def _with_arrays(options: Options) -> list[Series]:
-    """Everybody, and once more in place those that can."""
+    """Return all contenders, and again those that can fill arrays in place."""
     robbies, others = options.robbies(), peers()
-    able = [one for one in others if one.peer.can_fill_in_place]
-    everybody: list[Contender] = [*robbies, *others]
-    can_fill: list[Contender] = [*robbies, *able]
-    in_place = [Series(one, {"in_place": True}, IN_PLACE) for one in can_fill]
-    return [*in_place, *(Series(one) for one in everybody)]
+    able: list[Contender] = [*robbies, *(one for one in others if one.peer.can_fill_in_place)]
+    contenders: list[Contender] = [*robbies, *others]
+    in_place = [Series(one, {"in_place": True}, IN_PLACE) for one in able]
+    return [*in_place, *(Series(one) for one in contenders)]
 
 
 def _latencies(

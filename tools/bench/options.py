@@ -1,4 +1,4 @@
-"""What the command line says, and who is measured."""
+"""The options of the command line, and the contenders that they choose."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,17 +19,17 @@ WATCHED = "robbie-top"
 
 @dataclass(frozen=True)
 class Options:
-    """How to measure.
+    """The options of a measurement. 0 leaves a number at the default of each benchmark.
 
     Attributes:
-        quick: fewer messages and rounds; below 30 s for each benchmark.
-        rounds: instead of the benchmark's own number of rounds; 0: its own.
-        count: instead of the benchmark's own number of messages; 0: its own.
-        modules: instead of the largest number of modules or subscribers; 0: the benchmark's own.
-        seconds: instead of the time for which processor time is measured; 0: the benchmark's own.
-        only: names of those measured; () for all.
-        with_top: measure Robbie with `robbie top` looking at it as well.
-        variants: profiles of further Robbies by name, as `core` and `module` keys.
+        quick: use fewer messages and rounds, so that each benchmark takes less than 30 s.
+        rounds: number of rounds.
+        count: number of messages in each round.
+        modules: maximum number of modules or subscribers.
+        seconds: time for which processor time is measured.
+        only: names of the contenders to measure; () for all.
+        with_top: also measure Robbie while `robbie top` observes it.
+        variants: further variants of Robbie by name: the keys `core` and `module` of their profiles.
     """
 
     quick: bool = False
@@ -43,27 +43,27 @@ class Options:
 
     @property
     def budget_s(self) -> float | None:
-        """After what time nothing more is started."""
+        """Time after which no further contender is started; None: no limit."""
         return QUICK_BUDGET_S if self.quick else None
 
     def messages(self, usual: int, quick: int) -> int:
-        """How many messages in each round."""
+        """Return the number of messages in each round."""
         return self.count or (quick if self.quick else usual)
 
     def times(self, usual: int, quick: int) -> int:
-        """How many rounds."""
+        """Return the number of rounds."""
         return self.rounds or (quick if self.quick else usual)
 
     def window_s(self, usual: float, quick: float) -> float:
-        """How long to measure processor time."""
+        """Return the time for which to measure processor time."""
         return self.seconds or (quick if self.quick else usual)
 
     def chosen(self, series: list[Series]) -> list[Series]:
-        """Leave out those that the command line did not ask for."""
+        """Return the series that the command line asks for."""
         return [one for one in series if not self.only or one.contender.name in self.only]
 
     def robbies(self) -> list[RobbieContender]:
-        """Robbie, and what the command line adds to it."""
+        """Return Robbie and the variants of it that the command line asks for."""
         found = [RobbieContender()]
         if self.with_top:
             found.append(RobbieContender(WATCHED, "Robbie-MP watched by robbie top", with_top=True))
@@ -74,12 +74,12 @@ class Options:
 
 
 def peer(name: str) -> PeerContender:
-    """Return a floor or peer by the name of its file."""
+    """Return the floor or peer that a file of this name describes."""
     return PeerContender(name, load_peer(name))
 
 
 def peers() -> list[PeerContender]:
-    """Return all peers, without the floors."""
+    """Return all peers. Floors are not among them."""
     return [peer(name) for name in PEERS]
 
 

@@ -1,4 +1,4 @@
-"""How a peer's publisher works: it warms up until all subscribers have heard it, then it publishes."""
+"""A peer's publisher: it sends warm-up messages until all subscribers get them, then the measured ones."""
 
 import time
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from tools.bench.work import END, Work
 WARM_UP_HZ = 1000.0
 CONNECT_LIMIT_S = 10.0
 DRAIN_LIMIT_S = 3.0
-"""How long nothing may arrive before what is missing counts as lost."""
+"""If nothing arrives for this long, the missing messages count as lost."""
 FLAT_OUT_LIMIT_S = 8.0
 END_EVERY_S = 0.02
 
@@ -28,14 +28,14 @@ class NoConnection(RuntimeError):
 
 
 def publish_all(work: Work, send: Callable[[int], None]) -> None:
-    """Publish the whole work.
+    """Do the publisher's part of the work.
 
     Args:
-        work: what is to be published.
-        send: stamps and publishes the message of a number.
+        work: the work.
+        send: stamps and publishes the message with a given number.
 
     Raises:
-        NoConnection: a subscriber did not hear the warm-up.
+        NoConnection: a subscriber did not receive the warm-up.
     """
     subscribers = [map_subscriber(work, index) for index in range(work.subscribers)]
     _warm_up(work, send, subscribers)
@@ -48,7 +48,7 @@ def publish_all(work: Work, send: Callable[[int], None]) -> None:
 
 
 def _finish(send: Callable[[int], None], subscribers: list[memoryview]) -> None:
-    """Send the end until all have it, or nothing arrives any more."""
+    """Send the last message until all subscribers have it, or nothing arrives any more."""
     before, since_s = -1, 0.0
     while not all(words[FINISHED] for words in subscribers):
         arrived = sum(words[MEASURED] for words in subscribers)
@@ -65,8 +65,8 @@ def _warm_up(work: Work, send: Callable[[int], None], subscribers: list[memoryvi
     deadline_s = time.monotonic() + CONNECT_LIMIT_S
     while any(words[RECEIVED] < work.warm_up for words in subscribers):
         if time.monotonic() > deadline_s:
-            heard = [words[RECEIVED] for words in subscribers]
-            raise NoConnection(f"after {CONNECT_LIMIT_S:g} s subscribers had received {heard} messages")
+            received = [words[RECEIVED] for words in subscribers]
+            raise NoConnection(f"after {CONNECT_LIMIT_S:g} s subscribers had received {received} messages")
         send(-1)
         time.sleep(period_s)
 

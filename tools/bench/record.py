@@ -1,4 +1,4 @@
-"""What publisher and subscribers note while they work, in mapped files that the others can read meanwhile."""
+"""The records of publisher and subscribers: mapped files, which the other processes can read at any time."""
 
 import mmap
 import time
@@ -17,17 +17,17 @@ def _map(file: Path, words: int) -> memoryview:
 
 
 def subscriber_file(work: Work, index: int) -> Path:
-    """Where a subscriber notes what it gets."""
+    """Return the file in which a subscriber records the messages it receives."""
     return work.folder / f"subscriber-{index}.record"
 
 
 def publisher_file(work: Work) -> Path:
-    """Where the publisher notes what it has sent."""
+    """Return the file in which the publisher records the messages it sends."""
     return work.folder / "publisher.record"
 
 
 def map_subscriber(work: Work, index: int) -> memoryview:
-    """Map a subscriber's words: the header, then the latency of each message (ns); 0: it has not come."""
+    """Map a subscriber's words: the header, then the latency of each message (ns; 0: not received)."""
     return _map(subscriber_file(work, index), HEADER + work.count)
 
 
@@ -37,7 +37,7 @@ def map_publisher(work: Work) -> memoryview:
 
 
 class Receipts:
-    """What one subscriber notes."""
+    """Writes the record of one subscriber."""
 
     def __init__(self, work: Work, index: int):
         self._words = map_subscriber(work, index)
@@ -45,7 +45,7 @@ class Receipts:
         self._measured = 0
 
     def handle(self, number: int, stamp_ns: int) -> bool:
-        """Handle a message, already decoded; True if it was the last one."""
+        """Record a decoded message. Return True if it was the last one."""
         now_ns = time.monotonic_ns()
         words = self._words
         if number >= 0:

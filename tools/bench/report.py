@@ -1,4 +1,4 @@
-"""Writes the results of a run into the documentation, between two marks."""
+"""Writes the results of a run into the documentation, between two marker lines."""
 
 from pathlib import Path
 from typing import Any
@@ -14,18 +14,18 @@ PICTURE = "images/benchmarks.png"
 
 
 class NoPlaceForResults(ValueError):
-    """The page has no marks between which results go."""
+    """The page lacks the two marker lines for the results."""
 
 
 def write_report(run: dict[str, Any], folder: Path) -> None:
-    """Put the results of a run into `benchmarks.md` of a folder, and draw its picture.
+    """Write the results of a run into `benchmarks.md` in a folder, and draw its picture.
 
     Args:
-        run: as `--json` writes it.
-        folder: of the documentation.
+        run: the results, in the form that `--json` writes.
+        folder: folder of the documentation.
 
     Raises:
-        NoPlaceForResults: the page has no marks.
+        NoPlaceForResults: the page lacks the marker lines.
     """
     page = folder / PAGE
     text = page.read_text()
@@ -50,7 +50,7 @@ def results_text(run: dict[str, Any]) -> str:
     ]
     for result in run["results"]:
         parts += [f"### {result['benchmark']}: {result['title']}", table(result)]
-    parts += ["### Who was measured", _setups(run["results"])]
+    parts += ["### Contenders", _setups(run["results"])]
     return "\n" + "\n\n".join(parts) + "\n"
 
 
@@ -62,4 +62,4 @@ def _setups(results: list[dict[str, Any]]) -> str:
                 title = row["title"].split(",")[0]
                 state = row["trouble"] if not row["rounds"] and row["trouble"] else ""
                 found.setdefault(title, [title, row["version"], row["how"], state])
-    return render(["", "version", "how", "absent because"], list(found.values()))
+    return render(["", "version", "how", "why absent"], list(found.values()))

@@ -1,8 +1,9 @@
-"""How long a killed module is missing: `python -m tools.bench.restart [--kills 30] [--subject mapping]`.
+"""Measures how long a killed module is away: `python -m tools.bench.restart [--kills 30] [--subject S]`.
 
-Kills a module with SIGKILL, again and again, while another one publishes at 100 Hz, and measures until the
-restarted one enters the handler of its next message. The module is a small one that imports numpy, or the
-stock robot's mapping, which restores its map; spares import what the profile `demo` names.
+The tool kills a module with SIGKILL again and again, while another module publishes at 100 Hz. It measures
+the time until the restarted module enters the handler of its next message. The killed module is either a
+small one that imports numpy, or the stock robot's mapping, which restores its map. The robot with mapping is
+that of the profile `demo`, and its spares import what that profile names.
 """
 
 import argparse
@@ -33,7 +34,7 @@ CHECKOUT = Path(__file__).parents[2]
 UNLIMITED = RestartPolicy(max_restarts=1 << 20, stable_after_s=0.0)
 LIMIT_S = 30.0
 PAUSE_S = 0.3
-"""Between a restart and the next kill."""
+"""Time between a restart and the next kill."""
 LOOK_EVERY_S = 0.005
 
 STEPS = ("kill", "death", "BACKOFF", "STARTING", "import_begin", "import_end", "setup_end", "first_message")
@@ -46,22 +47,22 @@ PARTS = (
     "construction and setup",
     "first message",
 )
-"""What lies between each two steps."""
+"""The part of a restart between each two consecutive steps."""
 
 
 class Campaign:
-    """Kills, and collects when what happened.
+    """Kills a module repeatedly, and collects the times of each restart.
 
     Attributes:
-        restarts: for each kill the times of `STEPS`, monotonic clock in ns.
+        restarts: for each kill, the times of `STEPS` on the monotonic clock, in ns.
     """
 
     def __init__(self, kills: int, spares: int, folder: Path):
-        """Prepare.
+        """Prepare the campaign.
 
         Args:
-            kills: how many.
-            spares: warm interpreters to wait for before each.
+            kills: number of kills.
+            spares: number of warm spare interpreters to wait for before each kill.
             folder: the run's output directory.
         """
         self.restarts: list[dict[str, int]] = []
@@ -73,7 +74,7 @@ class Campaign:
         self.thread = threading.Thread(target=self._kill_repeatedly)
 
     def on_change(self, change: StateChange) -> None:
-        """Note when the supervisor said what of the subject; called in its thread."""
+        """Record when the supervisor reports a state of the subject. The supervisor's thread calls this."""
         if change.name == SUBJECT:
             self._changes[change.new] = time.monotonic_ns()
             if change.new is ChildState.FAILED:
@@ -94,7 +95,7 @@ class Campaign:
             os.kill(os.getpid(), signal.SIGTERM)
 
     def _wait_for_first_message(self, seen: set[int]) -> int:
-        """Return the pid of a subject that has handled a message, other than those seen before."""
+        """Wait until a new process of the subject has handled a message, and return its pid."""
         self._wait_until(lambda: bool(self._subjects() - seen))
         return (self._subjects() - seen).pop()
 
@@ -105,19 +106,19 @@ class Campaign:
         warm = 0
         for process in psutil.Process().children():
             with contextlib.suppress(psutil.NoSuchProcess):
-                warm += process.name() == "spare"  # as it calls itself after its imports
+                warm += process.name() == "spare"  # its name after the imports
         return warm >= self._spares
 
     def _wait_until(self, condition: Callable[[], bool]) -> None:
         deadline_s = time.monotonic() + LIMIT_S
         while not condition():
             if time.monotonic() > deadline_s or self._ends.is_set():
-                raise TimeoutError(f"the robot did not get on within {LIMIT_S:g} s")
+                raise TimeoutError(f"the robot made no progress within {LIMIT_S:g} s")
             time.sleep(LOOK_EVERY_S)
 
 
 def kill(pid: int) -> tuple[int, int]:
-    """Kill a process; return when, and when the kernel had taken it apart."""
+    """Kill a process. Return the times of the signal and of the end of the process."""
     pidfd = os.pidfd_open(pid)
     try:
         killed_ns = time.monotonic_ns()
@@ -129,7 +130,7 @@ def kill(pid: int) -> tuple[int, int]:
 
 
 def small_robot() -> Profile:
-    """Describe a robot of two modules, one of which is killed."""
+    """Return the profile of a robot with two modules, one of which is killed."""
     where = f"{__package__}.restart_subject"
     return Profile(
         name="restart",
@@ -142,7 +143,7 @@ def small_robot() -> Profile:
 
 
 def stock_robot() -> Profile:
-    """Describe the demo's robot without exploration, its odometry at 100 Hz; mapping is killed."""
+    """Return the demo's profile without exploration and with odometry at 100 Hz. Mapping is killed."""
     where = f"{__package__}.restart_mapping"
     demo = load_profile("demo", CHECKOUT, ["base.period_s=0.01"])
     spec = {module.name: module for module in demo.modules}
@@ -167,7 +168,7 @@ def measure(profile: Profile, kills: int) -> list[dict[str, int]]:
 
 
 def summary(restarts: list[dict[str, int]]) -> dict[str, dict[str, float]]:
-    """Return median and 99th percentile of the whole and of its parts, in ms."""
+    """Return the median and 99th percentile of the whole time and of its parts, in ms."""
     at_ns = np.array([[restart[step] for step in STEPS] for restart in restarts])
     parts_ms = {
         part: (at_ns[:, end] - at_ns[:, begin]) / 1e6
@@ -184,15 +185,17 @@ def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="python -m tools.bench.restart", description=__doc__)
     parser.add_argument("--kills", type=int, default=30)
-    parser.add_argument("--subject", choices=ROBOTS, default="small", help="which module is killed")
-    parser.add_argument("--spares", type=int, default=1, help="warm interpreters; 0: all starts are cold")
-    parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
+    parser.add_argument("--subject", choices=ROBOTS, default="small", help="the module to kill")
+    parser.add_argument(
+        "--spares", type=int, default=1, help="number of spare interpreters; 0: all starts are cold"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON")
     arguments = parser.parse_args()
     robot = ROBOTS[arguments.subject]()
     robot = replace(robot, spares=replace(robot.spares, count=arguments.spares))
     restarts = measure(robot, arguments.kills)
     if len(restarts) < arguments.kills:
-        print(f"only {len(restarts)} of {arguments.kills} restarts were seen", file=sys.stderr)
+        print(f"only {len(restarts)} of {arguments.kills} restarts took place", file=sys.stderr)
         return 1
     figures = summary(restarts)
     if arguments.json:

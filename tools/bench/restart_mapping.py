@@ -18,13 +18,13 @@ class Circling(Module):
     period_s = 0.2
 
     def tick(self) -> None:
-        """Go on."""
+        """Send the command again."""
         second = Duration(sec=1)
         self.publish(DriveCommand(linear_m_per_s=0.2, angular_rad_per_s=0.4, valid_for=second))
 
 
 class MappingSubject(Mapping):
-    """Mapping as it is, which notes when it handled its first message."""
+    """The stock robot's mapping, which also records when it handles its first message."""
 
     def setup(self) -> None:
         """Set up, and restore the last checkpoint."""
@@ -33,11 +33,11 @@ class MappingSubject(Mapping):
         self.times.setup_ends()
 
     def on_odometry(self, odometry: Odometry) -> None:
-        """Note it, and map."""
+        """Record the time, and map."""
         self.times.message_comes()
         super().on_odometry(odometry)
 
     def on_scan(self, scan: LaserScan) -> None:
-        """Note it, and map."""
+        """Record the time, and map."""
         self.times.message_comes()
         super().on_scan(scan)

@@ -1,8 +1,8 @@
-"""The small modules of the restart benchmark: one that publishes steadily, one that is killed."""
+"""The small modules of the restart benchmark: one publishes at a constant rate, the other one is killed."""
 
 import time
 
-IMPORT_BEGIN_NS = time.monotonic_ns()  # before the imports that a module's file usually begins with
+IMPORT_BEGIN_NS = time.monotonic_ns()  # taken before the imports, with which a module's file usually begins
 
 import numpy as np  # noqa: E402
 
@@ -19,23 +19,23 @@ class Source(Module):
     period_s = 0.01
 
     def setup(self) -> None:
-        """Prepare one scan."""
+        """Make one scan."""
         self.ranges = np.ones(360, np.float32)
 
     def tick(self) -> None:
-        """Publish it."""
+        """Publish the scan."""
         self.publish(LaserScan(ranges=self.ranges))
 
 
 class Subject(Module):
-    """Notes when it handled its first message."""
+    """Records when it handles its first message."""
 
     def setup(self) -> None:
-        """Subscribe."""
+        """Subscribe to the scans."""
         self.times = StartTimes(self.output_directory, IMPORT_BEGIN_NS, IMPORT_END_NS)
         self.subscribe(LaserScan, self.on_scan)
         self.times.setup_ends()
 
     def on_scan(self, scan: LaserScan) -> None:
-        """Write the times of this start."""
+        """Write the times of this start to the file."""
         self.times.message_comes()

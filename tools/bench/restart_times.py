@@ -1,4 +1,4 @@
-"""Writes down when a start of the restart benchmark's subject came how far."""
+"""Records the times of one start of the restart benchmark's subject."""
 
 import json
 import os
@@ -7,12 +7,12 @@ from pathlib import Path
 
 
 class StartTimes:
-    """The times of one start, monotonic clock in ns; they go to a file of the process's own.
+    """The times of one start on the monotonic clock, in ns. Each process writes them to a separate file.
 
     Args:
-        folder: where that file is.
-        import_begin_ns: when the import of the subject's class began.
-        import_end_ns: when it was over.
+        folder: folder of that file.
+        import_begin_ns: begin of the import of the subject's class.
+        import_end_ns: end of that import.
     """
 
     def __init__(self, folder: Path, import_begin_ns: int, import_end_ns: int):
@@ -21,11 +21,11 @@ class StartTimes:
         self._is_first = True
 
     def setup_ends(self) -> None:
-        """Note that setup is over."""
+        """Record the end of `setup`."""
         self._times_ns["setup_end"] = time.monotonic_ns()
 
     def message_comes(self) -> None:
-        """Write all times at the first message."""
+        """At the first message, write all times to the file."""
         first_ns = time.monotonic_ns()
         if not self._is_first:
             return

@@ -1,4 +1,4 @@
-"""The benchmark `restart`: how long a killed module is missing. No peer restarts a process."""
+"""The benchmark `restart`: how long a killed module is away. No peer restarts processes."""
 
 import json
 import subprocess
@@ -14,11 +14,11 @@ SUBJECTS = {
     "mapping": ("--subject=mapping", "--spares=1"),
     "small, no spares": ("--subject=small", "--spares=0"),
 }
-"""What is killed, and what `tools.bench.restart` is told for it."""
+"""The subjects by title, and the options of `tools.bench.restart` for each."""
 
 
 def restart(options: Options) -> list[dict[str, Any]]:
-    """Run `tools.bench.restart` in processes of their own: each is the supervisor of what it kills."""
+    """Run `tools.bench.restart` in a separate process for each subject, because it is itself a supervisor."""
     kills = options.messages(30, 10)
     subjects = list(SUBJECTS)[:1] if options.quick else list(SUBJECTS)
     title = f"SIGKILL until the restarted module handles a message, {kills} kills"

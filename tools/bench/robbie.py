@@ -1,4 +1,4 @@
-"""Runs Robbie for one work as it always runs: a profile, a supervisor, a core, modules."""
+"""Runs Robbie for one piece of work, as users run it: a profile, a supervisor, a core and modules."""
 
 import contextlib
 import subprocess
@@ -19,11 +19,11 @@ MODULES = "tools.bench.robbie_modules"
 LIMIT_S = 90.0
 TOP_STARTS_S = 4.0
 MODULE = {"restart": {"policy": "never"}, "essential": True}
-"""A benchmark in which a module crashes is over."""
+"""A crashed module ends the benchmark."""
 
 
 def scheduling_of(work: Work) -> dict[str, Any]:
-    """Return what a profile says of the scheduling of a work's processes."""
+    """Return the `scheduling` of a profile for the processes of a piece of work."""
     wanted = {"cpus": list(work.cpus), "realtime_priority": work.realtime_priority}
     return {key: value for key, value in wanted.items() if value}
 
@@ -32,11 +32,11 @@ class RobbieContender:
     """Measures Robbie.
 
     Args:
-        name: its name in results.
-        title: its name in tables.
+        name: name in results.
+        title: name in tables.
         core: the profile's `core`.
         module: further keys of each module in the profile.
-        with_top: `robbie top` looks at it all the time.
+        with_top: whether `robbie top` observes the robot all the time.
     """
 
     def __init__(
@@ -55,32 +55,32 @@ class RobbieContender:
 
     @property
     def settle_s(self) -> float:
-        """How long to wait before measuring, so that the start of `robbie top` is no part of it."""
+        """Time to wait before measuring, so that the start of `robbie top` is not measured."""
         return TOP_STARTS_S if self._with_top else 0.0
 
     @property
     def how(self) -> str:
-        """How it is set up."""
+        """The set-up, in one line."""
         special = {"core": self._core, "module": self._module}
         changed = ", ".join(f"{key}: {value}" for key, value in special.items() if value)
-        watched = "`robbie top` beside it" if self._with_top else ""
+        watched = "observed by `robbie top`" if self._with_top else ""
         setup = "a profile run by `robbie run`: supervisor, core, modules"
         return "; ".join(filter(None, (setup, changed, watched)))
 
     @property
     def version(self) -> str:
-        """Its version."""
+        """Robbie's version."""
         with contextlib.suppress(metadata.PackageNotFoundError):
             return metadata.version("robbie-mp")
         return "this checkout"
 
     @property
     def why_absent(self) -> str:
-        """It never is."""
+        """Robbie is never absent."""
         return ""
 
     def run(self, work: Work) -> Outcome:
-        """Run a profile with one publisher and the work's subscribers to its end."""
+        """Run a profile with one publisher and the work's subscribers until it ends."""
         with work_folder() as (topic, folder):
             here = replace(work.at(topic, folder), settle_s=self.settle_s)
             with self.robot(folder, self.pair(here), scheduling_of(work)) as robot:
@@ -90,11 +90,11 @@ class RobbieContender:
                 return outcome(here)
 
     def pair(self, work: Work, suffix: str = "") -> dict[str, dict[str, Any]]:
-        """Describe the modules of a work for a profile, subscribers first.
+        """Return the modules that do the work, subscribers first, as in a profile.
 
         Args:
-            work: what they do.
-            suffix: of the modules' names.
+            work: the work.
+            suffix: suffix of the modules' names.
         """
         file = work.folder / f"work{suffix}.json"
         work.save(file)
@@ -115,7 +115,7 @@ class RobbieContender:
     def write_workspace(
         self, folder: Path, modules: Mapping[str, dict[str, Any]], scheduling: Mapping[str, Any] | None = None
     ) -> None:
-        """Write the profile `bench` into a folder: these modules, and core and modules scheduled alike."""
+        """Write a profile `bench` into a folder. Its core and modules all have the given scheduling."""
         (folder / "profiles").mkdir()
         place = {"scheduling": dict(scheduling)} if scheduling else {}
         complete = {name: {**MODULE, **place, **own, **self._module} for name, own in modules.items()}
@@ -126,10 +126,10 @@ class RobbieContender:
     def robot(
         self, folder: Path, modules: Mapping[str, dict[str, Any]], scheduling: Mapping[str, Any] | None = None
     ) -> Iterator[Robot]:
-        """Start a profile of these modules; at the end it is stopped, and killed if it does not.
+        """Run a profile with these modules. At the end, stop it; if that fails, kill it.
 
         Raises:
-            Trouble: from the block too, if the robot did not do what it must.
+            Trouble: the robot failed, possibly during the block.
         """
         self.write_workspace(folder, modules, scheduling)
         robot = Robot(folder, folder, "bench")

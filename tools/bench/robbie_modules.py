@@ -1,4 +1,4 @@
-"""The modules that Robbie is measured with."""
+"""The modules with which Robbie is measured."""
 
 import time
 from collections.abc import Iterator
@@ -12,8 +12,8 @@ from tools.bench.work import END, Work
 
 LOOK_EVERY_S = 0.01
 FLAT_OUT_OUTSTANDING = 800
-"""Messages on their way when publishing flat out: fewer than a subscriber's queue holds (1000), and than fit
-into the ring to the core (1024 records, of which 128 are kept for releases), if the core has read none."""
+"""Maximum number of unhandled messages when publishing flat out: less than a subscriber's queue holds (1000),
+and less than the ring to the core holds (1024 records, of which 128 are kept for releases)."""
 
 
 class Probe(Message, name="bench_msgs/msg/Probe", version=1):
@@ -33,17 +33,19 @@ class Picture(Message, name="bench_msgs/msg/Picture", version=1):
     """The large message."""
 
     number: int64
-    stamp_ns: int64  # monotonic clock; 0: it is in the first 8 bytes of data, written when they were filled
+    stamp_ns: (
+        int64  # monotonic clock; 0: the stamp is in the first 8 bytes of data, written when data was filled
+    )
     data: Array[uint8]  # (N,)
 
 
 class Publisher(Module):
-    """Publishes a work's messages, waits until all have been handled, and ends."""
+    """Publishes the messages, waits until all have been handled, and ends."""
 
     work_file: Path = setting(REQUIRED, "the work, as JSON")
 
     def setup(self) -> None:
-        """Prepare what is to be published."""
+        """Prepare the messages."""
         self.work = work = Work.load(self.work_file)
         self.period_s = 1 / work.rate_hz if work.rate_hz else LOOK_EVERY_S
         self.record = map_publisher(work)
@@ -53,7 +55,7 @@ class Publisher(Module):
         self.ended = False
 
     def upcoming(self) -> Iterator[int]:
-        """The numbers to be published, with notes of when the measured ones begin and end."""
+        """Yield the numbers to publish, and record when the measured ones begin and end."""
         for _ in range(self.work.warm_up):
             yield -1
         self.record[BEGAN_NS] = time.monotonic_ns()
@@ -65,7 +67,7 @@ class Publisher(Module):
         self.ended = True
 
     def tick(self) -> None:
-        """Publish the next, or as many as may be on their way."""
+        """Publish the next message, or at flat-out rate as many as the limit allows."""
         if time.monotonic_ns() < self.begins_ns:
             return
         if self.ended:
@@ -80,7 +82,7 @@ class Publisher(Module):
         self.wake_after_freed(FLAT_OUT_OUTSTANDING // 2)
 
     def publish_next(self) -> None:
-        """Stamp and publish."""
+        """Stamp and publish the next message."""
         number = next(self.numbers, None)
         if number is None:
             return
@@ -102,13 +104,13 @@ class Publisher(Module):
 
 
 class Subscriber(Module):
-    """Notes when it gets which message."""
+    """Records when it receives each message."""
 
     work_file: Path = setting(REQUIRED, "the work, as JSON")
-    index: int = setting(0, "which of the subscribers it is", minimum=0)
+    index: int = setting(0, "index of this subscriber", minimum=0)
 
     def setup(self) -> None:
-        """Subscribe."""
+        """Subscribe to the work's messages."""
         work = Work.load(self.work_file)
         self.handle = Receipts(work, self.index).handle
         if work.has_array:
@@ -117,9 +119,9 @@ class Subscriber(Module):
             self.subscribe(Probe, self.on_probe, topic=work.topic)
 
     def on_probe(self, probe: Probe) -> None:
-        """Note it."""
+        """Record the message."""
         self.handle(probe.number, probe.stamp_ns)
 
     def on_picture(self, picture: Picture) -> None:
-        """Note it."""
+        """Record the message."""
         self.handle(picture.number, picture.stamp_ns or int(picture.data[:8].view(np.int64)[0]))

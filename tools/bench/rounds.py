@@ -1,4 +1,4 @@
-"""Runs contenders in turn, round after round, so that whatever else the machine does strikes all of them."""
+"""Runs contenders in turn, round after round, so that other load on the machine affects all of them."""
 
 import sys
 import time
@@ -17,15 +17,15 @@ LEFT_OUT = "left out by --quick"
 
 @dataclass
 class Series:
-    """What one contender did, round after round.
+    """The results of one contender over all rounds.
 
     Attributes:
-        contender: who.
-        changes: in what its work differs from that of the others.
-        suffix: of its name and title, saying so.
-        outcomes: of the rounds in which it did its work.
-        rounds: the numbers of these rounds.
-        trouble: why it did not, the last time; or why it is absent.
+        contender: the contender.
+        changes: fields of its work that differ from those of the others.
+        suffix: suffix of its name and title, which describes the changes.
+        outcomes: results of the rounds in which it did its work.
+        rounds: numbers of these rounds.
+        trouble: why it failed in the last round, or why it is absent.
     """
 
     contender: Contender
@@ -36,7 +36,7 @@ class Series:
     trouble: str = ""
 
     def describe(self) -> dict[str, Any]:
-        """Say who it is and how it went."""
+        """Return the contender's description and the state of this series."""
         contender = self.contender
         return {
             "name": " ".join(filter(None, (contender.name, self.suffix))),
@@ -51,15 +51,15 @@ class Series:
 def run_rounds(
     series: Sequence[Series], run: Callable[[Series], Any], rounds: int, budget_s: float | None = None
 ) -> None:
-    """Run each contender once in each round, each round beginning with another one.
+    """Run each contender once in each round. Each round begins with a different contender.
 
-    A contender that is absent, or cannot do the work in a round, is left out from then on.
+    A contender that is absent or fails in a round takes no part in later rounds.
 
     Args:
-        series: takes what `run` returns.
+        series: the contenders; each series receives what `run` returns.
         run: does the work once.
-        rounds: how many.
-        budget_s: start nothing after so long.
+        rounds: number of rounds.
+        budget_s: time after which no further contender is started; None: no limit.
     """
     began_s = time.monotonic()
     for one in series:
@@ -84,28 +84,28 @@ def run_rounds(
 def run_work(
     series: Sequence[Series], work: Work, rounds: int, budget_s: float | None = None
 ) -> list[dict[str, Any]]:
-    """Have all do the same work, each with its own changes; return their figures."""
+    """Run the same work with all contenders, each with its changes, and return their figures."""
     run_rounds(series, lambda one: one.contender.run(replace(work, **one.changes)), rounds, budget_s)
     return [one.describe() | (_figures(one.outcomes) if one.outcomes else {}) for one in series]
 
 
 def _say(text: str) -> None:
-    """Show on a terminal what is being done."""
+    """Show the progress, if the output is a terminal."""
     if sys.stderr.isatty():
         print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
 
 
 def last_of_all(outcome: Outcome) -> NDArray[np.float64]:
-    """Return for each message that all subscribers got the time until the last one had it, in µs."""
+    """Return for each message that all subscribers received the time until the last one had it, in µs."""
     of_each = np.array([one[: outcome.sent] for one in outcome.latencies_ns])
     complete = (of_each > 0).all(axis=0)
     return np.asarray(of_each[:, complete].max(axis=0) / 1e3, np.float64)
 
 
 def _figures(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """For each round the quantiles of latency, the rate, and what was lost.
+    """Return the quantiles of latency, the rate and the losses of each round.
 
-    Where nothing arrived there are no quantiles: None.
+    The quantiles of a round in which nothing arrived are None.
     """
     received = [last_of_all(outcome) for outcome in outcomes]
     return {

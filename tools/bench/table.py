@@ -1,4 +1,4 @@
-"""Turns results into tables, for the terminal and for Markdown alike."""
+"""Renders results as tables, both for the terminal and for Markdown."""
 
 from collections.abc import Callable, Sequence
 from statistics import median
@@ -9,13 +9,13 @@ Figures = Sequence[float | None]
 
 
 def middle(values: Figures) -> float | None:
-    """Median over rounds; None if there was none."""
+    """Return the median over all rounds, or None if there is none."""
     present = [value for value in values if value is not None]
     return median(present) if present else None
 
 
 def ratio(row: Row, other: Row, column: str) -> float | None:
-    """Median of the ratios within each round."""
+    """Return the median of the ratios within each round."""
     values, others = _by_round(row, column), _by_round(other, column)
     pairs = ((value, others.get(number)) for number, value in values.items())
     return middle([one / another for one, another in pairs if one is not None and another])
@@ -26,7 +26,7 @@ def _by_round(row: Row, column: str) -> dict[int, float | None]:
 
 
 def render(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Align columns as a Markdown table; all but the first to the right."""
+    """Render a Markdown table with aligned columns: the first one left, the others right."""
     complete = [[*row, *[""] * (len(header) - len(row))] for row in rows]
     widths = [max(len(row[place]) for row in (header, *complete)) for place in range(len(header))]
     rule = [("-" * width if place == 0 else "-" * (width - 1) + ":") for place, width in enumerate(widths)]
@@ -42,17 +42,17 @@ def render(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def number(value: float | None, digits: int = 1) -> str:
-    """Format a figure; '' if there is none."""
+    """Format a figure, or return '' if there is none."""
     return "" if value is None else f"{value:,.{digits}f}"
 
 
 def short_number(value: float | None) -> str:
-    """Format a figure of whatever size in three digits, or all before the point; '' if there is none."""
+    """Format a figure with three significant digits, or without decimals from 100 on; '' if there is none."""
     return "" if value is None else f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def reference(result: Row) -> Row:
-    """Return the row that the others are compared to; {} if it was not measured."""
+    """Return the row that the others are compared to, or {} if it was not measured."""
     name = result.get("reference", "")
     return next((row for row in result["contenders"] if row["name"] == name), {})
 
@@ -84,7 +84,7 @@ def _latency(result: Row) -> str:
             cells += ["", "", "", "", ""]
         cells += [f"{sum(row['lost']):,}/{sum(row['wanted']):,}"] if row.get("sent") else []
         lines.append(cells)
-    header = ["", "p50 µs", "p99 µs", "p50 of rounds", f"p50 ÷ {name}", f"p99 ÷ {name}", "lost"]
+    header = ["", "p50 µs", "p99 µs", "p50 per round", f"p50 ÷ {name}", f"p99 ÷ {name}", "lost"]
     return render(header, lines)
 
 
@@ -101,7 +101,7 @@ def _throughput(result: Row) -> str:
                 f"{sum(row['lost']):,}",
             ]
         lines.append(cells)
-    return render(["", "received/s", "of rounds", "sent", "lost"], lines)
+    return render(["", "received/s", "per round", "sent", "lost"], lines)
 
 
 def _idle(result: Row) -> str:

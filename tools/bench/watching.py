@@ -1,4 +1,4 @@
-"""Keeps `robbie top` looking at a run while it is measured."""
+"""Runs `robbie top` beside a run while the run is measured."""
 
 import contextlib
 import os
@@ -15,9 +15,9 @@ READ_BYTES = 65536
 
 @contextlib.contextmanager
 def watched(robot: Robot) -> Iterator[None]:
-    """Show the run in a terminal of its own until the block ends.
+    """Run `robbie top` in a pseudo-terminal until the block ends.
 
-    Where `robbie top` cannot stay, `robbie top --once` looks once a second.
+    If `robbie top` ends early, run `robbie top --once` every second instead.
     """
     robot.wait_for(robot.attach, "no run appeared")
     ends = threading.Event()
@@ -38,7 +38,7 @@ def _watch(robot: Robot, ends: threading.Event) -> None:
 
 
 def _stay(command: list[str], environment: dict[str, str], ends: threading.Event) -> None:
-    """Run a command that draws on a terminal until the end, or until it ends itself."""
+    """Run a command in a pseudo-terminal until `ends` is set or the command ends."""
     terminal, inner = os.openpty()
     process = subprocess.Popen(command, env=environment, stdin=inner, stdout=inner, stderr=inner)
     os.close(inner)
@@ -57,7 +57,7 @@ def _stay(command: list[str], environment: dict[str, str], ends: threading.Event
 
 
 def _discard(terminal: int) -> None:
-    """Read what is drawn until nobody has the terminal any more."""
-    with contextlib.suppress(OSError):  # how Linux says so
+    """Read and discard the output until the last process has closed the terminal."""
+    with contextlib.suppress(OSError):  # Linux reports the closed terminal as an error
         while os.read(terminal, READ_BYTES):
             pass

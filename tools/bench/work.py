@@ -1,4 +1,4 @@
-"""What is to be measured: one publisher, some subscribers, a number of messages."""
+"""Describes what to measure: one publisher, its subscribers, and a number of messages."""
 
 import json
 from dataclasses import asdict, dataclass, replace
@@ -6,27 +6,27 @@ from pathlib import Path
 from typing import Any
 
 PROBE_BYTES = 64
-"""Size of a `Probe`: two int64 and six float64."""
+"""Size of a `Probe`, which has two int64 and six float64."""
 END = -(1 << 40)
-"""Number of the message that ends the work; the other negative ones warm up."""
+"""Number of the message that ends the work. Messages with other negative numbers are the warm-up."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """One publisher and some subscribers.
+    """One piece of work: what a publisher sends and its subscribers receive.
 
     Attributes:
         topic: a name that no other work on this machine has.
-        folder: for records and whatever the processes write.
-        size_bytes: payload; up to `PROBE_BYTES` a typed message of that size, beyond it one with an array.
-        count: messages measured, numbered from 0.
-        rate_hz: of publishing; 0: as fast as it goes.
-        subscribers: how many processes get every message.
-        warm_up: messages that each subscriber gets before those that are measured.
-        in_place: arrays are filled in the memory that is published, not copied from an existing array.
-        lossless: the publisher shall wait for slow subscribers if it can be told to.
-        settle_s: how long Robbie's publisher waits before it begins.
-        pause_s: with a count of 0, how long all processes wait for messages that do not come.
+        folder: folder for records and other output of the processes.
+        size_bytes: size of the payload. Up to `PROBE_BYTES` it is a `Probe`; larger messages have an array.
+        count: number of measured messages, which are numbered from 0.
+        rate_hz: rate of publishing; 0: as fast as possible.
+        subscribers: number of processes that receive every message.
+        warm_up: number of messages that each subscriber receives before the measured ones.
+        in_place: whether arrays are filled in the published memory, rather than copied from another array.
+        lossless: whether the publisher waits for slow subscribers, if the transport can do that.
+        settle_s: time for which Robbie's publisher waits before it begins.
+        pause_s: with a count of 0, the time for which all processes wait idle.
         cpus: processors on which all processes run; (): all.
         realtime_priority: of all processes under SCHED_FIFO; 0: they run under the usual scheduler.
     """
@@ -47,19 +47,19 @@ class Work:
 
     @property
     def has_array(self) -> bool:
-        """Whether the message is one with an array."""
+        """Whether the message has an array."""
         return self.size_bytes > PROBE_BYTES
 
     def at(self, topic: str, folder: Path) -> "Work":
-        """Return the same work elsewhere."""
+        """Return the same work with another topic and folder."""
         return replace(self, topic=topic, folder=folder)
 
     def save(self, file: Path) -> None:
-        """Write it for a process that will do it."""
+        """Write the work to a file, for the processes that do it."""
         file.write_text(json.dumps(asdict(self) | {"folder": str(self.folder)}))
 
     @classmethod
     def load(cls, file: Path) -> "Work":
-        """Read what `save` has written."""
+        """Read a file written by `save`."""
         fields: dict[str, Any] = json.loads(file.read_text())
         return cls(**fields | {"folder": Path(fields["folder"])})

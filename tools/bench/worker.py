@@ -16,13 +16,13 @@ SUBSCRIBER = "subscriber-"
 
 
 def load_peer(name: str) -> Peer:
-    """Return a peer by the name of its file."""
+    """Return the peer that a file of this name describes."""
     peer: Peer = importlib.import_module(f"tools.bench.peers.{name}").PEER
     return peer
 
 
 def run(peer: Peer, role: str, work: Work) -> None:
-    """Play one role to its end."""
+    """Play one role until the work is done."""
     if work.cpus:
         os.sched_setaffinity(0, work.cpus)
     if work.realtime_priority:  # threads that are started later inherit it

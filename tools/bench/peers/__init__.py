@@ -1,1 +1,1 @@
-"""What Robbie is measured beside: other transports, and two floors; one small file each."""
+"""The transports that Robbie is compared with, and the floors; one small file each."""

@@ -1,4 +1,4 @@
-"""Eclipse Cyclone DDS over the loopback interface; IDL types."""
+"""Eclipse Cyclone DDS over the loopback interface, with IDL types."""
 
 import time
 from collections.abc import Iterator
@@ -13,11 +13,11 @@ CONFIGURATION = """<CycloneDDS><Domain><General>
 <Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces>
 <MaxMessageSize>65500B</MaxMessageSize><FragmentSize>65000B</FragmentSize></General>
 <Internal><SocketReceiveBufferSize max="10MB"/></Internal></Domain></CycloneDDS>"""
-"""Large datagrams and buffers, as its guide recommends for large messages."""
+"""Large datagrams and buffers, as the guide of Cyclone DDS recommends for large messages."""
 
 
 class CycloneDDS(Peer):
-    """Reliable, keeps all that waits."""
+    """Reliable, and keeps all waiting samples."""
 
     title = "Cyclone DDS"
     package = "cyclonedds"
@@ -26,7 +26,7 @@ class CycloneDDS(Peer):
 
     @contextmanager
     def publisher(self, work: Work) -> Iterator[Send]:
-        """Write."""
+        """Write samples."""
         from cyclonedds.pub import DataWriter  # noqa: PLC0415
 
         participant, topic, quality = _topic(work)
@@ -43,7 +43,7 @@ class CycloneDDS(Peer):
         yield send_array if work.has_array else send
 
     def receive(self, work: Work, index: int, handle: Handle) -> None:
-        """Wait for data, then take all there is."""
+        """Wait for data, then take all samples."""
         from cyclonedds.core import ReadCondition, SampleState, WaitSet  # noqa: PLC0415
         from cyclonedds.sub import DataReader  # noqa: PLC0415
         from cyclonedds.util import duration  # noqa: PLC0415
@@ -93,7 +93,7 @@ def _message_type(work: Work) -> Any:
     class Picture(IdlStruct, typename="bench.Picture"):  # type: ignore[misc, call-arg]
         number: int64
         stamp_ns: int64
-        data: array[uint8, work.size_bytes]  # a sequence would come as a list of numbers
+        data: array[uint8, work.size_bytes]  # a sequence would arrive as a list of numbers
 
     return Picture if work.has_array else Probe
 

@@ -1,4 +1,4 @@
-"""dora-rs: a daemon between the nodes, arrow arrays; large ones through shared memory."""
+"""dora-rs: a daemon passes arrow arrays between the nodes, large ones through shared memory."""
 
 import sys
 import time
@@ -12,11 +12,11 @@ from tools.bench.work import Work
 
 QUEUE = 100
 SHARED_MESSAGES = 8
-"""How many large ones the memory of a publisher holds; dora's default is too little for two of 6 MB."""
+"""Number of large messages that a publisher's memory holds. Dora's default cannot hold two of 6 MB."""
 
 
 class Dora(Peer):
-    """A dataflow of two nodes and more, run by `dora.run`."""
+    """A dataflow of a publisher and its subscribers, run by `dora.run`."""
 
     title = "dora-rs"
     package = "dora-rs"
@@ -24,7 +24,7 @@ class Dora(Peer):
     how = "arrow arrays, stamp in the metadata; Node.next blocks"
 
     def commands(self, name: str, work: Work, work_file: Path) -> list[list[str]]:
-        """Let dora start the nodes."""
+        """Return the command with which dora starts all nodes."""
         dataflow = work.folder / "dataflow.yml"
         pool = SHARED_MESSAGES * max(work.size_bytes, 1 << 20)
         outputs = f"    outputs: [message]\n    env: {{DORA_NODE_SHM_POOL_SIZE: {pool}}}\n"
@@ -57,7 +57,7 @@ class Dora(Peer):
         yield send_array if work.has_array else send
 
     def receive(self, work: Work, index: int, handle: Handle) -> None:
-        """Take inputs."""
+        """Receive inputs."""
         import dora  # noqa: PLC0415
 
         node = dora.Node()

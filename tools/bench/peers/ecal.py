@@ -1,4 +1,4 @@
-"""Eclipse eCAL: shared memory; protobuf for small messages, bytes for large ones."""
+"""Eclipse eCAL over shared memory, with protobuf for small messages and bytes for large ones."""
 
 import threading
 import time
@@ -11,18 +11,18 @@ from tools.bench.work import Work
 
 FIELDS = ("x", "y", "z", "roll", "pitch", "yaw")
 ACKNOWLEDGE_MS = 1000
-"""How long a publisher that shall lose nothing waits for its subscribers."""
+"""Time for which a lossless publisher waits for its subscribers."""
 REGISTRATION_MS = 200
-"""How often processes make themselves known; less than the default of 1000, to start sooner."""
+"""Period of registration. The default is 1000 ms; with a shorter one, processes find each other sooner."""
 
 
 class ECAL(Peer):
-    """Local transport by shared memory; callbacks run in a thread of eCAL's."""
+    """Local transport by shared memory. A thread of eCAL runs the callbacks."""
 
     title = "eCAL"
     package = "eclipse-ecal"
     module = "ecal"
-    how = "shared memory; protobuf for small messages, bytes with the stamp beside for arrays; callback"
+    how = "shared memory; protobuf for small messages, bytes and a separate stamp for arrays; callback"
 
     @contextmanager
     def publisher(self, work: Work) -> Iterator[Send]:
@@ -38,14 +38,14 @@ class ECAL(Peer):
             data = b"1" * work.size_bytes
 
             def send_array(number: int) -> None:
-                # eCAL takes bytes only, so the message is the array alone; its time field carries the stamp,
-                # and the lowest bits of that the number's kind.
+                # eCAL accepts only bytes, so the message is the array alone. Its time field carries the
+                # stamp, and the lowest bits of the stamp carry the number.
                 raw.send(data, _as_time(number, time.monotonic_ns()))
 
             yield send_array
         else:
             probe_type = _probe_type()
-            # Not given, it would be what it was when eCAL was imported.
+            # Without this argument, the configuration at the time of eCAL's import would apply.
             publisher = Publisher[Any](probe_type, work.topic, core.get_publisher_configuration())
 
             def send(number: int) -> None:
@@ -60,7 +60,7 @@ class ECAL(Peer):
         core.finalize()
 
     def receive(self, work: Work, index: int, handle: Handle) -> None:
-        """Wait in the main thread while eCAL's calls back."""
+        """Wait in the main thread while eCAL's thread runs the callback."""
         import ecal.nanobind_core as core  # noqa: PLC0415
         from ecal.msg.proto.core import Subscriber  # noqa: PLC0415
 
@@ -88,11 +88,11 @@ class ECAL(Peer):
 
 
 NUMBERS = 1 << 12
-"""Numbers that the time of a message with an array can carry; the last ones are negative."""
+"""How many numbers the time of a message with an array can carry. The last two codes are negative numbers."""
 
 
 def _as_time(number: int, stamp_ns: int) -> int:
-    """Return a stamp, shortened to 4 µs, with a number in its lowest bits."""
+    """Return a stamp with a resolution of 4 µs, whose lowest bits are a number."""
     from tools.bench.work import END  # noqa: PLC0415
 
     code = {END: NUMBERS - 1, -1: NUMBERS - 2}.get(number, number)
@@ -100,7 +100,7 @@ def _as_time(number: int, stamp_ns: int) -> int:
 
 
 def _of_time(time_ns: int) -> tuple[int, int]:
-    """Return number and stamp, the latter in the middle of the time it may have been."""
+    """Return the number and the stamp; the stamp is the middle of its possible range."""
     from tools.bench.work import END  # noqa: PLC0415
 
     stamp, code = divmod(time_ns, NUMBERS)

@@ -1,4 +1,4 @@
-"""The floor of brokered messages: three processes wake one another by semaphores; 64 bytes lie in memory."""
+"""The lower bound for brokered messages: three processes wake one another, with 64 bytes in mapped memory."""
 
 import contextlib
 import mmap
@@ -19,30 +19,30 @@ PROBE = struct.Struct("qqdddddd")
 NUMBER = struct.Struct("q")
 MEMORY_BYTES = 1 << 20
 PLACES = range(0, MEMORY_BYTES, PROBE.size)
-"""Where messages lie, one after another: enough of them that none is overwritten before it is read."""
+"""The places of messages in memory: enough that no message is overwritten before it is read."""
 
 RELAY, SUBSCRIBER = "relay", "subscriber"
 POLL_S = 0.01
 
 
 class Wakes(Protocol):
-    """One way in which a process that sleeps is woken by another."""
+    """One way for a process to wake another one."""
 
     title: str
     how: str
 
     def waiting(self, work: Work, name: str) -> Callable[[], object]:
-        """Return what sleeps until woken, once for each time; `name` says who."""
+        """Return a function with which the process `name` sleeps until another process wakes it."""
 
     def waking(self, work: Work, name: str) -> Callable[[], object]:
-        """Return what wakes who has this name."""
+        """Return a function that wakes the process `name` once."""
 
     def clean(self, work: Work, name: str) -> None:
-        """Remove what would stay, outside the work's folder."""
+        """Remove what would be left outside the work's folder."""
 
 
 class Floor(Peer):
-    """No framework can do less and still have a process of its own between publisher and subscriber."""
+    """The least that any framework with a process between publisher and subscriber must do."""
 
     has_relay = True
     most_subscribers = 1
@@ -54,7 +54,7 @@ class Floor(Peer):
 
     @contextmanager
     def publisher(self, work: Work) -> Iterator[Send]:
-        """Pack, and wake the relay."""
+        """Pack messages, and wake the relay."""
         memory, wake_relay, places = _memory(work), self._wakes.waking(work, RELAY), cycle(PLACES)
 
         def send(number: int) -> None:
@@ -65,7 +65,7 @@ class Floor(Peer):
         yield send
 
     def relay(self, work: Work) -> None:
-        """Wake the subscriber whenever woken."""
+        """Wake the subscriber each time the publisher wakes this process."""
         memory, wait = _memory(work), self._wakes.waiting(work, RELAY)
         wake_subscriber = self._wakes.waking(work, SUBSCRIBER)
         number, places = 0, cycle(PLACES)
@@ -75,7 +75,7 @@ class Floor(Peer):
             (number,) = NUMBER.unpack_from(memory, next(places))
 
     def receive(self, work: Work, index: int, handle: Handle) -> None:
-        """Wait to be woken, and unpack."""
+        """Wait until the relay wakes this process, and unpack the message."""
         memory, wait = _memory(work), self._wakes.waiting(work, SUBSCRIBER)
         ended, places = False, cycle(PLACES)
         while not ended:
@@ -84,31 +84,31 @@ class Floor(Peer):
             ended = handle(number, stamp_ns)
 
     def clean(self, work: Work) -> None:
-        """Remove what would stay."""
+        """Remove what would be left."""
         for name in (RELAY, SUBSCRIBER):
             self._wakes.clean(work, name)
 
 
 class InFolder:
-    """For ways whose all lies in the work's folder."""
+    """Base of the ways that leave nothing outside the work's folder."""
 
     def clean(self, work: Work, name: str) -> None:
-        """The folder is removed anyway."""
+        """Do nothing: the folder is removed anyway."""
 
 
 class Semaphores:
-    """What Robbie uses."""
+    """Semaphores, which Robbie uses, too."""
 
     title = "2 semaphores"
     how = "posix_ipc semaphores"
 
     def waiting(self, work: Work, name: str) -> Callable[[], object]:
-        """Wait for a post."""
+        """Return a function that waits for a post."""
         acquire: Callable[[], object] = _semaphore(work, name).acquire
         return acquire
 
     def waking(self, work: Work, name: str) -> Callable[[], object]:
-        """Post."""
+        """Return a function that posts."""
         release: Callable[[], object] = _semaphore(work, name).release
         return release
 
@@ -119,7 +119,7 @@ class Semaphores:
 
 
 def until_there(connect: Callable[[], None]) -> None:
-    """Try until the other process is ready for it."""
+    """Retry until the other process is ready."""
     while True:
         try:
             connect()
@@ -130,7 +130,7 @@ def until_there(connect: Callable[[], None]) -> None:
 
 
 def map_file(work: Work, name: str, size_bytes: int) -> mmap.mmap:
-    """Map a file of the work's folder, made if need be."""
+    """Map a file in the work's folder. Create it if it does not exist."""
     descriptor = os.open(work.folder / name, os.O_RDWR | os.O_CREAT, 0o600)
     os.truncate(descriptor, size_bytes)
     return mmap.mmap(descriptor, size_bytes)

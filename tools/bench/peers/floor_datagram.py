@@ -1,4 +1,4 @@
-"""The floor with UNIX sockets: who wakes sends a datagram of one byte."""
+"""The floor with UNIX sockets: to wake a process, another one sends it a datagram of one byte."""
 
 import socket
 from collections.abc import Callable
@@ -9,19 +9,19 @@ from tools.bench.work import Work
 
 
 class Datagrams(InFolder):
-    """A socket for each process that is woken."""
+    """One socket for each process that sleeps."""
 
     title = "2 UNIX sockets"
     how = "datagrams of one byte"
 
     def waiting(self, work: Work, name: str) -> Callable[[], object]:
-        """Receive a datagram."""
+        """Return a function that receives a datagram."""
         receiver = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         receiver.bind(_path(work, name))
         return partial(receiver.recv, 1)
 
     def waking(self, work: Work, name: str) -> Callable[[], object]:
-        """Send a datagram."""
+        """Return a function that sends a datagram."""
         sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         until_there(lambda: sender.connect(_path(work, name)))
         return partial(sender.send, b"w")

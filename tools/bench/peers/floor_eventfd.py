@@ -1,4 +1,4 @@
-"""The floor with eventfds: who waits makes one and hands it over through a socket."""
+"""The floor with eventfds: the process that sleeps makes one and sends it to the other through a socket."""
 
 import os
 import socket
@@ -11,13 +11,13 @@ from tools.bench.work import Work
 
 
 class Eventfds(InFolder):
-    """An eventfd for each process that is woken; as a semaphore, so that each waking counts."""
+    """One eventfd for each process that sleeps. It works as a semaphore, so that each wake-up counts."""
 
     title = "2 eventfds"
     how = "os.eventfd_read and os.eventfd_write"
 
     def waiting(self, work: Work, name: str) -> Callable[[], object]:
-        """Take one from the counter."""
+        """Return a function that decrements the counter."""
         eventfd = os.eventfd(0, os.EFD_SEMAPHORE)
         listener = socket.socket(socket.AF_UNIX)
         listener.bind(_path(work, name))
@@ -31,7 +31,7 @@ class Eventfds(InFolder):
         return partial(os.eventfd_read, eventfd)
 
     def waking(self, work: Work, name: str) -> Callable[[], object]:
-        """Add one to the counter."""
+        """Return a function that increments the counter."""
         with socket.socket(socket.AF_UNIX) as connection:
             until_there(lambda: connection.connect(_path(work, name)))
             _, (eventfd,), _, _ = socket.recv_fds(connection, 1, 1)

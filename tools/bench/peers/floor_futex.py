@@ -1,4 +1,4 @@
-"""The floor with futexes by ctypes: the system call itself, futex(2), on a word of a mapped file."""
+"""The floor with futexes: ctypes calls futex(2) on a word in a mapped file."""
 
 import ctypes
 import platform
@@ -8,19 +8,19 @@ from tools.bench.peers.floor import Floor, InFolder, map_file
 from tools.bench.work import Work
 
 CALLS = {"x86_64": 202, "aarch64": 98}
-"""Number of the system call."""
+"""Number of the system call futex(2)."""
 WAIT, WAKE = 0, 1
 WRAP = 1 << 32
 
 
 class Futexes(InFolder):
-    """A word for each process that is woken: it counts how often."""
+    """One word for each process that sleeps. The word counts the wake-ups."""
 
     title = "2 futexes by ctypes"
     how = "futex(2) called with ctypes, which releases the GIL"
 
     def waiting(self, work: Work, name: str) -> Callable[[], object]:
-        """Sleep while the count is what was seen last."""
+        """Return a function that sleeps while the count has not changed since the last call."""
         count, futex = _word(work, name)
         seen = 0
 
@@ -33,7 +33,7 @@ class Futexes(InFolder):
         return wait
 
     def waking(self, work: Work, name: str) -> Callable[[], object]:
-        """Count, and wake who sleeps."""
+        """Return a function that increments the count and wakes the process."""
         count, futex = _word(work, name)
 
         def wake() -> None:

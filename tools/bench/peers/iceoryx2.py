@@ -1,4 +1,4 @@
-"""Eclipse iceoryx2: shared memory, with its event service for waking."""
+"""Eclipse iceoryx2 over shared memory, whose event service wakes the subscriber."""
 
 import ctypes
 import shutil
@@ -12,7 +12,7 @@ from tools.bench.peers.peer import Handle, Peer, Send
 from tools.bench.work import Work
 
 BUFFER = 64
-"""Samples that may wait for a subscriber."""
+"""Maximum number of samples that wait for a subscriber."""
 
 
 class Probe(ctypes.Structure):
@@ -31,7 +31,7 @@ class Probe(ctypes.Structure):
 
 
 class Iceoryx2(Peer):
-    """Publisher and subscriber share memory; no process is between them."""
+    """Publisher and subscriber share memory, without a process between them."""
 
     title = "iceoryx2"
     package = "iceoryx2"
@@ -41,7 +41,7 @@ class Iceoryx2(Peer):
 
     @contextmanager
     def publisher(self, work: Work) -> Iterator[Send]:
-        """Loan, write, send, notify."""
+        """Loan a sample, write it, send it, and notify the subscriber."""
         import iceoryx2 as iox2  # noqa: PLC0415
 
         node = _node(work)
@@ -67,7 +67,7 @@ class Iceoryx2(Peer):
                 ended = handle(message.number, message.stamp_ns)
 
     def clean(self, work: Work) -> None:
-        """Remove the segments of this work."""
+        """Remove this work's segments."""
         for file in Path("/dev/shm").glob(f"{work.topic}_*"):
             file.unlink(missing_ok=True)
         shutil.rmtree(work.folder / "iceoryx2", ignore_errors=True)
@@ -116,7 +116,7 @@ def _array_sender(work: Work, publisher: Any, notifier: Any) -> Send:
         notifier.notify()
 
     def send_filled(number: int) -> None:
-        """Publish what was made in place."""
+        """Publish an array that was filled in place."""
         sample = loan()
         message = sample.payload().contents
         fill(message)

@@ -1,4 +1,4 @@
-"""The floor of one copy: the payload from one array of this process into another."""
+"""The lower bound for one copy: from one array of a process into another."""
 
 import time
 from collections.abc import Iterator
@@ -11,14 +11,14 @@ from tools.bench.work import END, Work
 
 
 class Memcpy(Peer):
-    """Copies at the same rate as the others publish, so that caches are as cold."""
+    """Copies at the rate at which the others publish, so that caches are equally cold."""
 
     title = "floor: memcpy"
     how = "numpy.copyto between two arrays of one process"
 
     @contextmanager
     def publisher(self, work: Work) -> Iterator[Send]:
-        """Publish nothing: the receiver does the copying."""
+        """Publish nothing: the receiver copies."""
         yield lambda _number: None
 
     def receive(self, work: Work, index: int, handle: Handle) -> None:

@@ -1,4 +1,4 @@
-"""What a peer's file gives as `PEER`."""
+"""The base class of all peers. The file of each peer has an instance named `PEER`."""
 
 import importlib.metadata
 import importlib.util
@@ -10,24 +10,24 @@ from pathlib import Path
 from tools.bench.work import Work
 
 Send = Callable[[int], None]
-"""Stamps and publishes the message of a number; returns when the transport has it."""
+"""Stamps and publishes the message with a given number. Returns when the transport has the message."""
 Handle = Callable[[int, int], bool]
-"""Gets number and stamp (monotonic clock, ns) of a decoded message; True after the last one."""
+"""Takes the number and stamp (monotonic clock, ns) of a decoded message; returns True after the last one."""
 
 
 class Peer:
     """A transport from Python to Python.
 
-    A derived class imports its library inside its methods: it may be missing.
+    A derived class imports its library inside its methods, because the library may be missing.
 
     Attributes:
-        title: what tables call it.
-        package: the distribution whose version is reported; '' for none.
-        module: what can be imported if it is installed; '' if nothing is needed.
-        how: one line: which messages, and how the subscriber waits.
-        can_fill_in_place: whether arrays can be filled in the memory that is published.
+        title: name in tables.
+        package: distribution whose version is reported; '': none.
+        module: Python module that can be imported if the peer is installed; '': none is needed.
+        how: one line about the messages and how the subscriber waits.
+        can_fill_in_place: whether arrays can be filled in the published memory.
         has_relay: whether there is a third process between publisher and subscriber.
-        most_subscribers: how many it can have.
+        most_subscribers: maximum number of subscribers.
     """
 
     title: str
@@ -39,7 +39,7 @@ class Peer:
     most_subscribers = 1000
 
     def publisher(self, work: Work) -> AbstractContextManager[Send]:
-        """Publish, until the context ends."""
+        """Yield a function that publishes. It works until the context ends."""
         raise NotImplementedError
 
     def receive(self, work: Work, index: int, handle: Handle) -> None:
@@ -47,11 +47,11 @@ class Peer:
         raise NotImplementedError
 
     def relay(self, work: Work) -> None:
-        """Pass messages on until there are no more; only with `has_relay`."""
+        """Pass messages on until the last one. Called only with `has_relay`."""
         raise NotImplementedError
 
     def commands(self, name: str, work: Work, work_file: Path) -> list[list[str]]:
-        """Return the command lines of its processes; subscribers first."""
+        """Return the command lines of the peer's processes, subscribers first."""
         roles = [f"subscriber-{index}" for index in range(work.subscribers)]
         roles += ["relay"] if self.has_relay else []
         return [worker_command(name, role, work_file) for role in (*roles, "publisher")]
@@ -61,7 +61,7 @@ class Peer:
 
     @property
     def why_absent(self) -> str:
-        """Why it cannot be measured here; '' if it can."""
+        """Why the peer cannot be measured here; '' if it can."""
         try:
             found = not self.module or importlib.util.find_spec(self.module) is not None
         except ImportError as error:
@@ -70,7 +70,7 @@ class Peer:
 
     @property
     def version(self) -> str:
-        """Version of its distribution."""
+        """Version of the distribution."""
         try:
             return importlib.metadata.version(self.package) if self.package else ""
         except importlib.metadata.PackageNotFoundError:

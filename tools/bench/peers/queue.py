@@ -1,4 +1,4 @@
-"""Python's own multiprocessing.Queue: one for each subscriber, dataclasses pickled."""
+"""Python's multiprocessing.Queue: one queue for each subscriber, with pickled dataclasses."""
 
 import multiprocessing
 import time
@@ -38,7 +38,7 @@ class Picture:
 
 
 class MultiprocessingQueue(Peer):
-    """Its processes share queues, so one of them must be the parent of the others: here, the relay."""
+    """The processes inherit their queues, so one of them must be the parent of the others: the relay."""
 
     title = "multiprocessing.Queue"
     how = "pickled dataclass; Queue.get blocks"
@@ -47,7 +47,7 @@ class MultiprocessingQueue(Peer):
         self._queues = queues or []
 
     def commands(self, name: str, work: Work, work_file: Path) -> list[list[str]]:
-        """Start the parent alone."""
+        """Return the command line of the parent."""
         return [worker_command(name, "relay", work_file)]
 
     def relay(self, work: Work) -> None:
@@ -63,13 +63,13 @@ class MultiprocessingQueue(Peer):
         processes[-1].join()
         for process in processes[:-1]:
             process.join(DRAIN_LIMIT_S)
-            process.terminate()  # it has not got the end, which the publisher did not wait for any longer
+            process.terminate()  # it lacks the last message, and the publisher no longer waits for it
         if processes[-1].exitcode:
             raise SystemExit(1)
 
     @contextmanager
     def publisher(self, work: Work) -> Iterator[Send]:
-        """Put into every queue."""
+        """Put messages into every queue."""
         queues = self._queues
         data = _array(work.size_bytes) if work.has_array else None
 
@@ -83,10 +83,10 @@ class MultiprocessingQueue(Peer):
 
         yield send
         for queue in queues:
-            queue.cancel_join_thread()  # nobody gets any more
+            queue.cancel_join_thread()  # no process reads the queue any more
 
     def receive(self, work: Work, index: int, handle: Handle) -> None:
-        """Get from the queue of this subscriber."""
+        """Get messages from the queue of this subscriber."""
         queue = self._queues[index]
         ended = False
         while not ended:
@@ -95,7 +95,7 @@ class MultiprocessingQueue(Peer):
 
 
 def _array(size_bytes: int) -> Any:
-    import numpy as np  # noqa: PLC0415 (small messages do without)
+    import numpy as np  # noqa: PLC0415 (only large messages need it)
 
     return np.ones(size_bytes, np.uint8)
 

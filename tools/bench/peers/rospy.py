@@ -1,4 +1,4 @@
-"""ROS 1 in Python; needs a sourced ROS and a running roscore."""
+"""ROS 1 in Python. Needs a sourced ROS and a running roscore."""
 
 import threading
 import time
@@ -20,7 +20,7 @@ class Rospy(Peer):
 
     @contextmanager
     def publisher(self, work: Work) -> Iterator[Send]:
-        """Publish; the header carries number and stamp."""
+        """Publish messages whose header carries number and stamp."""
         import rospy  # noqa: PLC0415
 
         rospy.init_node("publisher", anonymous=True)
@@ -38,7 +38,7 @@ class Rospy(Peer):
         yield send
 
     def receive(self, work: Work, index: int, handle: Handle) -> None:
-        """Wait in the main thread while rospy's calls back."""
+        """Wait in the main thread while rospy's thread runs the callback."""
         import rospy  # noqa: PLC0415
 
         ended = threading.Event()

@@ -1,4 +1,4 @@
-"""Eclipse Zenoh, peer to peer; arrays through its shared memory."""
+"""Eclipse Zenoh, peer to peer, with arrays in its shared memory."""
 
 import struct
 import threading
@@ -18,7 +18,7 @@ SHARED_MESSAGES = 8
 
 
 class Zenoh(Peer):
-    """Publisher listens on a Unix socket, subscribers connect: discovery has no part in it."""
+    """The publisher listens on a Unix socket and subscribers connect to it, so discovery is not needed."""
 
     title = "Zenoh"
     package = "eclipse-zenoh"
@@ -28,7 +28,7 @@ class Zenoh(Peer):
 
     @contextmanager
     def publisher(self, work: Work) -> Iterator[Send]:
-        """Put."""
+        """Put messages."""
         import zenoh  # noqa: PLC0415
 
         control = zenoh.CongestionControl
@@ -42,7 +42,7 @@ class Zenoh(Peer):
             yield _array_sender(work, publisher) if work.has_array else send
 
     def receive(self, work: Work, index: int, handle: Handle) -> None:
-        """Wait in the main thread while Zenoh's calls back."""
+        """Wait in the main thread while Zenoh's thread runs the callback."""
         import zenoh  # noqa: PLC0415
 
         ended = threading.Event()
@@ -53,7 +53,7 @@ class Zenoh(Peer):
                 ended.set()
 
         def on_array(sample: Any) -> None:
-            sample.payload.to_bytes()  # its Python API has no view of what lies in shared memory
+            sample.payload.to_bytes()  # Zenoh's Python API has no view of data in shared memory
             if handle(*HEADER.unpack(sample.attachment.to_bytes())):
                 ended.set()
 
@@ -62,7 +62,7 @@ class Zenoh(Peer):
             ended.wait()
 
     def clean(self, work: Work) -> None:
-        """Remove what no process uses, as Zenoh does when another one of its processes starts."""
+        """Remove segments that no process uses, as Zenoh does whenever one of its processes starts."""
         remove_unmapped(Path("/dev/shm").glob("*.zenoh"))
 
 

@@ -1,4 +1,4 @@
-"""ZeroMQ over a Unix socket; bytes, so messages are packed by struct."""
+"""ZeroMQ over a Unix socket. It sends bytes, so `struct` packs the messages."""
 
 import struct
 import time
@@ -13,16 +13,16 @@ HEADER = struct.Struct("qq")
 
 
 class ZeroMQ(Peer):
-    """PUB and SUB; with `lossless`, without a limit to what may wait (else 1000, ZeroMQ's default)."""
+    """PUB and SUB. With `lossless`, the queue has no limit; otherwise it has ZeroMQ's default, 1000."""
 
     title = "ZeroMQ"
     package = "pyzmq"
     module = "zmq"
-    how = "PUB/SUB over ipc://, struct; arrays as a frame of their own, copy=False; recv blocks"
+    how = "PUB/SUB over ipc://, struct; arrays in a separate frame, copy=False; recv blocks"
 
     @contextmanager
     def publisher(self, work: Work) -> Iterator[Send]:
-        """Publish on a socket in the work's folder."""
+        """Publish through a socket in the work's folder."""
         import zmq  # noqa: PLC0415
 
         with zmq.Context() as context, context.socket(zmq.PUB) as socket:
@@ -42,7 +42,7 @@ class ZeroMQ(Peer):
             yield send_array if work.has_array else send
 
     def receive(self, work: Work, index: int, handle: Handle) -> None:
-        """Receive until the end."""
+        """Receive until the last message."""
         import zmq  # noqa: PLC0415
 
         with zmq.Context() as context, context.socket(zmq.SUB) as socket:
