@@ -1,6 +1,6 @@
-"""Draws the pictures of the arenas in docs/images: `python -m tools.arena_pictures`, in some seconds.
+"""Draws the pictures of the arenas in docs/images: `python -m tools.arena_pictures`. It takes some seconds.
 
-Each shows an arena from above, and on its right what the robot's camera sees 1.2 m before the first victim.
+Each shows an arena from above. On its right is what the robot's camera sees 1.2 m before the first victim.
 """
 
 import math
@@ -56,7 +56,7 @@ def _write(name: str, arena: Arena) -> None:
 
 
 def _plan(arena: Arena) -> Image.Image:
-    """Draw the arena from above, what can be reached in a lighter shade."""
+    """Draw the arena from above. The reachable area has a lighter shade."""
     scale = HEIGHT_PX / arena.height_m
     area = reachable_area(arena, resolution_m=0.05)
     shades = np.where(area.free[::-1, :, None], INSIDE, WALL).astype(np.uint8)
@@ -80,7 +80,7 @@ def _plan(arena: Arena) -> Image.Image:
 
 
 def _views(arena: Arena) -> tuple[Image.Image, Image.Image]:
-    """Return what camera and thermal camera see before the first victim, a little from the side."""
+    """Return the images of camera and thermal camera before the first victim, a little from the side."""
     spot = arena.victims[0].spot
     there = Pose(spot.x_m, spot.y_m, spot.facing_rad).plus(Pose(1.2, 0.15, math.pi + 0.25))
     pictures = []

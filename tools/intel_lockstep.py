@@ -51,7 +51,7 @@ class Outcome:
 
 
 def play(folder: Path, log: Path, kill_at: int = 0) -> Outcome:
-    """Play a log in lockstep, as fast as it goes.
+    """Play a log in lockstep, as fast as possible.
 
     Args:
         folder: a new folder for everything the run writes.
@@ -143,7 +143,7 @@ def write_log(path: Path, source: Path, messages: Iterable[LoggedMessage]) -> Pa
 
 
 def violations(same: Sequence[Outcome], killed: Outcome, less: Outcome) -> list[str]:
-    """Return the broken promises.
+    """Return the violations.
 
     Args:
         same: the runs that must be equal.
@@ -190,9 +190,11 @@ def _described(run: Outcome) -> dict[str, object]:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; the exit code is 0 if there is no violation, else 1, or 2 without the data."""
     parser = argparse.ArgumentParser(prog="python -m tools.intel_lockstep", description=__doc__)
-    parser.add_argument("--messages", type=int, default=None, help="only the first so many of the log")
-    parser.add_argument("--data", type=Path, default=DATA, help="folder of intel.clf")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="a new folder for what all runs write")
+    parser.add_argument(
+        "--messages", type=int, default=None, help="play only the first N messages of the log"
+    )
+    parser.add_argument("--data", type=Path, default=DATA, help="folder that contains intel.clf")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of all runs")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)
     source = options.data / "intel.clf"

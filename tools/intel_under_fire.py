@@ -116,7 +116,7 @@ def _outcome(robot: Robot, summary: dict[str, Any], data: Path, duration_s: floa
 
 
 def violations(calm: Outcome, fire: Outcome, kills: dict[str, int]) -> list[str]:
-    """Compare both runs and return the broken promises."""
+    """Compare both runs, and return the violations."""
     found = []
     if fire.exit_code:
         found.append(f"exit code {fire.exit_code}")
@@ -136,9 +136,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tools.intel_under_fire", description=__doc__)
     parser.add_argument("--mapping-kills", type=int, default=5)
     parser.add_argument("--core-kills", type=int, default=3)
-    parser.add_argument("--seed", type=int, default=1, help="of the moments")
-    parser.add_argument("--data", type=Path, default=DATA, help="folder of intel.clf and intel.relations")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="a new folder for what both runs write")
+    parser.add_argument("--seed", type=int, default=1, help="random seed of the kills")
+    parser.add_argument(
+        "--data", type=Path, default=DATA, help="folder that contains intel.clf and intel.relations"
+    )
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of both runs")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)
     if not (options.data / "intel.clf").exists():
@@ -162,7 +164,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def spread(kills: dict[str, int], messages: int, seed: int) -> list[Shot]:
-    """Choose moments between 5 and 95 % of a run, given in messages: one in each of equal parts."""
+    """Choose moments between 5 and 95 % of a run, counted in messages: one in each of several equal parts."""
     chance = random.Random(seed)
     names = [name for name, count in kills.items() for _ in range(count)]
     chance.shuffle(names)

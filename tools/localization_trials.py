@@ -1,10 +1,10 @@
-"""Find robots that know nothing but the map: global localisation in random buildings, over many seeds.
+"""Measures global localization: robots that know only the map, in random buildings, over many seeds.
 
-In each building a simulated robot starts at a random pose and is driven around. The localizer has the
-building's map and gets laser sweeps and odometry (with slip). The tool measures how far the robot has driven
-when the localizer reports that it is sure, and its error from then on. Being sure of a wrong place is a
-failure. With `--kidnap` the tool then moves the robot elsewhere and measures the distance until the localizer
-finds it again.
+In each building, a simulated robot starts at a random pose and drives around. The localizer has the map of the
+building and receives laser sweeps and odometry (with slip). The tool measures how far the robot has driven
+when the localizer reports that it is sure, and its error from then on. It is a failure if the localizer is
+sure of a wrong place. With `--kidnap`, the tool then moves the robot elsewhere and measures the distance until
+the localizer finds it again.
 
     python -m tools.localization_trials --seeds 20 [--kidnap] [--json]
 """
@@ -42,13 +42,13 @@ ON_AFTER_M = 5.0  # driven on once the robot is sure, to see whether it stays ri
 
 @dataclass(frozen=True)
 class Conditions:
-    """How hard it is.
+    """The conditions of the trials.
 
     Attributes:
-        width_m: Of the building.
-        height_m: The same in the other direction.
-        range_m: How far the laser sees.
-        view_deg: The angle over which it sees.
+        width_m: Width of the building.
+        height_m: Height of the building on its plan.
+        range_m: Maximum range of the laser.
+        view_deg: Angle over which the laser measures.
     """
 
     width_m: float = 14.0
@@ -57,23 +57,23 @@ class Conditions:
     view_deg: float = 360.0
 
     def laser(self) -> LaserGeometry:
-        """Return such a laser, with a beam for each degree."""
+        """Return a laser with this range and view, and with a beam for each degree."""
         view_rad, beams = math.radians(self.view_deg), round(self.view_deg)
         return LaserGeometry(-view_rad / 2, view_rad / beams, beams, range_max_m=self.range_m)
 
 
 @dataclass(frozen=True)
 class Trial:
-    """How one robot was found.
+    """The result for one robot.
 
     Attributes:
-        seed: Of the building, the start and all noise.
-        way_m: How far it had come when the localizer was sure; None if it never was.
-        worst_m: How far off the truth it was at worst from then on.
-        mean_m: The same on average.
-        recovery_m: How far it had come after being lifted until it was found again; None if it was not.
-        scan_ms: Time for one sweep and its odometry, on average.
-        first_scan_ms: Time for the first one, which looks everywhere.
+        seed: Random seed of the building, the start and all noise.
+        way_m: Distance driven until the localizer was sure; None if it never was.
+        worst_m: Maximum error from then on.
+        mean_m: Mean error from then on.
+        recovery_m: Distance driven from the move until the robot was found again; None if it was not.
+        scan_ms: Mean time for one sweep and its odometry.
+        first_scan_ms: Time for the first sweep, which searches the whole map.
     """
 
     seed: int
@@ -86,7 +86,7 @@ class Trial:
 
 
 class Operator:
-    """Drives a robot from one random place to the next; sees where it is."""
+    """Drives a robot from one random place to the next. It knows the true pose."""
 
     def __init__(self, grid: NavigationGrid, angles_rad: NDArray[np.float64], seed: int) -> None:
         self._grid, self._random = grid, np.random.default_rng((seed, 7))
@@ -94,7 +94,7 @@ class Operator:
         self._blocked = 0
 
     def speeds(self, pose: Pose, ranges_m: NDArray[np.float32]) -> tuple[float, float]:
-        """Return what to command."""
+        """Return the speeds to command."""
         if self._blocked > 10 or not len(self._follower.path) or self._follower.is_arrived(pose):
             self._follower.follow(self._way(pose))
             self._blocked = 0
@@ -104,7 +104,7 @@ class Operator:
         return allowed
 
     def elsewhere(self) -> Pose:
-        """Return any pose where the robot may stand."""
+        """Return a random pose where the robot can stand."""
         cells = np.argwhere(self._grid.drivable)
         xy = self._grid.middles_m(cells[self._random.integers(len(cells))])
         x_m, y_m = xy.tolist()
@@ -134,7 +134,7 @@ class Drive:
         self.busy_s: list[float] = []
 
     def steps(self, way_m: float) -> Iterator[Pose]:
-        """Drive so far; yields the true pose after each sweep."""
+        """Drive a distance, and yield the true pose after each sweep."""
         end_m = self.way_m + way_m
         while self.way_m < end_m:
             truth, wheels = self.drive.ground_truth(), self.drive.read()
@@ -151,13 +151,13 @@ class Drive:
             self.way_m += abs(self.drive.read().linear_m_per_s) * STEP_S
 
     def lift(self) -> None:
-        """Put the robot down somewhere else; its wheels notice nothing."""
+        """Move the robot elsewhere, without any odometry of it."""
         odometry = self.drive.world_state().odometry
         world = WorldState(self.operator.elsewhere(), odometry)
         self.drive = SimulatedDrive(self.arena, lambda: self.now_s, self._seed, resumed=world)
 
     def way_until_sure(self, limit_m: float) -> float | None:
-        """Drive until the localizer is sure and right; None if it is not, or sure of a wrong place."""
+        """Drive until the localizer is sure. Return the distance, or None if it is not sure or is wrong."""
         begin_m, was_sure = self.way_m, self._converged
         for truth in self.steps(limit_m):
             if self._converged and self.is_right(truth):
@@ -172,19 +172,19 @@ class Drive:
         return self.localizer.newest is not None and self.localizer.newest.converged
 
     def off_m(self, truth: Pose) -> float:
-        """Return how far the localizer is off."""
+        """Return the localizer's error."""
         assert self.localizer.pose is not None
         return float(np.hypot(*(self.localizer.pose[:2] - truth[:2])))
 
     def is_right(self, truth: Pose) -> bool:
-        """Say whether the localizer knows where the robot is."""
+        """Return whether the localizer's pose is right."""
         assert self.localizer.pose is not None
         turned = abs(float(wrap_angle(self.localizer.pose[2] - truth[2])))
         return self.off_m(truth) < RIGHT_M and turned < RIGHT_RAD
 
 
 def run_trial(seed: int, conditions: Conditions, limit_m: float, kidnap: bool) -> Trial:
-    """Find one robot."""
+    """Run one trial."""
     drive = Drive(seed, conditions)
     way_m = drive.way_until_sure(limit_m)
     off = [drive.off_m(truth) for truth in drive.steps(ON_AFTER_M)] if way_m is not None else []
@@ -204,13 +204,17 @@ def run_trial(seed: int, conditions: Conditions, limit_m: float, kidnap: bool) -
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; returns its exit code: 0 if 19 of 20 were found, else 1."""
+    """Run the command line. Return the exit code: 0 if 19 of 20 robots were found, else 1."""
     described = __doc__.splitlines()[0]
     parser = argparse.ArgumentParser(prog="python -m tools.localization_trials", description=described)
-    parser.add_argument("--seeds", type=int, default=20, help="how many buildings (20)")
+    parser.add_argument("--seeds", type=int, default=20, help="number of buildings (20)")
     parser.add_argument("--first", type=int, default=0, help="the first seed (0)")
-    parser.add_argument("--limit", type=float, default=20.0, help="m that may be driven until sure (20)")
-    parser.add_argument("--kidnap", action="store_true", help="lift the robot when it has been found")
+    parser.add_argument(
+        "--limit", type=float, default=20.0, help="maximum distance until the localizer is sure, m (20)"
+    )
+    parser.add_argument(
+        "--kidnap", action="store_true", help="move the robot elsewhere after it has been found"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     for name, field in Conditions.__dataclass_fields__.items():
         parser.add_argument(f"--{name.replace('_', '-')}", type=float, default=field.default)

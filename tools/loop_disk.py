@@ -27,14 +27,14 @@ TOOLS = ("mkfs.ext4", "mount", "umount")
 
 
 class NoLoopDisk(RuntimeError):
-    """There can be no such disk here; the text says why."""
+    """This machine does not allow a disk that can be frozen. The text says why."""
 
 
 class LoopDisk:
-    """A mounted file system, while it is entered.
+    """A file system that is mounted inside the `with` block.
 
     Args:
-        size_bytes: of its file.
+        size_bytes: size of its file.
         max_frozen_s: after this time the watchdog thaws it.
 
     Attributes:
@@ -53,7 +53,7 @@ class LoopDisk:
         """Make and mount it.
 
         Raises:
-            NoLoopDisk: this cannot be done here.
+            NoLoopDisk: this machine does not allow it.
         """
         if os.geteuid() != 0:
             raise NoLoopDisk("only root can mount and freeze a file system")
@@ -92,7 +92,7 @@ class LoopDisk:
         _run("mount", "-o", "loop", str(image), str(self.folder))
         self._fd = os.open(self.folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         if os.fstat(self._fd).st_dev == os.stat(self._base).st_dev:
-            raise NoLoopDisk(f"{self.folder} is no file system of its own after mounting")
+            raise NoLoopDisk(f"{self.folder} is not a separate file system after mounting")
         self._watchdog = subprocess.Popen(
             [sys.executable, "-m", "tools.loop_disk", str(self.folder), str(self._max_frozen_s)],
             stdin=subprocess.PIPE,
@@ -111,7 +111,7 @@ class LoopDisk:
             os.close(self._fd)
             self._fd = -1
         if self._watchdog is not None:
-            self._watchdog.communicate()  # it unmounts the file system at the end of its input
+            self._watchdog.communicate()  # at the end of its input, the watchdog unmounts the file system
             self._watchdog = None
         unmount(self.folder)
         if not os.path.ismount(self.folder):
@@ -131,7 +131,7 @@ def thaw(fd: int) -> None:
 
 
 def unmount(folder: Path) -> None:
-    """Unmount a file system, at last even while files in it are open; nothing happens if there is none."""
+    """Unmount a file system. If files in it stay open, detach it. Nothing happens if there is none."""
     for attempt in range(20):
         if not os.path.ismount(folder):
             return
@@ -141,7 +141,7 @@ def unmount(folder: Path) -> None:
 
 
 def watch(folder: Path, max_frozen_s: float) -> None:
-    """Be the watchdog: thaw what is frozen for too long, and at the end of our input thaw and unmount."""
+    """Run as the watchdog: thaw the disk when it is frozen for too long; at the end of input, unmount it."""
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     print("watching", flush=True)
     until_s: float | None = None
@@ -167,7 +167,9 @@ def _run(*command: str) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(prog="python -m tools.loop_disk", description="The watchdog of a disk.")
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.loop_disk", description="Runs the watchdog of a disk."
+    )
     parser.add_argument("folder", type=Path)
     parser.add_argument("max_frozen_s", type=float)
     options = parser.parse_args()

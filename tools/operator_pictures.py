@@ -1,7 +1,7 @@
 """Takes the pictures of the operator's page in docs/images: `python -m tools.operator_pictures`.
 
-It runs the rescue robot, has a module crash, so that there is a crash to be seen, opens each panel in
-Chromium, records a log meanwhile, and plays that beside virtual devices. Needs playwright and Chromium.
+The tool runs the rescue robot, and crashes a module to have a crash report. It opens each panel in Chromium
+and records a log meanwhile. Then it plays the log beside virtual devices. It needs playwright and Chromium.
 """
 
 import io
@@ -69,7 +69,7 @@ def main() -> None:
 
 @contextmanager
 def running(*words: str, output: str) -> Iterator[None]:
-    """Have a robot run."""
+    """Run a robot."""
     process = subprocess.Popen([*ROBBIE, *words, "--quiet", "--output", output], stdout=subprocess.DEVNULL)
     try:
         yield
@@ -80,7 +80,7 @@ def running(*words: str, output: str) -> Iterator[None]:
 
 @contextmanager
 def recording(folder: str) -> Iterator[None]:
-    """Have the robot that runs recorded, but for its images."""
+    """Record the running robot, without its images."""
     words = ["record", "--exclude", "sensor_msgs/msg/Image", "--output", folder]
     process = subprocess.Popen([*ROBBIE, *words], stdout=subprocess.DEVNULL)
     try:
@@ -91,12 +91,12 @@ def recording(folder: str) -> Iterator[None]:
 
 
 def address() -> str:
-    """Return the link to the page; '' as long as it is not there."""
+    """Return the link to the page, or '' while there is none."""
     return next((link for run in live_runs() if (link := read_link(run.folder))), "")
 
 
 def status(module: str) -> tuple[int, str]:
-    """Return process and status line of a module; 0 and '' as long as it does not run."""
+    """Return the pid and status line of a module, or 0 and '' while it does not run."""
     for run in live_runs():
         with suppress(SegmentMissing), closing(RunObserver(run.run_id)) as observer:
             for figures in observer.modules():
@@ -106,7 +106,7 @@ def status(module: str) -> tuple[int, str]:
 
 
 def wait_for(condition: Callable[[], str]) -> str:
-    """Wait until there is something; return it."""
+    """Wait until a function returns something, and return it."""
     until_s = time.monotonic() + LIMIT_S
     while not (found := condition()):
         if time.monotonic() > until_s:
@@ -116,7 +116,7 @@ def wait_for(condition: Callable[[], str]) -> str:
 
 
 def take_panels(page: Page) -> None:
-    """Take a picture of each panel of the robot that runs."""
+    """Take a picture of each panel of the running robot."""
     turn_to(page, "plots")
     for channel, field in PLOTS:
         page.wait_for_selector(f"#plot-channel-offered option[value='{channel}']", state="attached")
@@ -125,7 +125,7 @@ def take_panels(page: Page) -> None:
         page.click("#plot-add")
     turn_to(page, "cameras")
     box, is_seen = page.locator(".detection-boxes > div"), False
-    while not is_seen:  # also when the picture has been taken
+    while not is_seen:  # it must also be there after the picture
         box.first.wait_for(timeout=1000 * LIMIT_S)
         take(page, "cameras", settled_s=0.0)
         is_seen = box.first.is_visible()
@@ -152,7 +152,7 @@ def take_panels(page: Page) -> None:
 
 
 def turn_to(page: Page, name: str) -> None:
-    """Open a panel; no question hides it."""
+    """Open a panel, and close questions that hide it."""
     if page.locator(QUESTION).is_visible():
         answer(page)
     page.click(f"#tab-{name}")
@@ -160,13 +160,13 @@ def turn_to(page: Page, name: str) -> None:
 
 
 def answer(page: Page) -> None:
-    """Say that this is a victim."""
+    """Confirm the victim that the page asks about."""
     page.click("#victim-yes")
     page.wait_for_selector(QUESTION, state="hidden")
 
 
 def take_playback(page: Page) -> None:
-    """Take a picture of a playback beside virtual devices."""
+    """Take a picture of the playback beside virtual devices."""
     page.click("#tab-devices")
     page.wait_for_selector("#playback-events [data-at]", timeout=1000 * LIMIT_S)
     page.wait_for_selector("#device-bumper")

@@ -1,4 +1,4 @@
-"""Random buildings for trials: rooms, doorways and furniture, the same for the same seed."""
+"""Random buildings for trials, with rooms, doorways and furniture. A seed always gives the same building."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +11,13 @@ from hw.simulation.box_segments import box_segments
 SMALLEST_ROOM_M = 2.4
 DOOR_M = 1.1
 FURNITURE_PER_M2 = 0.05
-KEPT_FREE_M = 0.35  # between furniture and walls, so that a robot passes
+KEPT_FREE_M = 0.35  # between furniture and walls, so that a robot can pass
 
 Segment = tuple[float, float, float, float]
 
 
 def random_rooms(seed: int, width_m: float = 14.0, height_m: float = 10.0) -> Arena:
-    """Make a building whose rooms are all connected; the start is somewhere free, with any heading."""
+    """Make a building whose rooms are all connected. The start is a random free pose."""
     random = np.random.default_rng(seed)
     walls: list[Segment] = [(0.0, 0.0, width_m, 0.0), (width_m, 0.0, width_m, height_m)]
     walls += [(0.0, 0.0, 0.0, height_m), (0.0, height_m, width_m, height_m)]
@@ -27,7 +27,7 @@ def random_rooms(seed: int, width_m: float = 14.0, height_m: float = 10.0) -> Ar
     for _ in range(int(FURNITURE_PER_M2 * width_m * height_m)):
         centre = random.random(2) * [width_m, height_m]
         half = random.uniform(0.15, 0.45, 2)
-        # Keeps the doorways open, too: their middle is nearer to a wall's end than that.
+        # This also keeps the doorways open, because their middle is nearer than this to the end of a wall.
         if bare.clearance_m(centre) < np.hypot(*half) + KEPT_FREE_M + DOOR_M / 2:
             continue
         if random.random() < 0.6:
@@ -45,7 +45,7 @@ def random_rooms(seed: int, width_m: float = 14.0, height_m: float = 10.0) -> Ar
 
 
 def _divide(room: Segment, walls: list[Segment], random: np.random.Generator) -> None:
-    """Part a room by a wall with a doorway, and its halves again, until they are small."""
+    """Divide a room by a wall with a doorway, and divide its parts again until they are small."""
     x1, y1, x2, y2 = room
     along_x = (x2 - x1) > (y2 - y1)
     low, high = (x1, x2) if along_x else (y1, y2)
@@ -70,7 +70,7 @@ def _start(arena: Arena, boxes: list[list[float]], random: np.random.Generator) 
 
 
 def drawn_map(arena: Arena, resolution_m: float = 0.05) -> tuple[NDArray[np.int8], Array]:
-    """Return the map of an arena that a perfect mapper would make from its start.
+    """Return the map that a perfect mapper would make of an arena from its start.
 
     Returns:
         Occupancy `(H, W) int8` (0 free, 100 occupied, -1 never seen), row 0 at the smallest y; and the corner

@@ -42,26 +42,26 @@ PLACED_M, HOME_M = 0.2, 0.5
 WISHES = ArenaWishes(width_m=8.0, height_m=6.0, victims=4, signs=2, obstacles=6)
 RUN_LIMIT_S = 900.0
 BEGIN_S, KILL_SPAN_S = 5.0, 120.0
-"""Kills come in this time of the mission, if it is as long."""
+"""The tool kills modules in this part of the mission, if the mission is long enough."""
 
 
 @dataclass
 class Outcome:
-    """How one mission went, by the ground truth.
+    """The result of one mission, by the ground truth.
 
     Attributes:
         mapped: share of the reachable area that is on the map.
-        victims: in the arena.
-        found: of them, confirmed and placed within 0.2 m.
-        placed_m: how far each confirmed victim is from the true one.
-        invented: confirmed victims that do not exist.
-        collisions: of the robot with anything.
-        from_start_m: where it stood at the end.
-        is_home: whether it came back to the start in time.
-        simulated_s: how long the mission took.
-        wall_s: how long that took on this machine.
-        restarts: of modules that were killed.
-        trouble: what went wrong with the run itself; '' if nothing did.
+        victims: number of victims in the arena.
+        found: number of victims that the robot confirmed and placed within 0.2 m.
+        placed_m: distance of each confirmed victim from the true one.
+        invented: number of confirmed victims that do not exist.
+        collisions: number of collisions of the robot.
+        from_start_m: distance from the start at the end.
+        is_home: whether the robot returned to the start in time.
+        simulated_s: duration of the mission in simulated time.
+        wall_s: duration of the mission in real time.
+        restarts: number of restarts of killed modules.
+        trouble: why the run itself failed; '' if it did not.
     """
 
     seed: int
@@ -109,14 +109,14 @@ def run_mission(seed: int, folder: Path, profile: str, wishes: ArenaWishes, kill
 
 
 def _kills(robot: Robot, seed: int) -> list[tuple[float, str]]:
-    """Choose a moment, s since the beginning, for the death of each module."""
+    """Choose the time of each module's kill (s since the beginning)."""
     chance = random.Random(seed)
     names = [name for name in robot.figures() if name != "core"]
     return sorted((chance.uniform(BEGIN_S, KILL_SPAN_S), name) for name in names)
 
 
 def _watch(robot: Robot, kills: list[tuple[float, str]]) -> None:
-    """Kill what is to be killed, and wait for the end."""
+    """Kill the modules at their times, and wait for the end."""
     limit_s = time.monotonic() + RUN_LIMIT_S
     with contextlib.closing(RunClock.attach(robot.run_id)) as run_clock:
         clock = run_clock if run_clock.has_begun else SystemClock()
@@ -132,7 +132,7 @@ def _watch(robot: Robot, kills: list[tuple[float, str]]) -> None:
 
 
 def judge(outcome: Outcome, arena: Arena, output: Path) -> None:
-    """Compare what a mission has left with the ground truth."""
+    """Compare the results of a mission with the ground truth."""
     mission = json.loads((output / "mission.json").read_text())
     base = json.loads((output / "base.json").read_text())
     outcome.reason = "; ".join([mission["reason"], *mission["notes"]])
@@ -157,13 +157,13 @@ def judge(outcome: Outcome, arena: Arena, output: Path) -> None:
 
 
 def _in_map(arena: Arena, x_m: float, y_m: float) -> tuple[float, float]:
-    """Carry a place from the arena's frame into the map's, whose origin is the robot's start."""
+    """Transform a place from the arena's frame into the map's, whose origin is the robot's start."""
     x, y, _ = relative(arena.start, (x_m, y_m, 0.0)).tolist()
     return x, y
 
 
 def mapped_share(arena: Arena, map_file: Path) -> float:
-    """Return which share of the area that can be reached is known on a map."""
+    """Return the share of the reachable area that a map knows."""
     area = reachable_area(arena)
     made = read_map(map_file)
     rows, columns = np.nonzero(area.free)
@@ -198,15 +198,17 @@ def summary(outcomes: list[Outcome]) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; the exit code is 0 if every run came to its end, else 1."""
+    """Run the command line. The exit code is 0 if every run ended in order, else 1."""
     parser = argparse.ArgumentParser(prog="python -m tools.rescue_trials", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=20, help="so many arenas")
+    parser.add_argument("--seeds", type=int, default=20, help="number of arenas")
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--profile", default="rescue-fast")
     parser.add_argument("--kill", action="store_true", help="kill every module once")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the figures go")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="a new folder for what the missions write")
-    parser.add_argument("--appearing", type=int, default=0, help="obstacles that come and go, in each arena")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="new folder for the output of the missions")
+    parser.add_argument(
+        "--appearing", type=int, default=0, help="number of obstacles that appear and disappear in each arena"
+    )
     options = parser.parse_args(arguments)
     wishes = replace(WISHES, appearing=options.appearing)
     folder = options.keep or Path(tempfile.mkdtemp(prefix="robbie-rescue-"))

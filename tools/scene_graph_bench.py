@@ -1,10 +1,10 @@
-"""Measure what a scene graph costs: four robots of 50 nodes in one world, 500 updates a second.
+"""Measures the cost of a scene graph: four robots of 50 nodes in one world, 500 updates a second.
 
     python -m tools.scene_graph_bench [--seconds 10] [--json]
 
-The stamps advance as in a robot, but the tool does not wait. After each update it looks up 4 poses between
+The stamps advance as in a robot, but the tool does not wait. After each update, it looks up 4 poses between
 random nodes, at times within the last second. A second world is the worst case: 200 nodes in one chain, each
-on a separate joint. Then the tool sends the service the same number of joint states, and a listener takes
+on a separate joint. Then the tool sends the same number of joint states to the service, and a listener takes
 everything that the service publishes.
 """
 
@@ -60,7 +60,7 @@ def world_of_robots() -> list[Node]:
 
 
 def row() -> list[Node]:
-    """Return 200 nodes, each on a joint on the one before."""
+    """Return 200 nodes in a chain, each connected to the previous one by a joint."""
     nodes = [Node("n0")]
     for number in range(1, 200):
         joint = Joint(JointType.REVOLUTE, f"j{number}")
@@ -69,7 +69,7 @@ def row() -> list[Node]:
 
 
 def mover(graph: SceneGraph, node: Node, random: Random) -> Callable[[int], None]:
-    """Return what updates a node at a time, ns."""
+    """Return a function that updates a node at a time (ns)."""
     joint = node.joint
     assert joint is not None
     if joint.name:
@@ -80,7 +80,7 @@ def mover(graph: SceneGraph, node: Node, random: Random) -> Callable[[int], None
 
 
 def measure(nodes: list[Node], seconds: float) -> dict[str, float]:
-    """Return how long updates and look-ups take: µs of processor time."""
+    """Return the processor time (µs) of an update and of a look-up."""
     random, graph = Random(1), SceneGraph(nodes)
     names = [node.name for node in nodes]
     movers = [mover(graph, node, random) for node in nodes if node.joint is not None]
@@ -92,7 +92,7 @@ def measure(nodes: list[Node], seconds: float) -> dict[str, float]:
         began_ns = time.thread_time_ns()
         movers[step % len(movers)](now_ns)
         updates.append(time.thread_time_ns() - began_ns)
-        # So far back that every node has been updated since.
+        # Long enough ago that every node has been updated since.
         known_ns = now_ns - len(movers) * 1_000_000_000 // UPDATES_PER_S
         for _ in range(LOOK_UPS_PER_UPDATE):
             a, b = random.choice(names), random.choice(names)
@@ -112,7 +112,7 @@ def measure(nodes: list[Node], seconds: float) -> dict[str, float]:
 
 
 class Listening(Module):
-    """A module that follows the scene graph."""
+    """A module that listens to the scene graph."""
 
     def setup(self) -> None:
         """Listen."""
@@ -120,7 +120,7 @@ class Listening(Module):
 
 
 def measure_service(nodes: list[Node], seconds: float) -> dict[str, float]:
-    """Return which share of a processor service and listener take, with the coding of their messages: %."""
+    """Return the processor time (%) of service and listener, including the coding of their messages."""
     random, joints = Random(1), [node.joint.name for node in nodes if node.joint and node.joint.name]
     spent_ns = {"service": 0, "listener": 0}
     with TemporaryDirectory() as folder:
@@ -166,8 +166,8 @@ def scene_text(nodes: list[Node]) -> str:
 def main(arguments: list[str]) -> int:
     """Run the program."""
     parser = argparse.ArgumentParser(prog="python -m tools.scene_graph_bench", description=__doc__)
-    parser.add_argument("--seconds", type=float, default=10.0, help="robot time to be measured")
-    parser.add_argument("--json", action="store_true", help="for programs")
+    parser.add_argument("--seconds", type=float, default=10.0, help="robot time to measure")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)
     worlds = {"four robots": world_of_robots(), "one row": row()}
     results = {name: measure(nodes, options.seconds) for name, nodes in worlds.items()}

@@ -32,7 +32,7 @@ BEAMS = 360
 
 
 def write_scans(path: Path, count: int, rate_hz: float) -> None:
-    """Write a log of so many scans, with noise as a real laser's."""
+    """Write a log with a number of scans, whose noise is like that of a real laser."""
     key = ChannelKey(LaserScan.type_name, LaserScan.version, "", "laser")
     channel = NewChannel(TopicNames().of(key), LaserScan.type_name, schema_text(LaserScan))
     noise = np.random.default_rng(1).normal(0.0, 0.01, (100, BEAMS)).astype(np.float32)
@@ -45,7 +45,7 @@ def write_scans(path: Path, count: int, rate_hz: float) -> None:
 
 
 def measure(path: Path, seeks: int) -> dict[str, Any]:
-    """Seek at random, and check where that leads."""
+    """Seek to random places, and check the messages found there."""
     chance = random.Random(1)
     took_s, violations = [], []
     began_s = time.perf_counter()
@@ -74,7 +74,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line; the exit code is 1 if there is a violation."""
     parser = argparse.ArgumentParser(prog="python -m tools.seek_time", description=__doc__)
     parser.add_argument("--hours", type=float, default=1.0, help="length of the log")
-    parser.add_argument("--rate-hz", type=float, default=60.0, help="scans a second")
+    parser.add_argument("--rate-hz", type=float, default=60.0, help="rate of scans")
     parser.add_argument("--seeks", type=int, default=200)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)

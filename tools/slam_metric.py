@@ -1,4 +1,4 @@
-"""Measure how well an estimated trajectory agrees with relative poses that people verified.
+"""Measures how well an estimated trajectory agrees with relative poses that people verified.
 
 The error of each relation is the difference between it and the trajectory's own relative pose; the result is
 the mean and standard deviation of its absolute translation and rotation (Kümmerle et al., "On measuring the
@@ -46,10 +46,9 @@ def measure(
     Args:
         trajectory: `(M, 4)`: stamp (s), x (m), y (m), heading (rad), in recording order, which need not
             be that of the stamps.
-        relations: `(R, 8)`: stamp 1, stamp 2 (s), dx, dy, dz (m), roll, pitch, yaw (rad) of the pose at stamp
-        2
-            as seen from that at stamp 1.
-        tolerance_s: How far the nearest pose may lie from the stamp of a relation.
+        relations: `(R, 8)`: stamp 1, stamp 2 (s), dx, dy, dz (m), roll, pitch, yaw (rad) of the pose at
+            stamp 2 in the frame of the pose at stamp 1.
+        tolerance_s: Maximum time between the stamp of a relation and the nearest pose.
 
     Raises:
         BadInput: No relation has a pose at both of its stamps.
@@ -77,10 +76,10 @@ def measure(
 def _poses_at(
     trajectory: NDArray[np.float64], stamps: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Interpolate the trajectory's poses at stamps, and tell how far off (s) the nearest measured pose is.
+    """Interpolate the trajectory's poses at stamps, and return the time (s) to the nearest measured pose.
 
-    Poses with one stamp keep their order: a stamp just before theirs meets the first, one just after the
-    last.
+    Poses with the same stamp keep their order: just before this stamp the first one counts, just after it
+    the last one.
     """
     in_order = trajectory[np.argsort(trajectory[:, 0], kind="stable")]
     after = np.clip(np.searchsorted(in_order[:, 0], stamps), 0, len(in_order) - 1)
@@ -94,10 +93,10 @@ def _poses_at(
 
 
 def read_table(path: Path, columns: int, meaning: str) -> NDArray[np.float64]:
-    """Read lines of numbers `(N, columns)`; empty lines and those beginning with # are left out.
+    """Read lines of numbers `(N, columns)`. Empty lines and those that begin with # are ignored.
 
     Raises:
-        BadInput: The file is missing, empty, or has a line of another form; names file and line.
+        BadInput: The file is missing, empty, or has a malformed line. The text names file and line.
     """
     rows = []
     try:
@@ -122,7 +121,7 @@ def read_table(path: Path, columns: int, meaning: str) -> NDArray[np.float64]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; returns its exit code: 0, or 2 for bad input."""
+    """Run the command line. Return the exit code: 0, or 2 for bad input."""
     parser = argparse.ArgumentParser(prog="python -m tools.slam_metric", description=__doc__.splitlines()[0])
     parser.add_argument(
         "trajectory", type=Path, help="lines 't x y theta' (s, m, m, rad), at the rate of odometry"

@@ -1,10 +1,10 @@
-"""Runs a robot for a long time under kills, floods and playback, and watches the resources that it holds.
+"""Runs a robot for a long time with kills, floods and playback, and watches the resources that it holds.
 
     python -m tools.soak --minutes M [--keep DIR] [--json]
 
-The robot is that of the kill campaign; it also plays the Intel log in real time and maps it. The soak spares
-supervisor, core and some modules, so that it can watch the memory of one process all the time. It kills and
-stops the others. The end and the verdict are those of the campaign.
+The robot is that of the kill campaign; it also plays the Intel log in real time and maps it. The soak test
+kills and stops modules, except the supervisor, the core and some modules, whose memory it can then watch all
+the time. It ends and judges the run as the campaign does.
 """
 
 import argparse
@@ -38,7 +38,7 @@ MEGABYTE = 1 << 20
 
 @dataclass
 class Sample:
-    """One look at one process."""
+    """The resources of one process at one time."""
 
     at_s: float
     pid: int
@@ -50,11 +50,11 @@ class Sample:
 
 @dataclass
 class Watch:
-    """Samples what each process of a robot holds, and checks that counters only grow.
+    """Samples the resources of each process of a robot, and checks that counters never decrease.
 
     Attributes:
-        samples: by the process's name.
-        violations: counters that went back.
+        samples: the samples of each process, by its name.
+        violations: counters that decreased.
     """
 
     samples: dict[str, list[Sample]] = field(default_factory=dict)
@@ -63,7 +63,7 @@ class Watch:
     _before: dict[tuple[str, str], int] = field(default_factory=dict)
 
     def look(self, robot: Robot) -> None:
-        """Take a sample if it is time to."""
+        """Take a sample if one is due."""
         if time.monotonic() < self._next_s:
             return
         self._next_s = time.monotonic() + SAMPLE_S
@@ -83,18 +83,18 @@ class Watch:
             mappings = len(process.memory_maps(grouped=False))
             sample = Sample(time.monotonic(), pid, memory.rss, memory.uss, process.num_fds(), mappings)
         except psutil.Error:
-            return  # it was killed meanwhile
+            return  # the process was killed meanwhile
         self.samples.setdefault(name, []).append(sample)
 
     def note_counter(self, name: str, column: str, value: int) -> None:
-        """Note a counter, which must not be lower than before."""
+        """Record a counter, and check that it is not lower than before."""
         before = self._before.get((name, column), 0)
         if value < before:
             self.violations.append(f"{name}: {column} went from {before} back to {value}")
         self._before[name, column] = value
 
     def report(self) -> dict[str, Any]:
-        """What each process held; slopes only of those that lived from the warm-up to the end."""
+        """Return the resources of each process, and the slopes of those that lived from warm-up to end."""
         return {name: _describe(samples) for name, samples in self.samples.items()}
 
 
@@ -121,12 +121,12 @@ def _describe(samples: list[Sample]) -> dict[str, Any]:
 
 
 def _slope_mb_per_h(times_s: Sequence[float], values: Sequence[int]) -> float:
-    """Slope of the line of least squares."""
+    """Return the slope of the least-squares line."""
     return round(float(np.polyfit(times_s, values, 1)[0]) * 3600 / MEGABYTE, 3)
 
 
 def playback_modules(log: Path) -> dict[str, dict[str, Any]]:
-    """The Intel run's two modules, in real time, and again from the start after the end."""
+    """Return the two modules of the Intel run, which play the log in real time and in a loop."""
     playback = {"class": "modules.playback:CarmenPlayback", "settings": {"file": str(log), "rate": 1.0}}
     return {
         "mapping": {"class": "modules.mapping:Mapping", "stop_grace_s": 30},
@@ -135,20 +135,20 @@ def playback_modules(log: Path) -> dict[str, dict[str, Any]]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; the exit code is 0 if there is no violation, else 1."""
+    """Run the command line. The exit code is 0 if there is no violation, else 1."""
     parser = argparse.ArgumentParser(prog="python -m tools.soak", description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=30.0, help="how long (30)")
-    parser.add_argument("--seed", type=int, default=1, help="of all choices (1)")
+    parser.add_argument("--seed", type=int, default=1, help="random seed of all choices (1)")
     parser.add_argument("--log", type=Path, default=LOG, help="a CARMEN log (../shared/data/intel.clf)")
     parser.add_argument(
-        "--freeze-log", action="store_true", help="have the log disk stand still now and then (as root)"
+        "--freeze-log", action="store_true", help="freeze the disk of the logs from time to time (as root)"
     )
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="an empty folder for journals and logs")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="empty folder for journals and logs")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)
     others = playback_modules(options.log) if options.log.exists() else {}
     if not others:
-        print(f"soak: {options.log} is not there, so nothing is played and mapped", file=sys.stderr)
+        print(f"soak: {options.log} does not exist, so no log is played and mapped", file=sys.stderr)
     watch = Watch()
     plan = Plan(
         10**9,
@@ -171,5 +171,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive the soak
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the robot must not outlive the soak test
     sys.exit(main())

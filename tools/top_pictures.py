@@ -1,6 +1,6 @@
-"""Takes the pictures of `robbie top` in docs/images: `python -m tools.top_pictures`, in about half a minute.
+"""Takes the pictures of `robbie top` in docs/images: `python -m tools.top_pictures`, in half a minute.
 
-It runs the demo, aborts a module, so that there is a crash to be seen, and presses the keys of each view.
+The tool runs the demo, aborts a module to have a crash report, and presses the keys of each view.
 """
 
 import asyncio
@@ -26,7 +26,7 @@ VIEWS = {
     "graph": ["3"],
     "details": ["1", "down", "down", "enter"],
 }
-"""Keys that lead to each view from the one before; the details are those of the module that was aborted."""
+"""Keys that lead to each view from the previous one. The details are those of the aborted module."""
 ABORTED = "laser"
 WARM_UP_S = 12.0
 AFTER_ABORT_S = 6.0
@@ -58,7 +58,7 @@ async def _take_all(feed: RunFeed) -> None:
         reading = app.snapshot.reading
         module = reading.module(ABORTED) if reading else None
         if module is None:
-            raise SystemExit("the demo did not start within the time that was given to it")
+            raise SystemExit("the demo did not start in time")
         os.kill(module.pid, signal.SIGABRT)
         await asyncio.sleep(AFTER_ABORT_S)
         for view, keys in VIEWS.items():
@@ -71,7 +71,7 @@ async def _take_all(feed: RunFeed) -> None:
 
 
 def without_remote_fonts(picture: str) -> str:
-    """Let a picture be shown in the reader's own monospaced font, without asking a server for another."""
+    """Use the reader's own monospaced font in a picture, instead of one that a server must provide."""
     return re.sub(r"@font-face \{.*?\}\n?", "", picture, flags=re.DOTALL).replace("Fira Code", "monospace")
 
 

@@ -1,1 +1,1 @@
-"""A hostile module in front of the core, made up by a fuzzer; see `tools.fuzz_core.__main__`."""
+"""A fuzzer that attacks the core as a hostile module; see `tools.fuzz_core.__main__`."""

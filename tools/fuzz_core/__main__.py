@@ -1,17 +1,17 @@
-"""Lets a fuzzer play a hostile module, and watches the core and the others.
+"""Lets a fuzzer act as a hostile module, and checks the core and the other modules.
 
     python -m tools.fuzz_core [--seconds N] [--seed N] [--plain] [--input FILE]
 
-Run it from a checkout (the simulated run is that of `tests/core`). An input says what a hostile module pushes
-and writes where in its segment, what it and two innocent modules do in between, and when the core dies. A
-finding is: an exception that leaves the core; an input that takes longer than 20 s; a wrong record whose
-module is not faulted, or a right one whose module is; an innocent module that is faulted; a message that an
-innocent module did not get exactly once and in order; counters that do not add up. The tool keeps the
-finding's input in the current directory, and `--input` plays it again.
+Run it from a checkout, because the simulated run is that of `tests/core`. An input says what a hostile module
+pushes and where it writes in its segment, what it and two innocent modules do in between, and when the core
+dies. These are findings: an exception that leaves the core; an input that takes longer than 20 s; an invalid
+record whose module is not faulted, or a valid one whose module is faulted; an innocent module that is
+faulted; a message that an innocent module did not receive exactly once and in order; counters that do not add
+up. The tool keeps the finding's input in the current directory, and `--input` plays it again.
 
-By default atheris (libFuzzer for Python) makes the inputs: it looks for inputs that reach new branches of the
-core, and needs the extra `fuzz`. With `--plain` the tool makes them in a fixed order: every kind of record
-with every word of a dictionary in each of its columns, then random mutations.
+By default, atheris (libFuzzer for Python) makes the inputs. It searches for inputs that reach new branches of
+the core, and needs the extra `fuzz`. With `--plain`, the tool makes the inputs in a fixed order: every kind
+of record with every word of a dictionary in each of its columns, then random mutations.
 """
 
 import argparse
@@ -34,7 +34,7 @@ BAD_USAGE = 2
 
 
 def guided(seconds: int, seed: int) -> int:
-    """Let atheris fuzz in a process of its own; return how it ended: 0, or 1 if there was a finding."""
+    """Fuzz with atheris in a child process. Return 0, or 1 if there was a finding."""
     with tempfile.TemporaryDirectory() as corpus:
         for number, data in enumerate(seeds()):
             Path(corpus, f"seed-{number}").write_bytes(data)
@@ -59,7 +59,7 @@ def guided(seconds: int, seed: int) -> int:
 
 
 def summary(output: str, returncode: int) -> str:
-    """Say in one line what libFuzzer wrote in many."""
+    """Summarize libFuzzer's output in one line."""
 
     def last(pattern: str) -> str:
         matches: list[str] = re.findall(pattern, output)
@@ -76,9 +76,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the tool; return its exit code."""
     parser = argparse.ArgumentParser(prog="python -m tools.fuzz_core", description=__doc__.split("\n")[0])
     parser.add_argument("--seconds", type=int, default=60, metavar="N")
-    parser.add_argument("--seed", type=int, default=1, help="of the fuzzer; not 0, which is random")
-    parser.add_argument("--plain", action="store_true", help="without atheris: inputs in a fixed order")
-    parser.add_argument("--input", type=Path, metavar="FILE", help="play the input of a finding again")
+    parser.add_argument("--seed", type=int, default=1, help="random seed; libFuzzer takes 0 as a random one")
+    parser.add_argument(
+        "--plain", action="store_true", help="do without atheris, and play inputs in a fixed order"
+    )
+    parser.add_argument(
+        "--input", type=Path, metavar="FILE", help="play the input in this file, such as that of a finding"
+    )
     options = parser.parse_args(arguments)
     if options.input:
         if not options.input.is_file():

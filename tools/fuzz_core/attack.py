@@ -1,4 +1,4 @@
-"""Plays one input: what a hostile module does, and what must hold after each step and at the end."""
+"""Plays one input as a hostile module, and checks the core after each step and at the end."""
 
 import contextlib
 
@@ -21,23 +21,23 @@ UNUSED = 255
 
 
 class Finding(AssertionError):
-    """The core did what it must not do."""
+    """The core did something that it must not do."""
 
 
 class Attack:
-    """One input, played against a siege of its own."""
+    """One input, played against a new simulated run."""
 
     def __init__(self, data: bytes):
         self.siege = Siege()
         self._data = data
         self._has_scribbled = False
-        """What the hostile module's segment says is no more what it has done: records cannot be judged."""
+        """Whether the module's segment was overwritten. Its records can then no longer be judged."""
         self._is_faulted = False
         self._standing = self._fresh_standing()
         self._look()
 
     def run(self) -> None:
-        """Take the steps, then demand what the siege demands, and that the books balance.
+        """Take the steps, then check that the innocent modules got everything and that the counters add up.
 
         Raises:
             Exception: any is a finding.
@@ -52,7 +52,7 @@ class Attack:
     # -- steps -------------------------------------------------------------------------------------------
 
     def _record(self, numbers: bytes) -> None:
-        """Push a record that is right but for what the numbers say: kind, then pairs of column and word."""
+        """Push a valid record, changed as the numbers say: its kind, then pairs of column and word."""
         self.siege.core()
         self._look()
         self.siege.hold()
@@ -80,7 +80,7 @@ class Attack:
         self.siege.behave()
 
     def _declare(self, numbers: bytes) -> None:
-        """Subscribe or advertise in due form; what that does to the hostile module is its own affair."""
+        """Subscribe or advertise correctly. Errors that this causes in the hostile module do not matter."""
         hostile, topic = self.siege.hostile, str(numbers[1] % 4)
         handlings = list(MessageHandling)
         handling = handlings[numbers[2] % len(handlings)]
@@ -92,7 +92,7 @@ class Attack:
             self._standing.declared += 1
 
     def _core_dies(self, numbers: bytes) -> None:
-        """Let the core die in its next steps; a word is written over before its successor looks."""
+        """Let the core die in its next steps, and overwrite a word before the next core reads it."""
         self._has_scribbled = True
         self.siege.core_dies(numbers[0], place(*numbers[1:4]), self._value(numbers[4]))
 
@@ -108,7 +108,7 @@ class Attack:
     # -- records -----------------------------------------------------------------------------------------
 
     def _right_record(self, kind: int) -> list[int]:
-        """Return a record of a kind as it should be, if there can be a right one now."""
+        """Return a valid record of a kind, if the present state allows one."""
         siege = self.siege
         held = next(iter(siege.held.values()), None)
         reference, sequence = (held.reference, held.sequence) if held else (0, 0)
@@ -128,7 +128,7 @@ class Attack:
         return [int(kind), *rest, *[0] * (RECORD_COLUMNS - 1 - len(rest))]
 
     def _push(self, words: list[int]) -> None:
-        """Push a record, let the core take it, and compare what it did with what it must do."""
+        """Push a record, let the core take it, and compare what the core did with what it must do."""
         siege, standing = self.siege, self._standing
         standing.held = {one.reference: one.sequence for one in siege.held.values()}
         may_be_said_again = self._may_be_said_again()
@@ -140,7 +140,7 @@ class Attack:
             return
         verdict = Verdict.WRONG if was_faulted else standing.judge(words)
         if verdict is Verdict.WRONG and may_be_said_again and words[0] in (Outbound.DONE, Outbound.RELEASE):
-            return  # the first record after a takeover may have been handled by the core before
+            return  # the previous core may have handled the first record after a takeover
         self._compare(words, verdict)
         routed = self._last_sequence() - before
         if routed not in ((0, 1) if verdict is Verdict.RIGHT and words[0] == Outbound.PUBLISH else (0,)):
@@ -162,14 +162,14 @@ class Attack:
     # -- what holds after each step ------------------------------------------------------------------------
 
     def _look(self) -> None:
-        """See whom the core accuses, and what the innocent got."""
+        """Check which modules the core faulted, and which messages the innocent subscriber received."""
         for kind, slot, incarnation in self.siege.run.supervisor_notices():
             if slot != HOSTILE_SLOT:
-                raise Finding(f"the core says {kind.name} of slot {slot}, which is innocent")
+                raise Finding(f"the core reports {kind.name} for slot {slot}, which is innocent")
             if kind is Inbound.FAULTED and incarnation == self.siege.hostile.incarnation:
                 self._is_faulted = True
         if self.siege.seen != self.siege.published[: len(self.siege.seen)]:
-            raise Finding(f"{self.siege.seen} came of {self.siege.published}")
+            raise Finding(f"the subscriber received {self.siege.seen} of {self.siege.published}")
 
     def _value(self, number: int) -> int:
         values = dictionary(self.siege)
@@ -184,7 +184,7 @@ class Attack:
 
 
 def place(choice: int, high: int, low: int) -> int:
-    """Choose a word of the segment: as often one of the few that steer as any of the many others."""
+    """Choose a word of the segment: half of the time one of the few control words."""
     number = high << 8 | low
     if choice % 4 < 2:
         return CONTROL_WORDS[number % len(CONTROL_WORDS)]
@@ -195,10 +195,10 @@ def place(choice: int, high: int, low: int) -> int:
 
 
 def check_books(siege: Siege) -> None:
-    """Demand that every message routed to anybody was delivered, replaced, dropped or lost.
+    """Check that every routed message was delivered, replaced, dropped or lost.
 
     Raises:
-        Finding: if one was not, or still waits although everything has been handled.
+        Finding: a message was not, or it still waits although everything has been handled.
     """
     run = siege.run
     for number in range(run.tables.sizes.subscriptions):
@@ -207,4 +207,4 @@ def check_books(siege: Siege) -> None:
             raise Finding(f"subscription {number}: {counts}")
     for slot in range(run.tables.sizes.slots):
         if run.waiting(slot):
-            raise Finding(f"{run.waiting(slot)} messages of slot {slot} wait for nobody")
+            raise Finding(f"{run.waiting(slot)} messages of slot {slot} still wait at the end")

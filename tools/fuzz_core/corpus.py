@@ -1,4 +1,4 @@
-"""Inputs to begin with, all single mistakes in turn, and mutations that keep the form of the rest."""
+"""The seed inputs, the inputs with a single mistake, and mutations that keep the form of steps."""
 
 from collections.abc import Iterator
 from random import Random
@@ -10,7 +10,7 @@ from tools.fuzz_core.steps import MAX_STEPS, STEP_BYTES, Do, Step, decode, encod
 from tools.fuzz_core.words import dictionary
 
 HAS_MESSAGES = (step(Do.PUBLISH), step(Do.CORE), step(Do.BEHAVE), step(Do.PUBLISH), step(Do.CORE))
-"""So that both have something in their hands, and the hostile module's first records are handled."""
+"""Steps after which both modules hold messages, and the core has handled some of the hostile module's."""
 AFTERWARDS = (step(Do.PUBLISH), step(Do.CORE), step(Do.HANDLE), step(Do.CORE))
 MOST_MUTATIONS = 4
 COLUMNS = {
@@ -18,11 +18,11 @@ COLUMNS = {
     Outbound.WAIT_FREED: 1, Outbound.MODULE_UP: 2, Outbound.MODULE_DOWN: 3, Outbound.MODULE_GONE: 2,
     Outbound.MAKE_ROOM: 3,
 }  # fmt: skip
-"""How many words of a record say something, besides its kind."""
+"""Number of words with a meaning in each kind of record, besides the kind."""
 
 
 def seeds() -> list[bytes]:
-    """Return an input for each kind of record, for each control word, and for each way to die."""
+    """Return inputs for each kind of record, for each control word, and for several deaths of the core."""
     kinds = [encode(*HAS_MESSAGES, step(Do.RECORD, kind), *AFTERWARDS) for kind in range(len(KINDS))]
     pairs = [
         encode(*HAS_MESSAGES, step(Do.RECORD, first), step(Do.RECORD, second), *AFTERWARDS)
@@ -43,7 +43,7 @@ def seeds() -> list[bytes]:
 
 
 def single_mistakes() -> Iterator[bytes]:
-    """Yield each word of the dictionary in each column of each kind of record, and in each control word."""
+    """Yield inputs with each word of the dictionary in each control word and each column of each record."""
     words = len(dictionary(Siege()))
     for control in range(len(CONTROL_WORDS)):
         for word in range(words):
@@ -56,7 +56,7 @@ def single_mistakes() -> Iterator[bytes]:
 
 
 def mutate(data: bytes, random: Random, others: list[bytes]) -> bytes:
-    """Change an input in a few steps: a number, or steps put in, taken out, doubled, or of another input."""
+    """Change an input a few times: change a number, or insert, remove, repeat or copy steps."""
     steps = list(decode(data)) or [step(Do.CORE)]
     for _ in range(random.randint(1, MOST_MUTATIONS)):
         at = random.randrange(len(steps))

@@ -1,22 +1,22 @@
-"""Fuzzes in this process, which libFuzzer ends: `python -m tools.fuzz_core.engine LIBFUZZER_OPTIONS`."""
+"""Fuzzes in this process until libFuzzer ends it: `python -m tools.fuzz_core.engine LIBFUZZER_OPTIONS`."""
 
 import sys
 from random import Random
 
 import atheris
 
-# Only what is imported in here has its branches counted.
+# atheris counts only branches of modules that are imported here.
 with atheris.instrument_imports(include=["robbie_mp.core", "robbie_mp.transport"]):
     from tools.fuzz_core.attack import Attack
     from tools.fuzz_core.corpus import mutate, seeds
 
 
 def main() -> None:
-    """Fuzz until libFuzzer has enough."""
+    """Fuzz until libFuzzer ends the process."""
     known = seeds()
 
     def change(data: bytes, most_bytes: int, seed: int) -> bytes:
-        """Keep the form of steps three times out of four; else let libFuzzer do what it likes."""
+        """Three times out of four, mutate steps; otherwise, let libFuzzer mutate bytes."""
         if seed % 4 == 0:
             changed: bytes = atheris.Mutate(data, most_bytes)
             return changed

@@ -1,4 +1,4 @@
-"""What the core must make of a record: said again here, from what the records mean and not from the core."""
+"""Decides what the core must do with a record, from the meaning of records and without the core's code."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,27 +14,27 @@ OFFSET_MAX = WORD_MAX >> 1
 
 
 class Verdict(Enum):
-    """What must follow."""
+    """What the core must do."""
 
-    RIGHT = "it is taken, and its module is not faulted"
-    WRONG = "its module is faulted, and nothing else happens"
-    OPEN = "either; it depends on how full the tables are"
+    RIGHT = "take the record, and do not fault its module"
+    WRONG = "fault the module, and do nothing else"
+    OPEN = "either of these; it depends on how full the tables are"
 
 
 @dataclass
 class Standing:
-    """What an incarnation of the hostile module has said and been given, as long as all of that was right."""
+    """What an incarnation of the hostile module has declared and received, while its records were valid."""
 
     source: int
-    """As it must name itself, segment 0."""
+    """The source with which it must publish, with segment 0."""
     declared: int
-    """Rows of its declarations that make sense, the first ones."""
+    """Number of valid rows in its declarations, counted from the first."""
     advertised: set[int] = field(default_factory=set)
-    """Numbers of those that the core was told of as channels."""
+    """Numbers of the rows that it has advertised to the core as channels."""
     held: dict[int, int] = field(default_factory=dict)
-    """References and sequences that it was given and has not let go of."""
+    """References that it received and has not released, with their sequences."""
     done: set[int] = field(default_factory=set)
-    """Those of them that it has handled."""
+    """The held references that it has handled."""
 
     def judge(self, record: Sequence[int]) -> Verdict:
         """Judge a record."""
@@ -55,7 +55,7 @@ class Standing:
         return Verdict.WRONG
 
     def take(self, record: Sequence[int]) -> None:
-        """Note what a record that was taken has changed."""
+        """Apply the changes of a record that the core took."""
         kind, first, *_ = record
         if kind == Outbound.ADVERTISE:
             self.advertised.add(first)

@@ -1,4 +1,4 @@
-"""Plays inputs in this process, with no coverage to guide the choice: one again, or many in a fixed order."""
+"""Plays inputs in this process without guidance by coverage: a single one, or many in a fixed order."""
 
 import contextlib
 import signal
@@ -25,9 +25,9 @@ class Hang(Exception):
 
 @contextlib.contextmanager
 def limited(limit_s: float) -> Iterator[None]:
-    """Let what is done within take only so much of the processor's time; for the main thread.
+    """Raise `Hang` when the block takes more than a limit of processor time. Use it in the main thread.
 
-    It is told again and again: an exception in the callback of a weak reference goes nowhere.
+    The signal repeats, because an exception in the callback of a weak reference is ignored.
     """
 
     def give_up(_signal: int, frame: FrameType | None) -> None:
@@ -44,7 +44,7 @@ def limited(limit_s: float) -> Iterator[None]:
 
 
 def finding(data: bytes, limit_s: float = HANG_S) -> Exception | None:
-    """Play an input; return what was found, None if nothing was."""
+    """Play an input; return the finding, or None."""
     try:
         with limited(limit_s):
             Attack(data).run()
@@ -54,7 +54,7 @@ def finding(data: bytes, limit_s: float = HANG_S) -> Exception | None:
 
 
 def inputs(seed: int) -> Iterator[bytes]:
-    """Yield the seeds, then all single mistakes shuffled, then mutations of both without end."""
+    """Yield the seeds, then all single mistakes in random order, then mutations of both without end."""
     random = Random(seed)
     mistakes = list(single_mistakes())
     random.shuffle(mistakes)
@@ -64,7 +64,7 @@ def inputs(seed: int) -> Iterator[bytes]:
 
 
 def repeat(file: Path) -> int:
-    """Play one input again and say what it finds; return 0 if nothing, else 1."""
+    """Play one input and print its finding. Return 1 if there is one, else 0."""
     found = finding(file.read_bytes())
     if found is None:
         print(f"no finding in {file}")
@@ -74,7 +74,7 @@ def repeat(file: Path) -> int:
 
 
 def search(seconds: float, seed: int, folder: Path) -> int:
-    """Play inputs for a while or until one finds something, which is then kept; return 0 or 1."""
+    """Play inputs for a time or until a finding, whose input is kept. Return 1 if there is one, else 0."""
     end_s = time.monotonic() + seconds
     played = 0
     for data in inputs(seed):

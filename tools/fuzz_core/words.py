@@ -1,4 +1,4 @@
-"""The dictionary: words at which something may go wrong, some of which depend on how things stand."""
+"""The dictionary: words that are likely to reveal errors. Some of them depend on the present state."""
 
 from robbie_mp.transport import layout
 from robbie_mp.transport.words import WORD_MAX
@@ -13,7 +13,7 @@ EDGES = (
 
 
 def dictionary(siege: Siege) -> list[int]:
-    """Return all words, always as many of them and each meaning the same."""
+    """Return all words. Their number and the meaning of each place never change."""
     hostile = siege.hostile
     held = next(iter(siege.held.values()), None)
     reference, sequence = (held.reference, held.sequence) if held else (0, 0)
@@ -40,7 +40,7 @@ def dictionary(siege: Siege) -> list[int]:
 
 
 def _reference_of_another(siege: Siege) -> tuple[int, int]:
-    """Return number and sequence of a reference that the hostile module does not hold, else zeros."""
+    """Return number and sequence of a reference that the hostile module does not hold, or zeros."""
     tables = siege.run.tables
     for number in range(tables.sizes.references):
         at = tables.reference(number)

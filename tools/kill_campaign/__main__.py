@@ -16,26 +16,38 @@ VIOLATED = 1
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; the exit code is 0 if there is no violation, else 1."""
+    """Run the command line. The exit code is 0 if there is no violation, else 1."""
     parser = argparse.ArgumentParser(prog="python -m tools.kill_campaign", description=__doc__)
     parser.add_argument("--kills", type=int, default=100, help="processes to kill (100)")
-    parser.add_argument("--seed", type=int, default=1, help="of all choices (1)")
-    parser.add_argument("--longest-stop", type=float, default=10.0, metavar="S", help="of a process (10)")
-    parser.add_argument("--mean-pause", type=float, default=0.3, metavar="S", help="between attacks (0.3)")
+    parser.add_argument("--seed", type=int, default=1, help="random seed of all choices (1)")
     parser.add_argument(
-        "--stop-latency", action="store_true", help="instead: what one stopped module costs the others"
+        "--longest-stop",
+        type=float,
+        default=10.0,
+        metavar="S",
+        help="maximum time for which a process is stopped (10)",
     )
-    parser.add_argument("--rounds", type=int, default=3, help="of --stop-latency, each about 20 s (3)")
+    parser.add_argument(
+        "--mean-pause", type=float, default=0.3, metavar="S", help="mean time between attacks (0.3)"
+    )
+    parser.add_argument(
+        "--stop-latency",
+        action="store_true",
+        help="instead, measure what one stopped module costs the others",
+    )
+    parser.add_argument(
+        "--rounds", type=int, default=3, help="number of rounds of --stop-latency, each about 20 s (3)"
+    )
     parser.add_argument(
         "--camera-rounds",
         type=int,
         default=3,
-        help="how often to stop one viewer of a camera while another hoards; 0: without a camera (3)",
+        help="how often to stop one viewer of a camera while another one hoards; 0: no camera (3)",
     )
     parser.add_argument(
-        "--freeze-log", action="store_true", help="have the log disk stand still now and then (as root)"
+        "--freeze-log", action="store_true", help="freeze the disk of the logs from time to time (as root)"
     )
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="an empty folder for journals and logs")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="empty folder for journals and logs")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="robbie-campaign-") as temporary:
@@ -60,7 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def as_text(report: dict[str, Any], indent: str = "") -> str:
-    """A report for people: one line a figure."""
+    """Return the report as text, with one line for each figure."""
     lines = []
     for name, value in report.items():
         if isinstance(value, dict):

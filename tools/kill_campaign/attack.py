@@ -126,7 +126,7 @@ class Attack:
         pid = figures.pid
         if pid and pid not in self._stopped and self.robot.send(pid, signal.SIGSTOP):
             self.stops.append(Signalled("stop", name, pid, figures.incarnation, at_ns))
-            share = self._random.random() ** 2  # short ones more often than long ones
+            share = self._random.random() ** 2  # short stops are more frequent than long ones
             self._stopped[pid] = time.monotonic() + share * self.longest_stop_s
             self._let_rest(name)
 

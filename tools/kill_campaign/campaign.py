@@ -83,7 +83,7 @@ def _run(
     frozen_log: FrozenLog | None,
 ) -> dict[str, Any]:
     robot.wait_until_running()
-    robot.wait_for(lambda: _all_work(robot, sending), "not everybody publishes")
+    robot.wait_for(lambda: _all_work(robot, sending), "not every module publishes")
     before = Traces.of(robot.run_id, _pids(robot))
     beside = measure_neighbours(robot, plan.rounds_with_camera) if plan.rounds_with_camera else None
     attack = Attack(robot, plan.seed, plan.mean_pause_s, plan.longest_stop_s, plan.spared, each_second)
@@ -95,7 +95,7 @@ def _run(
     if frozen_log:
         frozen_log.finish()
     duration_s = time.monotonic() - began_s
-    robot.wait_for(robot.all_running, "not everything is RUNNING again")
+    robot.wait_for(robot.all_running, "not every process is RUNNING again")
     time.sleep(CALM_S)
     rest_s = _come_to_rest(robot, names)
     figures = robot.figures()

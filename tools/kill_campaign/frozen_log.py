@@ -33,7 +33,8 @@ def log_disk(output: Path) -> Iterator[LoopDisk | None]:
         disk = LoopDisk(256 << 20, MAX_FROZEN_S).__enter__()
     except NoLoopDisk as error:
         print(
-            f"NOT TESTED: the log disk is never frozen, for there can be none here: {error}", file=sys.stderr
+            f"NOT TESTED: the log disk is never frozen, because this machine does not allow one: {error}",
+            file=sys.stderr,
         )
         yield None
         return
@@ -103,11 +104,11 @@ class FrozenLog:
         ]
 
     def report(self, kills: list[Signalled], recovery: dict[str, dict[str, float]]) -> dict[str, Any]:
-        """What was done.
+        """Return what the disk did.
 
         Args:
-            kills: all of the campaign.
-            recovery: times of those that `during` returns.
+            kills: all kills of the campaign.
+            recovery: recovery times of the kills that `during` returns.
         """
         return {
             "standstills": len(self.frozen_ns),
@@ -120,13 +121,11 @@ class FrozenLog:
     def violations(self, kills: list[Signalled]) -> list[str]:
         """Check that half the processes killed well before a freeze's end were restarted during the freeze.
 
-        Not all of them need be: a victim may wait for another one, or may have been killed again.
+        Not all of them must be, because a victim may wait for another process or may have been killed again.
         """
         killed = len(self.during(kills, RESTART_S))
         if self.restarts < killed / 2:
-            return [
-                f"{killed} were killed while the log disk stood still, {self.restarts} were started in it"
-            ]
+            return [f"{killed} were killed while the log disk was frozen, {self.restarts} were started then"]
         return []
 
     def _count(self) -> int:

@@ -1,4 +1,4 @@
-"""The campaign's message: it says who sent it and whether it has arrived whole."""
+"""The campaign's message: it names its sender and shows whether it has arrived whole."""
 
 import zlib
 
@@ -12,8 +12,8 @@ NOISE_BYTES = 2 << 20
 WHOLE_BYTES = 2 << 20
 SAMPLE_BYTES = 64 << 10
 SAMPLED = 16
-"""Of a payload larger than WHOLE_BYTES every sixteenth piece of SAMPLE_BYTES counts, and the last bytes: else
-checksums of a camera's images would leave the processors no time for anything else."""
+"""Of a payload larger than WHOLE_BYTES, the checksum covers only every sixteenth piece of SAMPLE_BYTES and
+the last bytes. Full checksums of a camera's images would take all of the processors' time."""
 
 
 class Numbered(Message, name="campaign_msgs/msg/Numbered", version=1):
@@ -27,7 +27,7 @@ class Numbered(Message, name="campaign_msgs/msg/Numbered", version=1):
 
 
 def checksum(publisher: str, incarnation: int, number: int, payload: NDArray[np.uint8]) -> int:
-    """CRC-32 of what a message says."""
+    """Return the CRC-32 of a message's contents."""
     found = zlib.crc32(f"{publisher} {incarnation} {number} {len(payload)}".encode())
     if len(payload) <= WHOLE_BYTES:
         return zlib.crc32(payload.data, found)
@@ -37,7 +37,7 @@ def checksum(publisher: str, incarnation: int, number: int, payload: NDArray[np.
 
 
 def is_whole(message: Numbered) -> bool:
-    """Whether a message has the checksum that it was given."""
+    """Return whether a message's contents agree with its checksum."""
     expected = checksum(message.publisher, message.incarnation, message.number, message.payload)
     return bool(message.checksum == expected)
 
@@ -46,13 +46,13 @@ class Noise:
     """Payloads that differ from message to message.
 
     Args:
-        largest_bytes: of a payload.
+        largest_bytes: maximum size of a payload.
     """
 
     def __init__(self, largest_bytes: int) -> None:
         self._noise = np.frombuffer(np.random.default_rng(1).bytes(NOISE_BYTES + largest_bytes), np.uint8)
 
     def payload(self, incarnation: int, number: int, size: int) -> NDArray[np.uint8]:
-        """Return `size` bytes, (N,), which no neighbouring number has."""
+        """Return `size` bytes, (N,), that differ from those of the neighbouring numbers."""
         start = (incarnation * 104_729 + number * 7_919) % NOISE_BYTES
         return self._noise[start : start + size]

@@ -1,4 +1,4 @@
-"""The module that makes up the campaign's robot. Its settings choose its part."""
+"""The module class of the campaign's robot. Its settings choose its part."""
 
 import math
 import random
@@ -31,13 +31,13 @@ class Participant(Module):
     smallest_bytes: int = setting(64, "smallest message", minimum=64)
     largest_bytes: int = setting(4096, "largest message", minimum=64)
     loans: bool = setting(False, "write messages in place")
-    outstanding_limit: int = setting(4000, "no new messages while so many are on their way")
-    topics: list[str] = setting([], "whose messages to handle; '' for everybody's")
-    newest: bool = setting(False, "keep only the newest")
-    handle_s: float = setting(0.0, "how long a handler takes")
-    relay_every: int = setting(0, "publish one message for so many handled; 0: none", minimum=0)
-    hold: int = setting(0, "arrays kept beyond their handler", minimum=0)
-    hoards: bool = setting(False, "keep them only while there is a file `hoard`, but all of them")
+    outstanding_limit: int = setting(4000, "publish nothing while this number of messages is unhandled")
+    topics: list[str] = setting([], "name of the module whose messages to handle; '': all modules")
+    newest: bool = setting(False, "keep only the newest message")
+    handle_s: float = setting(0.0, "duration of a handler")
+    relay_every: int = setting(0, "publish one message after this number of handled ones; 0: none", minimum=0)
+    hold: int = setting(0, "number of arrays kept after their handler", minimum=0)
+    hoards: bool = setting(False, "keep all arrays while there is a file `hoard`, else none")
 
     def setup(self) -> None:
         """Start a new incarnation and journal it."""
@@ -118,7 +118,7 @@ class Participant(Module):
         }
         self.journal.note("I", number)
         accepted = True
-        if self.loans:  # never refused: this part keeps far below its limits, and the verdict checks it
+        if self.loans:  # never refused, because this part stays far below its limits; the verdict checks it
             with self.loan(Numbered, topic=self.name, **fields, payload=size) as message:
                 message.payload[:] = payload
                 del message

@@ -11,19 +11,19 @@ from tools.kill_campaign.profile import CAMERA, HOARDER, STOPPED_VIEWER, VIEWER
 from tools.kill_campaign.robot import Robot
 
 WINDOW_S = 3.0
-"""How long a rate is measured. With the time before, less than a stopped module has until it is hung."""
+"""Time for which a rate is measured. With the time before it, too short for a stopped module to be hung."""
 FILL_S = 3.0
-"""Twice as long as the camera takes to fill all its memory."""
+"""Twice the time that the camera needs to fill all its memory."""
 ALLOWED_RATIO = 0.9
 
 
 @dataclass(frozen=True)
 class Rates:
-    """What happens in each second."""
+    """Rates per second."""
 
     viewed_hz: float
     taken_hz: float
-    """Images that the camera took, including those for which no memory was free."""
+    """Images that the camera made, including those for which no memory was free."""
 
 
 def measure_neighbours(robot: Robot, rounds: int) -> dict[str, Any]:
@@ -35,7 +35,9 @@ def measure_neighbours(robot: Robot, rounds: int) -> dict[str, Any]:
     ratios, before, during = [], [], []
     hoard = robot.output / HOARD_FILE
     for _ in range(rounds):
-        robot.wait_for(lambda: not robot.figures()[HOARDER].pinned, "the hoarder does not let go")
+        robot.wait_for(
+            lambda: not robot.figures()[HOARDER].pinned, "the hoarder does not release its messages"
+        )
         calm = _rates(robot)
         hoard.touch()
         pid = robot.figures()[STOPPED_VIEWER].pid
@@ -64,14 +66,14 @@ def measure_neighbours(robot: Robot, rounds: int) -> dict[str, Any]:
 
 
 def ratio_of(before: Rates, during: Rates) -> float:
-    """Return the share of its rate that the viewer kept; 0 if it or the camera did nothing."""
+    """Return the share of its rate that the viewer kept, or 0 if it or the camera did nothing."""
     if not before.viewed_hz or not before.taken_hz or not during.taken_hz:
         return 0.0
     return (during.viewed_hz / during.taken_hz) / (before.viewed_hz / before.taken_hz)
 
 
 def violations(report: dict[str, Any]) -> list[str]:
-    """Judge what was measured."""
+    """Return the violations in the measurements."""
     ratio = median(report["ratios"])
     if ratio >= ALLOWED_RATIO:
         return []

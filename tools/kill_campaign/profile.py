@@ -35,26 +35,26 @@ WITH_CAMERA: dict[str, dict[str, Any]] = {
     HOARDER: {"topics": [CAMERA], "hold": 60, "hoards": True},
     CAMERA: {"burst": 1, "period_s": 1 / 30, "smallest_bytes": IMAGE_BYTES, "largest_bytes": IMAGE_BYTES},
 }
-"""A camera and its three viewers, with the default memory and queues of any module."""
+"""A camera and its three viewers, with the defaults for memory and queues."""
 SHORT_QUEUE = {"messages": 100, "bytes": 16 * MEGABYTE}
-"""Of the slow one, so that it is full most of the time."""
+"""Queue of the slow subscriber, so short that it is full most of the time."""
 MEMORY = {"segment_bytes": MEGABYTE, "limit_bytes": 96 * MEGABYTE, "checkpoint_bytes": 4096}
 DEFAULT_MEMORY = {"checkpoint_bytes": 4096}
 RESTART = {"max_restarts": 1_000_000, "backoff_s": 0.01, "backoff_cap_s": 0.1, "stable_after_s": 1.0}
 
 
 def roles(*, overloaded: bool, camera: bool = False) -> dict[str, dict[str, Any]]:
-    """Settings of each participant, subscribers first.
+    """Return the settings of each participant, subscribers first.
 
     Args:
-        overloaded: with the publisher of bursts and the slow subscriber whose queue is always full.
-        camera: with images of 6.2 MB at 30 Hz, for three viewers.
+        overloaded: include the publisher of bursts and the slow subscriber, whose queue is always full.
+        camera: include the camera, with images of 6.2 MB at 30 Hz, and its three viewers.
     """
     return STEADY | (OVERLOADED if overloaded else {}) | (WITH_CAMERA if camera else {})
 
 
 def publishers(settings: dict[str, dict[str, Any]]) -> list[str]:
-    """Names of the publishers."""
+    """Return the names of the publishers."""
     return [name for name, part in settings.items() if part.get("burst") or part.get("relay_every")]
 
 
@@ -64,8 +64,8 @@ def write_workspace(
     """Write a workspace whose profile `campaign` is the robot.
 
     Args:
-        folder: of the workspace.
-        settings: of the participants, by name.
+        folder: folder of the workspace.
+        settings: settings of the participants, by name.
         others: further modules, as in a profile.
     """
     known = {*publishers(settings), ""}

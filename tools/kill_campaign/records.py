@@ -1,4 +1,4 @@
-"""The journals of a campaign, read as streams and kept as figures."""
+"""Reads the journals of a campaign as streams, and keeps figures of them."""
 
 from array import array
 from collections import defaultdict
@@ -17,7 +17,7 @@ class Published:
     """One publisher's journal over all incarnations."""
 
     intended: dict[int, int] = field(default_factory=dict)
-    """How many numbers each incarnation tried to publish."""
+    """Count of numbers that each incarnation tried to publish."""
     refused: set[Key] = field(default_factory=set)
     uncertain: set[Key] = field(default_factory=set)
     """Numbers that the process was about to publish when it died: they may or may not have been published."""
@@ -25,11 +25,11 @@ class Published:
 
     @property
     def accepted(self) -> int:
-        """How many messages were certainly accepted."""
+        """Number of messages that were certainly accepted."""
         return sum(self.intended.values()) - len(self.refused) - len(self.uncertain)
 
     def may_exist(self, key: Key) -> bool:
-        """Whether there can be a message of this number."""
+        """Return whether a message with this number can exist."""
         incarnation, number = key
         return 0 <= number < self.intended.get(incarnation, 0) and key not in self.refused
 
@@ -59,7 +59,7 @@ class ModuleRecord:
     entered_ns: "array[int]" = field(default_factory=lambda: array("q"))
     """When each handler was entered."""
     latency_ns: "array[int]" = field(default_factory=lambda: array("q"))
-    """How long after its message was published."""
+    """Time from the publication of each message to its handler."""
     violations: list[str] = field(default_factory=list)
 
 

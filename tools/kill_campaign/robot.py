@@ -25,17 +25,17 @@ POLL_S = 0.02
 
 
 class RobotTrouble(RuntimeError):
-    """The robot did not do what it must do in spite of all kills."""
+    """The robot failed to do something that it must do in spite of all kills."""
 
 
 class Robot:
     """A run of a profile.
 
     Args:
-        folder: an empty or new folder for everything it writes.
-        workspace: where the profile is.
-        arguments: of the command, the profile first.
-        command: what starts it.
+        folder: an empty or new folder for everything the robot writes.
+        workspace: folder of the workspace with the profile.
+        arguments: arguments of the command, the profile first.
+        command: the command that starts the robot.
     """
 
     def __init__(self, folder: Path, workspace: Path, *arguments: str, command: Sequence[str] = ("run",)):
@@ -60,14 +60,14 @@ class Robot:
     def wait_until_running(self) -> None:
         """Wait until all modules and the core are RUNNING."""
         self.wait_for(self.attach, "no run appeared")
-        self.wait_for(self.all_running, "not everything is RUNNING")
+        self.wait_for(self.all_running, "not every process is RUNNING")
 
     def attach(self) -> bool:
         """Find the run and its figures. Return whether they exist yet."""
         runs = list_runs(self._bases)
         if not runs:
             return False
-        with contextlib.suppress(LookupError, OSError, ValueError):  # it is just being made
+        with contextlib.suppress(LookupError, OSError, ValueError):  # the run is just being made
             self.observer = RunObserver(runs[0].run_id)
             self.run_id = runs[0].run_id
         return self.observer is not None
@@ -75,7 +75,7 @@ class Robot:
     def figures(self) -> dict[str, ModuleFigures]:
         """Figures of modules and core by name."""
         if self.observer is None:
-            raise RobotTrouble("the run is not there yet")
+            raise RobotTrouble("the run does not exist yet")
         return {module.name: module for module in self.observer.modules()[1:]}
 
     @property
@@ -121,12 +121,12 @@ class Robot:
         return True
 
     def stop(self) -> dict[str, Any]:
-        """Stop in order and return the summary."""
+        """Stop the run normally, and return its summary."""
         self.supervisor.send_signal(signal.SIGINT)
         return self.wait_for_end()
 
     def wait_for_end(self, limit_s: float = LIMIT_S) -> dict[str, Any]:
-        """Wait for the end of the run and return the summary."""
+        """Wait for the end of the run, and return its summary."""
         self.supervisor.wait(limit_s)
         summary = self.output / "summary.json"
         if not summary.exists():
@@ -135,7 +135,7 @@ class Robot:
         return found
 
     def said(self) -> str:
-        """Return the supervisor's messages so far: each restart with its reason."""
+        """Return the supervisor's output so far, which has each restart with its reason."""
         return Path(self._stderr.name).read_text(errors="replace")
 
     def _last_words(self) -> str:

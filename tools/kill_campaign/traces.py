@@ -1,4 +1,4 @@
-"""The machine's resources that a run holds: shared memory names, descriptors, mappings, rows of tables."""
+"""The resources that a run holds: names in shared memory, descriptors, mappings, and rows of tables."""
 
 import contextlib
 import os
@@ -22,18 +22,19 @@ class Traces:
     Attributes:
         names: entries of /dev/shm that belong to the run.
         descriptors: the other open files of each process, by its name, without the run's segments.
-        mappings: the run's segments that each process maps or has open, by its name; as `/proc` calls them.
+        mappings: the run's segments that each process maps or has open, by its name. They have the names
+            that `/proc` gives them.
     """
 
     names: frozenset[str]
     descriptors: Mapping[str, tuple[str, ...]]
     mappings: Mapping[str, frozenset[str]]
     semaphores: Mapping[str, str]
-    """By the segment that speaks of each: when a run has ended, nobody can be asked any more."""
+    """Semaphores by the segment that names each. After the end of a run, no process can be asked for them."""
 
     @classmethod
     def of(cls, run_id: str, pids: Mapping[str, int]) -> "Traces":
-        """Look at a run's processes."""
+        """Read the resources of a run's processes."""
         of_run = names.folder(run_id)
         segments = [f"{of_run}/{path.name}" for path in (SHARED_MEMORY / of_run).iterdir()]
         semaphores = (path.name for path in SHARED_MEMORY.glob(f"sem.{of_run}.*"))
@@ -66,7 +67,7 @@ def _mapped(pid: int) -> list[str]:
 
 
 def stale_names(traces: Traces, run_id: str, modules: Mapping[str, ModuleFigures]) -> list[str]:
-    """Names of a run at rest that no living process of it needs."""
+    """Return the names that no living process of a run at rest needs."""
     slots = {slot: module.incarnation for slot, module in enumerate(modules.values(), start=1)}
     slots[0] = 1  # the supervisor
     kept = {names.board(run_id), names.clock(run_id), names.core(run_id)}
@@ -81,7 +82,7 @@ def stale_names(traces: Traces, run_id: str, modules: Mapping[str, ModuleFigures
 
 
 def _semaphores(run_id: str, segments: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Segments that speak of a semaphore, each with its name."""
+    """Return the segments that name a semaphore, each with the semaphore's name."""
     for name in segments:
         what = name.rpartition("/")[2]
         kind = SegmentKind.CORE if what == "core" else SegmentKind.IN if what.startswith("in-") else None
@@ -100,7 +101,7 @@ def violations(before: Traces, after: Traces, run_id: str, modules: Mapping[str,
     found = [f"/dev/shm/{name} belongs to no living process" for name in stale_names(after, run_id, modules)]
     for name, opened in after.descriptors.items():
         extra = Counter(map(_kind, opened)) - Counter(map(_kind, before.descriptors[name]))
-        # A log file is opened with a process's first line, and stays open: one for each process's name.
+        # Each process name has a log file, which is opened with the process's first line and stays open.
         logs = {what: 1 for what in extra if what.endswith(".jsonl")}
         extra -= Counter(logs)
         if extra:
@@ -113,7 +114,7 @@ def violations(before: Traces, after: Traces, run_id: str, modules: Mapping[str,
 
 
 def rows_used(run_id: str) -> int:
-    """Return the messages, and claims to them, that the core's tables still hold."""
+    """Return the numbers of messages and references that the core's tables still hold."""
     segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
     try:
         words, tables = segment.words, CoreTables.attach(segment.words)

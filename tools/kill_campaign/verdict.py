@@ -73,8 +73,8 @@ def judge(
     """Compare journals with counters of a robot at rest.
 
     Args:
-        records: of each module.
-        modules: figures by name.
+        records: the journal of each module.
+        modules: figures of the modules by name.
         channels: figures of all channels.
     """
     verdict = Verdict(records)
@@ -125,7 +125,7 @@ def _subscriber(module: ModuleFigures, record: ModuleRecord, messages: Mapping[s
 def _last_messages(
     module: ModuleFigures, record: ModuleRecord, records: Mapping[str, ModuleRecord]
 ) -> Iterator[str]:
-    """If a subscription to all publishers keeps the newest, only the last of all must have arrived."""
+    """If a subscription to all publishers keeps the newest one, only the last of all must have arrived."""
     for books in module.subscriptions:
         if not books.topic and books.handling == MessageHandling.KEEP_ONLY_NEWEST.name:
             continue

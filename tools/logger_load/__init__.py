@@ -1,1 +1,1 @@
-"""What recording everything costs a robot: its log, its logger, and the latency of its other modules."""
+"""Measures what it costs a robot to record everything: processor time, disk, and latency of other modules."""

@@ -3,10 +3,10 @@
 Twenty modules exchange images of 6.2 MB ten times a second and 2,000 small messages a second. In each round
 the tool measures them in turn without a recorder (`without`) and with each of these:
   taker      a subscriber that takes everything and does nothing,
-  patient    the same, but it looks only every 20 ms, as the logger does,
-  bystander  a process that takes nothing, but compresses as much as the logger,
-  discard    a logger that copies every message and throws it away,
-  null       a logger that compresses, too, and writes to /dev/null,
+  patient    the same, but it takes messages only every 20 ms, as the logger does,
+  bystander  a process that takes no messages, but compresses as much data as the logger,
+  discard    a logger that copies every message and discards it,
+  null       a logger that also compresses, and writes to /dev/null,
   memory     the logger, writing into /dev/shm,
   logger     the logger, writing to the disk.
 """
@@ -27,7 +27,7 @@ from tools.bench.table import render, short_number
 from tools.logger_load.measure import CLASSES, WITHOUT, Result, measure
 
 GOAL = 1.2
-"""The largest allowed ratio of a message's latency with a logger to that without."""
+"""Maximum ratio of a message's latency with a logger to that without."""
 COLUMNS: dict[str, Callable[[Result], float | None]] = {
     "small p50 us": lambda one: one["small"]["p50_us"],
     "small p99 us": lambda one: one["small"]["p99_us"],
@@ -66,7 +66,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def ratios_to_without(results: list[Result]) -> dict[str, dict[str, float]]:
-    """Return for each recorder the median over rounds of how much longer messages took than without it."""
+    """Return for each recorder the ratio of latency with it to that without: the median over all rounds."""
     without = {one["round"]: one for one in results if one["recorder"] == WITHOUT}
     found: dict[str, dict[str, float]] = {}
     for recorder in CLASSES:
@@ -87,14 +87,14 @@ def ratios_to_without(results: list[Result]) -> dict[str, dict[str, float]]:
 
 
 def as_table(results: list[Result], ratios: dict[str, dict[str, float]]) -> str:
-    """Show each session as a row, and the ratios below."""
+    """Return a table with a row for each session, and the ratios below it."""
     rows = [[one["recorder"], *(short_number(read(one)) for read in COLUMNS.values())] for one in results]
     lines = [render(["recorder", *COLUMNS], rows), ""]
     for recorder, kinds in ratios.items():
         shown = ", ".join(
             f"{kind} {value:.2f}{'' if value <= GOAL else ' !'}" for kind, value in kinds.items()
         )
-        lines.append(f"{recorder} beside nobody (median of rounds; goal {GOAL}): {shown}")
+        lines.append(f"{recorder} ÷ without (median of rounds; goal {GOAL}): {shown}")
     return "\n".join(lines)
 
 
@@ -105,11 +105,13 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("--seconds", type=float, default=60.0, help="how long each is measured")
-    add("--rounds", type=int, default=1, help="how often")
-    add("--only", default=",".join([WITHOUT, *CLASSES]), help="who records, in this order")
-    add("--set", type=_setting, action="append", default=[], metavar="KEY=VALUE", help="of the logger")
-    add("--json", type=Path, metavar="FILE", help="write the results here as well")
+    add("--seconds", type=float, default=60.0, help="duration of each session")
+    add("--rounds", type=int, default=1, help="number of rounds")
+    add("--only", default=",".join([WITHOUT, *CLASSES]), help="recorders to measure, in this order")
+    add(
+        "--set", type=_setting, action="append", default=[], metavar="KEY=VALUE", help="setting of the logger"
+    )
+    add("--json", type=Path, metavar="FILE", help="also write the results to this file")
     return parser
 
 
@@ -119,7 +121,9 @@ def _setting(text: str) -> tuple[str, Any]:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # what it started must not outlive it
+    signal.signal(
+        signal.SIGTERM, signal.default_int_handler
+    )  # the processes that it started must not outlive it
     try:
         sys.exit(main())
     except KeyboardInterrupt:

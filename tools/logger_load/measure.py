@@ -34,7 +34,7 @@ CLASSES = {
     MEMORY: "robbie_mp.services.message_logger:MessageLogger",
     MESSAGE_LOGGER: "robbie_mp.services.message_logger:MessageLogger",
 }
-"""The recorders, from one that only takes messages to the logger itself."""
+"""The modules of the recorders, from one that only takes messages to the logger itself."""
 LOGGERS = (DISCARD, NULL, MEMORY, MESSAGE_LOGGER)
 SHARED_MEMORY = Path("/dev/shm")
 PAIRS = 9
@@ -44,7 +44,7 @@ MEGABYTE = 1e6
 
 
 def profile(recorder: str, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Describe twenty modules, and who records them, if anybody: it comes first, so it stops last."""
+    """Return a profile of twenty modules and possibly a recorder, which is the first and so stops last."""
     modules: dict[str, Any] = {}
     if recorder in CLASSES:
         own = dict(settings) if recorder in LOGGERS else {}
@@ -65,7 +65,7 @@ def profile(recorder: str, settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def measure(recorder: str, settings: Mapping[str, Any], seconds: float, settle_s: float = SETTLE_S) -> Result:
-    """Run the robot for a while and return figures of that while, and of its log as a whole."""
+    """Run the robot for a time. Return the figures of that time and those of the whole log."""
     with work_folder() as (topic, folder), contextlib.ExitStack() as cleanup:
         (folder / "profiles").mkdir()
         if recorder == MEMORY:
@@ -97,7 +97,7 @@ def measure(recorder: str, settings: Mapping[str, Any], seconds: float, settle_s
 
 
 def _written_bytes(robot: Robot) -> int:
-    """What the recorder's process has given the disk to write so far."""
+    """Return how much the recorder's process has written to the disk so far."""
     logger = robot.figures().get(LOGGER)
     return psutil.Process(logger.pid).io_counters().write_bytes if logger is not None else 0
 
@@ -121,7 +121,7 @@ def _figures(before: RunReading, now: RunReading) -> Result:
 
 
 def latency_of(before: RunReading, now: RunReading, names: Sequence[str]) -> Result:
-    """Describe the latencies of some modules together."""
+    """Return the latency of some modules' messages, taken together."""
     earlier = _together([before.module(name) for name in names])
     distribution = _together([now.module(name) for name in names]).distribution(earlier)
     assert distribution.p50_s is not None
@@ -139,14 +139,14 @@ def _together(modules: Sequence[ModuleFigures | None]) -> Histogram:
 
 
 def _books(summary: Mapping[str, Any]) -> Result:
-    """What the core says of the recorder over the whole run."""
+    """Return the core's counters of the recorder over the whole run."""
     (logger,) = [module for module in summary["modules"] if module["name"] == LOGGER]
     kept = {f"core_{kind}": logger[kind] for kind in ("handled", "left", "lost")}
     return kept | {"core_dropped": logger["dropped"] - logger["left"]}
 
 
 def _log_figures(output: Path) -> Result:
-    """What the log says of itself, and what is in it."""
+    """Return the figures in the log's summary, and those of its contents."""
     files = sorted(output.rglob("*.mcap"))
     with open_log(files[0] if len(files) == 1 else files[0].parent) as log:
         counts = [count for part in log.parts for count in last_counts(part).values()]

@@ -1,4 +1,4 @@
-"""The modules of the robot that is recorded, and loggers that leave out a part of what a logger does."""
+"""The modules of the recorded robot, and loggers that do only a part of a logger's work."""
 
 import os
 import zlib
@@ -24,7 +24,7 @@ SMALL_TYPES: tuple[type[Message], ...] = (TwistStamped, PoseStamped, DriveComman
 
 
 def draw_picture() -> NDArray[np.uint8]:
-    """Return an image of 6.2 MB: smooth, with noise in the lowest three bits, as cameras see a room."""
+    """Return an image of 6.2 MB: smooth, with noise in the lowest three bits, like that of a real camera."""
     across, down = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
     smooth = (across // 8 + down // 8) % 240
     noise = np.random.default_rng(1).integers(0, 8, (HEIGHT, WIDTH, CHANNELS), np.uint8)
@@ -38,11 +38,11 @@ class Camera(Module):
     period_s = 1 / IMAGE_HZ
 
     def setup(self) -> None:
-        """Draw the one image."""
+        """Make the image."""
         self.picture = draw_picture()
 
     def tick(self) -> None:
-        """Publish it once more."""
+        """Publish the image again."""
         size = self.picture.size
         with self.loan(
             Image, height=HEIGHT, width=WIDTH, encoding="rgb8", step=WIDTH * CHANNELS, data=size
@@ -63,25 +63,25 @@ class Viewer(Module):
 
 
 class Talker(Module):
-    """Publishes small messages at a steady rate."""
+    """Publishes small messages at a constant rate."""
 
     rate_hz: float = setting(200.0, "messages in a second")
-    number: int = setting(0, "which of the talkers it is: chooses type and topic")
+    number: int = setting(0, "index of this talker, which determines type and topic")
 
     def setup(self) -> None:
-        """Choose."""
+        """Choose type and topic."""
         self.period_s = 1 / self.rate_hz
         self.message = SMALL_TYPES[self.number % len(SMALL_TYPES)]()
 
     def tick(self) -> None:
-        """Publish one."""
+        """Publish one message."""
         self.publish(self.message, topic=f"small/{self.number}")
 
 
 class Listener(Module):
-    """Gets what one talker says."""
+    """Receives the messages of one talker."""
 
-    number: int = setting(0, "which of the talkers it hears")
+    number: int = setting(0, "index of the talker to subscribe to")
 
     def setup(self) -> None:
         """Subscribe."""
@@ -89,29 +89,29 @@ class Listener(Module):
         self.subscribe(message_type, self.on_message, topic=f"small/{self.number}")
 
     def on_message(self, message: Message) -> None:
-        """Do nothing: how long it took to come is counted anyway."""
+        """Do nothing: the framework measures the latency anyway."""
 
 
 class Taker(Module):
-    """Takes every message as a logger does, and does nothing with it: what one more subscriber costs."""
+    """Takes every message as a logger does, and does nothing with it. It shows the cost of a subscriber."""
 
     def setup(self) -> None:
         """Subscribe."""
         self.subscribe_encoded("*", self.on_message)
 
     def on_message(self, message: EncodedMessage) -> None:
-        """Look at its size."""
+        """Read the size of the message."""
         self.last_bytes = len(message.data)
 
 
 class PatientTaker(Taker):
-    """Takes what has come, every now and then."""
+    """Takes messages only every 20 ms, as the logger does."""
 
     patience_s = 0.02
 
 
 class DiscardingLogger(MessageLogger):
-    """Copies every message into chunks, as the logger does, and throws the chunks away."""
+    """Copies every message into chunks, as the logger does, and discards the chunks."""
 
     def make_writer(self, recording: Path, dropped: Callable[[], Mapping[ChannelKey, int]]) -> LogWriter:
         """Return a writer that does nothing."""
@@ -119,7 +119,7 @@ class DiscardingLogger(MessageLogger):
 
 
 class NullLogger(MessageLogger):
-    """Does all that the logger does, but writes to /dev/null: no file system, no disk."""
+    """Works like the logger, but writes to /dev/null, without file system and disk."""
 
     def make_writer(self, recording: Path, dropped: Callable[[], Mapping[ChannelKey, int]]) -> LogWriter:
         """Return a writer to /dev/null."""
@@ -136,7 +136,7 @@ class DiscardingWriter(LogWriter):
 
 
 class NullWriter(DiscardingWriter):
-    """Makes of every chunk what would be written, and writes it to /dev/null."""
+    """Compresses every chunk as the logger does, and writes it to /dev/null."""
 
     def write(self, chunk: Chunk, channels: Mapping[int, RecordedChannel]) -> None:
         """Take the checksum, compress, write."""
@@ -161,7 +161,7 @@ def _make(
 
 
 class Bystander(Module):
-    """Takes no message at all, but compresses as much as a logger of this robot has to, as far behind."""
+    """Takes no messages, but compresses as much data as this robot's logger, with the same priority."""
 
     period_s = 1 / IMAGE_HZ
     nice = LOGGER_NICE

@@ -1,8 +1,8 @@
-"""What the operator's page costs a robot with large maps, cameras and clouds, and how often it is drawn."""
+"""Measures what the operator's page costs a robot with large maps, cameras and point clouds."""
 
 ROLES = ("operator", "observer")
 
 
 def token_of(role: str) -> str:
-    """Return what an operator or observer logs in with."""
+    """Return the token with which an operator or observer logs in."""
     return f"{role}-of-the-loaded-robot"

@@ -1,10 +1,10 @@
 """Measures what the operator's page costs: `python -m tools.operator_load [--seconds 60] [--json FILE]`.
 
 An operator and five observers watch a robot with a map of 1000 x 1000 cells, two cameras at 10 Hz and 50,000
-points at 5 Hz. The robot's modules also exchange 500 small messages a second. The tool measures their latency
-without a station, with a station without pages, with pages, and with one more observer whose link carries
-nothing any more, or little. Then it measures how often map and 3-D view are drawn while a mouse drags and
-zooms there.
+points at 5 Hz. The robot's modules also exchange 500 small messages a second. The tool measures the latency
+of messages without a station, with a station without pages, with pages, and with one more observer whose link
+carries little or no data. Then it measures how often the map and the 3-D view are drawn while a mouse drags
+and zooms there.
 """
 
 import argparse
@@ -50,7 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def sessions_of(kind: str, tabs: tuple[str, ...]) -> dict[str, Session]:
-    """Return what can be measured, by name."""
+    """Return all sessions by name."""
     found = (
         Session("without", has_station=False),
         Session("idle"),
@@ -64,7 +64,7 @@ def sessions_of(kind: str, tabs: tuple[str, ...]) -> dict[str, Session]:
 
 
 def row(result: Result) -> list[str]:
-    """Show a session; of pages that show the same the one that was drawn least."""
+    """Return the table row of a session. Of pages with the same tab, it has the slowest one."""
     rates = [min(updates_hz(result, tab), default=None) for tab in ("view", "map", "cameras")]
     memory = own_mb(result) or (None, None)
     connections = result["memory"][-1]["connections"] if result["memory"] else None
@@ -80,26 +80,30 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("--seconds", type=float, default=60.0, help="how long each session is measured")
-    add("--rounds", type=int, default=1, help="how often")
+    add("--seconds", type=float, default=60.0, help="duration of each session")
+    add("--rounds", type=int, default=1, help="number of rounds")
     add(
         "--kind",
         choices=KINDS,
         default="browser",
-        help="of the pages: in Chromium, or light ones that draw nothing",
+        help="kind of the pages: in Chromium, or light ones that draw nothing",
     )
     add(
-        "--tabs", default=",".join(TABS), help="what the pages show: the first an operator's, then observers'"
+        "--tabs",
+        default=",".join(TABS),
+        help="tab of each page; the first page is the operator's, the others are observers'",
     )
-    add("--only", default=",".join(sessions_of("light", ())), help="sessions, in this order")
-    add("--cells", type=int, default=1000, help="of the map, along each edge")
-    add("--points", type=int, default=50_000, help="of each cloud")
-    add("--json", type=Path, metavar="FILE", help="write the results here as well")
+    add("--only", default=",".join(sessions_of("light", ())), help="sessions to measure, in this order")
+    add("--cells", type=int, default=1000, help="cells along each edge of the map")
+    add("--points", type=int, default=50_000, help="points in each cloud")
+    add("--json", type=Path, metavar="FILE", help="also write the results to this file")
     return parser
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # what it started must not outlive it
+    signal.signal(
+        signal.SIGTERM, signal.default_int_handler
+    )  # the processes that it started must not outlive it
     try:
         sys.exit(main())
     except KeyboardInterrupt:

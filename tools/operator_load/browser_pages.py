@@ -1,8 +1,8 @@
 """Pages in a real Chromium: `python -m tools.operator_load.browser_pages ADDRESS ROLE/TAB …`.
 
-The program prints `ready` when all pages show their tabs. To a line `count` it answers how often each page
-has been drawn so far; to a line `drag`, how often per second while a mouse drags and zooms there. The answers
-are JSON. The program ends when its input ends.
+The program prints `ready` when all pages show their tabs. It answers a line `count` with the number of times
+that each page has been drawn so far. It answers a line `drag` with the rate at which each page is drawn while
+a mouse drags and zooms in it. The answers are JSON. The program ends when its input ends.
 """
 
 import json
@@ -42,14 +42,14 @@ def open_page(page: Page, address: str, role: str, tab: str) -> None:
     page.fill("#token", token_of(role))
     page.press("#token", "Enter")
     page.wait_for_selector(f"#tab-{tab}")
-    page.goto(f"{address}?tab={tab}", wait_until="commit")  # a click may miss it while fonts are loaded
+    page.goto(f"{address}?tab={tab}", wait_until="commit")  # while fonts load, a click may miss the tab
     page.wait_for_function(
         f"() => ({COUNTS})()['{tab}'] > 0" if tab in ("view", "map", "cameras") else "true"
     )
 
 
 def drag(page: Page, tab: str) -> dict[str, float]:
-    """Drag and zoom for a while; return how often in a second page and scene were drawn meanwhile."""
+    """Drag and zoom for a while. Return how often per second the page and the scene were drawn meanwhile."""
     canvas = page.locator(CANVASES[tab])
     canvas.scroll_into_view_if_needed()
     box = canvas.bounding_box()
@@ -71,7 +71,7 @@ def drag(page: Page, tab: str) -> dict[str, float]:
 
 
 def main(address: str, visits: list[str]) -> None:
-    """Open pages, and count until the input ends."""
+    """Open the pages, and answer requests until the input ends."""
     with chromium() as browser:
         pages: list[tuple[Page, str]] = []
         for visit in visits:

@@ -1,7 +1,7 @@
 """Pages without a browser: `python -m tools.operator_load.light_pages ADDRESS ROLE/TAB …`.
 
-They load, connect, receive and answer as the real page does, but draw nothing. Their output has the form of
-that of `browser_pages`.
+They load, connect, receive and answer as the real page does, but draw nothing. Their output has the same form
+as that of `browser_pages`.
 """
 
 import ast
@@ -30,10 +30,10 @@ class LightPage:
     """One page.
 
     Args:
-        http: makes its requests, with cookies of its own.
-        address: of the server.
-        role: of who visits.
-        tab: what it looks at.
+        http: session that makes the page's requests and keeps its cookies.
+        address: address of the server.
+        role: role of the user.
+        tab: tab that the page shows.
     """
 
     def __init__(self, http: aiohttp.ClientSession, address: str, role: str, tab: str):
@@ -55,7 +55,7 @@ class LightPage:
             text = await answer.text()
         found, query = ELEMENTS.search(text), QUERY.search(text)
         if found is None or query is None:
-            raise RuntimeError(f"{self._address} is no operator's page that this program knows")
+            raise RuntimeError(f"the page at {self._address} has a form that this program does not know")
         self._elements = json.loads(unescape(found[1]))
         self._query = ast.literal_eval(query[1]) | {
             "tab_id": str(uuid.uuid4()),
@@ -74,7 +74,7 @@ class LightPage:
             self._start(self._follow(GROUPS[self._tab]))
 
     async def _tell(self, tag: str, event: str, argument: object) -> None:
-        """Send an event of the only element with a tag."""
+        """Send an event of the element with a tag, of which there must be only one."""
         for key, element in self._elements.items():
             for listener in element.get("events", []):
                 if element["tag"] == tag and listener["type"] == event:
@@ -118,7 +118,7 @@ class LightPage:
                     self._show(properties["address"], properties["count"])
 
     def _show(self, address: str, count: int) -> None:
-        """Fetch a picture, unless the one before it is still on its way."""
+        """Fetch a picture, unless the previous one is still in transit."""
         is_fetching = address in self._images
         self._images[address] = count
         if not is_fetching:
@@ -139,7 +139,7 @@ class LightPage:
         task.add_done_callback(self._tasks.discard)
 
     async def close(self) -> None:
-        """Go."""
+        """Close the connection."""
         working = tuple(self._tasks)
         for task in working:
             task.cancel()
@@ -153,7 +153,7 @@ def _as_text(value: object) -> str:
 
 
 async def main(address: str, visits: list[str]) -> None:
-    """Open pages, and count until the input ends."""
+    """Open the pages, and answer requests until the input ends."""
     loop = asyncio.get_running_loop()
     pages = []
     for visit in visits:

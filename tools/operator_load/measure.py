@@ -41,15 +41,15 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Session:
-    """What is measured.
+    """The conditions of one measurement.
 
     Args:
-        name: of the row.
-        has_station: whether the operator's page is served.
-        kind: of the pages, see KINDS.
-        tabs: what each page shows.
-        slow_bytes_per_s: of the link of one page more; None: there is none; 0: it carries nothing any more.
-        is_dragged: whether a mouse drags and zooms in the pages, when all else has been measured.
+        name: name of the row.
+        has_station: whether the robot has an operator station.
+        kind: kind of the pages, see KINDS.
+        tabs: the tab of each page.
+        slow_bytes_per_s: rate of an additional page's link; None: there is none; 0: the link carries no data.
+        is_dragged: whether a mouse drags and zooms in the pages after the other measurements.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Session:
 
 
 def profile(has_station: bool, cells: int, points: int) -> dict[str, Any]:
-    """Describe the robot."""
+    """Return the robot's profile."""
     modules: dict[str, Any] = {
         "rover": {"class": f"{MODULES}:Rover"},
         "mapping": {"class": f"{MODULES}:MapMaker", "settings": {"cells": cells}},
@@ -85,12 +85,12 @@ def profile(has_station: bool, cells: int, points: int) -> dict[str, Any]:
 
 
 class Pages:
-    """Pages in a process of their own.
+    """A separate process with pages.
 
     Args:
-        kind: of KINDS.
-        address: of the server.
-        visits: role and tab of each, such as `observer/map`.
+        kind: one of KINDS.
+        address: address of the server.
+        visits: role and tab of each page, such as `observer/map`.
     """
 
     def __init__(self, kind: str, address: str, visits: Sequence[str]):
@@ -102,14 +102,14 @@ class Pages:
             text=True,
         )
         if self._line() != "ready":
-            raise RuntimeError(f"the {kind} pages did not come up")
+            raise RuntimeError(f"the {kind} pages did not open")
 
     def _line(self) -> str:
         assert self._process.stdout is not None
         return self._process.stdout.readline().strip()
 
     def ask(self, what: str) -> Counts:
-        """Ask for a `count`, how often each page has been drawn so far; or have them dragged by `drag`."""
+        """Send a request: `count` returns how often each page was drawn; `drag` drags and returns rates."""
         assert self._process.stdin is not None
         self._process.stdin.write(f"{what}\n")
         self._process.stdin.flush()
@@ -117,11 +117,11 @@ class Pages:
         return found
 
     def cpu_s(self) -> float:
-        """Return the processor time of these pages and what draws them."""
+        """Return the processor time of the pages, including the browser's."""
         return sum(cpu_s(pid) for pid in family(self._process.pid))
 
     def close(self) -> None:
-        """Close them."""
+        """Close the pages."""
         assert self._process.stdin is not None
         self._process.stdin.close()
         try:
@@ -134,7 +134,7 @@ class Pages:
 
 
 def cpu_s(pid: int) -> float:
-    """Return the processor time of a process, s; 0 if it has ended."""
+    """Return the processor time of a process (s), or 0 if it has ended."""
     try:
         times = psutil.Process(pid).cpu_times()
     except psutil.NoSuchProcess:
@@ -143,7 +143,7 @@ def cpu_s(pid: int) -> float:
 
 
 def measure(session: Session, seconds: float, cells: int, points: int, settle_s: float = SETTLE_S) -> Result:
-    """Run the robot for a while, and return figures of that while."""
+    """Run the robot for a time, and return the figures of that time."""
     with running(session, cells, points) as robot, ExitStack() as stack:
         pages = slow = None
         if session.tabs:
@@ -172,7 +172,7 @@ def measure(session: Session, seconds: float, cells: int, points: int, settle_s:
 
 @contextmanager
 def running(session: Session, cells: int, points: int) -> Iterator[Robot]:
-    """Run the robot in a folder of its own."""
+    """Run the robot in a temporary folder."""
     with work_folder() as (_, folder):
         (folder / "profiles").mkdir()
         text = yaml.safe_dump(profile(session.has_station, cells, points), sort_keys=False)
@@ -191,7 +191,7 @@ def running(session: Session, cells: int, points: int) -> Iterator[Robot]:
 
 @contextmanager
 def slow_page(robot: Robot, session: Session) -> Iterator[NarrowLink]:
-    """Have one page more, whose link will be narrow when it has been loaded."""
+    """Open an additional page, and yield its link, whose rate you can limit."""
     port = int(address_of(robot).rstrip("/").rpartition(":")[2])
     with narrow_link(port) as link:
         slow = Pages(session.kind, f"http://127.0.0.1:{link.port}/", ["observer/view"])
@@ -203,19 +203,19 @@ def slow_page(robot: Robot, session: Session) -> Iterator[NarrowLink]:
 
 
 def address_of(robot: Robot) -> str:
-    """Return where the page is."""
+    """Return the page's address."""
     found: list[str] = []
 
     def is_there() -> bool:
         found[:] = re.findall(r"http://\S+/", robot.figures()[OPERATOR].status)
         return bool(found)
 
-    robot.wait_for(is_there, "the operator station says no address")
+    robot.wait_for(is_there, "the operator station reports no address")
     return found[0]
 
 
 def watch(robot: Robot, seconds: float) -> list[dict[str, float]]:
-    """Wait, and meanwhile note the station's own memory (MB) and its connections once a second."""
+    """Wait. Meanwhile, sample the station's private memory (MB) and its connections once a second."""
     until_s = time.monotonic() + seconds
     samples = []
     while (left_s := until_s - time.monotonic()) > 0:
@@ -230,7 +230,7 @@ def watch(robot: Robot, seconds: float) -> list[dict[str, float]]:
 
 
 def figures(before: RunReading, now: RunReading, has_station: bool) -> Result:
-    """Describe robot and station."""
+    """Return the figures of the robot and its station between two readings."""
     rates = rates_between(before, now)
     listeners = [f"listener{number}" for number in range(PAIRS)]
     result: Result = {
@@ -246,7 +246,7 @@ def figures(before: RunReading, now: RunReading, has_station: bool) -> Result:
 
 
 def drawn(tabs: Sequence[str], before: Counts, now: Counts, took_s: float) -> list[dict[str, Any]]:
-    """Say how often each page was drawn in a second."""
+    """Return how often per second each page was drawn."""
     found = []
     for tab, earlier, later in zip(tabs, before, now, strict=True):
         names = [tab, "frames"] if tab == "view" else [tab]
@@ -256,12 +256,12 @@ def drawn(tabs: Sequence[str], before: Counts, now: Counts, took_s: float) -> li
 
 
 def updates_hz(result: Result, tab: str) -> list[float]:
-    """Return how often the pages that show a tab were drawn in a second."""
+    """Return how often per second each page with a given tab was drawn."""
     return [page[tab] for page in result.get("pages", []) if page["tab"] == tab]
 
 
 def own_mb(result: Result) -> tuple[float, float] | None:
-    """Return the station's own memory at the begin and at the end: medians of a third of the time each."""
+    """Return the station's private memory: the medians of the first and of the last third of the time."""
     samples = [sample["own_mb"] for sample in result["memory"]]
     third = len(samples) // 3
     return (median(samples[:third]), median(samples[-third:])) if third else None

@@ -1,4 +1,4 @@
-"""The modules of the robot that is looked at: they publish as much and as often as real ones would."""
+"""The modules of the observed robot. They publish as much data, at the same rates, as real ones."""
 
 import math
 
@@ -28,11 +28,11 @@ RADIUS_M, SPEED_RAD_PER_S = 8.0, 0.1
 RAYS, FARTHEST_M = 720, 12.0
 WAY_POINTS = 200
 PATCH = 120
-"""Cells along each edge of what changes between two maps."""
+"""Cells along each edge of the patch that changes between two maps."""
 
 
 class Rover(Module):
-    """Drives in a circle, tells where it is, and has a laser scanner and a path."""
+    """Drives in a circle, and publishes its pose, laser scans and a path."""
 
     period_s = 0.05
 
@@ -90,7 +90,7 @@ def _transforms(header: Header, **children: Transform) -> TFMessage:
 
 
 class MapMaker(Module):
-    """Publishes a map of rooms once a second, in which each time a patch has changed."""
+    """Publishes a map of rooms once a second. Each time, a patch of it has changed."""
 
     cells: int = setting(1000, "along each edge")
     period_s = 1.0
@@ -99,7 +99,7 @@ class MapMaker(Module):
         """Draw it."""
         self.chance = np.random.default_rng(3)
         size = self.cells
-        # As mappers see it: free and occupied cells are not all equally sure.
+        # As in real maps, not all cells are equally certain.
         self.grid = self.chance.choice(np.array([0, 2, 5], np.int8), (size, size), p=[0.9, 0.07, 0.03])
         self.grid[::100] = self.grid[:, ::100] = 100
         self.grid[size // 2 :: 100] = 0
@@ -122,7 +122,7 @@ class MapMaker(Module):
 
 
 class Camera(Module):
-    """Publishes images of a scene that moves, with noise in the lowest three bits."""
+    """Publishes images of a moving scene, with noise in the lowest three bits."""
 
     place: str = setting("left", "of the camera")
     width: int = setting(640, "pixels")
@@ -138,7 +138,7 @@ class Camera(Module):
         self.ticks = 0
 
     def tick(self) -> None:
-        """Publish it, a little farther on."""
+        """Move the scene a little, and publish it."""
         self.ticks += 1
         sizes = {"height": self.height, "width": self.width, "step": 3 * self.width}
         with self.loan(
@@ -157,13 +157,15 @@ class DepthCamera(Module):
         """Make a wavy surface."""
         side = np.sqrt(self.points)
         number = np.arange(self.points)
-        self.cloud = np.zeros((self.points, 4), np.float32)  # x, y, z, and what else cameras say of a point
+        self.cloud = np.zeros(
+            (self.points, 4), np.float32
+        )  # x, y, z, and the other fields that depth cameras publish
         self.cloud[:, 0] = 1.0 + number // side * 6.0 / side
         self.cloud[:, 1] = -3.0 + number % side * 6.0 / side
         self.ticks = 0
 
     def tick(self) -> None:
-        """Publish it; the waves go on."""
+        """Move the waves, and publish the cloud."""
         self.ticks += 1
         self.cloud[:, 2] = 0.2 * np.sin(3 * self.cloud[:, 0] + self.ticks / 5)
         fields = [PointField(name=name, offset=4 * at, datatype=7, count=1) for at, name in enumerate("xyz")]

@@ -10,16 +10,16 @@ from contextlib import contextmanager
 
 PIECE = 4096
 KERNEL_BYTES = 1 << 16
-"""Data that may be in transit beyond the rate."""
+"""Amount of data that may be in transit beyond the rate."""
 
 
 class NarrowLink:
-    """Passes connections on to a server.
+    """Forwards connections to a server.
 
     Attributes:
-        bytes_per_s: rate from the server, for all connections together. 0: nothing any more. At first,
-            the rate is not limited.
-        port: of this end.
+        bytes_per_s: rate from the server, for all connections together. 0: no data passes. At first, the
+            rate is not limited.
+        port: port of this end.
     """
 
     def __init__(self, server_port: int):
@@ -29,16 +29,16 @@ class NarrowLink:
         self.port = 0
 
     async def serve(self, is_up: threading.Event) -> None:
-        """Pass on until it is to end."""
+        """Forward data until `end` is called."""
         self._loop, self._ends = asyncio.get_running_loop(), asyncio.Event()
         server = await asyncio.start_server(self._connected, "127.0.0.1", 0)
         self.port = server.sockets[0].getsockname()[1]
         is_up.set()
         await self._ends.wait()
-        server.close()  # and the end of this thread's loop cuts the connections
+        server.close()  # the end of this thread's event loop cuts the connections
 
     def end(self) -> None:
-        """Cut all connections; from any thread."""
+        """Cut all connections. Any thread may call this."""
         self._loop.call_soon_threadsafe(self._ends.set)
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -50,7 +50,7 @@ class NarrowLink:
         try:
             await asyncio.gather(self._pass(reader, far_writer, False), self._pass(far_reader, writer, True))
         except OSError:
-            pass  # one end has gone
+            pass  # one end has closed the connection
         finally:
             writer.close()
             far_writer.close()
@@ -74,7 +74,7 @@ class NarrowLink:
 
 @contextmanager
 def narrow_link(server_port: int) -> Iterator[NarrowLink]:
-    """Have such a link in a thread of its own."""
+    """Run a link in a separate thread."""
     link, is_up = NarrowLink(server_port), threading.Event()
     thread = threading.Thread(target=lambda: asyncio.run(link.serve(is_up)), daemon=True)
     thread.start()

@@ -1,1 +1,1 @@
-"""Measures how soon the robot stops when page, server or link fails; see `__main__`."""
+"""Measures how soon the robot stops when the page, its server or the link to it fails; see `__main__`."""

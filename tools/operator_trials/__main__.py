@@ -32,14 +32,14 @@ Figures = dict[str, dict[str, float]]
 
 
 def measure(robot: Scene, browser: Browser, repeats: int, presses: int) -> Iterator[tuple[str, list[float]]]:
-    """Try everything that needs no link; yield what it was and the times (s)."""
+    """Run all trials that need no separate link. Yield the name and the times (s) of each."""
     pressed = press_trials(robot, browser, presses)
-    yield "emergency stop pressed: the page has it", pressed.noticed
-    yield "emergency stop pressed: the page server has published it", pressed.asked
-    yield "emergency stop pressed: zero command at the base", pressed.stopped
-    yield "server killed: present state", return_trials(robot, browser, repeats)
+    yield "emergency stop pressed: the page has received the press", pressed.noticed
+    yield "emergency stop pressed: the page server has published the stop", pressed.asked
+    yield "emergency stop pressed: the base has a zero command", pressed.stopped
+    yield "server killed: the page shows the present state", return_trials(robot, browser, repeats)
     for event in EVENTS:
-        yield f"{event}: stands", trials(robot, browser, event, repeats)
+        yield f"{event}: the robot stands", trials(robot, browser, event, repeats)
 
 
 @contextmanager
@@ -50,16 +50,16 @@ def far_browser(link: CutLink, folder: Path) -> Iterator[Browser]:
 
 
 def measure_cut(robot: Scene, folder: Path, repeats: int) -> Iterator[tuple[str, list[float]]]:
-    """Try what a cut link does, if one can be made here."""
+    """Run the trials with a cut link, if this machine allows one."""
     if problem := why_no_link():
         print(f"link cut: not measured, {problem}", file=sys.stderr)
         return
     with cut_link() as link, far_browser(link, folder) as browser:
-        yield "link cut: stands", cut_trials(robot, browser, link, repeats)
+        yield "link cut: the robot stands", cut_trials(robot, browser, link, repeats)
 
 
 def summary(times_s: list[float]) -> dict[str, float]:
-    """Return the figures of a list of times."""
+    """Return the statistics of a list of times."""
     p50, p99 = map(float, np.percentile(times_s, [50, 99]))
     return {
         "trials": len(times_s),
@@ -72,9 +72,9 @@ def summary(times_s: list[float]) -> dict[str, float]:
 def main() -> int:
     """Run the command line."""
     parser = argparse.ArgumentParser(prog="python -m tools.operator_trials", description=__doc__)
-    parser.add_argument("--repeats", type=int, default=20, help="trials of each event")
-    parser.add_argument("--presses", type=int, default=200, help="of the emergency stop")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="where the figures go")
+    parser.add_argument("--repeats", type=int, default=20, help="number of trials of each event")
+    parser.add_argument("--presses", type=int, default=200, help="number of presses of the emergency stop")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
     options = parser.parse_args()
     report: dict[str, Any] = {"machine": describe_machine()}
     with ExitStack() as stack:
@@ -95,7 +95,7 @@ def main() -> int:
 
 
 def show(load: str, name: str, figures: Figures, times_s: list[float]) -> None:
-    """Note and print what was measured."""
+    """Record and print the times of one trial."""
     figures[name] = summary(times_s)
     print(f"{load}; {name}: {figures[name]}", flush=True)
 

@@ -1,4 +1,4 @@
-"""A real Chromium without a window, steered by Playwright."""
+"""Starts a real Chromium without a window, controlled by Playwright."""
 
 import shutil
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ from playwright.sync_api import Browser, sync_playwright
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 ARGUMENTS = [
-    "--no-sandbox",  # tests may run as root
+    "--no-sandbox",  # tests may run as root, and Chromium's sandbox does not
     "--disable-gpu",
     "--disable-quic",
     "--no-first-run",
@@ -22,10 +22,10 @@ ARGUMENTS = [
 
 @contextmanager
 def chromium(program: str | Path | None = CHROMIUM) -> Iterator[Browser]:
-    """Start a browser, and end it with all that it has started.
+    """Start a browser. At the end, end it and all its processes.
 
     Args:
-        program: Chromium, or what starts it.
+        program: path of Chromium, or of a program that starts it.
     """
     with sync_playwright() as playwright:
         started = playwright.chromium.launch(executable_path=program, args=ARGUMENTS)

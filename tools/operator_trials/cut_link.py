@@ -1,7 +1,7 @@
-"""A network of one link that can be cut: here the robot, at the other end a browser in its own namespace.
+"""A network link that you can cut. The robot is at this end; at the other end, a browser runs in a namespace.
 
-Needs the right to make namespaces and links (CAP_NET_ADMIN, CAP_SYS_ADMIN), and the programs of iproute2
-and util-linux; see ip-link(8), veth(4), network_namespaces(7).
+You need the right to make namespaces and links (CAP_NET_ADMIN, CAP_SYS_ADMIN), and the programs of iproute2
+and util-linux. See ip-link(8), veth(4) and network_namespaces(7).
 """
 
 import os
@@ -13,12 +13,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 NETWORK, HERE, THERE = "198.18.77.0/30", "198.18.77.1", "198.18.77.2"
-"""Of those for benchmarks of devices (RFC 2544), which nobody has."""
+"""From the range reserved for benchmarks of network devices (RFC 2544), which no real network uses."""
 PROGRAMS = ("ip", "unshare", "nsenter")
 
 
 def why_no_link() -> str:
-    """Return why no link can be made here; '' if one can."""
+    """Return why this machine allows no link; '' if it does."""
     missing = [program for program in PROGRAMS if shutil.which(program) is None]
     if missing:
         return f"{', '.join(missing)} not found"
@@ -36,10 +36,10 @@ def why_no_link() -> str:
 
 
 class CutLink:
-    """The link, up at first.
+    """The link. At first, it is up.
 
     Args:
-        keeper: a process in the other namespace, which lives as long as that.
+        keeper: a process in the other namespace; the namespace ends with it.
     """
 
     def __init__(self, keeper: int):
@@ -57,11 +57,11 @@ class CutLink:
         _run("ip", "link", "set", self._name, "down")
 
     def mend(self) -> None:
-        """Bring it up."""
+        """Bring the link up."""
         _run("ip", "link", "set", self._name, "up")
 
     def write_starter(self, program: str, file: Path) -> Path:
-        """Write a script that starts a program at the other end, and return it."""
+        """Write a script that starts a program at the other end, and return its path."""
         file.write_text(f'#!/bin/sh\nexec {shlex.join(self._enter)} {shlex.quote(program)} "$@"\n')
         file.chmod(0o755)
         return file
@@ -69,8 +69,8 @@ class CutLink:
 
 @contextmanager
 def cut_link() -> Iterator[CutLink]:
-    """Make a link, and remove it and all that is at its other end."""
-    # It ends with this process, whose pipe it reads.
+    """Make a link. At the end, remove it and end all processes at its other end."""
+    # It reads a pipe of this process, and so ends with this process.
     keeper = subprocess.Popen(
         ["unshare", "--net", "sh", "-c", "echo; exec cat"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )

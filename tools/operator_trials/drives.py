@@ -1,4 +1,4 @@
-"""Measures the time from a failure of page, server or link during a drive until the robot stands."""
+"""Measures how long the robot drives on after a failure of the page, its server or the link."""
 
 import signal
 import time
@@ -12,11 +12,11 @@ from tools.operator_trials.cut_link import HERE, CutLink
 from tools.operator_trials.scene import Event, Scene
 
 KEYS = ("KeyW", "KeyS")
-"""Ahead and back in turn, so that the hall is long enough."""
+"""Forwards and backwards in turn, so that the robot stays in the hall."""
 
 
 def close_page(_scene: Scene, page: Page) -> int:
-    """Close the page as a person does."""
+    """Close the page as a user does."""
     at_ns = time.monotonic_ns()
     page.close()
     return at_ns
@@ -28,24 +28,24 @@ def stop_server(scene: Scene, _page: Page) -> int:
 
 
 def kill_server(scene: Scene, page: Page) -> int:
-    """Kill the page server; the page will be loaded anew."""
+    """Kill the page server. The page will reload when the server is back."""
     page.evaluate("window.is_old = true")
     return scene.send("operator", signal.SIGKILL)
 
 
 def open_anew(_scene: Scene, _page: Page) -> None:
-    """Leave it to the next trial to open a page."""
+    """Do nothing: the next trial opens a new page."""
 
 
 def let_go_on(scene: Scene, page: Page) -> None:
-    """Have a stopped server go on."""
+    """Resume the stopped server."""
     scene.send("operator", signal.SIGCONT)
     page.keyboard.up(KEYS[0])
     page.keyboard.up(KEYS[1])
 
 
 def wait_for_page(_scene: Scene, page: Page) -> None:
-    """Wait until the page has found its server again."""
+    """Wait until the page is connected to the restarted server."""
     page.wait_for_function("!window.is_old && window.did_handshake")
     page.wait_for_selector("#drive-pad")
     page.keyboard.up(KEYS[0])
@@ -57,18 +57,18 @@ EVENTS: dict[str, tuple[Callable[[Scene, Page], int], Callable[[Scene, Page], No
     "server stopped": (stop_server, let_go_on),
     "server killed": (kill_server, wait_for_page),
 }
-"""What happens, and how all is well again."""
+"""For each event, the function that causes it and the function that undoes it."""
 
 
 def until_it_stands(scene: Scene, page: Page, key: str, event: Event) -> float:
-    """Drive until something happens; return how long the robot drove on (s), by its base's own odometry."""
+    """Drive, cause an event, and return how long the robot drove on (s) according to the base's odometry."""
     scene.drive(page, key)
     at_ns = event()
     return (scene.wait_for("speed", 0.0, at_ns) - at_ns) / 1e9
 
 
 def trials(scene: Scene, browser: Browser, name: str, count: int) -> list[float]:
-    """Return how long the robot drove on (s) in each of several trials of an event."""
+    """Return how long the robot drove on (s) in each trial of an event."""
     found = []
     happens, mend = EVENTS[name]
     with ExitStack() as pages:
@@ -83,7 +83,7 @@ def trials(scene: Scene, browser: Browser, name: str, count: int) -> list[float]
 
 
 def cut_trials(scene: Scene, browser: Browser, link: CutLink, count: int) -> list[float]:
-    """Return the same for a link that is cut, all on one page, which finds its server again each time."""
+    """Return the same for trials that cut the link. All use one page, which connects again each time."""
     found = []
     with scene.page(browser, HERE) as page:
         for number in range(count):

@@ -1,14 +1,14 @@
-"""What the witness has written so far."""
+"""Reads what the witness has written so far."""
 
 from bisect import bisect_right
 from pathlib import Path
 
 
 class Journal:
-    """Reads a witness's file as it grows.
+    """Reads a witness's file while it grows.
 
     Args:
-        file: what it writes; it need not be there yet.
+        file: path of the file, which need not exist yet.
     """
 
     def __init__(self, file: Path):
@@ -18,12 +18,12 @@ class Journal:
         self._numbers: dict[str, list[float]] = {}
 
     def newest(self, what: str) -> float:
-        """Return the last number of a kind; 0 if there is none."""
+        """Return the latest number of a kind, or 0 if there is none."""
         self._read()
         return self._numbers[what][-1] if what in self._numbers else 0.0
 
     def first_after(self, what: str, since_ns: int, number: float) -> int | None:
-        """Return when a number of a kind was first published after a time (ns); None if it was not yet."""
+        """Return when a number of a kind was first published after a time (ns), or None."""
         self._read()
         times, numbers = self._times.get(what, []), self._numbers.get(what, [])
         for at in range(bisect_right(times, since_ns), len(times)):

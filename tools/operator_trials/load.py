@@ -1,4 +1,4 @@
-"""An overloaded machine: for each processor a process that never sleeps, and a module that dies often."""
+"""Overloads the machine: one process per processor never sleeps, and one module dies often."""
 
 import os
 import signal
@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from tools.operator_trials.scene import Scene
 
 KILL_EVERY_S = 3.0
-# Ends with this process, whose pipe it reads.
+# The child reads a pipe of this process, and so ends with this process.
 BUSY = """import os, threading
 threading.Thread(target=lambda: (os.read(0, 1), os._exit(0))).start()
 while True: pass"""
@@ -27,7 +27,7 @@ def full_load(scene: Scene) -> Iterator[None]:
 
     def kill() -> None:
         while not ended.wait(KILL_EVERY_S):
-            if pid := scene.pid("mapping"):  # 0: it is dead already
+            if pid := scene.pid("mapping"):  # 0: it is not running
                 scene.robot.send(pid, signal.SIGKILL)
 
     killer = threading.Thread(target=kill)

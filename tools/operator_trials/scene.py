@@ -1,4 +1,4 @@
-"""The robot of the trials, in a hall in which it can drive for long, and what its base does."""
+"""The robot of the trials, in a long hall, and a record of what its base does."""
 
 import re
 import signal
@@ -20,15 +20,15 @@ from tools.operator_trials.journal import Journal
 TOKEN = "an-operator-on-trial"
 LENGTH_CELLS = 57
 OFTEN = {"policy": "always", "max_restarts": 100_000, "stable_after_s": 1.0}
-"""Trials kill more often than life does."""
+"""The trials kill modules far more often than failures do."""
 LIMIT_S = 60.0
 SPARE_LIMIT_S = 10.0
-"""Where modules die again and again there may never be one."""
+"""If modules die often, a spare interpreter may never be ready."""
 POLL_S = 0.002
 
 
 def profile(arena: Path) -> dict[str, object]:
-    """Describe a robot that maps what it sees, with an operator station and a witness of its base."""
+    """Return the profile of a robot with mapping, an operator station, and a witness of its base."""
     settings = {"arena": str(arena)}
     station = {
         "host": "0.0.0.0",
@@ -56,10 +56,10 @@ def profile(arena: Path) -> dict[str, object]:
 
 
 class Scene:
-    """A robot that runs, and its journal.
+    """A running robot and its journal.
 
     Args:
-        folder: an empty folder for all that it writes.
+        folder: an empty folder for everything the robot writes.
     """
 
     def __init__(self, folder: Path):
@@ -83,23 +83,23 @@ class Scene:
         self._tool.ready()
 
     def close(self) -> None:
-        """End it."""
+        """End the robot."""
         self.robot.close()
 
     def pid(self, module: str) -> int:
-        """Return the number of a module's process."""
+        """Return the pid of a module."""
         return self.robot.figures()[module].pid
 
     def send(self, module: str, number: signal.Signals) -> int:
-        """Send a signal to a module's process; return when (ns, monotonic clock)."""
+        """Send a signal to a module's process. Return the time of it (ns, monotonic clock)."""
         pid = self.pid(module)
         at_ns = time.monotonic_ns()
         if not self.robot.send(pid, number):
-            raise RobotTrouble(f"{module} was gone before it got {number.name}")
+            raise RobotTrouble(f"{module} ended before {number.name} was sent")
         return at_ns
 
     def address(self, host: str) -> str:
-        """Return the page's address as seen from a host that names this one so."""
+        """Return the page's address, with the given name for this host."""
 
         def is_there() -> bool:
             return "http://" in self.robot.figures()["operator"].status
@@ -110,24 +110,24 @@ class Scene:
         return f"http://{host}:{found[1]}/"
 
     def wait_for_spare(self) -> None:
-        """Wait until an interpreter is ready to take the place of a module that dies, or none comes."""
+        """Wait until a spare interpreter is ready, but not for ever."""
         supervisor = psutil.Process(self.robot.supervisor.pid)
         until_s = time.monotonic() + SPARE_LIMIT_S
         while time.monotonic() < until_s and "spare" not in map(_name, supervisor.children()):
             time.sleep(POLL_S)
 
     def stop(self, *, engaged: bool) -> None:
-        """Engage or release the emergency stop, not by the page."""
+        """Engage or release the emergency stop by a message, without the page."""
         self._tool.publish(EmergencyStop(engaged=engaged, reason="a trial"), "emergency_stop")
         self.wait_for("stopped", float(engaged))
 
     def wait_for(self, what: str, number: float, since_ns: int = 0) -> int:
-        """Return when (ns) the base first published a number after a time; without one: wait for it now."""
+        """Wait until the base publishes a number. Return when (ns) it first did so after a time (0: now)."""
         since_ns = since_ns or time.monotonic_ns()
         until_s = time.monotonic() + LIMIT_S
         while (at_ns := self.journal.first_after(what, since_ns, number)) is None:
             if time.monotonic() > until_s:
-                raise RobotTrouble(f"the base did not say {what} {number}")
+                raise RobotTrouble(f"the base did not report {what} {number}")
             time.sleep(POLL_S)
         return at_ns
 
@@ -163,7 +163,7 @@ def _name(process: psutil.Process) -> str:
 
 @contextmanager
 def scene(folder: Path) -> Iterator[Scene]:
-    """Start a robot, and end it."""
+    """Start a robot. At the end, end it."""
     made = Scene(folder)
     try:
         made.begin()
@@ -173,4 +173,4 @@ def scene(folder: Path) -> Iterator[Scene]:
 
 
 Event = Callable[[], int]
-"""Does what happens, and returns when it began to (ns, monotonic clock)."""
+"""Causes an event, and returns the time of it (ns, monotonic clock)."""

@@ -1,4 +1,4 @@
-"""From a press of the emergency stop to the base's zero command, from a dead server to the present state."""
+"""Measures the times from a press of the emergency stop to its effects, and the return of a killed server."""
 
 import random
 import signal
@@ -13,19 +13,19 @@ NOTE_PRESSES = """addEventListener("pointerdown", (event) => {
   window.age_ms = performance.now() - event.timeStamp;
   window.pressed_ms = Date.now() - window.age_ms;
 }, true)"""
-"""When the browser got each press, and how much later the page."""
+"""Records when the browser received the last press, and how much later the page's script received it."""
 PAUSE_S = (0.05, 0.3)
-"""Between two presses: no multiple of any period of the page."""
+"""Range of the random pause between two presses, so that they do not follow any period of the page."""
 
 
 @dataclass(frozen=True)
 class Presses:
-    """How long after each press something was so (s).
+    """The times from each press to its effects (s).
 
     Attributes:
-        noticed: the page in the browser had it.
-        asked: the page server had published it.
-        stopped: the base did not want to move any more.
+        noticed: until the page's script received the press.
+        asked: until the page server published the stop.
+        stopped: until the base had a zero command.
     """
 
     noticed: list[float] = field(default_factory=list)
@@ -53,7 +53,7 @@ def press_trials(scene: Scene, browser: Browser, count: int) -> Presses:
 
 
 def return_trials(scene: Scene, browser: Browser, count: int) -> list[float]:
-    """Return how long it took (s) from the death of the server until the browser showed what came after."""
+    """Return the times (s) from the server's death until the browser showed a change made after it."""
     found = []
     with scene.page(browser, "127.0.0.1") as page:
         for _ in range(count):
