@@ -1,1 +1,1 @@
-"""Devices: each talks to one piece of hardware, real or simulated; none knows of messages or modules."""
+"""Devices: each controls one piece of hardware, real or simulated. They know neither messages nor modules."""

@@ -1,4 +1,4 @@
-"""The interface of batteries that measure themselves."""
+"""The interface of batteries with sensors."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ class BatteryReading:
 
     Attributes:
         stamp_s: time of the reading, on the device's clock.
-        voltage_v: at the terminals.
+        voltage_v: voltage at the terminals.
         current_a: discharge current.
         charge_ah: remaining charge.
         capacity_ah: charge when full.
@@ -24,8 +24,8 @@ class BatteryReading:
 
 
 class Battery(ABC):
-    """A battery that measures itself."""
+    """A battery that measures its own state."""
 
     @abstractmethod
     def read(self) -> BatteryReading:
-        """Return its state."""
+        """Return the battery's state."""

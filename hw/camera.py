@@ -13,9 +13,9 @@ class CameraGeometry:
     """The projection and mounting position of a camera without distortion.
 
     Attributes:
-        width: columns of the image.
-        height: rows of the image.
-        field_of_view_rad: horizontal, from the left edge of the image to the right edge.
+        width: number of columns of the image.
+        height: number of rows of the image.
+        field_of_view_rad: horizontal angle from the left edge of the image to the right edge.
         mount_m: x, y, z of the optical centre in the robot's frame; a pan-tilt unit turns about it.
     """
 

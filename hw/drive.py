@@ -64,7 +64,7 @@ class Drive(ABC):
     @property
     @abstractmethod
     def is_emergency_stopped(self) -> bool:
-        """Say whether the drive is in an emergency stop."""
+        """Return whether the emergency stop is engaged."""
 
 
 def check_command(linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:

@@ -12,11 +12,11 @@ from hw.pose import ORIGIN, Pose
 
 @dataclass(frozen=True)
 class LaserGeometry:
-    """A laser's mounting pose and beams; by default one beam per degree all around.
+    """A laser's mounting pose and beams. The default is one beam per degree over the full circle.
 
     Attributes:
         angle_min_rad: direction of the first beam in the laser's frame.
-        angle_increment_rad: from beam to beam, counter-clockwise.
+        angle_increment_rad: angle from beam to beam, counter-clockwise.
         beams: number of beams.
         range_min_m: minimum range.
         range_max_m: maximum range.
@@ -46,8 +46,8 @@ class LaserSweep:
 
     Attributes:
         stamp_s: time of the sweep, on the device's clock.
-        ranges_m: (beams,) float32; +inf for no return, -inf for something nearer than
-            `range_min_m` (REP 117).
+        ranges_m: (beams,) float32; +inf for no return, -inf for an object nearer than `range_min_m`
+            (REP 117).
     """
 
     stamp_s: float

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 
 class Pose(NamedTuple):
-    """A place and a heading in the plane, in the frame the context names (REP 103: x ahead, y left)."""
+    """A place and a heading in the plane, in the frame that the context names (REP 103: x ahead, y left)."""
 
     x_m: float
     y_m: float

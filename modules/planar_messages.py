@@ -33,7 +33,7 @@ class GridMessage(Protocol):
 
     @property
     def info(self) -> MapMetaData:
-        """Size, resolution and place of the grid."""
+        """Size, resolution and position of the grid."""
 
     @property
     def data(self) -> NDArray[np.int8]:

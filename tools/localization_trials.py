@@ -1,10 +1,10 @@
 """Measures global localization: robots that know only the map, in random buildings, over many seeds.
 
-In each building, a simulated robot starts at a random pose and drives around. The localizer has the map of the
-building and receives laser sweeps and odometry (with slip). The tool measures how far the robot has driven
-when the localizer reports that it is sure, and its error from then on. It is a failure if the localizer is
-sure of a wrong place. With `--kidnap`, the tool then moves the robot elsewhere and measures the distance until
-the localizer finds it again.
+In each building, a simulated robot starts at a random pose and drives around. The localizer has the map of
+the building and receives laser sweeps and odometry (with slip). The tool measures how far the robot has
+driven when the localizer reports that it is sure, and its error from then on. It is a failure if the
+localizer is sure of a wrong place. With `--kidnap`, the tool then moves the robot elsewhere and measures the
+distance until the localizer finds it again.
 
     python -m tools.localization_trials --seeds 20 [--kidnap] [--json]
 """

@@ -1,1 +1,1 @@
-"""The stock robot's algorithms: they know nothing of messages, modules or hardware."""
+"""The stock robot's algorithms. They do not depend on messages, modules or hardware."""

@@ -29,7 +29,7 @@ class OdometryTrack:
     """Stamps and poses of odometry in recording order.
 
     Args:
-        most_entries: Beyond this the older half is forgotten.
+        most_entries: Maximum number of entries. Beyond it, the older half is dropped.
     """
 
     def __init__(self, most_entries: int) -> None:
@@ -47,9 +47,9 @@ class OdometryTrack:
     def at(self, stamp_s: float) -> Place | None:
         """Find the place of a stamp, or None if it is not between the newest entries.
 
-        Stamps may be out of order (clocks that jitter); the order of recording is what counts. So an entry
-        with the very same stamp comes first, the newest of them; then the newest pair of successive entries
-        with the stamp between them, and the pose is interpolated.
+        Stamps may be out of order if the clock jitters; the order of recording counts. So this returns the
+        newest entry with exactly this stamp. If there is none, it takes the newest pair of successive entries
+        with the stamp between them, and interpolates the pose.
         """
         begin = max(0, len(self.log) - SEARCHED)
         newest = self.log.rows[begin:]

@@ -13,8 +13,8 @@ class RowLog:
     """Rows of floats in order of arrival; at its limit the log drops the older half.
 
     Args:
-        columns: Numbers in a row.
-        most_rows: The limit.
+        columns: Count of numbers in a row.
+        most_rows: Maximum number of rows.
     """
 
     def __init__(self, columns: int, most_rows: int) -> None:
@@ -28,20 +28,20 @@ class RowLog:
 
     @property
     def rows(self) -> NDArray[np.float64]:
-        """The rows kept, `(N, columns)`; a view that the next `add` may change."""
+        """The stored rows, `(N, columns)`: a view that the next `add` may change."""
         return self._rows[: self._count]
 
     @property
     def end(self) -> int:
-        """Number of the next row, counted from the first ever added; row `end - 1` is the last."""
+        """Number of the next row, counted from the first row ever added. Row `end - 1` is the last one."""
         return self.forgotten + self._count
 
     def state(self) -> dict[str, Any]:
-        """Return the rows and how many came before them; the next `add` may change the rows."""
+        """Return the rows, and the number of dropped rows before them. The next `add` may change the rows."""
         return {"rows": self.rows, "forgotten": self.forgotten}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over what `state` returned."""
+        """Restore the data that `state` returned."""
         self.forgotten = int(state["forgotten"])
         self._rows = np.array(state["rows"], float).reshape(-1, self._rows.shape[1])
         self._count = len(self._rows)

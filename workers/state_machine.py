@@ -1,4 +1,4 @@
-"""A small state machine: states, transitions and time-outs are declared; all else is an error."""
+"""A small state machine. You declare states, transitions and time-outs; all other changes are errors."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class StateMachine(Generic[State]):
 
     Args:
         initial: The first state.
-        transitions: From each state, where it may go; a state that may go nowhere is final.
+        transitions: For each state, the states that may follow. A state without any is final.
         clock: Returns the time in s.
         time_outs: For states with a time-out; `expire` applies them.
         on_change: Called with the new state after each transition, as `Module.show_state`.
@@ -75,7 +75,7 @@ class StateMachine(Generic[State]):
         time_out = self._time_outs.get(self._state)
         if time_out is None or self.time_in_state_s < time_out.after_s:
             return False
-        self.go(time_out.to, f"nothing came of it in {time_out.after_s:g} s")
+        self.go(time_out.to, f"timed out after {time_out.after_s:g} s")
         return True
 
     def go(self, state: State, reason: str) -> None:

@@ -66,10 +66,10 @@ class HokuyoLaser(LaserRangeFinder):
         return self._geometry
 
     def scan(self) -> LaserSweep:
-        """Wait for the next sweep and return it, or the newest of several; damaged sweeps are skipped.
+        """Wait for the next sweep and return it, or the newest of several. Skip damaged sweeps.
 
-        Ranges below the laser's minimum and measurement errors are +inf, too: the laser does not distinguish
-        them.
+        Ranges below the laser's minimum and measurement errors are also +inf, because the laser does not
+        distinguish them.
 
         Raises:
             LaserSilent: no sweep arrived in time.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 class LaserFault(OSError):
-    """The laser reports an error, or sends something that makes no sense."""
+    """The laser reports an error, or its answer is not valid."""
 
 
 class DamagedLine(LaserFault):

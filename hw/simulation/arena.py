@@ -22,9 +22,9 @@ class Arena:
         start: the robot's start pose.
         width_m: extent in x.
         height_m: extent in y.
-        wall_height_m: of walls and obstacles alike.
-        victims: on the walls.
-        signs: on the walls.
+        wall_height_m: height of walls and obstacles.
+        victims: victims on the walls.
+        signs: hazard signs on the walls.
         appearing: temporary obstacles; none of them is in `segments` and `circles`.
     """
 
@@ -75,8 +75,8 @@ class Arena:
         """Return the lengths of rays from one point to the first hit.
 
         Args:
-            x_m: where all rays start, arena frame.
-            y_m: where all rays start, arena frame.
+            x_m: x of the rays' start, arena frame.
+            y_m: y of the rays' start, arena frame.
             angles_rad: (N,), directions in the arena frame.
 
         Returns:
@@ -88,8 +88,8 @@ class Arena:
         """Return the lengths of rays from one point, and what they hit.
 
         Args:
-            x_m: where all rays start, arena frame.
-            y_m: where all rays start, arena frame.
+            x_m: x of the rays' start, arena frame.
+            y_m: y of the rays' start, arena frame.
             angles_rad: (N,), directions in the arena frame.
 
         Returns:
@@ -117,7 +117,7 @@ def _ranges_to_segments(origin: Array, directions: Array, segments: Array) -> Ar
         scale = 1.0 / (dx * along[:, 1] - dy * along[:, 0])
         t = (begin[:, 0] * along[:, 1] - begin[:, 1] * along[:, 0]) * scale
         u = (begin[:, 0] * dy - begin[:, 1] * dx) * scale
-        # Slightly more than the segment, so that no ray slips through where two walls meet.
+        # Extend each segment slightly, so that no ray passes between two walls that meet.
         hits = (t >= 0.0) & (u >= -1e-9) & (u <= 1.0 + 1e-9)
     return np.where(hits, t, np.inf)
 

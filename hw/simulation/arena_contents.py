@@ -37,9 +37,9 @@ class WallSpot:
     """A place on a wall, arena frame.
 
     Attributes:
-        x_m: of the place.
-        y_m: of the place.
-        height_m: above the floor.
+        x_m: x of the place.
+        y_m: y of the place.
+        height_m: height above the floor.
         facing_rad: direction of the wall's normal, into the room.
     """
 

@@ -42,7 +42,7 @@ class Drawing:
         return (column + 0.5) * cell_m, (row + 0.5) * cell_m
 
     def is_wall(self, x_m: float, y_m: float, cell_m: float) -> bool:
-        """Say whether a point lies within a wall, or beyond the drawing."""
+        """Return whether a point lies within a wall, or outside the drawing."""
         row, column = math.floor(y_m / cell_m), math.floor(x_m / cell_m)
         inside = 0 <= row < self.rows and 0 <= column < self.columns
         return not inside or bool(self._cells[row, column] == WALL)

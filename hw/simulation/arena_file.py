@@ -45,7 +45,7 @@ def read_arena(path: Path | str) -> Arena:
     - `drawing`: a block (`drawing: |`) of lines of equal length: `#` wall, `.` or space free, `o` round
       obstacle as wide as a cell, `R` where the robot starts. The last line is at y = 0.
     - `start_heading_rad`: the robot's first heading, 0 (along x) if absent.
-    - `wall_height_m`: of walls and obstacles, 1.2 if absent.
+    - `wall_height_m`: height of walls and obstacles, 1.2 if absent.
     - `segments`: a list of thin walls `[x1, y1, x2, y2]`, m.
     - `boxes`: a list of boxes by two opposite corners `[x1, y1, x2, y2]`, m.
     - `circles`: a list of round obstacles `[x, y, radius]`, m.

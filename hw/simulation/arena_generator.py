@@ -18,7 +18,7 @@ FINE_M = CELL_M / FINE
 PASS_M = (0.25, 0.35)
 # Victims and signs can be viewed from this distance, with nothing in between.
 VIEW_M = 0.8
-# Minimum distance in the plane between victims and signs, so that none is mistaken for another.
+# Minimum distance in the plane between victims and signs, so that each can be told from the others.
 MIN_APART_M = 1.0
 # Minimum distance of everything from the start.
 START_FREE_M = 1.2
@@ -166,7 +166,7 @@ class ArenaGenerator:
         return round((column + 0.5) * FINE_M, 3), round((row + 0.5) * FINE_M, 3)
 
     def _choose_spots(self, count: int) -> list[WallSpot]:
-        """Return visible places on walls. Each is the farthest from the others of several tries."""
+        """Return visible places on walls. Each is the best of several: the farthest from the others."""
         candidates = [
             spot for spot in self._wall_middles() if self._from_start_m(spot.x_m, spot.y_m) > START_FREE_M
         ]
@@ -189,7 +189,7 @@ class ArenaGenerator:
         return [chosen[number] for number in order]
 
     def _wall_middles(self) -> list[WallSpot]:
-        """Return the middle of each wall cell's side that is part of a straight wall of three free sides."""
+        """Return the middles of wall cells' sides whose two neighbours in the same wall are free as well."""
         spots = []
         for facing_rad, (down, right) in zip(
             (0.0, math.pi / 2, math.pi, -math.pi / 2), ((0, 1), (1, 0), (0, -1), (-1, 0)), strict=True

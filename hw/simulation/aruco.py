@@ -1,4 +1,4 @@
-"""The fifty tags of the ArUco dictionary 4x4_50, as OpenCV has them.
+"""The fifty tags of the ArUco dictionary 4x4_50, as in OpenCV.
 
 Source: DICT_4X4_50 in OpenCV's `objdetect/src/aruco/predefined_dictionaries.hpp`; made by the method of
 Garrido-Jurado et al., Automatic generation and detection of highly reliable fiducial markers under occlusion,

@@ -15,7 +15,7 @@ CELL_V = (3.0, 3.35, 3.5, 3.6, 3.75, 3.98, 4.2)
 
 @dataclass(frozen=True)
 class BatteryModel:
-    """A battery and a robot's consumption; with the defaults the stock robot runs for about two hours.
+    """A battery and a robot's power consumption. With the defaults, the stock robot runs for about two hours.
 
     Attributes:
         capacity_ah: charge when full.
@@ -57,7 +57,7 @@ class SimulatedBattery(Battery):
 
     Args:
         model: the battery and the robot's consumption.
-        charge_ah: initial charge; full by default.
+        charge_ah: initial charge; by default, the battery is full.
     """
 
     def __init__(self, model: BatteryModel | None = None, charge_ah: float | None = None) -> None:
@@ -68,7 +68,7 @@ class SimulatedBattery(Battery):
         )
 
     def drain(self, truth: DriveState) -> None:
-        """Drain what the robot consumed since the last call; the first call drains nothing."""
+        """Drain the charge that the robot consumed since the last call. The first call drains nothing."""
         model, before = self._model, self._reading
         power_w = model.power_w(truth.linear_m_per_s, truth.angular_rad_per_s)
         current_a = model.current_a(power_w, before.charge_ah) if before.charge_ah > 0 else 0.0
@@ -84,5 +84,5 @@ class SimulatedBattery(Battery):
         self._reading = replace(self._reading, charge_ah=charge_ah, voltage_v=open_v, current_a=0.0)
 
     def read(self) -> BatteryReading:
-        """Return the state after the last motion."""
+        """Return the state after the last call of `drain` or `set_charge`."""
         return self._reading

@@ -22,7 +22,7 @@ class SimulatedBumper(Bumper):
     Args:
         arena: the world; you may replace it when it changes.
         body_radius_m: the robot's radius.
-        travel_m: the bumper's overhang; must exceed the robot's way in one simulation step.
+        travel_m: the bumper's overhang; must exceed the distance that the robot moves in one simulation step.
     """
 
     def __init__(self, arena: Arena, body_radius_m: float = 0.20, travel_m: float = 0.012) -> None:

@@ -14,7 +14,7 @@ from hw.simulation.panel_textures import centikelvin, sign_texture, victim_heat,
 from hw.simulation.renderer import Paint, Renderer
 
 WAVE_S = 0.5
-"""Time between the two pictures of a waving victim."""
+"""Time after which a waving victim changes its picture."""
 STRIPE_M = 0.4
 # Brightness falls with the distance and is halved at this distance.
 DIM_M = 12.0
@@ -30,7 +30,7 @@ class CameraNotPlaced(RuntimeError):
 
 
 class SimulatedCamera(Camera):
-    """A camera that sees an arena from its last place, in red, green, blue, with noise.
+    """A colour camera with noise. It sees the arena from the place where `place` last put it.
 
     Args:
         arena: the world; you may replace it when it changes, as long as the victims stay the same.
@@ -90,7 +90,7 @@ class SimulatedCamera(Camera):
 
 
 class SimulatedThermalCamera(SimulatedCamera):
-    """A thermal camera: sees walls, floor and warm victims, in hundredths of a kelvin.
+    """A thermal camera that sees walls, floor and warm victims, in hundredths of a kelvin.
 
     The unit is that of FLIR's Lepton cameras in their mode TLinear. The noise is in hundredths of a kelvin.
     """
@@ -104,7 +104,7 @@ class SimulatedThermalCamera(SimulatedCamera):
 
 
 class ColourPaint:
-    """Walls in some pale colours, with stripes, darker when they are far away."""
+    """Paints walls in pale colours with stripes, darker at a distance."""
 
     def walls(
         self, surfaces: NDArray[np.intp], points_m: NDArray[np.float64], ranges_m: NDArray[np.float64]
@@ -121,7 +121,7 @@ class ColourPaint:
 
 
 class HeatPaint:
-    """Walls, floor and ceiling at almost the same temperature."""
+    """Paints walls, floor and ceiling at almost the same temperature."""
 
     def walls(
         self, surfaces: NDArray[np.intp], points_m: NDArray[np.float64], ranges_m: NDArray[np.float64]

@@ -11,12 +11,11 @@ class DifferentialDrive:
     """A robot's body, wheels and limits; the defaults are those of the stock robot.
 
     Attributes:
-        body_radius_m: the body is round, its centre between the wheels.
-        wheel_radius_m: as the odometry assumes it.
-        axle_m: distance between the wheels, as the odometry assumes it.
-        ticks_per_turn: of a wheel's encoder.
-        emergency_braking: factor by which the drive brakes harder than it accelerates, in an emergency and
-            when a command expires.
+        body_radius_m: radius of the round body, whose centre is between the wheels.
+        wheel_radius_m: radius of the wheels that the odometry assumes.
+        axle_m: distance between the wheels that the odometry assumes.
+        ticks_per_turn: encoder ticks per turn of a wheel.
+        emergency_braking: ratio of deceleration to acceleration in an emergency and when a command expires.
     """
 
     body_radius_m: float = 0.20
@@ -32,13 +31,13 @@ class DifferentialDrive:
 
     @property
     def tick_m(self) -> float:
-        """Return a wheel's way per tick."""
+        """Return the distance that a wheel rolls per tick."""
         return 2 * math.pi * self.wheel_radius_m / self.ticks_per_turn
 
     def limited(self, linear_m_per_s: float, angular_rad_per_s: float) -> tuple[float, float]:
-        """Return the speeds within the limits.
+        """Return the speeds limited to the maximum.
 
-        If a wheel would be too fast, both speeds are scaled, which keeps the curvature.
+        If a wheel would be too fast, both speeds are scaled down, which keeps the curvature.
         """
         linear = _clamp(linear_m_per_s, self.max_linear_m_per_s)
         angular = _clamp(angular_rad_per_s, self.max_angular_rad_per_s)
@@ -62,7 +61,7 @@ class DifferentialDrive:
         )
 
     def after_ticks(self, pose: Pose, left: int, right: int) -> Pose:
-        """Return the odometry's pose after the wheels have turned by these ticks."""
+        """Return the odometry's pose after the wheels have turned by a number of ticks."""
         left_m, right_m = left * self.tick_m, right * self.tick_m
         return pose.after_arc((left_m + right_m) / 2, (right_m - left_m) / self.axle_m)
 

@@ -116,12 +116,12 @@ class SimulatedDrive(Drive):
 
     @property
     def is_emergency_stopped(self) -> bool:
-        """Say whether the drive is in an emergency stop."""
+        """Return whether the emergency stop is engaged."""
         return self._emergency_stopped
 
     @property
     def obstacles(self) -> tuple[int, ...]:
-        """Return which of the arena's appearing obstacles are there."""
+        """Return the indices of the arena's temporary obstacles that are present."""
         return self._surroundings.obstacles
 
     def ground_truth(self) -> DriveState:
@@ -147,7 +147,7 @@ class SimulatedDrive(Drive):
         while self._time_s + STEP_S <= now_s:
             self._expire()
             if self._wanted == (0.0, 0.0) == self._speeds:
-                self._time_s = now_s  # nothing moves until the next command
+                self._time_s = now_s  # the robot does not move until the next command
             else:
                 self._step()
                 self._time_s += STEP_S

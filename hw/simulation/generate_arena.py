@@ -17,8 +17,8 @@ def generate_arena(seed: int, wishes: ArenaWishes | None = None) -> str:
     The stock robot can reach every place it fits into, and can view every victim from 0.8 m.
 
     Args:
-        seed: the same seed and wishes make the same text.
-        wishes: what the arena should have.
+        seed: random seed; the same seed and wishes give the same text.
+        wishes: the wanted contents.
 
     Raises:
         CannotBeArranged: the arena is too small for its contents.
@@ -65,7 +65,7 @@ def _spot(spot: WallSpot) -> str:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Write the arena to standard output; `words` are those of the command line."""
+    """Write an arena to standard output. `words` are the arguments of the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m hw.simulation.generate_arena",
         description="Write a random arena as YAML to standard output.",

@@ -1,4 +1,4 @@
-"""Draws pictures that hang on walls into a camera's image."""
+"""Draws the pictures on walls into a camera's image."""
 
 import math
 from dataclasses import dataclass
@@ -77,8 +77,8 @@ class HangingView:
         """Return where rays meet the plane of a picture.
 
         Returns:
-            The rays' components towards the plane, their distances to it over the floor, and how far to the
-            right of the spot (as seen from the front) and above it they meet the plane.
+            The rays' components towards the plane; their distances to it over the floor; and where they meet
+            it: to the right of the spot (as seen from the front) and above the spot.
         """
         cos, sin = self.rays.cos[window], self.rays.sin[window]
         turn = spot.facing_rad - self.eye.heading_rad

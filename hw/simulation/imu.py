@@ -22,9 +22,9 @@ class SensorErrors:
     """White noise and random-walk bias of three sensors of one kind, in the sensor's unit.
 
     Attributes:
-        noise_density: of the white noise, unit / sqrt(Hz).
-        first_bias: standard deviation of the bias when switched on, unit.
-        bias_walk: of the bias, unit / s / sqrt(Hz).
+        noise_density: density of the white noise, unit / sqrt(Hz).
+        first_bias: standard deviation of the bias at switch-on, unit.
+        bias_walk: density of the bias's random walk, unit / s / sqrt(Hz).
     """
 
     noise_density: float
@@ -42,9 +42,9 @@ class SimulatedImu(Imu):
     """An IMU at the robot's centre, with noise and bias.
 
     Args:
-        seed: of noise and biases; the same seed and motion give the same samples.
-        gyroscopes: their errors, rad/s.
-        accelerometers: their errors, m/s2.
+        seed: random seed of noise and biases; the same seed and motion give the same samples.
+        gyroscopes: errors of the gyroscopes, rad/s.
+        accelerometers: errors of the accelerometers, m/s².
     """
 
     def __init__(
@@ -62,7 +62,8 @@ class SimulatedImu(Imu):
         """Measure the robot's motion since the last call.
 
         Returns:
-            Whether there is a new sample: not before time has passed since the first call.
+            Whether there is a new sample. The first call gives none, nor does a call at the same time as the
+            last one.
         """
         before = self._before
         if before is not None and truth.stamp_s <= before.stamp_s:
@@ -102,8 +103,8 @@ class _ThreeSensors:
         self._bias = errors.first_bias * self._random.standard_normal(3)
 
     def measure(self, true: NDArray[np.float64], passed_s: float) -> NDArray[np.float64]:
-        """Return the mean of what they measure in a time."""
-        # The mean of white noise over a time falls with its square root, a walk grows with it.
+        """Return the mean of the measurements in a time."""
+        # The mean of white noise falls with the square root of the time; a random walk grows with it.
         root = math.sqrt(passed_s)
         self._bias = self._bias + self._errors.bias_walk * root * self._random.standard_normal(3)
         return true + self._bias + self._errors.noise_density / root * self._random.standard_normal(3)

@@ -23,18 +23,18 @@ class LaserFailure(StrEnum):
 
     NONE = "none"
     SILENT = "silent"
-    """It sends nothing."""
+    """The laser sends nothing."""
     BLIND = "blind"
-    """It gets no returns."""
+    """The laser gets no returns."""
     FROZEN = "frozen"
-    """It repeats its last sweep with new stamps."""
+    """The laser repeats its last sweep with new stamps."""
 
 
 class SimulatedLaser(LaserRangeFinder):
-    """Measures an arena from where it was last placed, with noise.
+    """A laser with noise. It measures the arena from the place where `place` last put it.
 
-    Only the simulated drive knows the robot's true pose; the owner of both devices passes it on. A sweep
-    bears the stamp of that pose, so it is correct for its stamp even if the pose arrived late.
+    Only the simulated drive knows the robot's true pose; the owner of both devices passes it on. A sweep has
+    the stamp of that pose, so it is correct for its stamp even if the pose arrived late.
 
     Args:
         arena: the world to measure; you may replace it when it changes.
@@ -78,7 +78,7 @@ class SimulatedLaser(LaserRangeFinder):
         self._placed = (Pose(*robot), stamp_s)
 
     def scan(self) -> LaserSweep:
-        """Return a sweep from where the laser was last placed, with that moment's stamp.
+        """Return a sweep from the last place, with the stamp given there.
 
         Raises:
             LaserNotPlaced: `place` has not been called.

@@ -6,11 +6,11 @@ from hw.pan_tilt import PanTiltLimits, PanTiltState, PanTiltUnit
 
 
 class SimulatedPanTilt(PanTiltUnit):
-    """Moves each joint at a constant rate to its target, driven by a clock.
+    """A unit that moves each joint to its target at a constant rate, according to a clock.
 
     Args:
         clock: returns the time in s; it must not go back.
-        limits: how far and how fast it moves.
+        limits: limits of its angles and speed.
         direction: initial pan and tilt, rad.
     """
 
@@ -33,7 +33,7 @@ class SimulatedPanTilt(PanTiltUnit):
         self._target = target
 
     def read(self) -> PanTiltState:
-        """Return where the unit looks now."""
+        """Return the unit's current direction."""
         now_s = self._clock()
         passed_s = now_s - self._since_s
         (pan, pan_rate), (tilt, tilt_rate) = (
@@ -42,7 +42,7 @@ class SimulatedPanTilt(PanTiltUnit):
         return PanTiltState(now_s, pan, tilt, pan_rate, tilt_rate)
 
     def _joint(self, begin: float, end: float, passed_s: float) -> tuple[float, float]:
-        """Return angle and rate of one joint after a time."""
+        """Return the angle and rate of one joint after a time."""
         rate = self._limits.rate_rad_per_s
         if abs(end - begin) <= rate * passed_s:
             return end, 0.0

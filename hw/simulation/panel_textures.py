@@ -32,17 +32,17 @@ SIGN_COLOURS = {
 
 
 def victim_textures(victim: Victim) -> tuple[Texture, Texture]:
-    """Return the two pictures of a victim, red, green, blue. They differ only if it waves."""
+    """Return the two pictures of a victim (red, green, blue). They differ only if it waves."""
     return _coloured(victim, 0), _coloured(victim, 1)
 
 
 def victim_heat(victim: Victim) -> tuple[Texture, Texture]:
-    """Return the two pictures of a warm victim's temperature, in hundredths of a kelvin."""
+    """Return the two pictures of a warm victim's temperatures, in hundredths of a kelvin."""
     return _heated(victim, 0), _heated(victim, 1)
 
 
 def sign_texture(sign: HazardSign) -> Texture:
-    """Return the picture of a sign, red, green, blue."""
+    """Return the picture of a sign (red, green, blue)."""
     row, column = np.mgrid[:SIGN_TEXELS, :SIGN_TEXELS] - (SIGN_TEXELS - 1) / 2
     from_middle = np.abs(row) + np.abs(column)
     values = np.empty((SIGN_TEXELS, SIGN_TEXELS, 3), np.uint8)
@@ -81,7 +81,7 @@ def centikelvin(celsius: NDArray[np.float64]) -> NDArray[np.uint16]:
 
 
 def _shapes(victim: Victim, phase: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return where head with hands, body with arms, and paper are: (ROWS, COLUMNS) each."""
+    """Return masks (ROWS, COLUMNS) of the head with hands, the body with arms, and the paper."""
     row, column = np.mgrid[:ROWS, :COLUMNS] + 0.5
     aside = column - COLUMNS / 2
     head = np.hypot(row - 22, aside) < 17

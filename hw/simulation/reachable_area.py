@@ -21,7 +21,7 @@ class ReachableArea:
     Attributes:
         resolution_m: edge of a cell.
         drivable: (rows, columns), cells that the robot's centre can reach.
-        free: (rows, columns), cells that a point could reach: those visible from somewhere, to half a cell.
+        free: (rows, columns), cells that a point can reach, and so a robot can see; accurate to half a cell.
     """
 
     resolution_m: float
@@ -43,13 +43,13 @@ def reachable_area(arena: Arena, body_radius_m: float = 0.20, resolution_m: floa
     """Return the area that a round robot can reach from the arena's start.
 
     Args:
-        arena: the world, without the obstacles that come and go.
+        arena: the world, without temporary obstacles.
         body_radius_m: the robot's radius.
         resolution_m: edge of the grid's cells.
     """
     rows, columns = round(arena.height_m / resolution_m), round(arena.width_m / resolution_m)
     x, y = (np.arange(columns) + 0.5) * resolution_m, (np.arange(rows) + 0.5) * resolution_m
-    # Row by row: all cells and walls at once would need much memory.
+    # Row by row, because all cells and walls at once would need much memory.
     clearance = np.stack([arena.clearance_m(np.stack([x, np.full(columns, at)], axis=1)) for at in y])
     start = int(arena.start.y_m / resolution_m), int(arena.start.x_m / resolution_m)
     # No surface crosses a cell that is farther from it than half its diagonal; the cells next to those are
@@ -59,6 +59,6 @@ def reachable_area(arena: Arena, body_radius_m: float = 0.20, resolution_m: floa
 
 
 def connected(passable: Mask, start: tuple[int, int]) -> Mask:
-    """Return the cells connected with a cell over common edges."""
+    """Return the cells that are connected with a cell by common edges."""
     regions, _ = ndimage.label(passable)
     return passable & (regions == regions[start]) if passable[start] else np.zeros_like(passable)

@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-# In cells of 0.25 m: the least edge of a room, the corridor, and a door.
+# In cells of 0.25 m: the minimum edge of a room, the width of the corridor, and that of a door.
 ROOM_CELLS, CORRIDOR_CELLS, DOOR_CELLS = 8, 6, 4
 
 
 @dataclass(frozen=True)
 class Region:
-    """A rectangle of cells: first row and column, and those behind the last."""
+    """A rectangle of cells: its first row and column, and those after its last."""
 
     top: int
     left: int
@@ -20,12 +20,12 @@ class Region:
 
     @property
     def rows(self) -> int:
-        """Return how many rows it has."""
+        """Return the number of rows."""
         return self.bottom - self.top
 
     @property
     def columns(self) -> int:
-        """Return how many columns it has."""
+        """Return the number of columns."""
         return self.right - self.left
 
 
@@ -58,7 +58,7 @@ class RoomPlan:
         return self._walls
 
     def _corridor(self, region: Region) -> tuple[Region, ...]:
-        """Lay a corridor through the middle, from left to right, where there is room on both sides."""
+        """Lay a corridor through the middle, from left to right, if there is room on both sides."""
         least, most = ROOM_CELLS, region.rows - CORRIDOR_CELLS - ROOM_CELLS - 2
         if most < least or region.columns < 2 * ROOM_CELLS:
             return ()

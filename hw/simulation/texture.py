@@ -12,10 +12,10 @@ class Texture:
     """A picture, transparent in places.
 
     Attributes:
-        values: (rows, columns) or (rows, columns, 3), what it shows.
-        opaque: (rows, columns), where it shows anything.
+        values: (rows, columns) or (rows, columns, 3), the picture's values.
+        opaque: (rows, columns), False where the picture is transparent.
         texel_m: edge of an element.
-        anchor_row: the row whose middle column hangs at the picture's spot; the upper edge is 0.
+        anchor_row: row whose middle is at the picture's spot, counted from 0 at the upper edge.
     """
 
     values: NDArray[Any]

@@ -1,4 +1,4 @@
-"""A wheel whose encoder does not quite tell the way it went."""
+"""A simulated wheel with an inexact encoder."""
 
 import math
 from dataclasses import dataclass
@@ -8,13 +8,13 @@ import numpy as np
 
 @dataclass(frozen=True)
 class WheelErrors:
-    """Where wheel odometry goes wrong; the defaults let it drift by some degrees and decimetres in a minute.
+    """The errors of wheel odometry. With the defaults, it drifts by some degrees and decimetres in a minute.
 
     Attributes:
         left_scale: the left wheel's count is too high by this fraction (the tyre is smaller than assumed).
         right_scale: the same for the right wheel.
-        slip_m_per_sqrt_m: standard deviation of what slip adds to a wheel's count after one metre; slip is a
-            random walk, so it grows with the square root of the way.
+        slip_m_per_sqrt_m: standard deviation of a wheel's slip after one metre. Slip is a random walk, so it
+            grows with the square root of the distance.
     """
 
     left_scale: float = 0.002
@@ -23,7 +23,7 @@ class WheelErrors:
 
 
 class SimulatedWheel:
-    """Turns the true way of one wheel into encoder ticks."""
+    """Converts the true distance that one wheel rolls into encoder ticks."""
 
     def __init__(
         self, tick_m: float, scale_error: float, slip_m_per_sqrt_m: float, seed: tuple[int, int]
@@ -35,7 +35,7 @@ class SimulatedWheel:
         self._rest_m = 0.0
 
     def roll(self, way_m: float) -> int:
-        """Return the ticks that the encoder counts while the wheel goes this way."""
+        """Return the ticks that the encoder counts while the wheel rolls a distance."""
         if way_m == 0.0:
             return 0
         slip_m = self._slip * math.sqrt(abs(way_m)) * self._random.standard_normal()

@@ -1,4 +1,4 @@
-"""Maps read from YAML whose errors name the file and the line."""
+"""Reads YAML maps. Its errors name the file and the line."""
 
 import math
 from collections.abc import Collection, Iterable
@@ -20,14 +20,14 @@ class YamlMap:
     """A map of a YAML file, with one method for each type of value.
 
     Args:
-        path: the file, for the errors.
+        path: path of the file, for errors.
         node: the map.
-        what: what the map describes, for the errors: "an arena".
-        keys: the ones it may have.
+        what: what the map describes, for errors, such as "an arena".
+        keys: allowed keys.
 
     Raises:
-        ArenaError: the node is no map, or has unknown keys or the same key twice. All methods raise it when a
-            value is not of the wanted type.
+        ArenaError: the node is not a map, or has an unknown key or a key twice. All methods raise it if a
+            value has the wrong type.
     """
 
     def __init__(self, path: Path, node: yaml.Node | None, what: str, keys: Collection[str]) -> None:
@@ -40,20 +40,20 @@ class YamlMap:
             if key.value not in keys:
                 self.fail(key, f"unknown key {key.value!r}; {what} has {', '.join(keys)}")
             if key.value in self._nodes:
-                self.fail(key, f"the key {key.value!r} is there twice")
+                self.fail(key, f"the key {key.value!r} appears twice")
             self._nodes[key.value] = value
 
     def __contains__(self, key: str) -> bool:
         return key in self._nodes
 
     def node(self, key: str) -> yaml.Node:
-        """Return the value of a key that must be there."""
+        """Return the value of a required key."""
         if key not in self._nodes:
             raise ArenaError(f"{self._path}:{self._line}: the key {key!r} is missing")
         return self._nodes[key]
 
     def number(self, key: str, default: float | None = None) -> float:
-        """Return a finite number; without a default the key must be there."""
+        """Return a finite number. Without a default, the key is required."""
         if default is not None and key not in self:
             return default
         return self._number(self.node(key))
@@ -66,7 +66,7 @@ class YamlMap:
         return number
 
     def name(self, key: str, names: Iterable[Name], default: Name) -> Name:
-        """Return one of some names."""
+        """Return one of several allowed names."""
         if key not in self:
             return default
         node = self.node(key)
@@ -130,7 +130,7 @@ def read_yaml_map(path: Path, what: str, keys: Collection[str]) -> YamlMap:
     """Read a YAML file that is one map.
 
     Raises:
-        ArenaError: the file is no YAML, or another map.
+        ArenaError: the file is not valid YAML, or not a map with these keys.
         OSError: the file cannot be read.
     """
     try:

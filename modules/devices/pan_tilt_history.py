@@ -14,7 +14,7 @@ MAX_EXTRAPOLATION_S = 0.1
 
 
 class PanTiltHistory:
-    """The last directions that the pan-tilt unit published; straight ahead before the first."""
+    """The last directions that the pan-tilt unit published. Before the first one, it is straight ahead."""
 
     def __init__(self) -> None:
         self._told: deque[tuple[float, ...]] = deque(maxlen=MAX_MESSAGES)

@@ -1,4 +1,4 @@
-"""Application control of the rescue robot: explores, searches for victims, has them confirmed, comes home."""
+"""Application control of the rescue robot: explores, searches for victims, asks the operator, comes home."""
 
 import math
 
@@ -39,26 +39,31 @@ REPEAT_S = 2.0
 class RescueMission(Module):
     """Sends goals to navigation and directions to the pan-tilt unit until the mission has ended.
 
-    The operator starts, pauses or aborts it, or calls the robot home, with `MissionOrder`. `MissionStatus`
-    says which orders it takes now, and why it refused one. It also publishes the `Frontiers` to choose from.
+    With `MissionOrder`, the operator starts, pauses or aborts the mission, or calls the robot home.
+    `MissionStatus` says which orders the mission accepts now, and why it refused one. The module also
+    publishes the `Frontiers` that it can choose from.
 
-    At the end it writes the report: a map with victims and path in the manner of RoboCup Rescue
-    (`NAME_map.png`), the victims as `NAME_victims.csv`, and figures in `mission.json`.
+    At the end, it writes the report: a map with victims and path in the style of RoboCup Rescue
+    (`NAME_map.png`), the victims (`NAME_victims.csv`), and figures (`mission.json`).
 
-    After a restart it goes on: it still knows home, its finds, the time it has used, the operator's order,
-    and whether it was on its way back.
+    After a restart, it continues: it still knows its home, the victims, the time used, the operator's order,
+    and whether it was on its way home.
     """
 
     period_s: float = setting(0.2, "time between decisions", minimum=0.02)
-    starts_by_itself: bool = setting(True, "false: the robot stands until the operator starts the mission")
-    time_limit_s: float = setting(600.0, "the robot is home again by then", minimum=10.0)
-    reserve: float = setting(0.15, "the battery is not used below this ratio", minimum=0.0, maximum=1.0)
-    clearance_m: float = setting(0.27, "distance of paths from obstacles: as navigation's", minimum=0.05)
-    report_name: str = setting("rescue", "beginning of the names of the report's files")
-    ends_after_s: float = setting(1.0, "time between the mission's end and the module's", minimum=0.0)
+    starts_by_itself: bool = setting(True, "false: the robot waits until the operator starts the mission")
+    time_limit_s: float = setting(600.0, "time by which the robot is home again", minimum=10.0)
+    reserve: float = setting(
+        0.15, "ratio of charge below which the battery is not used", minimum=0.0, maximum=1.0
+    )
+    clearance_m: float = setting(0.27, "distance of paths from obstacles; use navigation's", minimum=0.05)
+    report_name: str = setting("rescue", "prefix of the names of the report's files")
+    ends_after_s: float = setting(
+        1.0, "time between the end of the mission and that of the module", minimum=0.0
+    )
 
     def setup(self) -> None:
-        """Make the mission; hear map, pose, navigation, victims, camera and battery."""
+        """Create the mission; subscribe to map, pose, navigation, victims, camera and battery."""
         settings = MissionSettings(
             starts_by_itself=self.starts_by_itself,
             time_limit_s=self.time_limit_s,
@@ -94,29 +99,29 @@ class RescueMission(Module):
         self.subscribe(BatteryState, self.on_battery, newest, topic="battery")
 
     def on_map(self, grid: OccupancyGrid) -> None:
-        """Take a new map."""
+        """Pass a new map to the mission."""
         self.map = grid
         self.mission.see_map(*map_cells(grid))
 
     def on_searched(self, grid: SearchedWalls) -> None:
-        """Learn which walls were searched."""
+        """Pass the searched walls to the mission."""
         self.mission.see_searched(SearchedGrid(*map_cells(grid)))
 
     def on_pose(self, message: PoseStamped) -> None:
-        """Learn where the robot is."""
+        """Pass the robot's pose to the mission."""
         self.pose = planar(message.pose)
         self.mission.see_pose(self.pose)
 
     def on_camera(self, _camera: CameraInfo) -> None:
-        """Learn that the camera works."""
+        """Record that the camera works."""
         self.mission.see_camera()
 
     def on_battery(self, battery: BatteryState) -> None:
-        """Learn what is left in the battery."""
+        """Pass the battery's charge to the mission."""
         self.mission.limits.see_battery(battery.percentage)
 
     def on_victim(self, victim: VictimFound) -> None:
-        """Learn of a victim."""
+        """Pass a report of a victim to the mission."""
         position = victim.pose.position
         report = VictimReport(
             id=victim.id,
@@ -132,7 +137,7 @@ class RescueMission(Module):
         self.mission.victims.see(report)
 
     def on_order(self, order: MissionOrder) -> None:
-        """Obey the operator at once, or say why not."""
+        """Carry out the operator's order at once, or publish why it is refused."""
         self.refusal = self.mission.order(order.order) or ""
         if self.refusal:
             self.log.warning("refused an order of %s: %s", self.envelope.sender, self.refusal)
@@ -140,11 +145,11 @@ class RescueMission(Module):
         self.tick()
 
     def on_navigation(self, state: NavigationState) -> None:
-        """Learn how far the robot is on its way to the goal."""
+        """Pass navigation's state to the mission."""
         self.mission.see_stopped(
             f"{state.state}: {state.reason}" if state.state.startswith(CANNOT_DRIVE) else None
         )
-        # Without a goal navigation names none: its zeros are not the home that lies there.
+        # Without a goal, navigation reports zeros, which must not be taken for a goal at the origin.
         self.is_known = self.goal is not None and state.state != "IDLE" and self._is_goal(state)
         if self.judged or not self.is_known or self.goal is None:
             return
@@ -157,9 +162,10 @@ class RescueMission(Module):
                 self.mission.unreachable(state.reason)
 
     def tick(self) -> None:
-        """Think, and tell the others what to do."""
+        """Let the mission decide, and send goals and directions to other modules."""
         orders = self.mission.step()
-        self.checkpoint(self.mission.memory())  # first: what the operator has ordered must not be forgotten
+        # First of all, so that a restart does not forget the operator's order.
+        self.checkpoint(self.mission.memory())
         if self.pose is not None and self.mission.state is not MissionState.WAIT:
             if self.mission.state in HOLDS:
                 self._cancel_goal()
@@ -197,7 +203,7 @@ class RescueMission(Module):
         )
 
     def _tell(self) -> None:
-        """Publish what the mission is about, if that is new or was told long ago; and new frontiers."""
+        """Publish the mission's status if it is new or was published long ago; also new frontiers."""
         mission = self.mission
         told = (mission.state.name, mission.operator.fitting(mission.state), self.refusal)
         if told != self.told or self._time_s() - self.told_s >= TELL_S:
@@ -218,9 +224,9 @@ class RescueMission(Module):
         self.log.info("%s (%s)", state.name, self.mission.machine.reason)
 
     def _cancel_goal(self) -> None:
-        """Have navigation forget the mission's goal; again if it was restarted and drives on to it.
+        """Cancel the mission's goal; again if navigation still drives to it after a restart.
 
-        The operator may send the robot to another one meanwhile.
+        Meanwhile, the operator may send the robot to another goal.
         """
         now_s = self._time_s()
         if self.is_cancelled and not (self.is_known and now_s - self.sent_s >= REPEAT_S):
@@ -231,7 +237,7 @@ class RescueMission(Module):
         self.publish(CancelGoal(header=self._header("map"), reason=self.mission.machine.reason))
 
     def _send_goal(self, wanted: NDArray[np.float64] | None) -> None:
-        """Send a goal if it is another one, or if navigation has lost it; to stand is to go where one is."""
+        """Send a goal if it is new, or if navigation has lost it. To stand still, send the robot's pose."""
         if wanted is not None:
             goal = wanted
         else:
@@ -247,10 +253,10 @@ class RescueMission(Module):
         self.publish(pose_stamped(goal, self._header("map")), topic="goal")
 
     def _is_goal(self, state: NavigationState) -> bool:
-        """Say whether a state is about the goal that was sent last."""
+        """Return whether a state is about the goal that was sent last."""
         assert self.goal is not None
         x_m, y_m, heading_rad = np.asarray(planar(state.goal)) - self.goal
-        # The heading, too: many goals at one place follow each other, and one is not reached by the other.
+        # Compare the heading as well: successive goals may be at the same place with different headings.
         return math.hypot(x_m, y_m, math.remainder(heading_rad, math.tau)) < 1e-6
 
     def _turn_camera(self, look_at_xy_m: NDArray[np.float64] | None) -> None:

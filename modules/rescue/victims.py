@@ -1,4 +1,4 @@
-"""Victims: found in the camera's images, placed in the map, and shown to the operator."""
+"""Finds victims in the camera's images, places them on the map, and asks the operator about them."""
 
 import math
 from typing import Any
@@ -34,37 +34,39 @@ TURNED_S, TURNED_RAD = 0.1, 0.02
 
 
 class Victims(Module):
-    """Looks for victims, publishes each as `VictimFound`, and asks the operator about those it knows well.
+    """Searches for victims, publishes each as `VictimFound`, and asks the operator about those it knows well.
 
-    It publishes the tags in an image as `Detection2DArray` on the image's topic. The operator answers
-    with `VictimConfirmation`; without an answer in time the module asks again later. `SearchedWalls` are the
-    walls that the camera has seen well.
+    The module publishes the tags in an image as `Detection2DArray` on the image's topic. The operator answers
+    with `VictimConfirmation`. Without an answer in time, the module asks again later. It also publishes
+    `SearchedWalls`, the walls that the camera has seen well.
 
-    After a restart it still knows all victims, answers and searched walls.
+    After a restart, it still knows all victims, answers and searched walls.
     """
 
-    tag_edge_m: float = setting(0.25, "edge of a victim's tag, its black border included", minimum=0.01)
-    confirms_by_itself: bool = setting(False, "confirm well-known victims without asking an operator")
-    answer_s: float = setting(20.0, "time the operator has for an answer", minimum=0.1)
-    ask_again_s: float = setting(60.0, "wait before asking the same question again", minimum=0.0)
-    max_questions: int = setting(2, "questions about one victim, at most", minimum=1)
-    near_m: float = setting(1.8, "a victim must have been seen from nearer than this", minimum=0.1)
-    far_m: float = setting(2.4, "walls farther away are not searched", minimum=0.5)
-    camera_frame: str = setting("base_link", "what the pan-tilt unit stands on")
-    period_s: float = setting(0.1, "time between looks at new images", minimum=0.01)
+    tag_edge_m: float = setting(0.25, "edge of a victim's tag, including its black border", minimum=0.01)
+    confirms_by_itself: bool = setting(
+        False, "confirm victims that are known well without asking the operator"
+    )
+    answer_s: float = setting(20.0, "time that the operator has for an answer", minimum=0.1)
+    ask_again_s: float = setting(60.0, "time before the same question is asked again", minimum=0.0)
+    max_questions: int = setting(2, "maximum number of questions about one victim", minimum=1)
+    near_m: float = setting(1.8, "a victim must have been seen from at most this distance", minimum=0.1)
+    far_m: float = setting(2.4, "maximum distance at which a wall counts as searched", minimum=0.5)
+    camera_frame: str = setting("base_link", "frame that the pan-tilt unit is mounted on")
+    period_s: float = setting(0.1, "time between searches of new images", minimum=0.01)
     searched_period_s: float = setting(0.5, "time between messages about searched walls", minimum=0.1)
     repeat_s: float = setting(5.0, "each victim is published again after this time", minimum=0.1)
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
-        """Check that there is OpenCV before anything starts."""
+        """Check that OpenCV is installed before anything starts."""
         try:
             VictimDetector()
         except VisionMissing as error:
             raise SettingError(str(error)) from error
 
     def setup(self) -> None:
-        """Make the workers; hear camera and operator."""
+        """Create the workers; subscribe to camera and operator."""
         self.detector = VictimDetector(self.tag_edge_m)
         self.victims = VictimMap(near_m=self.near_m)
         self.searched = WallMemory(CameraView(far_m=self.far_m))
@@ -86,29 +88,33 @@ class Victims(Module):
         self.subscribe(VictimConfirmation, self.on_confirmation)
 
     def on_camera(self, camera: CameraInfo) -> None:
-        """Learn how the camera projects."""
+        """Store the camera's projection."""
         k = camera.k
         self.projection = Projection((float(k[0]), float(k[4])), (float(k[2]), float(k[5])))
         self.half_width_rad = math.atan(camera.width / 2 / float(k[0]))
 
     def on_image(self, image: Image) -> None:
-        """Keep the newest image until it is known where it was taken."""
+        """Keep the newest image until the camera's pose at its stamp is known."""
         self.image = image
 
     def on_map(self, grid: OccupancyGrid) -> None:
-        """Learn where the walls are."""
+        """Store the walls of a new map."""
         self.fronts = WallFronts(*map_cells(grid))
         self.map_info = grid.info
 
     def on_confirmation(self, answer: VictimConfirmation) -> None:
-        """Take the operator's word for it."""
+        """Apply the operator's answer."""
         victim = self.victims.victims.get(answer.id)
         if victim is None or answer.answer not in (
             VictimConfirmation.NO,
             VictimConfirmation.YES,
             VictimConfirmation.LATER,
         ):
-            self.log.warning("the answer %d for victim %d is none to any question", answer.answer, answer.id)
+            self.log.warning(
+                "ignored the answer %d for victim %d: there is no such victim or answer",
+                answer.answer,
+                answer.id,
+            )
             return
         if answer.answer == VictimConfirmation.LATER:
             self._ask_later(victim)
@@ -118,7 +124,7 @@ class Victims(Module):
         self._tell(victim)
 
     def tick(self) -> None:
-        """Look at the newest image; ask what is to be asked; tell what has changed."""
+        """Search the newest image, ask questions, and publish changes."""
         if self.image is not None and self.projection is not None:
             self._look()
         now_s = self._now_s()
@@ -137,7 +143,7 @@ class Victims(Module):
         )
 
     def _look(self) -> None:
-        """Look for victims in the newest image, as soon as it is known where the camera was."""
+        """Search the newest image for victims, as soon as the camera's pose is known."""
         assert self.image is not None
         assert self.projection is not None
         image, stamp_ns = self.image, self.image.header.stamp.nanoseconds
@@ -145,9 +151,9 @@ class Victims(Module):
             X_MC = self.scene.pose("map", image.header.frame_id, stamp_ns)
             turning = self._is_turning(image.header.frame_id, stamp_ns)
         except TooNew:
-            return  # the transforms will come
+            return  # the transforms have not arrived yet
         except SceneGraphError as error:
-            self.log.debug("no use of an image: %s", error)
+            self.log.debug("could not use an image: %s", error)
             self.image = None
             return
         self.image = None
@@ -178,13 +184,13 @@ class Victims(Module):
             self.searched.look(self.fronts, optical_axis(X_MC), self.half_width_rad)
 
     def _is_turning(self, frame: str, stamp_ns: int) -> bool:
-        """Say whether the camera turns on the robot: then it is not known well where it looks."""
+        """Return whether the camera turns on the robot, so that its direction is not known well."""
         before = self.scene.pose(self.camera_frame, frame, stamp_ns - round(TURNED_S * 1e9))
         now = self.scene.pose(self.camera_frame, frame, stamp_ns)
         return abs(math.remainder(optical_axis(now)[2] - optical_axis(before)[2], math.tau)) > TURNED_RAD
 
     def _ask(self, victim: Victim, now_s: float) -> None:
-        """Ask the operator, or give up waiting for the answer."""
+        """Ask the operator, or stop waiting for an answer."""
         if victim.state is VictimState.ASKED and now_s - victim.asked_s >= self.answer_s:
             self.log.info("no answer for victim %d", victim.tag)
             self._ask_later(victim)
@@ -206,7 +212,7 @@ class Victims(Module):
         victim.not_before_s = self._now_s() + self.ask_again_s
 
     def _tell(self, victim: Victim) -> None:
-        """Publish what is known of a victim, and remember it."""
+        """Publish and checkpoint what is known about a victim."""
         x_m, y_m, z_m = victim.position_m.tolist()
         rows, columns, _ = victim.patch.shape
         header = Header(stamp=Time.from_nanoseconds(round(victim.last_s * 1e9)), frame_id="map")
@@ -261,7 +267,7 @@ class Victims(Module):
 
 
 def detection(header: Header, sighting: TagSighting) -> Detection2D:
-    """Return where in its image a tag was seen."""
+    """Return the place of a tag in its image."""
     low, high = sighting.corners_px.min(axis=0), sighting.corners_px.max(axis=0)
     x, y = ((low + high) / 2).tolist()
     size_x, size_y = (high - low).tolist()

@@ -12,7 +12,7 @@ def test_example_of_a_state_machine_gets_stuck_and_stays_so(capsys: pytest.Captu
     names: dict[str, Any] = {"__name__": __name__}
     exec(block("docs/rescue.md", "machine"), names)
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "STUCK nothing came of it in 5 s"
+    assert lines[0] == "STUCK timed out after 5 s"
     assert "    OPENING --> STUCK: after 5 s" in lines
     with pytest.raises(IllegalTransition):
         names["machine"].go(names["Door"].SHUT, "slammed")

@@ -79,7 +79,7 @@ def test_state_that_lasts_too_long_goes_where_its_time_out_says() -> None:
     assert not lamp.expire()
     times[0] = 105.0
     assert lamp.expire()
-    assert (lamp.state, lamp.reason) == (Lamp.BROKEN, "nothing came of it in 5 s")
+    assert (lamp.state, lamp.reason) == (Lamp.BROKEN, "timed out after 5 s")
     assert shown == [Lamp.ON, Lamp.BROKEN]
 
 

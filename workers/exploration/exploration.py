@@ -30,7 +30,7 @@ class PlanResult(StrEnum):
 
 @dataclass(frozen=True)
 class Plan:
-    """Where to go and how.
+    """The result of planning, with the path.
 
     Attributes:
         result: Whether there is a path.
@@ -52,7 +52,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class ExplorationSettings:
-    """How the exploration chooses.
+    """Settings of the exploration.
 
     Attributes:
         min_frontier_m: Shorter frontiers are not worth a visit.
@@ -78,7 +78,7 @@ class ExplorationSettings:
 
 
 class FrontierExploration:
-    """Plans on successive maps; remembers its goal and the abandoned goals between them."""
+    """Plans on successive maps. It remembers its goal and the abandoned goals between them."""
 
     def __init__(self, settings: ExplorationSettings | None = None) -> None:
         self._settings = settings or ExplorationSettings()

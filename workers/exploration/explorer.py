@@ -21,7 +21,7 @@ SAME_PLACE_M = 0.5
 
 
 class _Senses(NamedTuple):
-    """What the robot needs to see in order to drive, all of it recent."""
+    """The recent inputs that the robot needs in order to drive."""
 
     grid: NavigationGrid
     pose: NDArray[np.float64]
@@ -29,12 +29,12 @@ class _Senses(NamedTuple):
 
 
 class Explorer:
-    """Explores a place and drives home; call `drive` at a steady 10 to 20 Hz.
+    """Explores a place and drives home. Call `drive` at 10 to 20 Hz.
 
     Args:
         clock: Returns the time in s; the stamps of all inputs are in this time.
         guard: Checks every command against the newest sweep.
-        settings: How the task is carried out.
+        settings: Settings of the task.
         follower: Steers along the planned ways.
         exploration: Chooses the goals.
         home_xy_m: Where to return to; the first pose if absent.
@@ -185,7 +185,7 @@ class Explorer:
         self.machine.go(ExplorerState.RETURN if self.settings.returns_home else ExplorerState.DONE, reason)
 
     def _recover(self, reason: str, pose: NDArray[np.float64]) -> None:
-        """Try to get free; give up after several failed attempts at one place."""
+        """Try to free the robot; give up after several failed attempts at one place."""
         here = pose[:2]
         if self._stuck_xy_m is None or np.hypot(*(here - self._stuck_xy_m)) > SAME_PLACE_M:
             self._stuck_xy_m, self._recoveries = here, 0
@@ -208,7 +208,7 @@ class Explorer:
         return allowed
 
     def _free_itself(self, ranges_m: NDArray[np.float64]) -> Velocity:
-        """Back up as far as the laser allows, else turn on the spot to see more."""
+        """Back up as far as the laser allows; otherwise turn on the spot to see more."""
         if self.machine.time_in_state_s > self.settings.recover_s:
             self._resume("recovery finished")
             return HALT

@@ -31,7 +31,7 @@ TRANSITIONS = {
 
 @dataclass(frozen=True)
 class ExplorerSettings:
-    """How the task is carried out.
+    """Settings of the task.
 
     Attributes:
         clearance_m: Planned paths keep the robot's centre this far from obstacles.
@@ -42,7 +42,7 @@ class ExplorerSettings:
         recover_s: Duration of a recovery.
         max_recoveries: After this number at one place the robot stops exploring or returning.
         time_limit_s: After this time exploring ends.
-        returns_home: Whether it drives back to where it started.
+        returns_home: Whether the robot drives back to its start at the end.
     """
 
     clearance_m: float = 0.27

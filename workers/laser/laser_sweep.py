@@ -1,4 +1,4 @@
-"""One sweep of a planar laser: the points it hit and the space it saw to be free."""
+"""One sweep of a planar laser: the points it hit and the space it saw as free."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from workers.laser.surface_points import SurfacePoints
 
-CLEARANCE_M = 0.3  # a place this much nearer than the hit counts as seen to be free
+CLEARANCE_M = 0.3  # a place that is nearer than the hit by this much counts as seen free
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class LaserSweep:
         return LaserSweep.from_ranges(state["ranges_m"], angle_min_rad, angle_increment_rad, 0.0, np.inf)
 
     def looked_through(self, places: ArrayLike) -> NDArray[np.bool_]:
-        """Return which places `(M, 2)`, m, laser's frame, were seen to be free by three adjacent beams."""
+        """Return which places `(M, 2)`, m, laser's frame, three adjacent beams saw as free."""
         places = np.asarray(places, float)
         bearing = np.arctan2(places[:, 1], places[:, 0]) - self.angle_min_rad
         beam = np.round((bearing % (2 * np.pi)) / self.angle_increment_rad).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Points on surfaces, with the direction each surface faces: what scan matching works on."""
+"""Points on surfaces with the direction that each surface faces, for scan matching."""
 
 from dataclasses import dataclass
 
@@ -33,12 +33,12 @@ class SurfacePoints:
         return SurfacePoints(points, _normals(points, ranges_m))
 
     def moved(self, pose: ArrayLike) -> "SurfacePoints":
-        """Carry the points into the frame `pose` is given in."""
+        """Transform the points into the frame in which `pose` is given."""
         heading = float(np.asarray(pose)[2])
         return SurfacePoints(transform_points(pose, self.points), rotate(heading, self.normals))
 
     def seen_from(self, pose: ArrayLike) -> "SurfacePoints":
-        """Carry the points from the frame `pose` is given in into the frame of `pose`."""
+        """Transform the points from the frame in which `pose` is given into the frame of `pose`."""
         return self.moved(relative(pose, np.zeros(3)))
 
     def thinned(self, most: int) -> "SurfacePoints":
@@ -58,7 +58,7 @@ class SurfacePoints:
 
 
 def _normals(points: NDArray[np.float64], ranges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Fit a line through each point's neighbours in the sweep (principal components of those near enough)."""
+    """Fit a line through each point's near neighbours in the sweep (by principal components)."""
     reach = np.maximum(SMALLEST_REACH_M, REACH_PER_RANGE * ranges)
     moments = np.zeros((len(points), 6))  # count, x, y, xx, xy, yy of the neighbours, seen from the point
     moments[:, 0] = 1.0

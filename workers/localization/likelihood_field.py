@@ -1,4 +1,4 @@
-"""How well the ends of laser beams fit a map: the likelihood field of a beam's end.
+"""A likelihood field: how well the ends of laser beams fit a map.
 
 After Thrun, Burgard and Fox, "Probabilistic Robotics" (2005), section 6.4: the likelihood falls with the
 distance to the nearest obstacle, which a distance transform gives for all places at once.
@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from workers.maps.navigation_grid import OCCUPIED_PERCENT
 
-BATCH = 50_000  # ends looked up at once: what fits into the processor's caches
+BATCH = 50_000  # number of ends looked up at once, so that they fit into the processor's caches
 SURFACE_M = 0.3  # this close to its end, a beam may touch the obstacle that it ends at
 HALF_A_TURN = np.pi
 
@@ -51,7 +51,7 @@ class LikelihoodField:
             raise MapWithoutRoom("a map to localise in needs free and occupied cells")
         self.resolution_m = resolution_m
         self.corner_xy_m = np.asarray(corner_xy_m, float)
-        # One more cell on each side stands for everything outside.
+        # One more cell on each side represents everything outside.
         self._occupied = np.pad(occupied, 1)
         distance = ndimage.distance_transform_edt(~np.pad(occupied, 1)) * resolution_m
         self.distance_m = distance.astype(np.float32)

@@ -25,11 +25,11 @@ TRACKED = 2_000  # odometry entries kept to find a sweep's place among them
 MOST_WAITING = 5
 FEWEST_RETURNS = 10
 TRACED_BEAMS = 30
-CANDIDATE_BEAMS = 30  # enough to tell which places are worth a particle
+CANDIDATE_BEAMS = 30  # enough beams to decide which places deserve a particle
 GENTLE = 0.3  # candidates are coarse, so even the right ones fit only roughly
 JITTER = (0.1, 0.1, 0.05)  # m, m, rad: what is between two candidates
 AGREES_M = 0.25  # a return this near to an obstacle of the map agrees with it
-SLOW, FAST = 0.02, 0.3  # how quickly the averages of the fit follow
+SLOW, FAST = 0.02, 0.3  # rates of the moving averages of the fit
 BEARABLE = 0.8  # other places are tried below this share of the usual fit
 
 
@@ -65,8 +65,8 @@ class Localization:
     """The estimate after a sweep.
 
     Attributes:
-        stamp_s: Of the sweep.
-        pose: Where the robot most likely was (x m, y m, heading rad), map frame.
+        stamp_s: Stamp of the sweep.
+        pose: Most likely pose of the robot (x m, y m, heading rad), map frame.
         converged: Whether the estimate has converged.
         spread_m: Standard deviation of all particles' positions.
         spread_rad: Standard deviation of their headings.
@@ -88,9 +88,9 @@ class _Beams:
     """The beams used of a sweep, in the robot's frame, m.
 
     Attributes:
-        stamp_s: Of the sweep.
-        ends: `(B, 2)`, where beams met something.
-        seen: `(T, 2)`, how far some of all beams saw.
+        stamp_s: Stamp of the sweep.
+        ends: `(B, 2)`, ends of beams that hit an obstacle.
+        seen: `(T, 2)`, ends of the free part of some of all beams.
     """
 
     stamp_s: float
@@ -184,7 +184,7 @@ class Localizer:
         return compose(self.newest.pose, relative(self._at, self._odometry.log.rows[-1, 1:]))
 
     def state(self) -> dict[str, Any]:
-        """Return what a localizer in a new process needs to continue; odometry must be continuous."""
+        """Return the data with which a localizer in a new process continues. Odometry must be continuous."""
         if self._cloud is None or self._at is None:
             return {}
         return {
@@ -196,7 +196,7 @@ class Localizer:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over what `state` returned."""
+        """Restore the data that `state` returned."""
         if not state:
             return
         self._cloud = ParticleCloud(state["poses"])

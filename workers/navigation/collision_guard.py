@@ -1,4 +1,4 @@
-"""The last check before a command goes to the drive: does the newest sweep leave room to stop?
+"""The last check before a command goes to the drive: whether the newest sweep leaves room to stop.
 
 After the admissible velocities of Fox, Burgard and Thrun, "The dynamic window approach to collision
 avoidance" (IEEE RAM, 1997): a speed is allowed if the robot can stop before it touches anything on its arc.
@@ -27,8 +27,8 @@ class GuardSettings:
         reaction_s: Age of a sweep plus the drive's reaction time.
         look_m: Checked distance along the arc.
         min_linear_m_per_s: The robot stops instead of driving slower than this.
-        crawl_m_per_s: Speed while almost touching something, ahead or not; with more room ...
-        speed_per_room_per_s: ... it grows by this.
+        crawl_m_per_s: Maximum speed when the robot almost touches an obstacle in any direction.
+        speed_per_room_per_s: Increase of this maximum per metre of free space.
     """
 
     body_radius_m: float = 0.20
@@ -59,10 +59,10 @@ class CollisionGuard:
         self._settings = settings or GuardSettings()
 
     def checked(self, ranges_m: ArrayLike, wanted: Velocity) -> Velocity:
-        """Return the wanted speeds as far as the sweep allows: on the same arc, or turning on the spot.
+        """Return the wanted speeds, reduced as the sweep requires: on the same arc, or turning on the spot.
 
         Args:
-            ranges_m: `(N,)`: +inf or NaN nothing measured, -inf something too near to measure (REP 117).
+            ranges_m: `(N,)`; +inf or NaN: no return; -inf: an obstacle too near to measure (REP 117).
             wanted: Forward speed and turn rate.
         """
         linear, angular = wanted
@@ -100,7 +100,7 @@ class CollisionGuard:
 
     def _near_points(self, ranges_m: ArrayLike) -> NDArray[np.float64]:
         """Return what the sweep hit near the robot: `(K, 2)`, m, robot frame."""
-        # What is too near to measure counts as touching the body, so that the robot may still drive away.
+        # An obstacle too near to measure counts as touching the body, so that the robot can still drive away.
         measured = np.asarray(ranges_m, float)
         ranges = np.where(np.isneginf(measured), self._settings.body_radius_m, measured)
         reach_m = self._settings.look_m + self._settings.body_radius_m + self._settings.margin_m
@@ -108,7 +108,7 @@ class CollisionGuard:
         return transform_points(self._mount, ranges[near, None] * self._beams[near])
 
     def _near_limit(self, points: NDArray[np.float64]) -> float:
-        """Return the maximum speed near obstacles in any direction."""
+        """Return the maximum speed that the distance to the nearest obstacle allows, in any direction."""
         nearest_m = float(np.hypot(*points.T).min(initial=np.inf))
         room_m = max(0.0, nearest_m - self._settings.body_radius_m)
         return self._settings.crawl_m_per_s + self._settings.speed_per_room_per_s * room_m

@@ -1,8 +1,8 @@
 """Costmap: the given map plus the obstacles that the laser sees now.
 
 Layers as in Lu, Hershberger and Smart, "Layered costmaps for context-sensitive navigation" (IROS 2014). The
-inflation around obstacles is that of `NavigationGrid` (what the robot would touch) and `PathField` (what is
-better avoided).
+inflation around obstacles is that of `NavigationGrid` (places where the robot would touch an obstacle) and
+`PathField` (places that it prefers to avoid).
 """
 
 import numpy as np

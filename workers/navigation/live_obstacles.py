@@ -1,4 +1,4 @@
-"""Obstacles that the laser sees now, on the map or not; those no longer seen are forgotten.
+"""Obstacles that the laser sees now, on the map or not. It forgets those no longer seen.
 
 The obstacle layer of Marder-Eppstein et al., "The office marathon" (ICRA 2010), with the decay of Macenski et
 al., "Spatio-temporal voxel layer" (IJARS 2020); kept as a list of cells, so it does not depend on the map.
@@ -41,11 +41,11 @@ class LiveObstacles:
         self._hit_s = np.empty(0)
 
     def see(self, laser: ArrayLike, sweep: LaserSweep, now_s: float) -> None:
-        """Add a sweep: cells hit are obstacles, cells seen to be free are not.
+        """Add a sweep: cells that it hit are obstacles, cells that it saw as free are not.
 
         Args:
             laser: Pose of the laser (x m, y m, heading rad), map frame.
-            sweep: What it measured.
+            sweep: The sweep.
             now_s: The time.
         """
         kept = now_s - self._hit_s < self._decay_s

@@ -1,7 +1,7 @@
-"""Driving to goals: from map, poses and sweeps to the speeds of the drive, with a state machine.
+"""Drives to goals: computes the drive's speeds from map, poses and sweeps, with a state machine.
 
 The navigator plans on the map and the obstacles that the laser sees, drives around obstacles, runs recoveries
-when it makes no progress, and gives a goal up with a reason.
+when it makes no progress, and gives up a goal with a reason.
 """
 
 import math
@@ -37,11 +37,11 @@ ROTATE_RAD_PER_S = 0.8
 ALIGN_PER_S, LEAST_ALIGN_RAD_PER_S, MOST_ALIGN_RAD_PER_S = 2.0, 0.2, 1.0
 TRACKED = 400  # poses kept to interpolate a sweep's pose
 PROGRESS_M = 0.5
-DETOUR_M = 1.0  # a path that is this much longer than before counts as a detour
+DETOUR_M = 1.0  # a path that is longer than the previous one by this much counts as a detour
 
 
 class _Situation(NamedTuple):
-    """What the robot needs to drive to a goal, all of it known."""
+    """The inputs that the robot needs to drive to a goal. All are known."""
 
     costmap: Costmap
     pose: NDArray[np.float64]
@@ -50,7 +50,7 @@ class _Situation(NamedTuple):
 
 
 class Navigator:
-    """Drives to successive goals; call `drive` at a steady 10 to 20 Hz.
+    """Drives to successive goals. Call `drive` at 10 to 20 Hz.
 
     Args:
         clock: Returns the time in s; the stamps of all inputs are in this time.
@@ -157,7 +157,7 @@ class Navigator:
         """Take a sweep.
 
         Args:
-            sweep: What it measured.
+            sweep: The sweep.
             ranges_m: `(N,)`, as the laser gave them, which distinguishes too near from no return (REP 117).
             stamp_s: When it was taken, in the time of the poses' stamps.
             told_s: When the sweep was published, in the clock's time.
@@ -197,7 +197,7 @@ class Navigator:
         return HALT if self.state in RESTING else self._act(self._situation())
 
     def _situation(self) -> _Situation:
-        """Return what driving needs; call it only when nothing stops the robot and it has a goal."""
+        """Return the inputs for driving. Call it only if nothing stops the robot and it has a goal."""
         assert self._costmap is not None
         assert self._pose is not None
         assert self._sweep is not None
@@ -249,7 +249,7 @@ class Navigator:
         self._detours = self.recoveries = 0
 
     def _plan(self, situation: _Situation) -> None:
-        """Plan on the map and what the laser sees; if that fails, check whether the map alone has a way."""
+        """Plan on the map with live obstacles; if that fails, check whether the map alone has a path."""
         self._planned_s = self._clock()
         way = self._way(situation, situation.costmap.grid(self._obstacles, self._clock()))
         if way.obstruction is Obstruction.NONE:
@@ -265,7 +265,7 @@ class Navigator:
             self._end(NavigatorState.UNREACHABLE, on_map.obstruction)
 
     def _squeeze_through(self, situation: _Situation, obstruction: Obstruction) -> None:
-        """Go where the robot just fits: it may have come in before it saw everything around it."""
+        """Plan with the smaller clearance, because the robot may have entered a narrow place unknowingly."""
         settings = self.settings
         grid = situation.costmap.grid(self._obstacles, self._clock())
         tight = grid.around_robot(situation.pose, settings.body_radius_m, settings.tight_clearance_m)
@@ -309,7 +309,7 @@ class Navigator:
         return allowed
 
     def _aligned(self, situation: _Situation) -> Velocity:
-        """Turn to the goal's heading; the larger the angle left, the faster."""
+        """Turn to the goal's heading, faster if the remaining angle is larger."""
         off_rad = float(wrap_angle(situation.goal[2] - situation.pose[2]))
         if abs(off_rad) <= self.settings.heading_tolerance_rad:
             self._end(NavigatorState.ARRIVED, "goal reached")
@@ -318,7 +318,7 @@ class Navigator:
         return 0.0, math.copysign(speed, off_rad)
 
     def _recover(self, reason: str) -> None:
-        """Try the next recovery; give the goal up after too many."""
+        """Try the next recovery; give up the goal after too many."""
         if self.recoveries == self.settings.max_recoveries:
             self._end(NavigatorState.UNREACHABLE, f"{reason}; {self.recoveries} recovery attempts failed")
             return

@@ -43,21 +43,21 @@ class NavigatorSettings:
     """Settings of the navigator.
 
     Attributes:
-        clearance_m: Planned ways keep the robot's centre this far from obstacles.
-        tight_clearance_m: This far, where no other way leads to the goal.
-        body_radius_m: The robot's body is round; where it stands, no obstacle is.
-        snap_m: The robot may be so far from a place where it can drive.
-        tolerance_m: The goal counts as reached from a place so near to it.
-        heading_tolerance_rad: How exactly the goal's heading is taken; pi or more: not at all.
-        plan_period_s: A new way is planned this often.
-        stale_s: Poses and sweeps older than this halt the robot.
-        patience_s: Without progress for so long the robot frees itself.
-        blocked_s: A robot that wants to drive and may not for so long frees itself.
-        recover_s: How long it backs off or turns.
-        clear_s: How long it looks anew after it has forgotten what the laser saw.
-        max_recoveries: After so many without any progress between the goal is given up.
-        max_detours: After so many ways that turned out much longer the goal is given up.
-        align_s: Longer than that it does not turn to the goal's heading.
+        clearance_m: Planned paths keep the robot's centre this far from obstacles.
+        tight_clearance_m: Smaller clearance, used if no other path leads to the goal.
+        body_radius_m: Radius of the robot's round body. No obstacle is where the robot stands.
+        snap_m: Maximum distance of the robot from a drivable place.
+        tolerance_m: Maximum distance from the goal at which it counts as reached.
+        heading_tolerance_rad: Tolerance of the goal's heading; pi or more: any heading.
+        plan_period_s: Time between plans.
+        stale_s: Poses and sweeps older than this stop the robot.
+        patience_s: The robot starts a recovery after this time without progress.
+        blocked_s: The robot starts a recovery after being blocked for this time.
+        recover_s: Duration of backing up or turning.
+        clear_s: Time for new sweeps after the live obstacles were cleared.
+        max_recoveries: Number of recoveries without progress after which the goal is given up.
+        max_detours: Number of much longer paths after which the goal is given up.
+        align_s: Maximum time for turning to the goal's heading.
     """
 
     clearance_m: float = 0.27
@@ -77,7 +77,7 @@ class NavigatorSettings:
     align_s: float = 10.0
 
     def time_outs(self) -> dict[NavigatorState, TimeOut[NavigatorState]]:
-        """Return which states end by themselves."""
+        """Return the states that end after a time."""
         return {
             S.CLEAR_COSTMAP: TimeOut(self.clear_s, S.DRIVE),
             S.BACK_UP: TimeOut(self.recover_s, S.DRIVE),

@@ -1,4 +1,4 @@
-"""Following a path with a differential drive.
+"""Follows a path with a differential drive.
 
 Pure pursuit: drive the arc that leads through a point of the path some way ahead (Coulter, "Implementation
 of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992); turn on the spot when the point lies
@@ -21,7 +21,7 @@ HALT: Velocity = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class FollowerSettings:
-    """How the robot follows a path.
+    """Settings of the path follower.
 
     Attributes:
         max_linear_m_per_s: Maximum forward speed.
@@ -63,7 +63,7 @@ class PathFollower:
         return self._turning
 
     def follow(self, path: ArrayLike) -> None:
-        """Follow this path `(N, 2)`, m, map frame, from now on; an empty one halts the robot."""
+        """Follow a path `(N, 2)`, m, map frame, from now on. An empty path stops the robot."""
         self._path = np.asarray(path, float).reshape(-1, 2)
 
     def is_arrived(self, pose: ArrayLike) -> bool:
@@ -77,7 +77,7 @@ class PathFollower:
         return self._target(np.asarray(pose, float)[:2])[1] if len(self._path) else 0.0
 
     def target_xy_m(self, pose: ArrayLike) -> NDArray[np.float64]:
-        """Return the point of the path, m, map frame, that the robot steers for; there must be a path."""
+        """Return the point of the path, m, map frame, that the robot steers for. There must be a path."""
         return self._target(np.asarray(pose, float)[:2])[0]
 
     def velocity(self, pose: ArrayLike) -> Velocity:
@@ -110,7 +110,7 @@ class PathFollower:
         return linear, self._within(linear * curvature)
 
     def _target(self, position: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-        """Return the point to steer for, and the way left to the path's end, m."""
+        """Return the point to steer for, and the remaining length of the path, m."""
         distances = np.hypot(*(self._path - position).T)
         nearest = int(np.argmin(distances))
         ahead = self._path[nearest:]

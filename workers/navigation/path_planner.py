@@ -26,7 +26,7 @@ class PathField:
         start: A drivable cell, (row, column).
 
     Attributes:
-        cost_m: `(H, W) float64`: length of the way, more where it passes near obstacles; +inf if there is
+        cost_m: `(H, W) float64`: length of the path, more where it passes near obstacles; +inf if there is
             none.
     """
 
@@ -47,10 +47,10 @@ class PathField:
         self.cost_m.ravel()[self._nodes] = costs[0]
 
     def path(self, goal: Cell) -> NDArray[np.int64]:
-        """Return the cells of the way `(N, 2)`, (row, column), from the start to a goal that can be reached.
+        """Return the cells of the path `(N, 2)`, (row, column), from the start to a reachable goal.
 
         Raises:
-            ValueError: No way leads to the goal.
+            ValueError: No path leads to the goal.
         """
         if not np.isfinite(self.cost_m[goal]):
             raise ValueError(f"no path leads to the cell {goal}; check cost_m before you ask for a path")

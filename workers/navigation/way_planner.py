@@ -22,10 +22,10 @@ class Obstruction(StrEnum):
 
 @dataclass(frozen=True)
 class Way:
-    """How to drive to a place.
+    """The path to a place.
 
     Attributes:
-        obstruction: Why there is no way; NONE if there is one.
+        obstruction: Why there is no path; NONE if there is one.
         path: `(N, 2)`, m, map frame, from the robot to the goal; empty if there is none.
         cost_m: Its length, more where it passes near obstacles.
     """

@@ -85,7 +85,7 @@ class Mission:
         self._searched: SearchedGrid | None = None
         self._pose: Points | None = None
         self._camera_s = self._searched_s = clock()
-        self._stopped: str | None = "nothing was heard of navigation"
+        self._stopped: str | None = "navigation does not report"
         self._planned_s = -math.inf
         self._empty_plans = 0
         self._home_attempts = 0

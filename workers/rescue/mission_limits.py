@@ -7,15 +7,15 @@ from typing import Any
 from workers.rescue.mission_states import MissionSettings
 
 JUDGED_AFTER_S = 20.0
-"""The mission measures for this long before it trusts its figure of how fast the battery drains."""
+"""Minimum time of measurement before the mission trusts the rate at which the battery drains."""
 
 
 class MissionLimits:
-    """Knows when it is time to go home.
+    """Decides when the robot must go home.
 
     Args:
         clock: Returns the time in s.
-        settings: Limits, and how fast the robot comes home.
+        settings: Limits, and the speed on the way home.
     """
 
     def __init__(self, clock: Callable[[], float], settings: MissionSettings) -> None:
@@ -36,7 +36,7 @@ class MissionLimits:
 
     @property
     def summary(self) -> str:
-        """Return how much is left, in a few words."""
+        """Return the remaining time and charge, in a few words."""
         battery = "" if self.battery is None else f", battery {self.battery:.0%}"
         return f"{self.used_s:.0f} s{battery}"
 

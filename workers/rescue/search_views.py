@@ -28,7 +28,7 @@ class SearchView:
     Attributes:
         cell: (row, column) of the place.
         look_at_xy_m: `(2,)`, m, map frame: the middle of the piece of wall.
-        length_m: of the piece.
+        length_m: length of the piece.
         cost_m: path cost to the place.
     """
 
@@ -52,7 +52,7 @@ def search_views(
         cost_m: Path cost to each cell of `grid`, +inf where no path leads.
         fronts: The map's front cells.
         todo: Which of the front cells have not been searched `(N,)`.
-        min_length_m: Shorter pieces are left out.
+        min_length_m: Shorter pieces are ignored.
     """
     marked = np.zeros(fronts.shape, dtype=bool)
     marked[tuple(fronts.cells[todo].T)] = True

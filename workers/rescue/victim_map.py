@@ -40,7 +40,7 @@ class Victim:
         facing_rad: the direction it faces, map frame.
         first_s: when it was first seen.
         last_s: when it was last seen.
-        weight: of all views together, 1/m².
+        weight: sum of the weights of all views, 1/m².
         views: number of views.
         best_m: the shortest distance of a view.
         state: its state.

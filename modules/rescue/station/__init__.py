@@ -1,1 +1,1 @@
-"""What the rescue robot adds to the operator's page."""
+"""The rescue robot's panels for the operator's page."""

@@ -27,7 +27,7 @@ BUTTONS = (
 
 
 class MissionPanel(Panel):
-    """The mission, state machines and victims; on every tab the question about a victim."""
+    """Shows the mission, state machines and victims; on every tab, the question about a victim."""
 
     name = "mission"
     title = "Mission"
@@ -42,11 +42,11 @@ class MissionPanel(Panel):
         station.map_marks.add("victims", self._watch.marks)
 
     def build_on_every_tab(self, page: Page) -> None:
-        """Make the question about a victim."""
+        """Build the question about a victim."""
         self._question.build(page)
 
     def build(self, page: Page) -> None:
-        """Make the mission's buttons and both tables."""
+        """Build the mission's buttons and both tables."""
         self._control.build(page, self.name, REFRESH_S / 2)
         states = ui.table(columns=columns("module", "state", "status"), rows=[], row_key="module")
         states.props("dense flat id=mission-states").classes("w-full")
@@ -74,7 +74,7 @@ class MissionPanel(Panel):
 
 
 class MissionControl:
-    """The mission's state. Operators have buttons for the orders that it takes now."""
+    """Shows the mission's state. Operators have buttons for the orders that it accepts now."""
 
     def __init__(self, station: StationContext):
         self._station = station
@@ -94,7 +94,7 @@ class MissionControl:
 
         def update() -> None:
             status = self._status.message
-            state.set_text("no mission is heard of" if status is None else status.state)
+            state.set_text("no mission has reported" if status is None else status.state)
             text.set_text("" if status is None else status.text)
             refused = "" if status is None else status.refusal
             refusal.set_text(f"Refused: {refused}" if refused else "")
@@ -106,7 +106,7 @@ class MissionControl:
         page.every(period_s, panel, update)
 
     def _buttons(self, page: Page) -> dict[int, ui.button]:
-        """Make the buttons, by their orders. Abort asks first, since an aborted mission cannot go on."""
+        """Build the buttons by order. ABORT asks first, because an aborted mission cannot continue."""
         dialog = ui.dialog()
 
         def press(order: int) -> None:
@@ -120,7 +120,7 @@ class MissionControl:
             self.order(page, MissionOrder.ABORT)
 
         with dialog, ui.card():
-            ui.label("Really abort the mission? The robot stops, and the mission ends there.")
+            ui.label("Really abort the mission? The robot stops where it is, and the mission ends.")
             with ui.row():
                 ui.button("Abort", on_click=abort, color="red-10").props("id=confirm-abort")
                 ui.button("No", on_click=dialog.close)
@@ -132,7 +132,7 @@ class MissionControl:
 
 
 def victim_row(victim: KnownVictim) -> dict[str, Any]:
-    """Return what the table shows of a victim."""
+    """Return the table row of a victim."""
     found, position = victim.found, victim.found.pose.position
     return {
         "number": found.id,

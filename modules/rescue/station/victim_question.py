@@ -1,4 +1,4 @@
-"""The question whether something is a victim: shown on every tab, and never over the controls."""
+"""The question whether something is a victim. Every tab shows it, and it never covers the controls."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ ANSWERS = (
 )
 STYLE = Path(__file__).parent / "victim_question.css"
 MAX_QUESTIONS = 8
-"""A page gets this many at a time, and shows one after the other."""
+"""Maximum number of questions that a page has at a time. It shows one after the other."""
 SILENT_AFTER_S = 10.0
-"""A robot that asks repeats its question within this time."""
+"""Maximum time between two messages of a robot about an open question."""
 
 
 class QuestionCard(Element, component="victim_question.js"):
@@ -39,20 +39,20 @@ class QuestionCard(Element, component="victim_question.js"):
         self._props["questions"] = []
 
     def show(self, questions: list[dict[str, Any]]) -> None:
-        """Show one of these questions; the one that is shown already stays if it is among them."""
+        """Show one of these questions. If the present question is among them, it stays."""
         if questions != self._props["questions"]:
             self._props["questions"] = questions
             self.update()
 
 
 class VictimQuestion:
-    """Asks about one victim after the other. Operators answer; observers see the question.
+    """Asks about one victim after another. Operators can answer; observers only see the question.
 
-    The question takes neither keys nor pointer from the page, so the operator can drive on.
+    The question takes no keys and no pointer from the page, so the operator can continue to drive.
 
     Args:
         station: publishes the answers.
-        watch: knows the victims.
+        watch: holds the victims.
     """
 
     def __init__(self, station: StationContext, watch: VictimWatch):
@@ -87,7 +87,7 @@ class VictimQuestion:
 
 
 def question(victim: KnownVictim) -> dict[str, Any]:
-    """Return what a page shows of the question about a victim."""
+    """Return the data with which a page shows the question about a victim."""
     found = victim.found
     position = found.pose.position
     silent = silence(victim.age_s, SILENT_AFTER_S)
@@ -96,12 +96,12 @@ def question(victim: KnownVictim) -> dict[str, Any]:
         "count": victim.image_count if found.image.data.size else 0,
         "text": f"{found.name}, at {position.x:.2f} m, {position.y:.2f} m",
         "left": f"{victim.time_left_s:.0f} s left to answer; {found.confidence:.0%} sure",
-        "silent": f"nothing heard of it for {silent}: the robot may not hear the answer" if silent else "",
+        "silent": f"no news of it for {silent}: the robot may not receive the answer" if silent else "",
     }
 
 
 def checked(sent: object) -> tuple[int, int] | None:
-    """Return the victim's number and the answer that a page sent; None if it is malformed."""
+    """Return the victim's number and the answer that a page sent, or None if they are malformed."""
     if not isinstance(sent, dict):
         return None
     number, answer = sent.get("id"), sent.get("answer")

@@ -1,4 +1,4 @@
-"""What the station knows of each victim: for the map, the table, the question and a log's events."""
+"""What the station knows about each victim, for the map, the table, the question and a log's events."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ COLOURS = {
     VictimFound.CONFIRMED: "#00897b",
     VictimFound.REJECTED: "#757575",
 }
-"""On the map and in the 3-D view, by state."""
+"""Colours on the map and in the 3-D view, by state."""
 STATES = {
     VictimFound.SUSPECTED: "suspected",
     VictimFound.ASKED: "asked",
@@ -42,23 +42,23 @@ STATES = {
 
 @dataclass(frozen=True)
 class KnownVictim:
-    """The newest message about one victim, and when it came."""
+    """The newest message about one victim, and when it arrived."""
 
     found: VictimFound
     answer_until_s: float
-    """Until when the operator may answer, if asked; monotonic clock."""
+    """Time until which the operator can answer; monotonic clock."""
     count: int
-    """Number of the message among all about victims."""
+    """Number of the message among all messages about victims."""
     image_count: int
-    """Number of the message that brought its image."""
+    """Number of the message with which the image arrived."""
     heard_s: float
-    """When the newest message came; monotonic clock."""
+    """Time when the newest message arrived; monotonic clock."""
     asked_since_s: float
-    """Since when the operator has been asked; monotonic clock."""
+    """Time when the robot first asked the operator; monotonic clock."""
 
     @property
     def is_asked(self) -> bool:
-        """Whether the operator is to answer."""
+        """Whether the robot waits for the operator's answer."""
         return self.found.state == VictimFound.ASKED
 
     @property
@@ -76,14 +76,14 @@ class VictimWatch:
     """Keeps the newest message about each victim.
 
     Attributes:
-        victims: by number; the dict is replaced and never changed, since other threads read it.
-        count: messages so far.
+        victims: victims by number. The dict is replaced and never changed, because other threads read it.
+        count: number of messages so far.
     """
 
     def __init__(self, station: StationContext):
         self.victims: dict[int, KnownVictim] = {}
         self.count = 0
-        station.hear(VictimFound, self._on_victim)  # all of them, since each may be about another victim
+        station.hear(VictimFound, self._on_victim)  # all messages, because each may be about another victim
         station.hear(TimeJump, lambda _jump: self._forget())
         serve_pictures("/pictures/victim/{number}", self._answer)
 
@@ -100,7 +100,7 @@ class VictimWatch:
         known = KnownVictim(found, until_s, self.count, image_count, now_s, since_s)
         others = {number: victim for number, victim in self.victims.items() if number != found.id}
         while len(others) >= MAX_VICTIMS:
-            others.pop(next(iter(others)))  # the one whose newest message is the oldest
+            others.pop(next(iter(others)))  # the victim without news for the longest time
         self.victims = {**others, found.id: known}
 
     def marks(self) -> list[MapMark]:
@@ -108,7 +108,7 @@ class VictimWatch:
         return [mark_of(known.found) for known in self.victims.values()]
 
     def _forget(self) -> None:
-        """Start again: after a jump back in time, later finds have not happened yet."""
+        """Forget all victims: after a jump back in time, they have not been found yet."""
         self.victims = {}
 
     def _answer(self, number: int) -> Response:
@@ -126,7 +126,7 @@ def mark_of(found: VictimFound) -> MapMark:
 
 
 def victim_changes() -> Callable[[VictimFound], str | None]:
-    """Return a function that tells of each victim in a log whenever its state has changed; None otherwise."""
+    """Return a function that describes a victim in a log if its state has changed, else returns None."""
     states: dict[int, int] = {}
 
     def describe(victim: VictimFound) -> str | None:

@@ -180,7 +180,7 @@ def test_answer_about_a_victim_nobody_knows_is_refused(
     watching: Watching, caplog: pytest.LogCaptureFixture
 ) -> None:
     watching.harness.send(VictimConfirmation(id=33, answer=VictimConfirmation.YES))
-    assert "victim 33 is none to any question" in caplog.text
+    assert "victim 33: there is no such victim" in caplog.text
 
 
 def test_victim_seen_from_afar_only_stays_suspected(watching: Watching) -> None:

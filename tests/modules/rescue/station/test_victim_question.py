@@ -113,7 +113,7 @@ def press_for_the_question_before_does_not_answer_the_next(page: Page, robot: Ro
 def question_of_a_silent_robot_shows_its_age(page: Page, tool: Tool) -> None:
     assert page.locator("#victim-silent").count() == 0
     tool.publish(String(data=""), "orders")
-    page.wait_for_selector("#victim-silent:has-text('nothing heard of it for 1')")
+    page.wait_for_selector("#victim-silent:has-text('no news of it for 1')")
 
 
 @pytest.mark.parametrize(
