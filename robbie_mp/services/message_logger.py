@@ -47,8 +47,10 @@ class MessageLogger(Module):
     types: list[str] = setting(["*"], "patterns of the types to record, such as sensor_msgs/msg/*")
     topics: list[str] = setting(["*"], "patterns of the topics to record; '': messages without a topic")
     exclude: list[str] = setting([], "patterns of types and topics not to record")
-    folder: Path | None = setting(None, "where recordings go, one folder each; null: the run's output folder")
-    compression: Compression = setting(Compression.ZSTD, "of the log: zstd, lz4 or none")
+    folder: Path | None = setting(
+        None, "folder for recordings, each in its own subfolder; null: the run's output folder"
+    )
+    compression: Compression = setting(Compression.ZSTD, "compression of the log: zstd, lz4 or none")
     chunk_bytes: int = setting(1 << 20, "size of the chunks that are compressed and written", minimum=1024)
     split_bytes: int = setting(1 << 30, "size at which the next part of the log begins; 0: never", minimum=0)
     split_s: float = setting(0.0, "time after which the next part of the log begins; 0: never", minimum=0.0)
@@ -152,7 +154,7 @@ class MessageLogger(Module):
         self._show(now_ns)
 
     def _count_missed(self) -> None:
-        """Count what the core dropped, and checkpoint it: the next incarnation must not count it again."""
+        """Count what the core dropped, and checkpoint it, so that a restart does not count it again."""
         before = self.session.missed
         self.session.count_missed()
         if self.session.missed != before:

@@ -45,38 +45,46 @@ class Playback(ClockSource):
 
     file: Path = setting(REQUIRED, "the log: an MCAP file, or a folder with its parts", must_exist=True)
     rate: float | None = setting(
-        None, "times real time; null: as fast as nothing is lost", minimum=1e-3, maximum=MAX_RATE
+        None,
+        "speed as a multiple of real time; null: as fast as possible without loss",
+        minimum=1e-3,
+        maximum=MAX_RATE,
     )
-    start_s: float = setting(0.0, "begin so long after the log's begin", minimum=0.0)
+    start_s: float = setting(0.0, "start of the played part, s after the log's beginning", minimum=0.0)
     end_s: float | None = setting(
-        None, "end so long after the log's begin; null: at its end", minimum=0.0, maximum=MAX_S
+        None,
+        "end of the played part, s after the log's beginning; null: the log's end",
+        minimum=0.0,
+        maximum=MAX_S,
     )
-    loop: bool = setting(False, "begin again at the end")
-    paused: bool = setting(False, "wait for an order to play")
+    loop: bool = setting(False, "start again at the end")
+    paused: bool = setting(False, "wait for a command to play")
     topics: list[str] = setting(
-        [], "patterns of the topics to play, of the type's last part where there is no topic; none: all"
+        [], "patterns of the topics to play; without a topic, the type's last part counts; empty: all"
     )
     senders: list[str] | None = setting(
-        None, "shell patterns of the modules whose messages to play; null: all that do not run in this run"
+        None, "shell patterns of the modules whose messages to play; null: all that are not in this run"
     )
     max_chunk_mib: int = setting(
-        READ_LIMITS.chunk_bytes // MEGABYTE, "largest chunk of the log, decompressed", minimum=1
+        READ_LIMITS.chunk_bytes // MEGABYTE, "maximum size of a decompressed chunk of the log", minimum=1
     )
-    outstanding_limit: int = setting(200, "messages that may be waiting or in work", minimum=1, maximum=4000)
-    outstanding_bytes: int = setting(32 << 20, "so large they may be together", minimum=1)
-    period_s: float = setting(0.005, "time between looks at the clock", minimum=0.001)
+    outstanding_limit: int = setting(
+        200, "maximum number of messages that wait or are being handled", minimum=1, maximum=4000
+    )
+    outstanding_bytes: int = setting(32 << 20, "maximum total size of these messages", minimum=1)
+    period_s: float = setting(0.005, "time between checks of the clock", minimum=0.001)
     follows_run_clock = False
 
     @classmethod
     def check(cls, settings: dict[str, Any]) -> None:
-        """Check that the log exists and holds something to play."""
+        """Check that the log exists and contains messages to play."""
         with _open(settings) as log:
             length_s = (log.end_ns - log.start_ns) / 1e9
             start_s, end_s = settings["start_s"], settings["end_s"]
             if start_s > length_s:
                 raise SettingError(f"start_s is {start_s:g}, but {log.path} has {length_s:g} s", "start_s")
             if end_s is not None and end_s < start_s:
-                raise SettingError(f"end_s is {end_s:g}, before start_s, {start_s:g}", "end_s")
+                raise SettingError(f"end_s is {end_s:g}, which is before start_s ({start_s:g})", "end_s")
             if not selection.of_topics(log.channels, settings["topics"]):
                 names = ", ".join(sorted(set(map(channel_name, log.channels)))) or "nothing"
                 wanted = f"fits {', '.join(settings['topics'])}" if settings["topics"] else "can be played"
@@ -121,11 +129,11 @@ class Playback(ClockSource):
         """Choose the channels to play; log those that cannot be played, and patterns that match nothing."""
         log = self.log_file
         for damage in log.damage:
-            self.log.warning("only what is whole is played: %s", damage)
+            self.log.warning("playing only the intact part of the log: %s", damage)
         for pattern in selection.unmatched(log.channels, self.topics):
-            self.log.warning("nothing in %s fits the pattern %s", self.file, pattern)
+            self.log.warning("nothing in %s matches the pattern %s", self.file, pattern)
         for channel in selection.unplayable(log.channels):
-            self.log.warning("topic %s is left out: it is encoded as %r", channel.topic, channel.encoding)
+            self.log.warning("skipping topic %s: it is encoded as %r", channel.topic, channel.encoding)
         channels = selection.of_topics(log.channels, self.topics)
         chosen = selection.of_senders(channels, self.senders, set(run) - {self.name})
         if not chosen:
@@ -248,7 +256,7 @@ class Playback(ClockSource):
         )
 
     def teardown(self) -> None:
-        """Leave the run's time where it is."""
+        """Stop the run's time where it is."""
         self.clock_writer.pause(self._run_ns())
         self.clock_writer.close()
         self.unhandled.close()

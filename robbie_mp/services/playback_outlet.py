@@ -1,4 +1,4 @@
-"""Publishes a log's messages on a run's bus: as fast as none is lost, or one at a time in lockstep."""
+"""Publishes a log's messages in a run: as fast as possible without loss, or one at a time in lockstep."""
 
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -12,7 +12,7 @@ from robbie_mp.run.lockstep import Lockstep, TickSchedule
 from robbie_mp.transport.blocks import MessageTooLarge
 
 PATIENCE_NS = 15_000_000_000
-"""If no message is handled for this long, the player stops waiting: the subscriber is stalled."""
+"""If no message is handled for this long, the subscriber is stalled, and the player stops waiting."""
 
 
 class BusOutlet:
@@ -21,11 +21,11 @@ class BusOutlet:
     Args:
         module: publishes the messages.
         translations: how to publish them, by channel id.
-        remember: called with 1 right before a message is published, and with 0 after anything else happened.
-            The number says how many more messages are done than the player has counted.
+        remember: called with 1 right before a message is published, and with 0 after anything else. The
+            number says how many messages are done that the player has not counted yet.
 
     Attributes:
-        skipped: messages that could not be published.
+        skipped: number of messages that could not be published.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class BusOutlet:
         self.skipped = 0
 
     def send(self, message: LoggedMessage) -> bool:
-        """Publish a message; skip and count one that cannot be published. False if there is no room now."""
+        """Publish a message, or skip and count it if that is impossible. False if there is no room now."""
         channel = message.channel
         translation = self._translations[channel.id]
         try:
@@ -64,9 +64,9 @@ class PacedOutlet(BusOutlet):
 
     Args:
         module, translations, remember: as for `BusOutlet`.
-        limit: messages that may wait or be handled at once.
+        limit: maximum number of messages that wait or are being handled.
         limit_bytes: limit of their total size; a larger message is sent alone.
-        unhandled: counts them; messages that a subscriber has handled but keeps are not in flight.
+        unhandled: returns the exact number. Messages that a subscriber has handled but keeps do not count.
     """
 
     def __init__(
@@ -96,9 +96,9 @@ class PacedOutlet(BusOutlet):
         return is_sent
 
     def has_room(self, size: int) -> bool:
-        """Whether few enough messages are in flight for one more."""
-        # This count includes messages that subscribers keep. There is room most of the time all the same,
-        # and the exact number takes longer to find.
+        """Whether one more message may be in flight."""
+        # This count includes messages that subscribers keep. It usually suffices to find room, and the exact
+        # number takes longer to find.
         return self._fits(self._module.outstanding, size) or self._fits(self._unhandled(), size)
 
     def _fits(self, on_their_way: int, size: int) -> bool:
@@ -135,7 +135,7 @@ class LockstepOutlet(BusOutlet):
 
     Args:
         module, translations, remember: as for `BusOutlet`.
-        lockstep: what the module knows of the other modules.
+        lockstep: the module's view of the other modules in lockstep.
         now_ns: the run's time.
     """
 

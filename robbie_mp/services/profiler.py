@@ -1,4 +1,4 @@
-"""The profiler: publishes what `robbie top` shows once a second, for logs and for views on other machines."""
+"""The profiler: publishes the figures of `robbie top` once a second, for logs and other machines."""
 
 import math
 from collections.abc import Iterator
@@ -26,9 +26,9 @@ class Profiler(Module):
         self.before = self.observer.read()
 
     def tick(self) -> None:
-        """Publish what has happened since the last tick."""
+        """Publish the figures since the last tick."""
         now = self.observer.read()
-        if now.at_ns - self.before.at_ns > self.period_s * 1e9 / 2:  # not for the very first tick
+        if now.at_ns - self.before.at_ns > self.period_s * 1e9 / 2:  # there are none at the first tick
             self.publish(system_profile(now, rates_between(self.before, now)))
             self.before = now
 
@@ -80,7 +80,7 @@ def _module(module: ModuleFigures, now_ns: int, rates: RunRates) -> ModuleProfil
         left=module.total("left"),
         replaced=module.total("replaced"),
         lost=module.total("lost"),
-        refused=min(module.refused, WORD_MAX),  # a sum over words that a stray pointer may have overwritten
+        refused=min(module.refused, WORD_MAX),  # a sum of words that a stray pointer may have overwritten
         pinned=module.pinned,
         pinned_bytes=module.pinned_bytes,
         memory_used_bytes=module.outstanding_bytes,

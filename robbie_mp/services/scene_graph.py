@@ -1,4 +1,4 @@
-"""The scene graph service: keeps the scene graph up to date and publishes it."""
+"""The scene graph service: updates the scene graph and publishes it."""
 
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,11 @@ from robbie_mp.scene_graph.updating import SceneUpdater, prefix_of
 from robbie_mp.scene_graph.warn_once import WarnOnce
 
 MOVED_LIMIT = 2000
-"""Transforms in one message."""
+"""Maximum number of transforms in one message."""
 
 
 class SceneGraphService(Module):
-    """Applies joint states, odometry and map poses to the scene graph, and publishes what has changed.
+    """Applies joint states, odometry and map poses to the scene graph, and publishes the changes.
 
     It subscribes to JointState on any topic, Odometry on `odom` and PoseStamped on `map_pose`. For robots
     whose nodes have a prefix, as in "red/base_link", the topics are `red/odom` and `red/map_pose`. A map pose
@@ -26,19 +26,19 @@ class SceneGraphService(Module):
     It publishes moving transforms as TFMessage on `tf`, and fixed ones on `tf_static` once every `repeat_s`.
     It also publishes SceneGraphState, which holds the whole graph.
 
-    After a restart it restores the last corrections, and learns the rest from the next messages.
+    After a restart, it restores the last corrections. It gets the rest with the next messages.
     """
 
     file: Path = setting(REQUIRED, "the scene graph (YAML or URDF)", must_exist=True)
-    base: str = setting("base_link", "the node whose pose map poses are, without its robot's prefix")
-    history_s: float = setting(10.0, "how much of the past is remembered", minimum=0.1)
-    period_s: float = setting(0.02, "least time between two messages on `tf`", minimum=0.001)
-    state_period_s: float = setting(0.1, "least time between two SceneGraphStates", minimum=0.001)
-    repeat_s: float = setting(1.0, "what does not change is said again after this time", minimum=0.01)
+    base: str = setting("base_link", "the node whose pose a map pose gives, without its robot's prefix")
+    history_s: float = setting(10.0, "how long past values are remembered", minimum=0.1)
+    period_s: float = setting(0.02, "minimum time between two messages on `tf`", minimum=0.001)
+    state_period_s: float = setting(0.1, "minimum time between two SceneGraphStates", minimum=0.001)
+    repeat_s: float = setting(1.0, "time after which unchanged values are published again", minimum=0.01)
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
-        """Read the file, so that its mistakes are reported before anything starts."""
+        """Read the file, so that mistakes in it are reported before anything starts."""
         file = settings["file"]
         assert isinstance(file, Path)
         try:
@@ -47,7 +47,7 @@ class SceneGraphService(Module):
             raise SettingError(str(error), "file") from error
 
     def setup(self) -> None:
-        """Read the graph, and subscribe to what moves it."""
+        """Read the graph, and subscribe to the messages that move it."""
         self.graph = SceneGraph(read_scene(self.file), history_s=self.history_s)
         self.warnings = WarnOnce(self.log)
         self.updater = SceneUpdater(self.graph, self.base, self.warnings)
@@ -89,7 +89,7 @@ class SceneGraphService(Module):
         self.state_changed = True
 
     def tick(self) -> None:
-        """Publish what had to wait, and what is repeated."""
+        """Publish changes that had to wait, and repeat the fixed transforms."""
         self._tell_moved()
         now_s = self._now_s()
         if now_s >= self.next_s["repeat"]:
@@ -104,7 +104,7 @@ class SceneGraphService(Module):
         self.status = f"{len(self.graph)} nodes, {self.updates} updates{ignored}"
 
     def _tell_moved(self) -> None:
-        """Publish what has moved; if that happened just now, leave it to the next tick."""
+        """Publish the moved nodes, or leave that to the next tick if the last message was just sent."""
         now_s = self._now_s()
         waiting = len(self.updater.moved)
         if not waiting or (now_s < self.next_s["tf"] and waiting < MOVED_LIMIT):

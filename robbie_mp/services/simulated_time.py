@@ -1,4 +1,4 @@
-"""Simulated time: the run's clock advances as fast as the modules can, or at a set rate; it needs no log."""
+"""Simulated time without a log: the run's clock advances as fast as the modules can, or at a set rate."""
 
 import time
 
@@ -9,7 +9,7 @@ from robbie_mp.run.lockstep import ClockSource, TickSchedule
 from robbie_mp.run.run_clock import ClockWriter
 
 STEPS_AT_ONCE = 100
-"""Ticks granted before this module looks at its own messages again, if each finishes at once."""
+"""Maximum number of ticks granted in a row before this module checks its own messages."""
 
 
 class SimulatedTime(ClockSource):
@@ -21,12 +21,14 @@ class SimulatedTime(ClockSource):
     After a restart it continues where it was; the modules' next ticks are then due at once.
     """
 
-    period_s: float = setting(0.05, "time between looks at the machine's clock", minimum=0.001)
-    start_s: float = setting(1e9, "the time at which it begins, s since the epoch", minimum=0.0)
+    period_s: float = setting(0.05, "time between checks of the machine's clock", minimum=0.001)
+    start_s: float = setting(1e9, "the time at which the simulation begins, s since the epoch", minimum=0.0)
     rate: float | None = setting(
-        None, "times real time, if the modules can; null: as fast as they can", minimum=0.01
+        None, "maximum speed as a multiple of real time; null: as fast as the modules can", minimum=0.01
     )
-    duration_s: float | None = setting(None, "end this module after so much simulated time", minimum=0.0)
+    duration_s: float | None = setting(
+        None, "simulated time after which this module ends; null: never", minimum=0.0
+    )
 
     def setup(self) -> None:
         """Start, or continue where a killed incarnation stopped."""
