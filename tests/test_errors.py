@@ -38,13 +38,13 @@ def all_errors(of: type[RobbieError] = RobbieError) -> Iterator[type[RobbieError
 
 
 @pytest.mark.parametrize("error", WITH_CONSTRUCTORS, ids=lambda error: type(error).__name__)
-def test_error_with_a_constructor_of_its_own_is_the_same_elsewhere(error: RobbieError) -> None:
+def test_error_with_its_own_constructor_can_be_pickled(error: RobbieError) -> None:
     for there in (pickle.loads(pickle.dumps(error)), copy.copy(error), copy.deepcopy(error)):
         assert type(there) is type(error)
         assert (str(there), there.args, vars(there)) == (str(error), error.args, vars(error))
 
 
-def test_no_error_with_a_constructor_is_left_out_here() -> None:
+def test_list_here_covers_every_error_with_a_constructor() -> None:
     for module in pkgutil.walk_packages(robbie_mp.__path__, "robbie_mp."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)

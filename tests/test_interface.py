@@ -12,7 +12,7 @@ import robbie_mp
 
 
 @pytest.mark.parametrize("name", robbie_mp.__all__)
-def test_every_name_of_the_interface_is_the_one_of_its_home(name: str) -> None:
+def test_every_name_of_the_interface_is_that_of_its_home_module(name: str) -> None:
     home = import_module(robbie_mp._HOME_OF[name])
     assert getattr(robbie_mp, name) is getattr(home, name)
 
@@ -28,11 +28,11 @@ def test_type_checkers_see_the_same_names_as_the_interpreter() -> None:
     assert seen == set(robbie_mp.__all__)
 
 
-def test_package_alone_imports_neither_numpy_nor_a_module() -> None:
+def test_importing_the_package_imports_neither_numpy_nor_a_submodule() -> None:
     code = "import sys, robbie_mp; assert not {'numpy', 'robbie_mp.module'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
-def test_unknown_name_is_no_attribute() -> None:
+def test_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no_such_name"):
         robbie_mp.no_such_name  # noqa: B018

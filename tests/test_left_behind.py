@@ -99,7 +99,7 @@ def run_id() -> str:
 @pytest.mark.parametrize("has_board", [True, False])
 @pytest.mark.parametrize(("is_orphan", "has_mark"), [(False, True), (False, False), (True, True)])
 @pytest.mark.parametrize("has_ended", [True, False])
-def test_run_that_a_process_of_this_session_left_is_found(
+def test_run_left_by_a_process_of_this_session_is_found(
     left_behind_check: Check, run_id: str, is_orphan: bool, has_mark: bool, has_board: bool, has_ended: bool
 ) -> None:
     maker = Maker(run_id, is_orphan=is_orphan, has_mark=has_mark, has_board=has_board)
@@ -110,14 +110,14 @@ def test_run_that_a_process_of_this_session_left_is_found(
 
 
 @pytest.mark.parametrize("has_board", [True, False])
-def test_run_that_another_session_uses_is_not_held_against_this_one(
+def test_run_used_by_another_session_is_ignored(
     left_behind_check: Check, run_id: str, has_board: bool
 ) -> None:
     with Maker(run_id, is_orphan=True, has_mark=False, has_board=has_board) as maker, left_behind_check():
         maker.make()
 
 
-def test_dead_run_of_another_session_is_not_held_against_this_one(
+def test_dead_run_of_another_session_is_ignored(
     left_behind_check: Check, others_runs: OthersRuns, run_id: str
 ) -> None:
     with Maker(run_id, is_orphan=True, has_mark=False) as maker, left_behind_check():

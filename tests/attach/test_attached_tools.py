@@ -81,7 +81,7 @@ def let_all_be_handled(robot: Robot) -> None:
     )
 
 
-def test_tools_come_go_die_and_stand_still_and_no_module_loses_a_message(
+def test_modules_lose_no_message_while_tools_attach_detach_die_and_stall(
     robot: Robot, echoes: list[Echo]
 ) -> None:
     robot.write_profile(PROFILE)
@@ -183,7 +183,7 @@ def names_of(run: KnownRun) -> set[str]:
     return {str(path) for path in Path("/dev/shm").rglob("*") if run.run_id in str(path)}
 
 
-def test_tool_that_stands_still_or_breaks_the_protocol_is_detached_and_leaves_nothing(robot: Robot) -> None:
+def test_stalled_or_misbehaving_tool_is_detached_and_leaves_nothing(robot: Robot) -> None:
     robot.write_profile(PROFILE.replace("count: 1", "count: 2"))
     process = robot.start()
     robot.until(lambda modules: modules["listener"]["handled"] > 0)

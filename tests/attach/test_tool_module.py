@@ -66,7 +66,7 @@ class Visitor(Module):
         self.ticks += 1
 
 
-def test_module_run_as_tool_hears_speaks_ticks_and_attaches_again_when_it_was_detached(
+def test_module_run_as_a_tool_handles_publishes_ticks_and_reattaches(
     robot: Robot, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot.write_profile(PROFILE)
@@ -130,7 +130,7 @@ class Lost:
         self.is_closed = True
 
 
-def test_tool_whose_run_is_over_when_it_attaches_again_can_still_end_in_order(
+def test_tool_ends_in_order_if_its_run_is_over_when_it_reattaches(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = KnownRun("1f0c", tmp_path, is_live=False, record=None)

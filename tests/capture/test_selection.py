@@ -30,7 +30,7 @@ def test_types_and_topics_are_selected_by_patterns(
     assert all(selection.is_subscribed(*one) for one in expected)
 
 
-def test_pattern_without_a_match_is_known() -> None:
+def test_pattern_without_a_match_is_reported() -> None:
     selection = Selection.by_either(["front", "Odometry", "nothing"], ["rear"])
     assert selection.wants(SCAN, "front")
     assert selection.wants(ODOMETRY, "")
@@ -41,7 +41,7 @@ def test_pattern_without_a_match_is_known() -> None:
 FRONT, REAR = ChannelName(SCAN, 1, "front"), ChannelName(SCAN, 1, "rear")
 
 
-def test_messages_dropped_by_the_core_are_told_once_and_by_channel() -> None:
+def test_messages_dropped_by_the_core_are_reported_once_per_channel() -> None:
     missed, passed = 0, {FRONT: 100}
     drops = QueueDrops(lambda: missed, lambda: dict(passed))
     passed |= {FRONT: 150, REAR: 20}
@@ -54,7 +54,7 @@ def test_messages_dropped_by_the_core_are_told_once_and_by_channel() -> None:
     assert drops.missed == 17
 
 
-def test_process_that_goes_on_does_not_tell_again_what_was_told() -> None:
+def test_restarted_process_does_not_report_losses_twice() -> None:
     drops = QueueDrops(lambda: 17, lambda: {FRONT: 160}, missed_before=17)
     assert drops.look({}) == {}
 
@@ -68,7 +68,7 @@ def test_shares_add_up(total: int, weights: list[int]) -> None:
     assert share_out(3, {FRONT: 0}) == {}
 
 
-def test_sender_of_missing_messages_is_known_if_there_is_but_one() -> None:
+def test_sender_of_missing_messages_is_known_if_there_is_only_one() -> None:
     laser, other = ChannelKey(*FRONT, "laser"), ChannelKey(*FRONT, "other")
     assert key_of_missing(FRONT, [laser, ChannelKey(*REAR, "base")]) == laser
     assert key_of_missing(FRONT, [laser, other]).sender == ""

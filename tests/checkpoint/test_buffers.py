@@ -29,12 +29,12 @@ def segments(slot: SlotOfARun) -> dict[str, int]:
     return {f"{path.parent.name}/{path.name}": path.stat().st_size for path in found}
 
 
-def test_first_incarnation_finds_nothing_and_makes_nothing(slot: SlotOfARun) -> None:
+def test_first_incarnation_finds_no_checkpoint_and_creates_no_segment(slot: SlotOfARun) -> None:
     assert slot.start().found is None
     assert segments(slot) == {}
 
 
-def test_next_incarnation_finds_the_newest_and_goes_on(slot: SlotOfARun) -> None:
+def test_next_incarnation_restores_the_newest_checkpoint(slot: SlotOfARun) -> None:
     for number in range(1, 6):
         buffers = slot.start()
         assert number_in(buffers) == (number - 1 or None)
@@ -45,7 +45,7 @@ def test_next_incarnation_finds_the_newest_and_goes_on(slot: SlotOfARun) -> None
     assert found.sequence == 5
 
 
-def test_two_segments_hold_checkpoints_of_equal_size_for_ever(slot: SlotOfARun) -> None:
+def test_checkpoints_of_equal_size_need_only_two_segments(slot: SlotOfARun) -> None:
     buffers = slot.start()
     write(buffers, 1, 2)
     inodes = {name: os.stat(f"/dev/shm/{name}").st_ino for name in segments(slot)}
@@ -64,7 +64,7 @@ def test_state_may_grow_and_shrink(slot: SlotOfARun) -> None:
     assert len(segments(slot)) == 2
 
 
-def test_slowly_growing_state_seldom_needs_a_new_segment(slot: SlotOfARun) -> None:
+def test_slowly_growing_state_rarely_needs_a_new_segment(slot: SlotOfARun) -> None:
     buffers = slot.start()
     inodes = set()
     for size in range(1000, 2000, 10):
@@ -73,7 +73,7 @@ def test_slowly_growing_state_seldom_needs_a_new_segment(slot: SlotOfARun) -> No
     assert len(inodes) <= 10
 
 
-def test_state_of_exactly_the_limit_is_kept_and_one_byte_more_is_not(slot: SlotOfARun) -> None:
+def test_state_at_the_size_limit_is_kept_and_a_larger_one_is_refused(slot: SlotOfARun) -> None:
     size = lay_out({"number": 1, "array": np.zeros(10)}).size
     exact = slot.start(limit_bytes=size)
     write(exact, 1)
@@ -99,7 +99,9 @@ def test_full_memory_keeps_the_last_checkpoint(slot: SlotOfARun, request: pytest
 
 
 @pytest.mark.parametrize("offset", [0, 12, 16, 40, 64, 200])
-def test_damaged_checkpoint_is_told_and_the_one_before_is_found(slot: SlotOfARun, offset: int) -> None:
+def test_damaged_checkpoint_is_reported_and_the_previous_one_is_restored(
+    slot: SlotOfARun, offset: int
+) -> None:
     write(slot.start(), 1, 2)
     slot.scribble(0, IMAGE_BEGIN + offset, b"\xee\xee\xee")  # the first goes to segment 1
     buffers = slot.start()
@@ -110,7 +112,7 @@ def test_damaged_checkpoint_is_told_and_the_one_before_is_found(slot: SlotOfARun
     assert (number_in(again), again.damaged) == (3, [])
 
 
-def test_two_damaged_checkpoints_are_told_and_replaced(slot: SlotOfARun) -> None:
+def test_two_damaged_checkpoints_are_reported_and_replaced(slot: SlotOfARun) -> None:
     write(slot.start(), 1, 2)
     for number in (0, 1):
         slot.scribble(number, IMAGE_BEGIN + 70, b"\xee")
@@ -123,7 +125,7 @@ def test_two_damaged_checkpoints_are_told_and_replaced(slot: SlotOfARun) -> None
 
 
 @pytest.mark.parametrize("sequence", [1, 2**64 - 1])
-def test_sequence_that_is_not_the_checkpoints_own_is_damage(slot: SlotOfARun, sequence: int) -> None:
+def test_wrong_sequence_number_counts_as_damage(slot: SlotOfARun, sequence: int) -> None:
     write(slot.start(), 1, 2)
     slot.scribble(0, layout.CHECKPOINT_SEQUENCE * 8, sequence.to_bytes(8, "little"))
     buffers = slot.start()
@@ -133,7 +135,7 @@ def test_sequence_that_is_not_the_checkpoints_own_is_damage(slot: SlotOfARun, se
 
 
 @pytest.mark.parametrize("content", [b"", b"x", bytes(4096), b"\xff" * 4096])
-def test_what_is_no_segment_is_replaced(slot: SlotOfARun, content: bytes) -> None:
+def test_file_that_is_not_a_segment_is_replaced(slot: SlotOfARun, content: bytes) -> None:
     for number in (0, 1):
         (Path("/dev/shm") / slot.name(number)).write_bytes(content)
     buffers = slot.start()
@@ -142,7 +144,7 @@ def test_what_is_no_segment_is_replaced(slot: SlotOfARun, content: bytes) -> Non
     assert number_in(slot.start()) == 2
 
 
-def test_segment_is_allocated_whole_and_says_whose_it_is(slot: SlotOfARun) -> None:
+def test_segment_is_allocated_completely_and_names_its_owner(slot: SlotOfARun) -> None:
     write(slot.start(), 1, size=100_000)
     (name,) = segments(slot)
     assert os.stat(f"/dev/shm/{name}").st_blocks * 512 >= 800_000
@@ -151,7 +153,7 @@ def test_segment_is_allocated_whole_and_says_whose_it_is(slot: SlotOfARun) -> No
     segment.close()
 
 
-def test_held_checkpoint_stays_while_new_ones_are_written(slot: SlotOfARun) -> None:
+def test_held_checkpoint_remains_while_new_ones_are_written(slot: SlotOfARun) -> None:
     buffers = slot.start()
     write(buffers, 1, 2)
     with buffers.newest() as image:
@@ -165,7 +167,7 @@ def test_held_checkpoint_stays_while_new_ones_are_written(slot: SlotOfARun) -> N
     assert number_in(slot.start()) == 7
 
 
-def test_nothing_is_held_when_there_is_nothing(slot: SlotOfARun) -> None:
+def test_hold_returns_nothing_without_a_checkpoint(slot: SlotOfARun) -> None:
     with pytest.raises(LookupError), slot.start().newest():
         pass
     write(slot.start(), 1)

@@ -29,7 +29,7 @@ def test_file_is_the_same_for_every_run_of_a_profile(tmp_path: Path) -> None:
     assert checkpoint_file(tmp_path, "sim/arena", "mapping") == expected
 
 
-def test_what_was_written_is_read(path: Path) -> None:
+def test_written_checkpoint_is_read_back(path: Path) -> None:
     write_file(path, encode([1]))
     write_file(path, encode([2]))
     found = read_file(path)
@@ -38,7 +38,7 @@ def test_what_was_written_is_read(path: Path) -> None:
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_no_file_is_no_checkpoint(path: Path) -> None:
+def test_missing_file_means_no_checkpoint(path: Path) -> None:
     assert read_file(path) is None
     assert set_aside(path, "damaged") is None
 
@@ -46,26 +46,26 @@ def test_no_file_is_no_checkpoint(path: Path) -> None:
 @pytest.mark.parametrize(
     "content", [b"", b"x", b"ROBBIECP", encode([1])[:-1], encode([1]).replace(b"[1]", b"[2]")]
 )
-def test_damaged_file_is_called_so(path: Path, content: bytes) -> None:
+def test_damaged_file_is_reported_as_damaged(path: Path, content: bytes) -> None:
     path.parent.mkdir(parents=True)
     path.write_bytes(content)
     with pytest.raises(CheckpointDamaged):
         read_file(path)
 
 
-def test_file_of_a_newer_version_is_called_so(path: Path) -> None:
+def test_file_of_a_newer_version_is_reported_as_newer(path: Path) -> None:
     write_file(path, encode([1])[:8] + b"\2" + encode([1])[9:])
     with pytest.raises(CheckpointTooNew):
         read_file(path)
 
 
-def test_folder_in_its_place_is_an_error_with_the_path(path: Path) -> None:
+def test_folder_in_place_of_the_file_is_an_error_with_its_path(path: Path) -> None:
     path.mkdir(parents=True)
     with pytest.raises(CheckpointFileError, match=r"mapping\.checkpoint cannot be read"):
         read_file(path)
 
 
-def test_full_disk_keeps_the_old_file_and_leaves_no_other(
+def test_full_disk_keeps_the_old_file_and_leaves_no_temporary_file(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_file(path, encode([1]))
@@ -100,7 +100,7 @@ def test_content_and_every_new_folder_are_synced(path: Path, monkeypatch: pytest
     assert synced == [unfinished, "arena"]
 
 
-def test_file_set_aside_is_kept_and_replaces_the_one_before(path: Path) -> None:
+def test_file_set_aside_replaces_the_one_set_aside_before(path: Path) -> None:
     for number in (1, 2):
         write_file(path, encode([number]))
         aside = set_aside(path, "damaged")

@@ -37,16 +37,16 @@ STATE = {
 @given(STATES)
 @example({"nan": float("nan"), "minus zero": -0.0, "infinite": float("-inf"), 1: True})
 @example([np.zeros((0, 3)), np.array(5), np.float32(1.5), np.bool_(True), np.datetime64("NaT"), np.str_("ä")])
-def test_state_comes_back_as_it_was(state: Any) -> None:
+def test_state_is_restored_unchanged(state: Any) -> None:
     assert same(decode(encode(state)).state, state)
 
 
-def test_sequence_and_time_come_back() -> None:
+def test_sequence_and_time_are_restored() -> None:
     found = decode(encode(STATE, sequence=7, taken_ns=123))
     assert (found.sequence, found.taken_ns) == (7, 123)
 
 
-def test_arrays_come_back_as_copies_that_may_be_written() -> None:
+def test_arrays_are_restored_as_writable_copies() -> None:
     image = encode(STATE)
     state = decode(image).state
     state["map"][0, 0] = 99
@@ -60,7 +60,7 @@ def test_same_state_has_the_same_bytes() -> None:
     assert image == encode(STATE)
 
 
-def test_arrays_begin_where_any_processor_can_read_them() -> None:
+def test_arrays_are_aligned() -> None:
     layout = lay_out([np.zeros(3, np.int8), np.zeros(2), b"x", np.zeros(1, np.complex128)])
     assert [offset for offset, _ in layout.pieces] == [0, 64, 128, 192]
 
@@ -94,35 +94,35 @@ def itself() -> list[Any]:
         (itself(), "contains itself"),
     ],
 )
-def test_what_is_no_plain_data_is_refused_by_its_place(state: Any, text: str) -> None:
+def test_value_that_is_not_plain_data_is_refused_with_its_place(state: Any, text: str) -> None:
     with pytest.raises(UnsupportedState, match=text):
         encode(state)
 
 
 @settings(deadline=None)
 @given(st.binary(max_size=200))
-def test_arbitrary_bytes_are_no_checkpoint(data: bytes) -> None:
+def test_arbitrary_bytes_are_not_a_checkpoint(data: bytes) -> None:
     with pytest.raises((CheckpointDamaged, CheckpointTooNew)):
         decode(data)
 
 
 @settings(deadline=None)
 @given(st.data())
-def test_any_changed_byte_is_noticed(data: st.DataObject) -> None:
+def test_any_changed_byte_is_detected(data: st.DataObject) -> None:
     image = bytearray(encode(STATE))
     image[data.draw(st.integers(0, len(image) - 1))] ^= data.draw(st.integers(1, 255))
     with pytest.raises((CheckpointDamaged, CheckpointTooNew)):
         decode(bytes(image))
 
 
-def test_any_cut_is_noticed() -> None:
+def test_any_truncation_is_detected() -> None:
     image = encode(STATE)
     for size in range(len(image)):
         with pytest.raises(CheckpointDamaged):
             decode(image[:size])
 
 
-def test_newer_form_is_called_so() -> None:
+def test_newer_format_is_reported_as_newer() -> None:
     image = bytearray(encode(STATE))
     struct.pack_into("<I", image, 8, 2)
     with pytest.raises(CheckpointTooNew, match="format 2"):
@@ -164,7 +164,7 @@ NODES = st.recursive(
 @example(b'{"array":["<f4",[4294967296,4294967296],0]}')
 @example(b'{"bytes":[0,1e400]}')
 @example(b"1" * 5000)
-def test_structure_that_makes_no_sense_is_damaged_or_some_state(structure: bytes) -> None:
+def test_random_structure_is_damage_or_a_state(structure: bytes) -> None:
     with contextlib.suppress(CheckpointDamaged):
         decode(with_structure(structure))
 

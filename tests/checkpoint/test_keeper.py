@@ -76,7 +76,7 @@ def test_first_start_is_fresh(start: Starter) -> None:
     assert start(every_s=None).restored is None
 
 
-def test_restarted_module_goes_on(start: Starter, caplog: pytest.LogCaptureFixture) -> None:
+def test_restarted_module_continues(start: Starter, caplog: pytest.LogCaptureFixture) -> None:
     assert start(every_s=None).save({"scans": 3})
     caplog.set_level(logging.INFO)
     assert start(every_s=None).restored == {"scans": 3}
@@ -97,7 +97,7 @@ def test_without_persist_nothing_is_on_disk(start: Starter, path: Path) -> None:
     assert list(path.parent.iterdir()) == []
 
 
-def test_refused_state_leaves_the_last_one(start: Starter) -> None:
+def test_refused_state_leaves_the_previous_one(start: Starter) -> None:
     keeper = start(every_s=None, limit_bytes=4096)
     keeper.save([1])
     with pytest.raises(CheckpointTooLarge):
@@ -107,7 +107,7 @@ def test_refused_state_leaves_the_last_one(start: Starter) -> None:
     assert start(every_s=None).restored == [1]
 
 
-def test_full_memory_is_counted_and_told_ever_more_seldom(
+def test_full_memory_is_counted_and_logged_ever_more_rarely(
     start: Starter, caplog: pytest.LogCaptureFixture, request: pytest.FixtureRequest
 ) -> None:
     keeper = start(every_s=None)
@@ -121,7 +121,7 @@ def test_full_memory_is_counted_and_told_ever_more_seldom(
     assert start(every_s=None).restored == [1]
 
 
-def test_next_run_goes_on_from_disk(start: Starter, slot: SlotOfARun, path: Path) -> None:
+def test_next_run_continues_from_disk(start: Starter, slot: SlotOfARun, path: Path) -> None:
     keeper = start()
     for number in range(5):
         keeper.save({"number": number})
@@ -141,14 +141,16 @@ def test_memory_of_this_run_is_newer_than_the_disk(start: Starter, path: Path) -
     assert start().restored == "new"
 
 
-def test_what_a_killed_process_could_not_write_its_successor_writes(start: Starter, path: Path) -> None:
+def test_next_incarnation_writes_what_a_killed_process_did_not(start: Starter, path: Path) -> None:
     start(every_s=None).save("new")  # as if killed before its thread came to it
     assert on_disk(path) is None
     start().close()
     assert on_disk(path) == "new"
 
 
-def test_module_does_not_wait_for_the_disk_which_gets_the_newest(start: Starter, slow_disk: SlowDisk) -> None:
+def test_module_does_not_wait_for_the_disk_and_the_newest_state_is_written(
+    start: Starter, slow_disk: SlowDisk
+) -> None:
     keeper = start(every_s=0.0)
     keeper.save(0)
     assert slow_disk.began.wait(10)
@@ -160,7 +162,7 @@ def test_module_does_not_wait_for_the_disk_which_gets_the_newest(start: Starter,
     assert slow_disk.written == [0, 99]
 
 
-def test_disk_is_written_at_most_once_in_a_period_and_at_the_end(start: Starter, slow_disk: SlowDisk) -> None:
+def test_disk_is_written_at_most_once_per_period_and_at_the_end(start: Starter, slow_disk: SlowDisk) -> None:
     keeper = start(every_s=NEVER_S)
     slow_disk.release()
     keeper.save(0)
@@ -172,7 +174,7 @@ def test_disk_is_written_at_most_once_in_a_period_and_at_the_end(start: Starter,
     assert slow_disk.written[-1] == 99
 
 
-def test_full_disk_is_told_and_the_module_goes_on(
+def test_full_disk_is_logged_and_the_module_continues(
     start: Starter, path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def refuse(_fd: int) -> None:
@@ -190,7 +192,7 @@ def test_full_disk_is_told_and_the_module_goes_on(
 @pytest.mark.parametrize(
     ("content", "why"), [(b"garbage", "damaged"), (encode([1])[:8] + b"\7" + encode([1])[9:], "too-new")]
 )
-def test_file_that_makes_no_sense_is_told_and_kept_aside(
+def test_invalid_file_is_logged_and_set_aside(
     start: Starter, path: Path, caplog: pytest.LogCaptureFixture, content: bytes, why: str
 ) -> None:
     path.write_bytes(content)
@@ -204,15 +206,13 @@ def test_file_that_makes_no_sense_is_told_and_kept_aside(
     assert on_disk(path) == [2]
 
 
-def test_file_that_cannot_be_read_is_told(
-    start: Starter, path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_unreadable_file_is_logged(start: Starter, path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path.mkdir()
     assert start().restored is None
     assert f"starts fresh: {path} cannot be read" in caplog.text
 
 
-def test_damaged_memory_is_told_and_does_not_spoil_the_file(
+def test_damaged_memory_is_logged_and_does_not_damage_the_file(
     start: Starter, slot: SlotOfARun, path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     keeper = start()

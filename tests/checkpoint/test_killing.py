@@ -19,10 +19,10 @@ def deaths(scenario: str) -> int:
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
-def test_killed_process_leaves_a_whole_checkpoint_in_shared_memory(scenario: str) -> None:
+def test_killed_process_leaves_a_complete_checkpoint_in_shared_memory(scenario: str) -> None:
     assert deaths(scenario) >= SCENARIOS[scenario]
 
 
 @pytest.mark.parametrize("scenario", ["file", "file at random"])
-def test_killed_process_leaves_a_whole_file(scenario: str) -> None:
+def test_killed_process_leaves_a_complete_file(scenario: str) -> None:
     assert deaths(scenario) >= 25

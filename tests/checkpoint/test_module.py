@@ -25,7 +25,7 @@ modules:
 """
 
 
-def test_harness_shows_what_a_killed_module_would_find(tmp_path: Path) -> None:
+def test_harness_shows_the_state_that_a_killed_module_would_restore(tmp_path: Path) -> None:
     with ModuleHarness(Remembering, {"until": 5}, output_directory=tmp_path) as harness:
         assert harness.module.restored is None
         assert harness.checkpoint is None
@@ -39,7 +39,7 @@ def test_harness_shows_what_a_killed_module_would_find(tmp_path: Path) -> None:
         assert (state["array"] == 3).all(), "the module was given the test's own array"
 
 
-def test_harness_refuses_what_a_robot_refuses(tmp_path: Path) -> None:
+def test_harness_refuses_states_that_a_robot_refuses(tmp_path: Path) -> None:
     with ModuleHarness(Remembering, output_directory=tmp_path) as harness:
         with pytest.raises(UnsupportedState):
             harness.module.checkpoint({"counts": {1, 2}})
@@ -69,7 +69,7 @@ def checkpoint_path(robot: Robot) -> Path:
     return robot.folder / "state" / "robot" / "memory.checkpoint"
 
 
-def test_killed_module_goes_on_from_its_last_checkpoint(robot: Robot) -> None:
+def test_killed_module_continues_from_its_last_checkpoint(robot: Robot) -> None:
     robot.write_profile(PROFILE.format(persist="false"))
     ended = robot.run("--set", "memory.dies_at=[5, 6, 15]", "--set", "memory.elements=100000")
     assert ended.exit_code == 0, ended.stderr
@@ -84,7 +84,7 @@ def test_killed_module_goes_on_from_its_last_checkpoint(robot: Robot) -> None:
     assert not (robot.folder / "state").exists()
 
 
-def test_next_run_goes_on_where_the_last_one_ended_unless_it_is_to_be_fresh(robot: Robot) -> None:
+def test_next_run_continues_where_the_last_one_ended_unless_it_is_fresh(robot: Robot) -> None:
     robot.write_profile(PROFILE.format(persist="true"))
     for arguments in (["memory.until=5"], ["memory.until=8"]):
         assert robot.run("--set", *arguments).exit_code == 0
@@ -104,7 +104,7 @@ def test_next_run_goes_on_where_the_last_one_ended_unless_it_is_to_be_fresh(robo
 
 
 @pytest.mark.parametrize("content", [b"garbage", encode([1])[:8] + b"\7" + encode([1])[9:]])
-def test_spoiled_file_does_not_keep_the_robot_from_starting(robot: Robot, content: bytes) -> None:
+def test_damaged_file_does_not_prevent_the_robot_from_starting(robot: Robot, content: bytes) -> None:
     robot.write_profile(PROFILE.format(persist="true"))
     write_file(checkpoint_path(robot), content)
     ended = robot.run("--set", "memory.until=3")

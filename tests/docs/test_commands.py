@@ -48,7 +48,7 @@ def test_commands_that_a_page_mentions_exist(page: Path) -> None:
                 command = (*command, word)
 
 
-def test_the_check_finds_commands() -> None:
+def test_check_finds_commands() -> None:
     found = {line.split()[0] for page in PAGES for line in mentioned(page) if line.split()}
     assert found >= set(COMMANDS)
 
@@ -63,7 +63,7 @@ def test_reference_describes_every_option() -> None:
     assert not [option for option in long_options if f"| `{option}" not in REFERENCE]
 
 
-def test_targets_of_make_that_pages_mention_exist() -> None:
+def test_make_targets_that_pages_mention_exist() -> None:
     targets = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     for page in PAGES:
         assert set(re.findall(r"(?:`|^    )make (\w+)", page.read_text(), re.MULTILINE)) <= targets

@@ -75,7 +75,7 @@ def test_camera_fills_images_in_place(monkeypatch: pytest.MonkeyPatch) -> None:
         assert np.unique(image.data).tolist() == [7]
 
 
-def test_encoded() -> None:
+def test_encoded_messages() -> None:
     scan = LaserScan(ranges=np.array([1.0, 2.0]))
     with ModuleHarness(run("encoded")["Relay"]) as harness:
         harness.send(scan, topic="laser/front")
@@ -91,7 +91,7 @@ def test_topics() -> None:
         assert harness.module.seen == ["front", "any: laser/front", "rear", "any: laser/rear"]
 
 
-def test_safety_stop() -> None:
+def test_safety_stop_example() -> None:
     with ModuleHarness(run("states")["SafetyStop"]) as harness:
         harness.send(ModuleState(module="laser", state="RUNNING"))
         harness.send(ModuleState(module="camera", state="FAILED"))
@@ -109,7 +109,7 @@ def test_settings() -> None:
         assert harness.module.give_up_after_s is None
 
 
-def test_profile_that_wakes_up_sooner(tmp_path: Path) -> None:
+def test_profile_that_reduces_latency_is_valid(tmp_path: Path) -> None:
     (tmp_path / "profiles").mkdir()
     (tmp_path / "profiles" / "sooner.yaml").write_text(block("docs/how-to.md", "sooner"))
     profile = load_profile("sooner", tmp_path)
@@ -119,7 +119,7 @@ def test_profile_that_wakes_up_sooner(tmp_path: Path) -> None:
     assert MessageLogger.nice > 0
 
 
-def test_its_own_tests_pass() -> None:
+def test_tests_on_the_page_pass() -> None:
     names = run("newest", "pace", "testing")
     names["test_planner_says_what_it_plans_on"]()
     names["test_source_publishes_all_and_ends"]()
@@ -139,7 +139,7 @@ with ModuleHarness(run("processes")["CornerModule"]) as harness:
 """
 
 
-def test_module_publishes_what_other_processes_have_found(tmp_path: Path) -> None:
+def test_module_publishes_results_of_its_worker_processes(tmp_path: Path) -> None:
     """In a process of its own, for multiprocessing leaves one behind for as long as its user lives."""
     (tmp_path / "workers").mkdir()
     (tmp_path / "workers" / "__init__.py").write_text("")

@@ -18,7 +18,7 @@ def name(page: Path) -> str:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
-def test_every_link_leads_somewhere(page: Path) -> None:
+def test_every_link_has_a_target(page: Path) -> None:
     for link in LINK.findall(prose(page)):
         file, _, anchor = link.partition("#")
         target = page.parent / file if file else page
@@ -27,7 +27,7 @@ def test_every_link_leads_somewhere(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
-def test_every_file_of_ours_that_is_named_exists(page: Path) -> None:
+def test_every_project_file_that_a_page_names_exists(page: Path) -> None:
     written = {entry.mark.removeprefix("test: file ") for entry in blocks(name(page))}
     named = set(MENTIONED.findall(prose(page))) - written
     if "robbie new" in page.read_text():
@@ -41,7 +41,7 @@ def made_by_robbie_new() -> set[str]:
 
 
 @pytest.mark.parametrize("page", TESTED)
-def test_every_block_of_code_is_tested_or_says_that_it_is_not(page: str) -> None:
+def test_every_code_block_is_tested_or_marked_as_not_tested(page: str) -> None:
     code = [entry for entry in blocks(page) if entry.language in ("python", "sh", "yaml", "text")]
     assert code
     assert not [entry.text for entry in code if not entry.mark.startswith(("test: ", "not tested: "))]

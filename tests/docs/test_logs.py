@@ -43,7 +43,7 @@ def python(mark: str) -> dict[str, Any]:
     return names
 
 
-def test_look() -> None:
+def test_inspect_commands() -> None:
     assert run("look") == [0, 0]
 
 
@@ -63,7 +63,7 @@ def test_compare(monday: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "no topic matches 'map*'" in capsys.readouterr().err
 
 
-def test_export_and_what_to_do_with_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_export_and_use_of_its_arrays(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("export") == [0, 0]
     assert {path.suffix for path in Path("tables").iterdir()} == {".csv"}
     ranges = python("part the scans")["ranges"]
@@ -83,7 +83,7 @@ def test_read(capsys: pytest.CaptureFixture[str]) -> None:
     assert "monday_0000.mcap: byte" in lines[-1]
 
 
-def test_profile_with_a_logger_is_what_the_logger_takes() -> None:
+def test_settings_of_the_logger_in_the_profile_are_valid() -> None:
     (logger,) = yaml.safe_load(block(PAGE, "profile"))["modules"].values()
     MessageLogger.check(check_settings(MessageLogger, logger["settings"]))
     assert logger["class"] == f"{MessageLogger.__module__}:{MessageLogger.__name__}"

@@ -20,11 +20,11 @@ def names() -> dict[str, Any]:
     return names
 
 
-def test_its_own_test_passes(names: dict[str, Any]) -> None:
+def test_example_in_the_readme_passes(names: dict[str, Any]) -> None:
     names["test_near_obstacle_stops_the_robot"]()
 
 
-def test_its_own_test_can_fail(names: dict[str, Any]) -> None:
+def test_example_in_the_readme_can_fail(names: dict[str, Any]) -> None:
     names["EmergencyStop"].on_scan = lambda _module, _scan: None
     with pytest.raises(AssertionError):
         names["test_near_obstacle_stops_the_robot"]()

@@ -8,7 +8,7 @@ from tests.docs._support.pages import block
 from workers.state_machine import IllegalTransition
 
 
-def test_example_of_a_state_machine_gets_stuck_and_stays_so(capsys: pytest.CaptureFixture[str]) -> None:
+def test_state_machine_example_ends_in_its_final_state(capsys: pytest.CaptureFixture[str]) -> None:
     names: dict[str, Any] = {"__name__": __name__}
     exec(block("docs/rescue.md", "machine"), names)
     lines = capsys.readouterr().out.splitlines()

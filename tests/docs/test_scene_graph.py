@@ -15,7 +15,7 @@ from tests.docs._support.pages import ROOT, block
 PAGE = "docs/scene-graph.md"
 
 
-def test_the_library_reads_the_files_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_library_reads_the_files_on_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("robot.yaml", "world.yaml"):
         (tmp_path / name).write_text(block(PAGE, name))
     monkeypatch.chdir(tmp_path)
@@ -26,7 +26,7 @@ def test_the_library_reads_the_files_of_the_page(tmp_path: Path, monkeypatch: py
     assert names["X_RB"].translation == pytest.approx([2.1287, 0.0089, 0.37], abs=3e-3)
 
 
-def test_a_module_asks_where_a_scan_was_taken() -> None:
+def test_module_looks_up_where_a_scan_was_taken() -> None:
     names: dict[str, Any] = {"__name__": __name__}
     exec(block(PAGE, "listener"), names)
     with ModuleHarness(names["ScanPlacer"]) as harness:
@@ -42,7 +42,7 @@ def test_a_module_asks_where_a_scan_was_taken() -> None:
         assert harness.module.status == "scan taken at 1.50, 0.00, heading 0.00 rad"
 
 
-def test_the_profile_of_the_page_has_settings_that_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_profile_on_the_page_has_valid_settings(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     (module,) = yaml.safe_load(block(PAGE, "profile"))["modules"].values()
     assert module["class"] == f"{SceneGraphService.__module__}:{SceneGraphService.__name__}"

@@ -14,13 +14,13 @@ from tests.docs._support.pages import ROOT, block
 PAGE = (ROOT / "docs" / "simulation.md").read_text()
 
 
-def test_arena_of_the_page_is_read(tmp_path: Path) -> None:
+def test_arena_on_the_page_is_valid(tmp_path: Path) -> None:
     (tmp_path / "arena.yaml").write_text(block("docs/simulation.md", "arena"))
     arena = read_arena(tmp_path / "arena.yaml")
     assert (len(arena.victims), len(arena.signs), len(arena.appearing)) == (2, 1, 2)
 
 
-def test_command_of_the_page_writes_an_arena(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_command_on_the_page_writes_an_arena(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     (words,) = re.findall(
         r"^    python -m hw.simulation.generate_arena (.*) > arena.yaml", PAGE, re.MULTILINE
     )
@@ -29,7 +29,9 @@ def test_command_of_the_page_writes_an_arena(capsys: pytest.CaptureFixture[str],
     assert read_arena(tmp_path / "arena.yaml").victims
 
 
-def test_table_names_the_devices_of_the_profile_which_may_start(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_table_names_all_devices_of_the_profile_and_the_profile_is_valid(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.chdir(ROOT)
     profile = load_profile("simulation")
     assert not preflight(profile, timeout_s=60.0).failures

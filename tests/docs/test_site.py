@@ -16,7 +16,7 @@ INTERFACE = "\n".join(page.read_text() for page in (ROOT / "docs" / "api").glob(
 
 
 @pytest.mark.parametrize("name", robbie_mp.__all__)
-def test_interface_of_authors_is_documented(name: str) -> None:
+def test_interface_for_authors_is_documented(name: str) -> None:
     assert re.search(rf"^::: robbie_mp\.{name}$|`{name}(\[…\])?`", INTERFACE, re.MULTILINE)
 
 

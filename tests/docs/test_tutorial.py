@@ -160,14 +160,14 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Reader]:
         made.process.wait(LIMIT_S)
 
 
-def test_whole_tutorial_word_for_word(reader: Reader) -> None:
+def test_whole_tutorial_works_as_written(reader: Reader) -> None:
     steps = [step for step in blocks("docs/tutorial.md") if step.mark.startswith("test: ")]
     assert len(steps) > 15
     for step in steps:
         reader.do(step)
 
 
-def test_output_that_differs_is_noticed(reader: Reader) -> None:
+def test_different_output_is_detected(reader: Reader) -> None:
     reader.type("echo watch RUNNING 3")
     reader.see("watch   RUNNING  4")
     with pytest.raises(AssertionError):

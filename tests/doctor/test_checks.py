@@ -129,17 +129,17 @@ CASES: dict[Level, list[Finding]] = {
 
 
 @pytest.mark.parametrize("level", Level)
-def test_machines_are_judged_as_they_are(level: Level) -> None:
+def test_machines_are_judged_correctly(level: Level) -> None:
     assert [finding for finding in CASES[level] if finding.level is not level] == []
 
 
-def test_whatever_is_wrong_comes_with_advice_and_nothing_else_does() -> None:
+def test_problems_have_advice_and_other_lines_have_none() -> None:
     findings = [finding for level in Level for finding in CASES[level]]
     assert [finding for finding in findings if bool(finding.advice) is (finding.level is OK)] == []
     assert [finding for finding in findings if not finding.found] == []
 
 
-def test_advice_on_shared_memory_gives_a_size_that_suffices() -> None:
+def test_advice_on_shared_memory_names_a_sufficient_size() -> None:
     total, free = 64 * MIB, 60 * MIB
     advice = memory.check_shared_memory(total, free, replace(NEEDS, limit_bytes=GIB)).advice
     assert "size=1028m" in advice  # what is needed, and the 4 MiB that others have
@@ -152,7 +152,7 @@ def packages(installed: dict[str, str | None]) -> dict[str, Level]:
     return {finding.check: finding.level for finding in found}
 
 
-def test_packages_that_are_missing_or_old_are_told_from_extras_that_nobody_asked_for() -> None:
+def test_missing_packages_are_distinguished_from_unused_extras() -> None:
     assert packages({"numpy": "2.0", "scipy": "1.11", "pillow": "10.0.1"}) == {
         "packages": OK,
         "extra robot": OK,
@@ -165,7 +165,7 @@ def test_packages_that_are_missing_or_old_are_told_from_extras_that_nobody_asked
     assert packages({"numpy": "1.26", "scipy": "1.9", "pillow": "10"})["extra robot"] is WARN
 
 
-def test_sizes_are_written_as_people_do() -> None:
+def test_sizes_are_readable() -> None:
     assert [size(count) for count in (0, 5, 1536, 64 * MIB, 1.5 * GIB, 3 << 40)] == [
         "0 B", "5 B", "1.5 KiB", "64 MiB", "1.5 GiB", "3.0 TiB",
     ]  # fmt: skip

@@ -68,7 +68,7 @@ def test_wrong_profile_is_bad_usage(workspace: Path, capsys: pytest.CaptureFixtu
     assert "has no class 'Silence'" in capsys.readouterr().err
 
 
-def test_check_that_breaks_is_a_finding_and_ends_nothing_else() -> None:
+def test_failing_check_is_a_finding_and_does_not_end_the_others() -> None:
     def look() -> Iterator[Finding]:
         yield ok("first", "well")
         raise PermissionError(13, "Permission denied", "/sys/kernel")
@@ -98,7 +98,7 @@ def test_worst_level_counts() -> None:
     assert worst([fail("a", "b", "c"), ok("a", "b")]) is Level.FAIL
 
 
-def test_memory_reckoned_for_the_start_is_what_a_run_takes() -> None:
+def test_estimated_memory_at_the_start_is_that_of_a_run() -> None:
     modules = tuple(ModuleSpec(name, "zoo:Idle") for name in ("one", "two"))
     plan = RunPlan.of_profile(Profile("p", modules), "d0c7d0c7", Path(), Path(), os.getpid())
     make_folder("d0c7d0c7")
@@ -112,13 +112,13 @@ def test_memory_reckoned_for_the_start_is_what_a_run_takes() -> None:
     assert needs.start_bytes == taken + first_messages
 
 
-def test_segments_double_up_to_the_limit() -> None:
+def test_segments_double_in_size_up_to_the_limit() -> None:
     assert segments(MemoryLimits(1 << 20, 1 << 20)) == 1
     assert segments(MemoryLimits(1 << 20, 7 << 20)) == 3
     assert segments(MemoryLimits(1 << 20, 256 << 20)) == 9
 
 
-def test_run_folder_must_be_ours_alone(tmp_path: Path) -> None:
+def test_run_folder_must_belong_to_this_user_alone(tmp_path: Path) -> None:
     assert check_run_folder(tmp_path / "robbie", None).level is Level.OK
     assert check_run_folder(tmp_path / "missing" / "robbie", None).level is Level.FAIL
     shared = tmp_path / "shared"
@@ -131,7 +131,7 @@ def test_run_folder_must_be_ours_alone(tmp_path: Path) -> None:
     assert check_run_folder(private, "/run/user/12345").level is Level.WARN
 
 
-def test_last_login_setting_counts(tmp_path: Path) -> None:
+def test_last_setting_of_logind_counts(tmp_path: Path) -> None:
     assert login_setting("RemoveIPC", [str(tmp_path)]) is None
     (tmp_path / "logind.conf").write_text("[Login]\n#RemoveIPC=yes\nRemoveIPC = no\n")
     assert login_setting("RemoveIPC", [str(tmp_path)]) == "no"
@@ -140,7 +140,7 @@ def test_last_login_setting_counts(tmp_path: Path) -> None:
     assert login_setting("RemoveIPC", [str(tmp_path)]) == "yes"
 
 
-def test_clock_is_asked_and_not_set() -> None:
+def test_clock_is_read_and_not_set() -> None:
     assert clock_state() in range(6)
 
 
@@ -159,7 +159,7 @@ def test_probe_of_shared_memory_leaves_nothing() -> None:
         remove_names("d0c0d0c0")
 
 
-def test_what_a_killed_probe_leaves_is_swept(tmp_path: Path) -> None:
+def test_remains_of_a_killed_probe_are_swept(tmp_path: Path) -> None:
     run_id = "0d0c0d0c"
     (tmp_path / f"robbie-{run_id}").mkdir(mode=0o700)
     names = {f"robbie-{run_id}/board", f"sem.robbie-{run_id}.{0:016x}"}

@@ -15,7 +15,7 @@ from tests.supervisor._support.running import is_gone, wait_for
 COMMAND = [sys.executable, "-S", "-E", "-c", "import sys; sys.stdin.read()"]
 
 
-def test_children_of_every_thread_are_told_even_dead_ones() -> None:
+def test_children_of_every_thread_are_listed_even_dead_ones() -> None:
     before = own_children()
     started: list[subprocess.Popen[bytes]] = []
     may_end = threading.Event()
@@ -39,7 +39,7 @@ def test_children_of_every_thread_are_told_even_dead_ones() -> None:
     assert own_children() == before
 
 
-def test_kernel_without_lists_of_children_is_asked_process_by_process(
+def test_children_are_found_without_the_kernels_child_lists(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """CONFIG_PROC_CHILDREN is a choice of who builds the kernel."""

@@ -32,7 +32,7 @@ class Filter(Module):
         self.used.append((name, getattr(self, name)))
 
 
-def test_changed_setting_is_checked_set_and_taken_into_use() -> None:
+def test_changed_setting_is_checked_set_and_applied() -> None:
     with ModuleHarness(Filter) as harness:
         harness.change_setting("high", 7)
         assert harness.module.high == 7.0
@@ -55,12 +55,12 @@ def test_refused_value_changes_nothing(name: str, value: object, said: str) -> N
         assert (harness.module.low, harness.module.high, harness.module.used) == (1.0, 2.0, [])
 
 
-def test_setting_that_is_not_declared_changeable_is_not_changed() -> None:
+def test_setting_that_is_not_changeable_is_not_changed() -> None:
     with ModuleHarness(Filter) as harness, pytest.raises(NotChangeable, match="it has low, high"):
         harness.change_setting("window", 6)
 
 
-def test_module_answers_who_asks_by_message() -> None:
+def test_module_answers_requests_by_message() -> None:
     with ModuleHarness(Filter, name="filter") as harness:
         for request, value in enumerate(("1.5", "[", "5")):
             harness.send(SettingChange(request=request, setting="low", value=value), topic="filter")
@@ -73,7 +73,7 @@ def test_module_answers_who_asks_by_message() -> None:
     assert answers[2].value == "1.5"
 
 
-def test_what_was_changed_is_kept_for_the_next_incarnation(tmp_path: Path) -> None:
+def test_changes_are_kept_for_the_next_incarnation(tmp_path: Path) -> None:
     file = SettingsFile(tmp_path, "filter")
     assert file.changed() == {}
     harness = ModuleHarness(Filter, name="filter")
@@ -89,13 +89,13 @@ def test_what_was_changed_is_kept_for_the_next_incarnation(tmp_path: Path) -> No
     }  # fmt: skip
 
 
-def test_damaged_file_is_as_none(tmp_path: Path) -> None:
+def test_damaged_file_is_ignored(tmp_path: Path) -> None:
     (tmp_path / "settings").mkdir()
     (tmp_path / "settings" / "filter.json").write_text("{")
     assert SettingsFile(tmp_path, "filter").read() == {}
 
 
 @pytest.mark.slow
-def test_module_process_reads_no_yaml_before_it_is_asked_for_a_change() -> None:
+def test_module_imports_yaml_only_for_a_change() -> None:
     code = "import sys, robbie_mp.supervisor.module_child; sys.exit('yaml' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0

@@ -72,7 +72,7 @@ def test_unset_settings_have_their_defaults() -> None:
         ("anything_finite", math.inf, math.inf),
     ],
 )
-def test_a_right_value_becomes_the_declared_type(name: str, given: object, expected: object) -> None:
+def test_right_value_becomes_the_declared_type(name: str, given: object, expected: object) -> None:
     value = check_settings(Mapper, {name: given})[name]
     assert value == expected
     assert type(value) is type(expected)
@@ -105,11 +105,11 @@ def test_a_right_value_becomes_the_declared_type(name: str, given: object, expec
         ("weights", {"front": "x"}, "key 'front': expected float; got 'x' (str)"),
     ],
 )
-def test_a_wrong_value_is_refused_by_name(name: str, given: object, text: str) -> None:
+def test_wrong_value_is_refused_by_name(name: str, given: object, text: str) -> None:
     assert refusal(Mapper, **{name: given}) == f"Mapper.{name}: {text}"
 
 
-def test_an_infinite_bound_does_not_admit_not_a_number() -> None:
+def test_infinite_bound_does_not_admit_not_a_number() -> None:
     class Open:
         x: float = setting(0.0, "any", minimum=0, finite=False)
 
@@ -117,7 +117,7 @@ def test_an_infinite_bound_does_not_admit_not_a_number() -> None:
     assert "got nan" in refusal(Open, x=math.nan)
 
 
-def test_an_unknown_setting_names_the_near_ones() -> None:
+def test_unknown_setting_suggests_similar_names() -> None:
     assert refusal(Mapper, resolution=1) == (
         "Mapper has no setting 'resolution'; did you mean 'resolution_m'?"
     )
@@ -125,15 +125,15 @@ def test_an_unknown_setting_names_the_near_ones() -> None:
     assert refusal(object, zzz=1) == "object has no setting 'zzz'; it has none"
 
 
-def test_every_error_is_reported_in_one_go() -> None:
+def test_all_errors_are_reported_at_once() -> None:
     assert len(refusal(Mapper, resolution=1, threads=0, verbose=3).splitlines()) == 3
 
 
-def test_a_required_setting_must_be_set() -> None:
+def test_required_setting_must_be_set() -> None:
     assert refusal(Player) == "Player.file: required, but not set (log to play)"
 
 
-def test_a_path_that_must_exist_is_looked_up(tmp_path: Path) -> None:
+def test_path_that_must_exist_is_checked(tmp_path: Path) -> None:
     (tmp_path / "run.mcap").touch()
     assert check_settings(Player, {"file": "run.mcap"}, folder=tmp_path) == {"file": tmp_path / "run.mcap"}
     with pytest.raises(SettingError, match=rf"there is no {tmp_path}/lost\.mcap$"):
@@ -165,7 +165,7 @@ def test_settings_are_inherited_replaced_and_fixed() -> None:
     assert settings_of(Mapper)["resolution_m"].default == 0.05
 
 
-def test_applying_makes_plain_attributes_and_keeps_defaults_apart() -> None:
+def test_applied_settings_are_plain_attributes_and_defaults_are_copied() -> None:
     first, second = Mapper(), Mapper()
     apply_settings(first, {"threads": 2})
     apply_settings(second, {})
@@ -181,12 +181,12 @@ def test_applying_wrong_values_changes_nothing() -> None:
     assert vars(mapper) == {}
 
 
-def test_reading_a_setting_too_early_says_so() -> None:
+def test_reading_a_setting_too_early_is_an_error() -> None:
     with pytest.raises(AttributeError, match=r"Mapper\.threads is read before the settings are applied"):
         _ = Mapper().threads
 
 
-def test_quoted_annotations_resolve_and_foreign_ones_do_not_matter() -> None:
+def test_quoted_annotations_resolve_and_others_are_ignored() -> None:
     class Lazy:
         other: "ExistsForTypeCheckersOnly"  # type: ignore[name-defined]  # noqa: F821
         file: "Optional[Path]" = setting(None, "quoted")  # noqa: UP045
@@ -194,7 +194,7 @@ def test_quoted_annotations_resolve_and_foreign_ones_do_not_matter() -> None:
     assert check_settings(Lazy, {"file": "/x"}) == {"file": Path("/x")}
 
 
-def test_a_declaration_that_makes_no_sense_is_refused() -> None:
+def test_invalid_declaration_is_refused() -> None:
     class Untyped:
         x = setting(1, "no type")
 
@@ -216,7 +216,7 @@ def test_a_declaration_that_makes_no_sense_is_refused() -> None:
 CONFIG = Config({"robot.radius_m": 0.25, "robot.name": "robbie", "rescue": True, "arms": 2})
 
 
-def test_config_gives_each_type() -> None:
+def test_config_returns_each_type() -> None:
     assert CONFIG.get_float("robot.radius_m") == 0.25
     assert CONFIG.get_float("arms") == 2.0
     assert CONFIG.get_int("arms") == 2
@@ -224,7 +224,7 @@ def test_config_gives_each_type() -> None:
     assert CONFIG.get_string("robot.name") == "robbie"
 
 
-def test_config_gives_the_default_for_a_missing_key_only() -> None:
+def test_config_returns_the_default_only_for_a_missing_key() -> None:
     assert CONFIG.get_int("legs", 4) == 4
     assert CONFIG.get_int("arms", 4) == 2
     with pytest.raises(ConfigType):
@@ -232,7 +232,7 @@ def test_config_gives_the_default_for_a_missing_key_only() -> None:
 
 
 @pytest.mark.parametrize("get", [CONFIG.get_bool, CONFIG.get_int, CONFIG.get_float, CONFIG.get_string])
-def test_a_missing_config_key_names_the_near_ones(get: Any) -> None:
+def test_missing_config_key_suggests_similar_names(get: Any) -> None:
     with pytest.raises(
         ConfigMissing, match=r"^config has no key 'robot.radius'; did you mean 'robot.radius_m'"
     ):
@@ -241,7 +241,7 @@ def test_a_missing_config_key_names_the_near_ones(get: Any) -> None:
         get("zzz")
 
 
-def test_a_config_value_of_another_type_is_refused() -> None:
+def test_config_value_of_another_type_is_refused() -> None:
     with pytest.raises(ConfigType, match=r"^config key 'robot.radius_m': expected int; got 0.25 \(float\)$"):
         CONFIG.get_int("robot.radius_m")
     with pytest.raises(TypeError, match="expected bool; got 2"):

@@ -30,7 +30,7 @@ class Mirror(Module):
         self.publish_encoded(message.type_name, message.version, message.data, topic="mirror")
 
 
-def test_message_comes_once_by_pattern_and_once_by_type() -> None:
+def test_message_arrives_once_by_pattern_and_once_by_type() -> None:
     with ModuleHarness(Mirror) as harness:
         harness.send(DriveCommand(), topic="left")
         assert [who for who, _ in harness.module.came] == ["typed", "driving"]
@@ -41,13 +41,13 @@ def test_message_comes_once_by_pattern_and_once_by_type() -> None:
         assert (envelope.topic, envelope.sender, envelope.sequence) == ("left", "laser", 3)
 
 
-def test_bytes_of_an_unknown_type_pass() -> None:
+def test_messages_of_an_unknown_type_are_delivered() -> None:
     with ModuleHarness(Mirror) as harness:
         harness.send_encoded("team_msgs/msg/Secret", 2, SECRET, topic="l")
         assert harness.published_encoded == [PublishedEncoded("team_msgs/msg/Secret", 2, SECRET, "mirror")]
 
 
-def test_bytes_that_are_no_message_and_patterns_that_stand_twice_are_refused() -> None:
+def test_invalid_bytes_and_repeated_patterns_are_refused() -> None:
     with ModuleHarness(Mirror) as harness:
         with pytest.raises(DecodeError):
             harness.module.publish_encoded("team_msgs/msg/Secret", 2, b"\x00\x01")

@@ -70,7 +70,7 @@ def off_m(pose: PoseStamped, truth: PlanarPose) -> float:
     return float(np.hypot(pose.pose.position.x - truth[0], pose.pose.position.y - truth[1]))
 
 
-def test_pose_is_published_once_it_is_sure_and_survives_a_restart(drive: Drive, map_file: Path) -> None:
+def test_pose_is_published_once_it_is_certain_and_survives_a_restart(drive: Drive, map_file: Path) -> None:
     with ModuleHarness(MonteCarloLocalization, {"map_file": str(map_file)}) as harness:
         *_, truth = along(drive, harness, 2.5)
         states = harness.take(LocalizationState)
@@ -85,7 +85,7 @@ def test_pose_is_published_once_it_is_sure_and_survives_a_restart(drive: Drive, 
         assert not restarted.take(PoseStamped, "map_pose_guess")
 
 
-def test_robot_is_looked_for_anew_when_time_jumps(drive: Drive, map_file: Path) -> None:
+def test_robot_is_localized_anew_when_time_jumps(drive: Drive, map_file: Path) -> None:
     with ModuleHarness(MonteCarloLocalization, {"map_file": str(map_file)}) as harness:
         list(along(drive, harness, 2.0))
         assert present(present(harness.module.localizer).newest).converged
@@ -95,7 +95,7 @@ def test_robot_is_looked_for_anew_when_time_jumps(drive: Drive, map_file: Path) 
         assert off_m(harness.take(PoseStamped, "map_pose_guess")[-1], truth) < 0.5
 
 
-def test_map_and_first_pose_come_as_messages(drive: Drive) -> None:
+def test_map_and_first_pose_can_be_messages(drive: Drive) -> None:
     cells, corner = drawn_map(drive.arena, RESOLUTION_M)
     info = MapMetaData(
         resolution=RESOLUTION_M,

@@ -93,7 +93,7 @@ def robot() -> Iterator[Robot]:
         yield Robot(harness)
 
 
-def test_goal_is_driven_to_with_commands_that_expire_and_a_path(robot: Robot) -> None:
+def test_robot_drives_to_a_goal_with_expiring_commands_and_a_path(robot: Robot) -> None:
     robot.go_on(0.5)
     assert set(robot.states) == {"IDLE"}
     assert not robot.harness.take(DriveCommand)
@@ -113,7 +113,7 @@ def test_goal_is_driven_to_with_commands_that_expire_and_a_path(robot: Robot) ->
     assert truth.heading_rad == pytest.approx(1.0, abs=0.2)
 
 
-def test_silent_laser_stops_the_robot_and_it_says_so(robot: Robot) -> None:
+def test_silent_laser_stops_the_robot_and_is_reported(robot: Robot) -> None:
     robot.harness.send(GOAL, topic="goal")
     robot.go_on(2.0)
     assert robot.drive.read().linear_m_per_s > 0.2
@@ -126,7 +126,7 @@ def test_silent_laser_stops_the_robot_and_it_says_so(robot: Robot) -> None:
     assert "laser is silent" in robot.harness.module.status
 
 
-def test_emergency_stop_of_the_base_is_waited_for(robot: Robot) -> None:
+def test_navigation_waits_while_the_emergency_stop_is_engaged(robot: Robot) -> None:
     robot.harness.send(GOAL, topic="goal")
     robot.go_on(0.5)
     stop = EmergencyStop(engaged=True, reason="somebody pressed the button")
@@ -147,9 +147,7 @@ def test_emergency_stop_of_the_base_is_waited_for(robot: Robot) -> None:
         (PoseStamped(pose=pose_of(50.0, 0.0, 0.0)), "the goal lies in unknown space"),
     ],
 )
-def test_goal_that_cannot_be_is_unreachable_and_the_reason_is_told(
-    robot: Robot, goal: PoseStamped, reason: str
-) -> None:
+def test_impossible_goal_is_unreachable_with_its_reason(robot: Robot, goal: PoseStamped, reason: str) -> None:
     robot.go_on(0.3)
     robot.harness.send(goal, topic="goal")
     robot.go_on(0.5)
@@ -159,7 +157,7 @@ def test_goal_that_cannot_be_is_unreachable_and_the_reason_is_told(
     assert robot.drive.read().linear_m_per_s == 0.0
 
 
-def test_restarted_navigation_goes_on_to_its_goal_and_not_to_one_that_is_reached(robot: Robot) -> None:
+def test_restarted_navigation_continues_only_to_goals_not_yet_reached(robot: Robot) -> None:
     robot.harness.send(GOAL, topic="goal")
     robot.go_on(1.0)
     kept = robot.harness.checkpoint
@@ -196,7 +194,7 @@ def test_goal_is_forgotten_when_time_jumps(robot: Robot) -> None:
     assert robot.drive.read().linear_m_per_s == 0.0
 
 
-def test_speed_is_changed_while_it_drives(robot: Robot) -> None:
+def test_maximum_speed_can_be_changed_while_driving(robot: Robot) -> None:
     robot.harness.send(GOAL, topic="goal")
     robot.go_on(0.5)
     robot.harness.change_setting("max_linear_m_per_s", 0.1)

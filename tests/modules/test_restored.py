@@ -74,7 +74,7 @@ def results(folder: Path) -> tuple[dict[str, Any], str]:
     return json.loads((folder / "mapping.json").read_text()), (folder / "trajectory.txt").read_text()
 
 
-def test_killed_mapping_has_its_whole_map_and_its_counts(tmp_path: Path) -> None:
+def test_killed_mapping_restores_its_map_and_counters(tmp_path: Path) -> None:
     for name in ("straight", "killed"):
         (tmp_path / name).mkdir()
     with ModuleHarness(Mapping, EVERY_SCAN, output_directory=tmp_path / "straight") as straight:
@@ -102,7 +102,7 @@ def test_restarted_mapping_publishes_its_map_at_once(tmp_path: Path) -> None:
         assert restarted.take(OccupancyGrid)
 
 
-def test_what_came_after_the_last_checkpoint_is_neither_in_the_map_nor_in_the_counts(tmp_path: Path) -> None:
+def test_messages_after_the_last_checkpoint_are_neither_mapped_nor_counted(tmp_path: Path) -> None:
     killed = ModuleHarness(Mapping, EVERY_SCAN, output_directory=tmp_path)
     killed.module.setup()
     drive(killed, 0, 104)  # the last sweep is that of number 99
@@ -111,7 +111,7 @@ def test_what_came_after_the_last_checkpoint_is_neither_in_the_map_nor_in_the_co
         assert len(restarted.module.mapper.trajectory()) == 100
 
 
-def test_laser_stays_where_it_was_when_the_map_was_begun(tmp_path: Path) -> None:
+def test_lasers_mounting_pose_stays_that_of_the_first_scan(tmp_path: Path) -> None:
     killed = ModuleHarness(Mapping, EVERY_SCAN, output_directory=tmp_path)
     killed.module.setup()
     mount = Transform(translation=Vector3(x=0.2), rotation=Quaternion.from_yaw(0.3))
@@ -122,7 +122,7 @@ def test_laser_stays_where_it_was_when_the_map_was_begun(tmp_path: Path) -> None
         assert restarted.module.mapper.laser_pose == pytest.approx([0.2, 0.0, 0.3])
 
 
-def test_map_of_another_resolution_is_not_gone_on_with(
+def test_map_with_another_resolution_is_not_continued(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     killed = ModuleHarness(Mapping, EVERY_SCAN, output_directory=tmp_path)
@@ -135,7 +135,7 @@ def test_map_of_another_resolution_is_not_gone_on_with(
         assert "settings have changed" in caplog.text
 
 
-def test_mapping_goes_on_when_its_map_is_too_large_for_a_checkpoint(
+def test_mapping_continues_when_its_map_is_too_large_for_a_checkpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def refuse(_state: object) -> bool:
@@ -206,7 +206,7 @@ def test_restarted_exploration_still_knows_home_and_its_time() -> None:
         assert restarted.checkpoint["used_s"] > state["used_s"]
 
 
-def test_exploration_that_was_on_its_way_home_goes_on_home() -> None:
+def test_restarted_exploration_still_drives_home() -> None:
     with ModuleHarness(Exploration) as exploration:
         for _ in range(30):
             see(exploration, 0.5)

@@ -20,7 +20,7 @@ HW = Path(__file__).parents[2] / "hw"
 SCENE = HW / "robots" / "rescue.yaml"
 
 
-def test_devices_sit_and_turn_where_the_scene_says() -> None:
+def test_devices_are_mounted_and_turn_as_in_the_scene_graph() -> None:
     graph = SceneGraph(read_scene(SCENE))
     camera, laser, limits = CameraGeometry(), LaserGeometry(), PanTiltLimits()
     for joint in ("pan", "tilt"):
@@ -32,7 +32,7 @@ def test_devices_sit_and_turn_where_the_scene_says() -> None:
     assert graph.joint("tilt").limits == (-limits.tilt_up_rad, limits.tilt_down_rad)
 
 
-def test_messages_of_the_stock_modules_move_it() -> None:
+def test_messages_of_the_stock_modules_move_the_scene_graph() -> None:
     with (
         ModuleHarness(SceneGraphService, {"file": str(SCENE)}) as scene,
         ModuleHarness(SimulatedBase, {"arena": str(ARENAS / "demo.yaml")}) as base,

@@ -13,7 +13,7 @@ def laser_at(x_m: float) -> TFMessage:
     return TFMessage(transforms=[place])
 
 
-def test_map_after_a_jump_is_that_of_what_came_after_it(tmp_path: Path) -> None:
+def test_map_after_a_jump_contains_only_later_messages(tmp_path: Path) -> None:
     (tmp_path / "jumped").mkdir()
     (tmp_path / "fresh").mkdir()
     with ModuleHarness(Mapping, EVERY_SCAN, output_directory=tmp_path / "jumped") as jumped:

@@ -8,7 +8,7 @@ from robbie_mp.supervisor.child_spec import ChildSpec
 from tests.profile.conftest import Robot
 
 
-def test_what_is_not_written_has_its_default(robot: Robot) -> None:
+def test_missing_keys_have_their_defaults(robot: Robot) -> None:
     robot.write("demo", "modules: {a: {class: 'm:A'}}")
     profile = robot.load()
     assert profile.modules == (ModuleSpec("a", "m:A"),)
@@ -133,13 +133,13 @@ CASES = [
 
 
 @pytest.mark.parametrize(("text", "line", "problem"), CASES)
-def test_what_is_wrong_is_said_with_file_and_line(robot: Robot, text: str, line: int, problem: str) -> None:
+def test_errors_have_file_and_line(robot: Robot, text: str, line: int, problem: str) -> None:
     robot.write("demo", text)
     [got] = robot.problems()
     assert got.startswith(f"profiles/demo.yaml:{line}: {problem}")
 
 
-def test_a_mistyped_module_is_told_from_a_new_one(robot: Robot) -> None:
+def test_mistyped_module_name_is_distinguished_from_a_new_module(robot: Robot) -> None:
     robot.write("base", "modules: {mapping: {class: 'm:A'}}")
     robot.write("demo", "parents: [base]\nmodules:\n  maping: {settings: {x: 1}}")
     assert robot.problems() == ["profiles/demo.yaml:3: modules.maping: has no class; did you mean 'mapping'?"]
@@ -167,12 +167,12 @@ def test_files_outside_of_the_current_folder_are_named_in_full(
     assert problem.startswith(f"{robot.root}/profiles/demo.yaml:1: ")
 
 
-def test_a_profile_can_be_made_without_a_file() -> None:
+def test_profile_can_be_built_without_a_file() -> None:
     profile = Profile("made", (ModuleSpec("a", "m:A"),))
     assert profile.place_of("modules", "a") is None
 
 
-def test_core_is_restarted_as_the_profile_says_and_else_as_it_is_by_default(robot: Robot) -> None:
+def test_restart_policy_of_the_core_is_that_of_the_profile_or_the_default(robot: Robot) -> None:
     robot.write("core", "core: {restart: {max_restarts: 3, within_s: 5}}")
     core = robot.load("core").core
     assert core.restart == RestartPolicy(RestartWhen.ALWAYS, max_restarts=3, within_s=5.0)

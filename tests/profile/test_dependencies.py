@@ -43,14 +43,14 @@ def test_wrong_dependencies_are_refused(robot: Robot, text: str, problem: str) -
     assert robot.problems() == [f"profiles/demo.yaml:{problem}"]
 
 
-def test_module_that_a_child_removed_cannot_be_depended_on(robot: Robot) -> None:
+def test_dependency_on_a_removed_module_is_refused(robot: Robot) -> None:
     robot.write("base", profile(laser="[]", map="[laser]"))
     robot.write("demo", "parents: [base]\nmodules:\n  laser: null\n")
     assert robot.problems() == ["profiles/base.yaml:7: modules.map.depends_on: there is no module 'laser'"]
 
 
 @given(st.dictionaries(st.sampled_from(NAMES), st.lists(st.sampled_from(NAMES), max_size=3)))
-def test_what_is_accepted_can_be_brought_into_an_order(wishes: dict[str, list[str]]) -> None:
+def test_accepted_dependencies_can_be_sorted(wishes: dict[str, list[str]]) -> None:
     here = Place("test")
     modules = {
         name: Node({"depends_on": Node([Node(other, here) for other in others], here)}, here)

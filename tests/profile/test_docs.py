@@ -94,7 +94,7 @@ def test_every_key_of_a_profile_is_documented() -> None:
     assert tuple(documented("Keys of a profile")) == PROFILE_KEYS
 
 
-def test_the_example_is_a_profile(robot: Robot) -> None:
+def test_example_is_a_profile(robot: Robot) -> None:
     example = TEXT.split("```yaml\n")[1].split("```")[0]
     robot.write("sim/arena", example)
     for parent in yaml.safe_load(example)["parents"]:

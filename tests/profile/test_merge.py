@@ -10,7 +10,7 @@ def module(profile: Profile, name: str) -> ModuleSpec:
     return next(module for module in profile.modules if module.name == name)
 
 
-def test_later_parents_win_and_the_profile_itself_wins_over_all(robot: Robot) -> None:
+def test_later_parents_win_over_earlier_ones_and_the_profile_over_all(robot: Robot) -> None:
     robot.write("one", "config: {a: 1, b: 1, c: 1}")
     robot.write("sim/two", "config: {b: 2, c: 2}")
     robot.write("demo", "parents: [one, sim/two]\nconfig: {c: 3}")
@@ -20,7 +20,7 @@ def test_later_parents_win_and_the_profile_itself_wins_over_all(robot: Robot) ->
     assert places == ["profiles/one.yaml:1", "profiles/sim/two.yaml:1", "profiles/demo.yaml:2"]
 
 
-def test_maps_merge_deeply_while_lists_and_scalars_replace(robot: Robot) -> None:
+def test_maps_are_merged_deeply_and_lists_and_scalars_are_replaced(robot: Robot) -> None:
     robot.write(
         "base",
         """
@@ -69,14 +69,14 @@ def test_null_removes_a_module_a_setting_or_a_key(robot: Robot) -> None:
     assert profile.config == {}
 
 
-def test_a_parent_can_remove_what_an_earlier_parent_brought(robot: Robot) -> None:
+def test_parent_can_remove_a_key_of_an_earlier_parent(robot: Robot) -> None:
     robot.write("base", "modules: {a: {class: 'm:A'}, camera: {class: 'm:C'}}")
     robot.write("without_camera", "modules: {camera: null}")
     robot.write("demo", "parents: [base, without_camera]")
     assert [module.name for module in robot.load().modules] == ["a"]
 
 
-def test_null_in_a_list_stays(robot: Robot) -> None:
+def test_null_in_a_list_is_kept(robot: Robot) -> None:
     robot.write("demo", "modules: {a: {class: 'm:A', settings: {x: [1, null]}}}")
     assert module(robot.load(), "a").settings == {"x": [1, None]}
 
@@ -87,7 +87,7 @@ def test_modules_keep_the_order_of_their_first_appearance(robot: Robot) -> None:
     assert [module.name for module in robot.load().modules] == ["c", "a", "b"]
 
 
-def test_a_common_ancestor_does_not_undo_what_one_parent_changed(robot: Robot) -> None:
+def test_common_ancestor_does_not_undo_what_one_parent_changed(robot: Robot) -> None:
     robot.write("base", "config: {speed: 1}")
     robot.write("fast", "parents: [base]\nconfig: {speed: 2}")
     robot.write("loud", "parents: [base]\nconfig: {volume: 11}")
@@ -95,14 +95,14 @@ def test_a_common_ancestor_does_not_undo_what_one_parent_changed(robot: Robot) -
     assert robot.load().config == {"speed": 2, "volume": 11}
 
 
-def test_empty_profiles_and_parents_are_fine(robot: Robot) -> None:
+def test_profiles_and_parents_may_be_empty(robot: Robot) -> None:
     robot.write("base", "")
     robot.write("demo", "parents: [base]\nmodules:\n")
     profile = robot.load()
     assert (profile.modules, dict(profile.config), profile.description) == ((), {}, "")
 
 
-def test_a_cycle_shows_its_chain(robot: Robot) -> None:
+def test_cycle_shows_its_chain(robot: Robot) -> None:
     robot.write("demo", "parents: [a]")
     robot.write("a", "config: {}\nparents:\n- b\n- c")
     robot.write("b", "")
@@ -114,7 +114,7 @@ def test_a_cycle_shows_its_chain(robot: Robot) -> None:
     ]
 
 
-def test_a_missing_parent_is_named_with_its_line_and_all_there_are(robot: Robot) -> None:
+def test_missing_parent_is_reported_with_its_line_and_all_profiles(robot: Robot) -> None:
     robot.write("base", "")
     robot.write("demo", "parents:\n- base\n- bse")
     [problem] = robot.problems()
@@ -142,7 +142,7 @@ def test_parents_of_a_wrong_type_are_refused(robot: Robot, parents: str, problem
 
 
 @pytest.mark.parametrize("name", ["../outside", "/etc/passwd", ".", "a//b", "", "demo.yaml"])
-def test_a_parent_outside_of_the_profiles_folder_is_no_profile(robot: Robot, name: str) -> None:
+def test_parent_outside_of_the_profiles_folder_is_refused(robot: Robot, name: str) -> None:
     (robot.root / "outside.yaml").touch()
     robot.write("demo", f"parents: ['{name}']")
     assert robot.problems()[0].startswith(f"profiles/demo.yaml:1: there is no profile {name!r}")
@@ -177,7 +177,7 @@ def test_of_two_overrides_the_later_wins_and_null_removes(robot: Robot) -> None:
     assert "robot.name" not in profile.config
 
 
-def test_a_module_goes_before_a_config_key_of_the_same_beginning(robot: Robot) -> None:
+def test_override_prefers_a_module_to_a_config_key_with_the_same_prefix(robot: Robot) -> None:
     robot.write("demo", OVERRIDDEN)
     profile = robot.load("demo", "a.key=2")
     assert profile.config["a.key"] == 1 and profile.modules[0].settings["key"] == 2
@@ -208,6 +208,6 @@ def test_relative_paths_of_overrides_start_from_the_current_folder(robot: Robot)
         ("robot.name=.nan", "config.robot.name: expected float, finite; got nan (float)"),
     ],
 )
-def test_a_wrong_override_is_named_without_its_value(robot: Robot, override: str, problem: str) -> None:
+def test_invalid_override_is_reported_without_its_value(robot: Robot, override: str, problem: str) -> None:
     robot.write("demo", OVERRIDDEN)
     assert robot.problems("demo", override) == [f"--set {override.partition('=')[0]}: {problem}"]

@@ -57,7 +57,7 @@ def mapper(robot: Robot) -> Robot:
     return robot
 
 
-def test_settings_come_back_complete_and_with_absolute_paths(mapper: Robot) -> None:
+def test_returned_settings_are_complete_with_absolute_paths(mapper: Robot) -> None:
     findings = mapper.preflight()
     assert findings.settings == {
         "mapping": {"resolution_m": 1.0, "map_file": f"{mapper.root}/map.png", "log_file": None}
@@ -65,7 +65,7 @@ def test_settings_come_back_complete_and_with_absolute_paths(mapper: Robot) -> N
     assert findings.failures == {}
 
 
-def test_relative_paths_start_from_the_workspace_but_typed_ones_from_here(
+def test_relative_paths_in_overrides_start_from_the_current_folder(
     mapper: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here = mapper.root / "logs"
@@ -89,7 +89,7 @@ def test_relative_paths_start_from_the_workspace_but_typed_ones_from_here(
         ("mods.mapping:setting", "mods.mapping:setting is not derived from base_of_modules.Base"),
     ],
 )
-def test_a_class_that_is_no_module_is_an_error_of_the_profile(
+def test_class_that_is_not_a_module_is_an_error_of_the_profile(
     mapper: Robot, class_path: str, problem: str
 ) -> None:
     write_class(mapper, class_path)
@@ -105,7 +105,7 @@ def test_a_class_that_is_no_module_is_an_error_of_the_profile(
         ("resolution_m=13", "13 brings bad luck"),
     ],
 )
-def test_a_wrong_setting_is_reported_where_it_was_set(mapper: Robot, override: str, problem: str) -> None:
+def test_wrong_setting_is_reported_where_it_was_set(mapper: Robot, override: str, problem: str) -> None:
     assert mapper.preflight_problems(f"mapping.{override}") == [
         f"--set mapping.{override.partition('=')[0]}: modules.mapping.settings: {problem}"
     ]
@@ -137,14 +137,14 @@ def test_settings_of_files_are_reported_with_their_lines(mapper: Robot) -> None:
     ]
 
 
-def test_an_error_that_names_no_setting_is_reported_at_the_settings(mapper: Robot) -> None:
+def test_error_without_a_setting_is_reported_at_the_settings(mapper: Robot) -> None:
     mapper.write(
         "demo", "modules:\n  a:\n    class: mods.mapping:Mapping\n    settings:\n      resolution_m: 14"
     )
     assert mapper.preflight_problems() == ["profiles/demo.yaml:4: modules.a.settings: this is all wrong"]
 
 
-def test_a_class_with_a_wrong_declaration_is_reported(robot: Robot) -> None:
+def test_class_with_a_wrong_declaration_is_reported(robot: Robot) -> None:
     robot.write_code(
         "m",
         "from base_of_modules import Base\nfrom robbie_mp.module.settings import setting\n"
@@ -170,7 +170,7 @@ def test_a_class_with_a_wrong_declaration_is_reported(robot: Robot) -> None:
         ("import os; os.abort()", "mods.bad: was killed by SIGABRT while it was imported"),
     ],
 )
-def test_code_that_fails_is_left_to_the_supervisor(robot: Robot, code: str, failure: str) -> None:
+def test_failing_code_is_left_to_the_supervisor(robot: Robot, code: str, failure: str) -> None:
     robot.write_code("mods.bad", code)
     robot.write(
         "demo",
@@ -190,7 +190,7 @@ def test_code_that_fails_is_left_to_the_supervisor(robot: Robot, code: str, fail
     assert findings.settings.keys() == {"before", "after"}  # nobody takes {} for settings that were checked
 
 
-def test_a_bug_in_a_class_own_check_is_a_failure_of_its_code(mapper: Robot) -> None:
+def test_bug_in_a_class_check_counts_as_failing_code(mapper: Robot) -> None:
     findings = mapper.preflight("mapping.resolution_m=15")
     assert findings.failures["mapping"].endswith("ZeroDivisionError: bug in check\n")
     assert findings.settings == {}
@@ -205,7 +205,7 @@ def test_nothing_is_imported_into_the_asking_process(robot: Robot) -> None:
     assert int(Path("pid").read_text()) != os.getpid()
 
 
-def test_one_process_checks_all_modules_of_a_sound_profile(robot: Robot) -> None:
+def test_one_process_checks_all_modules_of_a_valid_profile(robot: Robot) -> None:
     robot.write_code(
         "who",
         "import os, base_of_modules\nclass A(base_of_modules.Base):\n"
@@ -217,12 +217,12 @@ def test_one_process_checks_all_modules_of_a_sound_profile(robot: Robot) -> None
     assert len(pids) == 20 and len(set(pids)) == 1
 
 
-def test_a_profile_without_modules_needs_no_process(robot: Robot) -> None:
+def test_profile_without_modules_needs_no_process(robot: Robot) -> None:
     robot.write("demo", "")
     assert preflight(robot.load()).settings == {}
 
 
-def test_a_base_class_that_cannot_be_imported_is_no_error_of_the_profile(robot: Robot) -> None:
+def test_base_class_that_cannot_be_imported_is_not_an_error_of_the_profile(robot: Robot) -> None:
     robot.write("demo", f"modules: {{a: {PLAIN}}}")
     with pytest.raises(
         PreflightError, match=r"(?s)cannot be checked; nowhere:Base:.*no Python module 'nowhere'"
@@ -271,7 +271,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch, *rounds: list[dict[str, object]]) 
     return checks
 
 
-def test_a_crash_between_two_modules_is_blamed_on_neither(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_crash_between_two_modules_is_attributed_to_neither(monkeypatch: pytest.MonkeyPatch) -> None:
     profile = Profile("made", (ModuleSpec("a", "m:A"), ModuleSpec("b", "n:B")))
     checks = scripted(
         monkeypatch, [{"begin": "a"}, SOUND, {"broken": "ended"}], [{"begin": "b"}, SOUND, {"end": True}]
@@ -281,7 +281,7 @@ def test_a_crash_between_two_modules_is_blamed_on_neither(monkeypatch: pytest.Mo
     assert checks.asked == [["a", "b"], ["b"]]
 
 
-def test_code_that_has_crashed_is_not_tried_again_for_another_class_of_it(
+def test_crashed_file_is_not_imported_again_for_another_class(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     profile = Profile("made", (ModuleSpec("a", "m:A"), ModuleSpec("other", "n:C"), ModuleSpec("b", "m:B")))
@@ -292,7 +292,7 @@ def test_code_that_has_crashed_is_not_tried_again_for_another_class_of_it(
     assert checks.asked == [["a", "other", "b"], ["other"]]
 
 
-def test_a_process_that_does_not_even_begin_is_an_error_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_check_process_that_cannot_start_is_a_separate_error(monkeypatch: pytest.MonkeyPatch) -> None:
     scripted(monkeypatch, [{"broken": "ended with exit code 1"}])
     with pytest.raises(PreflightError, match="checks the profile's classes ended with exit code 1"):
         preflight(Profile("made", (ModuleSpec("a", "m:A"),)))

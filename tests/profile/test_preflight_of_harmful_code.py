@@ -28,7 +28,7 @@ def wait_until(condition: Callable[[], bool], limit_s: float = 20.0) -> None:
         time.sleep(0.01)
 
 
-def test_an_import_that_hangs_is_given_up_and_the_rest_is_checked(robot: Robot) -> None:
+def test_hanging_import_is_abandoned_and_the_rest_is_checked(robot: Robot) -> None:
     robot.write_code("mods.slow", "import threading; threading.Event().wait()")
     robot.write("demo", f"modules: {{slow: {{class: 'mods.slow:A'}}, bad: {{class: 'no:A'}}, ok: {PLAIN}}}")
     with pytest.raises(
@@ -82,7 +82,7 @@ def test_threads_forks_and_children_of_imported_code_do_not_outlive_the_check(ro
     wait_until(lambda: not psutil.pid_exists(child) or psutil.Process(child).status() == psutil.STATUS_ZOMBIE)
 
 
-def test_a_thread_that_kills_the_process_later_harms_no_other_module(robot: Robot) -> None:
+def test_thread_that_kills_the_process_later_affects_no_other_module(robot: Robot) -> None:
     robot.write_code(
         "mods.bomb",
         """
@@ -107,7 +107,7 @@ def test_a_thread_that_kills_the_process_later_harms_no_other_module(robot: Robo
     assert findings.failures == {"n": "mods.next: ended with exit code 7 while it was imported"}
 
 
-def test_a_hanging_import_ends_even_if_who_asked_is_killed(robot: Robot) -> None:
+def test_hanging_import_ends_when_its_parent_is_killed(robot: Robot) -> None:
     robot.write_code(
         "mods.slow",
         """
@@ -128,7 +128,7 @@ def test_a_hanging_import_ends_even_if_who_asked_is_killed(robot: Robot) -> None
     wait_until(lambda: not checking.is_running() or checking.status() == psutil.STATUS_ZOMBIE)
 
 
-def test_code_that_closes_the_way_back_is_told_from_a_profile_error(robot: Robot) -> None:
+def test_code_that_closes_the_result_pipe_is_distinguished_from_a_profile_error(robot: Robot) -> None:
     robot.write_code("mods.closer", "import os; os.closerange(3, 100)\nclass A: pass")
     robot.write("demo", f"modules: {{a: {{class: 'mods.closer:A'}}, b: {PLAIN}}}")
     findings = robot.preflight()

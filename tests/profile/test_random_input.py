@@ -74,7 +74,7 @@ def test_any_values_are_a_profile_or_a_profile_error(demo: object, other: object
 
 
 @given(YAML_TEXT, st.sampled_from(["", "a.x=", "k=", "k", "a.", "b.x="]))
-def test_any_override_is_taken_or_a_profile_error(text: str, beginning: str) -> None:
+def test_any_override_is_accepted_or_a_profile_error(text: str, beginning: str) -> None:
     check("modules: {a: {class: 'm:A'}}\nconfig: {k: 1}", overrides=(beginning + text,))
 
 
@@ -124,7 +124,7 @@ def test_merging_agrees_with_its_definition(base: dict[str, object], over: dict[
 
 
 @given(VALUES)
-def test_a_shown_value_is_read_back_as_it_was(value: object) -> None:
+def test_shown_value_is_read_back_as_it_was(value: object) -> None:
     try:
         got = read_text(inline(value), Path("p.yaml")).plain()
     except ProfileError as error:

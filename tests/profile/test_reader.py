@@ -59,7 +59,7 @@ def test_nan_is_read() -> None:
     assert isinstance(got, float) and math.isnan(got)
 
 
-def test_values_have_the_place_of_their_key_and_elements_their_own() -> None:
+def test_values_have_the_line_of_their_key_and_elements_their_own_line() -> None:
     root = read_text("a: 1\nb:\n  c:\n    2\n  d:\n  - x\n  - y\n", FILE)
     assert isinstance(root.value, dict)
     b = root.value["b"].value
@@ -70,7 +70,7 @@ def test_values_have_the_place_of_their_key_and_elements_their_own() -> None:
     assert [element.place.line for element in elements] == [6, 7]
 
 
-def test_an_alias_stands_for_a_copy() -> None:
+def test_alias_is_a_copy_of_its_anchor() -> None:
     assert read_text("a: &x {b: 1}\nc: *x", FILE).plain() == {"a": {"b": 1}, "c": {"b": 1}}
 
 
@@ -128,17 +128,17 @@ def test_nested_aliases_cannot_fill_the_memory() -> None:
     assert "more than 100000 values" in problem("\n".join(lines))
 
 
-def test_a_file_that_is_not_utf8_is_an_error_with_its_line(tmp_path: Path) -> None:
+def test_file_that_is_not_utf8_is_an_error_with_its_line(tmp_path: Path) -> None:
     (tmp_path / "p.yaml").write_bytes(b"a: 1\nb: \xff")
     with pytest.raises(ProfileError, match=r"p\.yaml:2: expected UTF-8 text; got other bytes$"):
         read_file(tmp_path / "p.yaml")
 
 
-def test_a_file_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
+def test_file_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(ProfileError, match=r": cannot be read: Is a directory$"):
         read_file(tmp_path)
 
 
-def test_a_node_is_plain_data_without_its_places() -> None:
+def test_plain_data_of_a_node_has_no_line_numbers() -> None:
     place = Place(FILE, 1)
     assert Node({"a": Node([Node(1, place)], place)}, place).plain() == {"a": [1]}

@@ -51,7 +51,7 @@ def comment_of(output: str) -> dict[str, str]:
     return {text.strip(): comment for text, _, comment in lines}
 
 
-def test_each_value_says_where_it_is_from(capsys: Out) -> None:
+def test_each_value_is_shown_with_its_origin(capsys: Out) -> None:
     assert main(["profile", "show", "demo", "--set", "robot.radius_m=0.3"]) == 0
     comments = comment_of(capsys.readouterr().out)
     assert comments["class: mapping:Mapping"] == "profiles/base.yaml:5"
@@ -64,7 +64,7 @@ def test_each_value_says_where_it_is_from(capsys: Out) -> None:
     assert comments["handles: 16384"] == "default"
 
 
-def test_what_is_shown_is_again_the_same_profile(robot: Robot, capsys: Out) -> None:
+def test_shown_profile_is_an_equal_profile(robot: Robot, capsys: Out) -> None:
     assert main(["profile", "show", "demo"]) == 0
     shown = capsys.readouterr().out
     robot.write("again", shown)
@@ -82,7 +82,7 @@ def test_what_is_shown_is_again_the_same_profile(robot: Robot, capsys: Out) -> N
     }
 
 
-def test_json_is_for_programs(robot: Robot, capsys: Out) -> None:
+def test_json_output_is_complete(robot: Robot, capsys: Out) -> None:
     assert main(["profile", "show", "demo", "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)
     assert (shown["name"], shown["workspace"]) == ("demo", str(robot.root))
@@ -91,7 +91,7 @@ def test_json_is_for_programs(robot: Robot, capsys: Out) -> None:
     assert shown["origins"]["config/robot.radius_m"] == "profiles/base.yaml:7"
 
 
-def test_a_wrong_profile_is_exit_code_2_and_text_on_stderr(robot: Robot, capsys: Out) -> None:
+def test_wrong_profile_is_exit_code_2_and_text_on_stderr(robot: Robot, capsys: Out) -> None:
     robot.write("demo", "modlues: {}\nconfig: 5")
     assert main(["profile", "show", "demo"]) == 2
     out, err = capsys.readouterr()
@@ -102,7 +102,7 @@ def test_a_wrong_profile_is_exit_code_2_and_text_on_stderr(robot: Robot, capsys:
     )
 
 
-def test_a_wrong_setting_is_exit_code_2_too(capsys: Out) -> None:
+def test_wrong_setting_is_exit_code_2_too(capsys: Out) -> None:
     assert main(["profile", "show", "demo", "--set", "mapping.resolution_m=-1"]) == 2
     assert "Mapping.resolution_m: expected float, at least 0; got -1.0 (float)" in capsys.readouterr().err
 
@@ -115,7 +115,7 @@ def test_code_that_cannot_be_imported_is_a_warning(robot: Robot, capsys: Out) ->
     assert "resolution_m: 0.001" in out
 
 
-def test_tree_of_a_profile_without_findings_is_what_files_say(robot: Robot) -> None:
+def test_tree_of_an_unchecked_profile_is_that_of_its_files(robot: Robot) -> None:
     tree = as_tree(robot.load(), {})
     assert tree["modules"]["mapping"]["settings"] == {"resolution_m": 0.001, "weights": {"y": 2}}
     assert list(tree) == ["description", "modules", "config", "core", "spares", "trace", "tools"]
@@ -133,7 +133,7 @@ def test_bad_usage_is_exit_code_2(argv: list[str], capsys: Out) -> None:
     assert said.count("\n") == 1, "one line for each error"
 
 
-def test_help_and_version_tell(capsys: Out) -> None:
+def test_help_and_version_are_printed(capsys: Out) -> None:
     # Twice: a command that is imported must not get in the way of the program.
     for option, text in [
         ("--help", "show what"),
@@ -163,7 +163,7 @@ def test_colour_only_on_a_terminal(robot: Robot) -> None:
     assert b"\x1b[2m" in shown and b"profiles/plain.yaml:1" in shown
 
 
-def test_a_reader_that_stops_early_causes_no_traceback(robot: Robot) -> None:
+def test_closed_output_causes_no_traceback(robot: Robot) -> None:
     robot.write("long", "config:\n" + "".join(f"  key{n}: 1\n" for n in range(5000)))
     run = "import sys; from robbie_mp.cli import main; sys.exit(main(['profile', 'show', 'long']))"
     process = subprocess.Popen(

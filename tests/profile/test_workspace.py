@@ -10,7 +10,7 @@ from robbie_mp.profile.workspace import find_workspace
 from tests.profile.conftest import Robot
 
 
-def test_a_name_is_looked_up_in_the_workspace_around_the_current_folder(
+def test_name_is_looked_up_in_the_workspace_around_the_current_folder(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot.write("sim/arena", "description: found")
@@ -20,7 +20,7 @@ def test_a_name_is_looked_up_in_the_workspace_around_the_current_folder(
     assert (profile.name, profile.description, profile.workspace) == ("sim/arena", "found", robot.root)
 
 
-def test_a_path_brings_its_own_workspace(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_path_of_a_profile_determines_the_workspace(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     robot.write("base", "config: {a: 1}")
     robot.write("sim/arena", "parents: [base]")
     for start, path in [
@@ -34,7 +34,7 @@ def test_a_path_brings_its_own_workspace(robot: Robot, monkeypatch: pytest.Monke
         assert (profile.name, profile.workspace, profile.config) == ("sim/arena", robot.root, {"a": 1})
 
 
-def test_the_workspace_can_be_given(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workspace_can_be_given(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     robot.write("demo", "")
     monkeypatch.chdir("/")
     assert load_profile("demo", robot.root).workspace == robot.root
@@ -46,7 +46,7 @@ def test_all_profiles_can_be_listed(robot: Robot) -> None:
     assert find_workspace(robot.root).names() == ["base", "sim/arena"]
 
 
-def test_a_missing_profile_names_the_near_and_all_others(robot: Robot) -> None:
+def test_missing_profile_is_reported_with_similar_names_and_all_others(robot: Robot) -> None:
     robot.write("demo", "")
     robot.write("sim/arena", "")
     known = f"; profiles in {robot.root}/profiles: demo, sim/arena"
@@ -55,7 +55,7 @@ def test_a_missing_profile_names_the_near_and_all_others(robot: Robot) -> None:
     assert robot.problems("\0") == [f"there is no profile '\\x00'{known}"]
 
 
-def test_without_a_workspace_the_error_says_where_to_go(tmp_path: Path) -> None:
+def test_error_without_a_workspace_says_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(
         ProfileError, match=rf"^no folder profiles/ in {tmp_path} or above it; go to your robot"
     ):

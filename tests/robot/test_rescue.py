@@ -24,7 +24,7 @@ def robot(tmp_path: Path) -> Iterator[StockRobot]:
     made.close()
 
 
-def test_small_mission_finds_every_victim_maps_everything_and_comes_home(robot: StockRobot) -> None:
+def test_small_mission_finds_all_victims_maps_everything_and_comes_home(robot: StockRobot) -> None:
     exit_code, modules, errors = robot.run("rescue-small", timeout_s=380.0)
     assert exit_code == 0, errors
     assert {module["restarts"] for module in modules.values()} == {0}

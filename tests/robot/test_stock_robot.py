@@ -100,7 +100,7 @@ def test_demo_explores_maps_drives_home_and_touches_nothing(robot: StockRobot) -
 
 @needs_intel
 @pytest.mark.timeout(450)
-def test_intel_is_mapped_whole_and_better_than_by_scan_matching(robot: StockRobot) -> None:
+def test_intel_log_is_mapped_completely_and_better_than_by_scan_matching(robot: StockRobot) -> None:
     code, modules, errors = robot.run("intel", "--set", f"playback.file={INTEL}", timeout_s=400)
     assert code == 0, errors
     counted = json.loads((robot.output / "mapping.json").read_text())
@@ -119,7 +119,9 @@ def test_intel_is_mapped_whole_and_better_than_by_scan_matching(robot: StockRobo
 
 @needs_intel
 @pytest.mark.timeout(300)
-def test_killed_mapping_alone_is_restarted_and_the_loss_is_counted(robot: StockRobot, tmp_path: Path) -> None:
+def test_only_the_killed_mapping_is_restarted_and_its_loss_is_counted(
+    robot: StockRobot, tmp_path: Path
+) -> None:
     part = tmp_path / "part.clf"
     part.write_text("".join(INTEL.read_text().splitlines(keepends=True)[:4000]))
     robot.start("intel", "--set", f"playback.file={part}")
@@ -156,7 +158,7 @@ def test_bad_input_is_refused_before_any_process_starts(
     assert not robot.output.exists()
 
 
-def test_broken_line_of_a_log_is_named_and_may_be_skipped(robot: StockRobot, tmp_path: Path) -> None:
+def test_broken_line_of_a_log_is_reported_and_can_be_skipped(robot: StockRobot, tmp_path: Path) -> None:
     broken = tmp_path / "broken.clf"
     lines = [f"ODOM {i}.0 0 0 0 0 0 {1000 + i}.0 host {i}.0\n" for i in range(5)]
     lines[2] = "ODOM 1.0 what\n"

@@ -55,7 +55,7 @@ def graph() -> SceneGraph:
     return made
 
 
-def test_what_lies_between_two_messages_is_interpolated(graph: SceneGraph) -> None:
+def test_poses_between_two_messages_are_interpolated(graph: SceneGraph) -> None:
     camera = graph.pose("odom", "camera", SECOND // 2)
     assert camera.translation == pytest.approx(
         [0.7 + 0.1 * math.cos(math.pi / 4), 0.1 * math.sin(math.pi / 4), 0]
@@ -63,12 +63,12 @@ def test_what_lies_between_two_messages_is_interpolated(graph: SceneGraph) -> No
     assert camera.yaw == pytest.approx(math.pi / 4)
 
 
-def test_a_pose_and_its_inverse_cancel(graph: SceneGraph) -> None:
+def test_pose_and_its_inverse_cancel(graph: SceneGraph) -> None:
     there, back = graph.pose("world", "camera", 1), graph.pose("camera", "world", 1)
     assert_allclose((there @ back).matrix, RigidTransform().matrix, atol=1e-12)
 
 
-def test_without_a_time_it_is_the_newest_that_is_known_of_all(graph: SceneGraph) -> None:
+def test_lookup_without_a_time_uses_the_newest_common_time(graph: SceneGraph) -> None:
     graph.move("base", 7 * SECOND, at_x(7.0))  # the pan joint is known until 2 s
     assert graph.newest_common_ns("world", "camera") == 2 * SECOND
     assert graph.pose("world", "base").x == 17.0
@@ -77,7 +77,7 @@ def test_without_a_time_it_is_the_newest_that_is_known_of_all(graph: SceneGraph)
     assert graph.pose("world", "odom") == at_x(10.0)
 
 
-def test_too_new_and_too_old_say_by_how_much(graph: SceneGraph) -> None:
+def test_too_new_and_too_old_errors_say_by_how_much(graph: SceneGraph) -> None:
     with pytest.raises(TooNew, match=r"node 'base' is known until 2\.000000 s; asked for 0\.500000 s") as new:
         graph.pose("odom", "base", 2 * SECOND + SECOND // 2)
     assert new.value.by_s == 0.5
@@ -87,7 +87,7 @@ def test_too_new_and_too_old_say_by_how_much(graph: SceneGraph) -> None:
     assert isinstance(new.value, RobbieError) and isinstance(old.value, ValueError)
 
 
-def test_unknown_names_are_answered_with_near_ones(graph: SceneGraph) -> None:
+def test_unknown_names_are_reported_with_similar_ones(graph: SceneGraph) -> None:
     with pytest.raises(UnknownNode, match="no node 'camra'; did you mean 'camera'"):
         graph.pose("world", "camra")
     with pytest.raises(UnknownNode, match="no joint 'pan_join'; did you mean 'pan_joint'"):
@@ -103,14 +103,14 @@ def test_two_trees_are_not_connected(graph: SceneGraph) -> None:
         graph.pose("camera", "island")
 
 
-def test_a_node_that_was_never_placed_says_so() -> None:
+def test_lookup_of_a_node_that_was_never_placed_is_an_error() -> None:
     graph = SceneGraph([Node("world"), *robot()])
     for time_ns in (None, 5):
         with pytest.raises(NeverPlaced, match="node 'odom' is not known yet"):
             graph.pose("world", "odom", time_ns)
 
 
-def test_only_what_moves_can_be_moved(graph: SceneGraph) -> None:
+def test_only_nodes_with_joints_can_be_moved(graph: SceneGraph) -> None:
     with pytest.raises(NotMovable, match="'camera' is fixed, not floating"):
         graph.move("camera", 0, at_x(0.0))
     with pytest.raises(NotMovable, match="'pan' is continuous"):
@@ -119,14 +119,14 @@ def test_only_what_moves_can_be_moved(graph: SceneGraph) -> None:
         graph.set_joint("pan_joint", 0, math.nan)
 
 
-def test_a_continuous_joint_turns_the_shorter_way(graph: SceneGraph) -> None:
+def test_continuous_joint_turns_the_shorter_way(graph: SceneGraph) -> None:
     graph.set_joint("pan_joint", 3 * SECOND, math.radians(170))
     graph.set_joint("pan_joint", 4 * SECOND, math.radians(-170))
     yaw = graph.pose("base", "pan", 3 * SECOND + SECOND // 2).yaw
     assert abs(yaw) == pytest.approx(math.pi)
 
 
-def test_late_messages_find_their_place_and_repeated_times_replace(graph: SceneGraph) -> None:
+def test_late_messages_are_sorted_in_and_repeated_times_replace(graph: SceneGraph) -> None:
     graph.move("base", SECOND // 2, at_x(5.0))
     assert graph.pose("odom", "base", SECOND // 4).x == 2.5
     graph.move("base", SECOND // 2, at_x(6.0))
@@ -134,7 +134,7 @@ def test_late_messages_find_their_place_and_repeated_times_replace(graph: SceneG
     assert graph.newest_ns("base") == 2 * SECOND
 
 
-def test_the_past_is_bounded_by_time_and_number() -> None:
+def test_history_is_bounded_by_time_and_number() -> None:
     graph = SceneGraph(
         [Node("world"), Node("base", "world", joint=FLOATING)], history_s=1.0, history_limit=50
     )
@@ -154,7 +154,7 @@ def test_the_past_is_bounded_by_time_and_number() -> None:
     assert graph.pose("world", "base").x == 1.0
 
 
-def test_one_time_from_the_future_does_not_stop_a_node_for_good() -> None:
+def test_one_future_stamp_does_not_block_a_node_for_ever() -> None:
     graph = SceneGraph([Node("world"), Node("base", "world", joint=FLOATING)])
     graph.move("base", 3600 * SECOND, at_x(0.0))
     for second in range(9):
@@ -165,7 +165,7 @@ def test_one_time_from_the_future_does_not_stop_a_node_for_good() -> None:
     assert graph.pose("world", "base").x == 10.0
 
 
-def test_a_joint_follows_another() -> None:
+def test_mimic_joint_follows_another_joint() -> None:
     finger = Joint(JointType.PRISMATIC, "left", axis=(0.0, 2.0, 0.0))
     mirrored = Joint(JointType.PRISMATIC, "right", axis=(0.0, 1.0, 0.0), mimic=Mimic("left", -1.0, 0.01))
     graph = SceneGraph(
@@ -189,7 +189,7 @@ def test_several_robots_in_one_world() -> None:
     assert graph.pose("red/base", "blue/base", 0).x == 4.0
 
 
-def test_a_node_is_hung_elsewhere_with_all_that_hangs_on_it(graph: SceneGraph) -> None:
+def test_node_is_moved_to_another_parent_with_its_subtree(graph: SceneGraph) -> None:
     graph.hang(Node("island", "camera", at_x(1.0)))
     assert graph.pose("pan", "island").x == pytest.approx(1.1)
     graph.hang(Node("island", "odom", joint=FLOATING))
@@ -202,7 +202,7 @@ def test_a_node_is_hung_elsewhere_with_all_that_hangs_on_it(graph: SceneGraph) -
         graph.hang(Node("world", "camera"))
 
 
-def test_what_is_fixed_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fixed_nodes_add_no_cost(monkeypatch: pytest.MonkeyPatch) -> None:
     row = [Node("n0"), *(Node(f"n{number}", f"n{number - 1}", at_x(1.0)) for number in range(1, 100))]
     row[50] = Node("n50", "n49", at_x(1.0), Joint(JointType.PRISMATIC, "j", (1.0, 0.0, 0.0)))
     graph = SceneGraph(row)
@@ -219,7 +219,7 @@ def test_what_is_fixed_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(composed) == 1
 
 
-def test_nodes_are_added_while_it_is_used(graph: SceneGraph) -> None:
+def test_nodes_can_be_added_to_a_graph_in_use(graph: SceneGraph) -> None:
     graph.add(Node("lens", "camera", at_x(0.01)))
     assert graph.pose("pan", "lens").x == pytest.approx(0.11)
     with pytest.raises(DuplicateNode, match="node 'lens' exists already"):
@@ -258,12 +258,14 @@ def test_nodes_are_added_while_it_is_used(graph: SceneGraph) -> None:
         ),
     ],
 )
-def test_nodes_that_make_no_tree_are_refused(nodes: list[Node], error: type[Exception], text: str) -> None:
+def test_nodes_that_do_not_form_a_tree_are_refused(
+    nodes: list[Node], error: type[Exception], text: str
+) -> None:
     with pytest.raises(error, match=text):
         SceneGraph(nodes)
 
 
-def test_poses_that_are_none_are_refused() -> None:
+def test_invalid_poses_are_refused() -> None:
     with pytest.raises(
         NotAPose, match=r"unit quaternion .* got \(0\.0, 0\.0, 0\.0, 2\.0\), whose length is 2"
     ):
@@ -277,7 +279,7 @@ def test_poses_that_are_none_are_refused() -> None:
     assert math.hypot(*RigidTransform.of((0, 0, 0), (0, 0, 0.7071, 0.7071)).quaternion) == 1.0
 
 
-def test_joints_that_make_no_sense_are_refused() -> None:
+def test_invalid_joints_are_refused() -> None:
     with pytest.raises(BadJoint, match="must have a direction"):
         Joint(JointType.REVOLUTE, "j", axis=(0.0, 0.0, 0.0))
     with pytest.raises(BadJoint, match=r"must be \[lower, upper\]"):

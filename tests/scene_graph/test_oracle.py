@@ -42,7 +42,7 @@ def their_motion(node: Node, position: float) -> Any:
 @pytest.mark.slow
 @given(tree=trees(), time_ns=st.integers(0, 1000), data=st.data())
 @FEW
-def test_every_pose_in_a_random_tree_at_a_random_time(
+def test_poses_in_a_random_tree_at_random_times_agree(
     tree: list[Node], time_ns: int, data: st.DataObject
 ) -> None:
     graph, oracle, share = SceneGraph(tree), TransformManager(), time_ns / 1000
@@ -69,7 +69,7 @@ def test_every_pose_in_a_random_tree_at_a_random_time(
 
 @given(poses(), poses(), st.floats(0.0, 1.0))
 @FEW
-def test_what_lies_between_two_poses(first: RigidTransform, second: RigidTransform, share: float) -> None:
+def test_interpolated_poses_agree(first: RigidTransform, second: RigidTransform, share: float) -> None:
     assume(not are_half_a_turn_apart(first, second))
     ours = RigidTransform(*interpolate(first, second, share))
     assert_close(ours.matrix, slerp(first, second, share))
@@ -77,7 +77,7 @@ def test_what_lies_between_two_poses(first: RigidTransform, second: RigidTransfo
 
 @given(poses(), st.floats(1e-9, 1e-3), st.floats(0.0, 1.0))
 @FEW
-def test_what_lies_between_two_poses_that_hardly_differ(
+def test_interpolated_poses_agree_if_they_hardly_differ(
     first: RigidTransform, angle: float, share: float
 ) -> None:
     second = first @ RigidTransform.from_rpy((0.0, 0.0, 0.0), (angle, 0.0, 0.0))
@@ -100,7 +100,7 @@ def slerp(first: RigidTransform, second: RigidTransform, share: float) -> Any:
 
 @given(poses(), poses(), st.lists(st.tuples(LENGTHS, LENGTHS, LENGTHS), min_size=1, max_size=4))
 @FEW
-def test_products_inverses_and_points(a: RigidTransform, b: RigidTransform, points: list[Any]) -> None:
+def test_products_inverses_and_points_agree(a: RigidTransform, b: RigidTransform, points: list[Any]) -> None:
     assert_close((a @ b).matrix, their_matrix(a) @ their_matrix(b))
     assert_close(a.inverse().matrix, transformations.invert_transform(their_matrix(a)))
     moved = transformations.transform(their_matrix(a), transformations.vectors_to_points(points))

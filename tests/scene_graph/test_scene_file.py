@@ -46,7 +46,7 @@ def problems(file: Path) -> list[str]:
     return str(caught.value).replace(f"{file.parent}/", "").splitlines()
 
 
-def test_a_scene_file_describes_nodes(tmp_path: Path) -> None:
+def test_scene_file_describes_nodes(tmp_path: Path) -> None:
     nodes = {node.name: node for node in read_scene(write(tmp_path, ROBOT))}
     assert list(nodes) == ["map", "odom", "base_link", "laser", "camera", "lid"]
     assert nodes["odom"] == Node("odom", "map", joint=Joint(JointType.FLOATING))
@@ -57,7 +57,7 @@ def test_a_scene_file_describes_nodes(tmp_path: Path) -> None:
     assert nodes["lid"].joint == Joint(JointType.PRISMATIC, "lid", mimic=Mimic("pan", 0.1))
 
 
-def test_several_robots_hang_in_one_world(tmp_path: Path) -> None:
+def test_several_robots_share_one_world(tmp_path: Path) -> None:
     write(tmp_path, ROBOT, "robot.yaml")
     world = write(
         tmp_path,
@@ -128,18 +128,18 @@ def of_b(fields: str) -> str:
         ("nodes: [", "1: YAML: "),
     ],
 )
-def test_wrong_files_are_refused_with_line(tmp_path: Path, text: str, said: str) -> None:
+def test_invalid_files_are_refused_with_the_line(tmp_path: Path, text: str, said: str) -> None:
     (problem,) = problems(write(tmp_path, text))
     told = problem.removeprefix("scene.yaml:")
     assert told == said or (said.endswith(" ") and told.startswith(said))
 
 
-def test_all_problems_are_told_at_once(tmp_path: Path) -> None:
+def test_all_problems_are_reported_at_once(tmp_path: Path) -> None:
     told = problems(write(tmp_path, "nodes:\n  a: {colour: red}\n  b: {parent: 1}\nrobots: 2\n"))
     assert [each.split(": ")[0] for each in told] == ["scene.yaml:4", "scene.yaml:2", "scene.yaml:3"]
 
 
-def test_problems_of_included_files_have_their_places(tmp_path: Path) -> None:
+def test_problems_in_included_files_have_file_and_line(tmp_path: Path) -> None:
     write(tmp_path, "nodes:\n  a:\n  laser: {parent: a}\n", "one.yaml")
     two = write(tmp_path, "nodes:\n  b:\n  laser: {parent: b}\ninclude:\n  - {file: one.yaml}\n", "two.yaml")
     assert problems(two) == ["one.yaml:3: node 'laser' is described twice, first at two.yaml:3"]
@@ -152,6 +152,6 @@ def test_problems_of_included_files_have_their_places(tmp_path: Path) -> None:
     assert problems(six)[0].startswith("six.yaml:2: include[0].file: there is no file ")
 
 
-def test_a_file_that_is_not_there_is_an_error_like_others(tmp_path: Path) -> None:
+def test_missing_file_is_a_scene_error(tmp_path: Path) -> None:
     assert problems(tmp_path / "gone.yaml") == ["gone.yaml:1: cannot be read: No such file or directory"]
     assert problems(tmp_path / "gone.urdf") == ["gone.urdf:1: cannot be read: No such file or directory"]

@@ -103,7 +103,7 @@ def pass_on(harness: ModuleHarness[SceneGraphService], listening: ModuleHarness[
     harness.published.clear()
 
 
-def test_each_change_is_told_at_once_and_what_is_fixed_again_and_again(file: Path) -> None:
+def test_changes_are_published_at_once_and_fixed_transforms_repeatedly(file: Path) -> None:
     with serve(file) as harness:
         harness.advance(0.0)
         (fixed,) = harness.take(TFMessage, "tf_static")
@@ -120,7 +120,7 @@ def test_each_change_is_told_at_once_and_what_is_fixed_again_and_again(file: Pat
         assert not harness.take(TFMessage)
 
 
-def test_changes_that_come_fast_share_messages_and_none_is_left_out(file: Path) -> None:
+def test_fast_changes_share_messages_and_none_is_omitted(file: Path) -> None:
     with serve(file) as harness:
         for step in range(1, 101):
             harness.send(odometry(step / 1000, step), topic="odom")
@@ -132,7 +132,7 @@ def test_changes_that_come_fast_share_messages_and_none_is_left_out(file: Path) 
         assert 2 <= len(harness.take(SceneGraphState)) <= 4
 
 
-def test_a_map_pose_moves_the_odometry_frame(file: Path) -> None:
+def test_map_pose_moves_the_odometry_frame(file: Path) -> None:
     with serve(file) as harness, ModuleHarness(Listening) as listening:
         harness.send(odometry(1.0, 1.0, math.pi / 2), topic="odom")
         harness.send(odometry(2.0, 3.0, math.pi / 2), topic="odom")
@@ -149,7 +149,7 @@ def test_a_map_pose_moves_the_odometry_frame(file: Path) -> None:
         assert scene.pose("map", "base_link", 3 * SECOND).translation == pytest.approx([10.0, 4.0, 0.0])
 
 
-def test_a_map_pose_may_come_before_its_odometry_and_late(file: Path) -> None:
+def test_map_pose_may_arrive_early_or_late(file: Path) -> None:
     with serve(file) as harness:
         graph = harness.module.graph
         harness.send(map_pose(1.5, 7.0, 0.0, 0.0), topic="map_pose")
@@ -164,7 +164,7 @@ def test_a_map_pose_may_come_before_its_odometry_and_late(file: Path) -> None:
         assert graph.pose("map", "base_link", 3 * SECOND).x == pytest.approx(8.5)
 
 
-def test_several_robots_have_topics_and_nodes_of_their_own(file: Path) -> None:
+def test_each_robot_has_its_own_topics_and_nodes(file: Path) -> None:
     world = file.with_name("world.yaml")
     world.write_text(
         "nodes: {world: }\n"
@@ -184,7 +184,7 @@ def test_several_robots_have_topics_and_nodes_of_their_own(file: Path) -> None:
             graph.pose("red/base_link", "red/pan")
 
 
-def test_the_state_has_every_node(file: Path) -> None:
+def test_state_has_every_node(file: Path) -> None:
     with serve(file) as harness:
         harness.send(odometry(1.0, 2.0), topic="odom")
         harness.send(joints(1.5, pan_joint=0.5))
@@ -203,7 +203,7 @@ def test_the_state_has_every_node(file: Path) -> None:
         assert nodes["shade"].transform.translation.z == pytest.approx(0.05)
 
 
-def test_a_restarted_service_holds_the_correction(file: Path) -> None:
+def test_restarted_service_keeps_the_correction(file: Path) -> None:
     with serve(file) as harness:
         harness.send(odometry(1.0, 1.0), topic="odom")
         harness.send(map_pose(1.0, 5.0, 0.0, 0.0), topic="map_pose")
@@ -215,7 +215,7 @@ def test_a_restarted_service_holds_the_correction(file: Path) -> None:
         assert harness.module.graph.pose("map", "base_link").x == pytest.approx(6.0)
 
 
-def test_after_a_jump_of_time_nothing_is_known_of_before(file: Path) -> None:
+def test_jump_of_time_clears_all_positions(file: Path) -> None:
     with serve(file) as harness, ModuleHarness(Listening) as listening:
         harness.send(odometry(100.0, 1.0), topic="odom")
         harness.send(map_pose(100.0, 5.0, 0.0, 0.0), topic="map_pose")
@@ -232,7 +232,7 @@ def test_after_a_jump_of_time_nothing_is_known_of_before(file: Path) -> None:
             scene.pose("map", "base_link")
 
 
-def test_odometry_from_the_future_does_not_stop_the_robot_for_good(file: Path) -> None:
+def test_odometry_with_a_future_stamp_does_not_block_the_robot_for_ever(file: Path) -> None:
     with serve(file) as harness:
         harness.send(odometry(1.0, 1.0), topic="odom")
         harness.send(map_pose(1.0, 5.0, 0.0, 0.0), topic="map_pose")
@@ -266,7 +266,7 @@ def test_odometry_from_the_future_does_not_stop_the_robot_for_good(file: Path) -
         (PoseStamped(header=header(-60.0, "map")), "map_pose", "is known from 1.000000 s on; asked for 61"),
     ],
 )
-def test_what_cannot_be_applied_is_told_once_and_counted(
+def test_message_that_cannot_be_applied_is_logged_once_and_counted(
     file: Path, caplog: pytest.LogCaptureFixture, message: Message, topic: str, said: str
 ) -> None:
     with serve(file) as harness, caplog.at_level(logging.WARNING):
@@ -279,7 +279,7 @@ def test_what_cannot_be_applied_is_told_once_and_counted(
         assert ("2 ignored" in harness.module.status) == ("beyond" not in said)
 
 
-def test_wrong_scene_files_are_told_before_anything_starts(tmp_path: Path) -> None:
+def test_invalid_scene_files_are_reported_before_anything_starts(tmp_path: Path) -> None:
     file = tmp_path / "robot.yaml"
     file.write_text("nodes:\n  a: {parent: b}\n")
     with pytest.raises(SettingError, match=r"robot.yaml:2: the parent of node 'a', 'b', does not exist"):
@@ -299,7 +299,7 @@ def transforms(at_s: float, *links: tuple[str, str, float]) -> TFMessage:
     )
 
 
-def test_a_listener_learns_the_tree_in_any_order() -> None:
+def test_listener_builds_the_tree_from_messages_in_any_order() -> None:
     with ModuleHarness(Listening) as harness:
         scene = harness.module.scene
         harness.send(transforms(0.0, ("camera", "lens", 0.01), ("base", "camera", 0.1)), topic="tf_static")
@@ -321,7 +321,7 @@ def test_a_listener_learns_the_tree_in_any_order() -> None:
             scene.pose("map", "lamp")
 
 
-def test_a_listener_follows_a_node_that_is_hung_elsewhere_and_refuses_cycles(
+def test_listener_follows_a_change_of_parent_and_refuses_cycles(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     with ModuleHarness(Listening) as harness, caplog.at_level(logging.WARNING):

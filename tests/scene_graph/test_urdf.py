@@ -39,7 +39,7 @@ ARM = """\
 """
 
 
-def test_it_is_the_tree_that_pytransform3d_reads(tmp_path: Path) -> None:
+def test_tree_agrees_with_that_of_pytransform3d(tmp_path: Path) -> None:
     graph = SceneGraph(read_scene(write(tmp_path, ARM, "arm.urdf")))
     oracle = UrdfTransformManager()
     with warnings.catch_warnings(action="ignore"):
@@ -56,7 +56,7 @@ def test_it_is_the_tree_that_pytransform3d_reads(tmp_path: Path) -> None:
                 assert_allclose(ours, oracle.get_transform(b.name, a.name), rtol=0.0, atol=1e-9)
 
 
-def test_it_may_be_included_with_a_prefix_and_followers(tmp_path: Path) -> None:
+def test_urdf_with_mimic_joints_can_be_included_with_a_prefix(tmp_path: Path) -> None:
     mimic = '<axis xyz="0 1 0"/> <mimic joint="bend" multiplier="-2" offset="0.1"/>'
     write(tmp_path, ARM.replace('<axis xyz="0 1 0"/>', mimic), "arm.urdf")
     scene = write(tmp_path, "nodes: {body: }\ninclude:\n  - {file: arm.urdf, prefix: left/, parent: body}\n")
@@ -110,7 +110,7 @@ def test_it_may_be_included_with_a_prefix_and_followers(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_wrong_urdfs_are_refused_with_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+def test_invalid_urdfs_are_refused_with_the_line(tmp_path: Path, old: str, new: str, said: str) -> None:
     assert old in ARM
     told = problems(write(tmp_path, ARM.replace(old, new, 1), "arm.urdf"))
     assert any(each.startswith(f"arm.urdf:{said}") for each in told), told

@@ -93,16 +93,14 @@ def test_checkpoint_of_an_earlier_version_that_others_can_only_read_is_restored(
 
 
 @pytest.mark.timeout(20)
-def test_pipe_in_place_of_a_checkpoint_is_refused_and_holds_nobody_up(checkpoint: Path) -> None:
+def test_pipe_in_place_of_a_checkpoint_is_refused_without_blocking(checkpoint: Path) -> None:
     checkpoint.unlink()
     os.mkfifo(checkpoint, 0o600)
     with pytest.raises(CheckpointForeign, match="no regular file"):
         read_file(checkpoint)
 
 
-def test_link_laid_where_a_checkpoint_will_be_written_is_not_followed(
-    checkpoint: Path, tmp_path: Path
-) -> None:
+def test_link_at_the_path_of_a_checkpoint_is_not_followed(checkpoint: Path, tmp_path: Path) -> None:
     victim = tmp_path / "victim"
     victim.write_text("precious")
     checkpoint.with_name(f"{checkpoint.name}.{os.getpid()}.new").symlink_to(victim)
@@ -130,7 +128,7 @@ def test_forged_checkpoint_is_set_aside_and_the_module_starts_fresh(robot: Robot
 
 
 @needs_root
-def test_other_user_can_neither_read_nor_enter_what_is_private(tmp_path: Path) -> None:
+def test_other_user_can_neither_read_nor_enter_private_files_and_folders(tmp_path: Path) -> None:
     for folder in (tmp_path, tmp_path.parent):
         folder.chmod(0o755)  # pytest closes these itself
     folder = tmp_path / "output" / "run"

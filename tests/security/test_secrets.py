@@ -56,7 +56,7 @@ def command_lines() -> list[bytes]:
     return found
 
 
-def test_secret_reaches_its_module_and_stands_in_no_file_command_line_or_output(keeper: Robot) -> None:
+def test_secret_reaches_its_module_and_appears_in_no_file_or_output(keeper: Robot) -> None:
     process = keeper.start()
     keeper.until(lambda modules: modules["keeper"]["restarts"] == 1 and modules["keeper"]["ticks"] > 3)
     run = keeper.known_run()
@@ -102,7 +102,7 @@ def test_secret_in_clear_text_in_a_profile_is_refused_and_not_repeated(keeper: R
     assert SECRET not in refused.stderr
 
 
-def test_secret_comes_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_secret_is_read_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROBBIE_TEST_KEY", SECRET)
     found: Any = check_settings(Holder, {"key": "environment:ROBBIE_TEST_KEY"})
     assert found["key"].reveal() == SECRET
@@ -113,7 +113,7 @@ def test_secret_comes_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> N
     assert SECRET not in json.dumps(found, default=str)
 
 
-def test_secret_comes_from_a_file_and_is_read_again_by_the_place_that_is_shown(tmp_path: Path) -> None:
+def test_secret_is_read_from_a_file_and_again_from_its_shown_place(tmp_path: Path) -> None:
     (tmp_path / "key").touch(0o600)
     (tmp_path / "key").write_text(f"{SECRET}\n")
     found: Any = check_settings(Holder, {"key": "file:key"}, folder=tmp_path)
@@ -130,7 +130,7 @@ def refusal(values: dict[str, object], folder: Path | None = None) -> str:
 
 
 @pytest.mark.parametrize("value", [SECRET, {SECRET: SECRET}, [SECRET], 17, "file:", "environment:", None])
-def test_what_is_no_place_of_a_secret_is_refused(value: object) -> None:
+def test_invalid_place_of_a_secret_is_refused(value: object) -> None:
     assert "Holder.key: expected where the secret is kept" in refusal({"key": value})
 
 
@@ -139,11 +139,11 @@ def test_list_of_secrets_in_clear_text_is_not_repeated() -> None:
     assert "Holder.keys: element 0" in refusal({"key": Secret("x"), "keys": [SECRET]})
 
 
-def test_variable_that_is_not_set_is_named() -> None:
+def test_variable_that_is_not_set_is_reported_by_name() -> None:
     assert "no variable ROBBIE_NOT_SET" in refusal({"key": "environment:ROBBIE_NOT_SET"})
 
 
-def test_file_that_cannot_hold_a_secret_is_refused_and_says_why(tmp_path: Path) -> None:
+def test_unsuitable_file_of_a_secret_is_refused_with_the_reason(tmp_path: Path) -> None:
     key = tmp_path / "key"
     assert "No such file" in refusal({"key": "file:key"}, tmp_path)
     assert "is not a regular file" in refusal({"key": "file:."}, tmp_path)

@@ -99,7 +99,7 @@ def test_folder_of_another_user_is_never_opened_written_to_or_swept(foreign: lis
     assert sorted(path.name for path in FOLDER.iterdir()) == ["board", "checkpoint-1-0"]
 
 
-def test_folder_that_others_may_enter_is_refused(folder: Path) -> None:
+def test_folder_that_others_can_enter_is_refused(folder: Path) -> None:
     segment_of_ours()
     folder.chmod(0o755)
     with pytest.raises(ForeignMemory, match="has mode 0755, others must have no access"):
@@ -119,7 +119,7 @@ def test_link_in_place_of_a_folder_is_not_followed(folder: Path) -> None:
 
 
 @needs_root
-def test_run_whose_folder_name_is_taken_takes_another(
+def test_run_whose_folder_name_is_taken_uses_another_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, foreign: list[Path]
 ) -> None:
     squatted = SHARED_MEMORY / "robbie-0bad0bad"
@@ -133,7 +133,7 @@ def test_run_whose_folder_name_is_taken_takes_another(
     assert squatted.is_dir()
 
 
-def test_run_for_which_every_name_is_taken_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_reports_that_every_name_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(secrets, "token_hex", lambda _size: "0bad0bad")
     make_folder("0bad0bad")
     try:
@@ -155,14 +155,14 @@ def test_segment_of_another_user_is_not_attached_even_in_our_folder(folder: Path
 
 
 @pytest.mark.parametrize("mode", [0o604, 0o640, 0o602])
-def test_segment_that_others_may_touch_is_not_attached(folder: Path, mode: int) -> None:
+def test_segment_with_access_for_others_is_not_attached(folder: Path, mode: int) -> None:
     segment_of_ours()
     (SHARED_MEMORY / NAME).chmod(mode)
     with pytest.raises(ForeignMemory, match="others must have no access"):
         Segment.attach(NAME, SegmentKind.DATA)
 
 
-def test_what_is_no_regular_file_is_not_attached(folder: Path) -> None:
+def test_file_that_is_not_regular_is_not_attached(folder: Path) -> None:
     path = SHARED_MEMORY / NAME
     os.mkfifo(path, 0o600)
     with pytest.raises(ForeignMemory, match="no regular file"):
@@ -191,7 +191,7 @@ def test_forged_checkpoint_is_not_restored(folder: Path) -> None:
 
 
 @needs_root
-def test_semaphore_whose_name_is_taken_gets_another(
+def test_semaphore_whose_name_is_taken_gets_another_name(
     monkeypatch: pytest.MonkeyPatch, foreign: list[Path]
 ) -> None:
     squatted = SHARED_MEMORY / f"sem.{names.wakeup(RUN, 7)}"
@@ -285,7 +285,7 @@ def is_restarted(modules: dict[str, dict[str, Any]], restarts: int) -> bool:
 
 
 @needs_root
-def test_module_restarts_though_another_user_takes_every_name_that_it_can_guess(robot: Robot) -> None:
+def test_module_restarts_although_another_user_takes_every_guessable_name(robot: Robot) -> None:
     source = Path(__file__).parent / "_support" / "secret_modules.py"
     (robot.folder / "zoo" / "secrets.py").write_text(source.read_text())
     robot.write_secret("keeper.secret", "correct-horse-battery-staple")
@@ -321,7 +321,7 @@ def test_module_restarts_though_another_user_takes_every_name_that_it_can_guess(
     assert not list(SHARED_MEMORY.glob(f"*{run_id}*"))
 
 
-def test_segment_of_a_run_that_is_over_is_missing_and_not_foreign() -> None:
+def test_segment_of_an_ended_run_is_missing_and_not_foreign() -> None:
     with pytest.raises(SegmentMissing, match="its run is over"):
         Segment.attach(NAME, SegmentKind.DATA)
 

@@ -82,7 +82,7 @@ def reader(capsys: pytest.CaptureFixture[str]) -> Reader:
     return Reader(capsys)
 
 
-def test_every_command_is_attacked() -> None:
+def test_attacks_cover_every_command() -> None:
     assert set(COMMANDS) == NAMES_IT
 
 
@@ -106,7 +106,7 @@ def test_logs_with_hostile_texts_print_plainly(reader: Reader, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"run", "completion", "new"}))
-def test_errors_that_quote_hostile_words_are_plain(
+def test_errors_that_quote_hostile_texts_are_plain(
     command: str, reader: Reader, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -255,7 +255,7 @@ def on_terminal(words: list[str], folder: Path, until: Callable[[bytearray], obj
     return printed.decode()
 
 
-def test_colours_of_our_own_and_no_order_of_theirs_reach_a_terminal(robot: Robot, tmp_path: Path) -> None:
+def test_only_our_own_escape_sequences_reach_a_terminal(robot: Robot, tmp_path: Path) -> None:
     (robot.folder / "zoo" / "hostile.py").write_text(MODULES.read_text())
     robot.write_profile(PROFILE)
     log = write_hostile_log(tmp_path / "log.mcap")
@@ -277,7 +277,7 @@ def test_colours_of_our_own_and_no_order_of_theirs_reach_a_terminal(robot: Robot
     assert "owned" in shown and "\x1b[" in shown
 
 
-def test_only_one_file_of_the_command_line_writes_by_itself() -> None:
+def test_only_one_file_of_the_command_line_writes_output() -> None:
     folder = Path(sys.modules["robbie_mp.cli"].__file__ or "").parent
     others = [file for file in folder.rglob("*.py") if file.name != "output.py"]
     for word in ("Console(", "stdout.write", "stderr.write", ".buffer", "__stdout__", "__stderr__"):

@@ -85,7 +85,7 @@ class Visitor:
         return cookies[0].split(";")[0] if cookies else None
 
 
-def test_without_token_nothing_is_served_and_no_connection_is_opened() -> None:
+def test_nothing_is_served_and_no_connection_opened_without_a_token() -> None:
     visitor = Visitor(OPERATOR)
     assert visitor.status() == 303
     assert visitor.status("/_nicegui/secret") == 401
@@ -95,7 +95,7 @@ def test_without_token_nothing_is_served_and_no_connection_is_opened() -> None:
     assert visitor.reached == 0
 
 
-def test_wrong_token_is_refused_and_traced(caplog: pytest.LogCaptureFixture) -> None:
+def test_wrong_token_is_refused_and_logged(caplog: pytest.LogCaptureFixture) -> None:
     visitor = Visitor(OPERATOR, OBSERVER)
     assert visitor.log_in("wrong") is None
     assert visitor.log_in("") is None
@@ -103,7 +103,7 @@ def test_wrong_token_is_refused_and_traced(caplog: pytest.LogCaptureFixture) -> 
 
 
 @pytest.mark.parametrize(("token", "role"), [(OPERATOR, Role.OPERATOR), (OBSERVER, Role.OBSERVER)])
-def test_token_gives_its_role(token: str, role: Role) -> None:
+def test_token_determines_the_role(token: str, role: Role) -> None:
     visitor = Visitor(OPERATOR, OBSERVER)
     cookie = visitor.log_in(token)
     assert cookie is not None
@@ -111,7 +111,7 @@ def test_token_gives_its_role(token: str, role: Role) -> None:
     assert visitor.access.role_of(cookie.partition("=")[2]) is role
 
 
-def test_requests_that_another_site_sends_are_refused(caplog: pytest.LogCaptureFixture) -> None:
+def test_requests_from_another_site_are_refused(caplog: pytest.LogCaptureFixture) -> None:
     visitor = Visitor()
     cookie = visitor.log_in(OPERATOR)
     assert cookie is not None
@@ -122,7 +122,7 @@ def test_requests_that_another_site_sends_are_refused(caplog: pytest.LogCaptureF
     assert "evil.example" in caplog.text
 
 
-def test_sessions_are_bounded_and_the_one_used_least_lately_goes() -> None:
+def test_sessions_are_bounded_and_the_least_recently_used_one_ends() -> None:
     access = Access(OPERATOR, OBSERVER)
     sessions = [access.log_in(OPERATOR) for _ in range(MAX_SESSIONS)]
     assert access.role_of(sessions[0]) is Role.OPERATOR
@@ -134,7 +134,7 @@ def test_sessions_are_bounded_and_the_one_used_least_lately_goes() -> None:
     assert access.role_of(sessions[1]) is None
 
 
-def test_one_page_drives_until_another_takes_over_on_purpose() -> None:
+def test_one_page_drives_until_another_one_takes_over_explicitly() -> None:
     seat = DriversSeat()
     assert seat.take("first")
     assert not seat.take("second")
@@ -170,14 +170,14 @@ def test_unsafe_or_wrong_settings_are_errors_before_anything_starts(
         ModuleHarness(OperatorStation, settings)
 
 
-def test_port_that_is_taken_is_a_clear_error() -> None:
+def test_occupied_port_is_a_clear_error() -> None:
     with closing(listen("127.0.0.1", 0)) as first:
         port = first.getsockname()[1]
         with pytest.raises(AddressUnusable, match=f"port {port}: .*set another host or port"):
             listen("127.0.0.1", port)
 
 
-def test_restarted_station_knows_the_sessions_from_before() -> None:
+def test_restarted_station_knows_earlier_sessions() -> None:
     access = Access(OPERATOR, OBSERVER)
     session = access.log_in(OBSERVER)
     assert session not in access.sessions, "what is kept on a disk lets nobody in"
@@ -185,7 +185,7 @@ def test_restarted_station_knows_the_sessions_from_before() -> None:
     assert Access(OPERATOR, OBSERVER).role_of(session) is None
 
 
-def test_station_without_its_libraries_says_so_in_one_line_and_ends_well(
+def test_station_without_its_libraries_reports_that_in_one_line_and_ends(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setitem(sys.modules, "robbie_mp.station.website", None)
@@ -197,7 +197,7 @@ def test_station_without_its_libraries_says_so_in_one_line_and_ends_well(
         assert record.getMessage() == harness.module.status
 
 
-def test_messages_of_a_page_beyond_their_rate_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_messages_of_a_page_beyond_the_rate_wait(monkeypatch: pytest.MonkeyPatch) -> None:
     waited_s: list[float] = []
 
     async def receive() -> Message:

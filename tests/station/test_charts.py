@@ -5,7 +5,7 @@ import math
 from robbie_mp.station.charts import History, chart_options, fill, sparkline
 
 
-def test_a_history_keeps_the_last_values_and_shows_what_is_no_number_as_a_gap() -> None:
+def test_history_keeps_the_last_values_and_shows_nan_as_a_gap() -> None:
     history = History(2)
     for time_s, value in ((1.0, 1.0), (2.0, math.nan), (3.0, 1 / 3)):
         history.add(time_s, value)
@@ -20,5 +20,5 @@ def test_each_line_of_a_chart_gets_its_own_values() -> None:
     assert [series["data"] for series in options["series"]] == [[[1000, 10.0]], []]
 
 
-def test_a_sparkline_is_low_for_small_values_and_never_beyond_its_ends() -> None:
+def test_sparkline_is_low_for_small_values_and_never_beyond_its_ends() -> None:
     assert sparkline([0.0, 50.0, 100.0, 170.0, -3.0], 100.0) == "▁▅██▁"

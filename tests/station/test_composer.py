@@ -11,7 +11,7 @@ from robbie_mp.station.composer import FormError, compose, form_of
 PATHS = [field.path for field in form_of(PoseStamped)]
 
 
-def test_form_has_a_line_for_each_field_also_of_nested_messages() -> None:
+def test_form_has_a_line_for_each_field_including_nested_messages() -> None:
     fields = {field.path: (str(field.kind), field.default) for field in form_of(PoseStamped)}
     assert list(fields)[:3] == ["header.stamp.sec", "header.stamp.nanosec", "header.frame_id"]
     assert fields["pose.position.x"] == ("float64", "0.0")
@@ -24,7 +24,7 @@ def test_empty_form_is_the_default_message() -> None:
     assert compose(LaserScan, {}) == LaserScan()
 
 
-def test_texts_become_fields() -> None:
+def test_texts_are_converted_to_fields() -> None:
     scan = compose(
         LaserScan, {"header.frame_id": "front: left", "ranges": "[1, 2.5, .inf]", "angle_min": "-1e-1"}
     )
@@ -34,7 +34,7 @@ def test_texts_become_fields() -> None:
     assert scan.header.frame_id == "front: left"
 
 
-def test_each_error_is_that_of_its_field() -> None:
+def test_each_error_belongs_to_its_field() -> None:
     texts = {
         "linear_m_per_s": "fast",
         "angular_rad_per_s": "[1",
@@ -49,7 +49,7 @@ def test_each_error_is_that_of_its_field() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(st.dictionaries(st.sampled_from(PATHS), st.text(max_size=12)))
-def test_whatever_is_typed_is_a_message_or_an_error_of_a_field_that_was_typed(texts: dict[str, str]) -> None:
+def test_any_input_is_a_message_or_an_error_of_a_field(texts: dict[str, str]) -> None:
     try:
         compose(PoseStamped, texts).encode()
     except FormError as error:

@@ -9,7 +9,7 @@ from robbie_mp.station.dead_man import DeadManSwitch
 from robbie_mp.station.panels.drive import checked
 
 
-def test_commands_that_come_as_quickly_as_others_are_fresh() -> None:
+def test_commands_with_the_usual_delay_are_fresh() -> None:
     switch = DeadManSwitch()
     switch.begin()
     for beat in range(20):
@@ -18,7 +18,7 @@ def test_commands_that_come_as_quickly_as_others_are_fresh() -> None:
     assert switch.stale == 0
 
 
-def test_commands_that_were_held_up_are_thrown_away_and_counted() -> None:
+def test_delayed_commands_are_discarded_and_counted() -> None:
     switch = DeadManSwitch()
     switch.begin()
     assert switch.accept(1000.0, 5.0)
@@ -28,7 +28,7 @@ def test_commands_that_were_held_up_are_thrown_away_and_counted() -> None:
     assert switch.stale == 18
 
 
-def test_next_drive_is_compared_with_itself() -> None:
+def test_each_drive_has_its_own_reference_delay() -> None:
     switch = DeadManSwitch()
     switch.begin()
     assert switch.accept(1000.0, 5.0)
@@ -49,9 +49,9 @@ def test_next_drive_is_compared_with_itself() -> None:
         {"linear": None, "angular": 0, "sent_s": 0},
     ],
 )
-def test_what_no_pad_sends_is_no_command(sent: Any) -> None:
+def test_malformed_commands_are_ignored(sent: Any) -> None:
     assert checked(sent) is None
 
 
-def test_speeds_beyond_the_pad_are_its_ends() -> None:
+def test_speeds_beyond_the_pad_are_clamped() -> None:
     assert checked({"linear": 7, "angular": -7, "sent_s": 1, "held": True}) == (True, False, 1.0, -1.0, 1.0)

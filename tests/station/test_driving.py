@@ -89,7 +89,7 @@ def hold(page: Page, buttons: list[int]) -> None:
     )
 
 
-def test_robot_stands_whatever_becomes_of_key_page_and_server_and_the_page_finds_a_new_server(
+def test_robot_stops_when_key_page_or_server_fails_and_the_page_reconnects(
     robot: Robot,
 ) -> None:
     process = start_in_hall(robot, PROFILE)
@@ -213,7 +213,7 @@ def attached_of(robot: Robot) -> Iterator[tuple["subprocess.Popen[str]", str]]:
 
 
 @pytest.mark.skipif(bool(NO_LINK), reason=f"WHAT A CUT LINK DOES IS NOT TESTED: {NO_LINK}")
-def test_robot_stands_when_the_link_is_cut_and_drives_when_it_is_mended(robot: Robot) -> None:
+def test_robot_stops_when_the_link_is_cut_and_drives_when_it_is_back(robot: Robot) -> None:
     robot.write_secret("operator.token", "drives-from-far-away")
     start_in_hall(
         robot, PROFILE.replace("{port: 0", "{port: 0, host: 0.0.0.0, operator_token: file:operator.token")

@@ -32,7 +32,7 @@ IS_CONNECTED = "window.did_handshake && window.socket.connected"
 HAS_FOCUS_IN_DIALOG = "document.activeElement.closest('.q-dialog') !== null"
 
 
-def test_emergency_stop_is_always_in_reach_and_no_press_is_lost(robot: Robot) -> None:
+def test_emergency_stop_is_always_reachable_and_no_press_is_lost(robot: Robot) -> None:
     (robot.folder / "zoo" / "deaf_base.py").write_text((HERE / "_support" / "deaf_base.py").read_text())
     robot.write_profile(PROFILE)
     robot.start()

@@ -18,5 +18,5 @@ from robbie_mp.station.latest import silence
         (7300.0, "2 h"),
     ],
 )
-def test_silence_is_told_for_people(age_s: float | None, text: str) -> None:
+def test_duration_of_silence_is_readable(age_s: float | None, text: str) -> None:
     assert silence(age_s, 2.0) == text

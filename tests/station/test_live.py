@@ -40,7 +40,7 @@ def following(live: LiveParts, *groups: str) -> Follower:
     return follower
 
 
-def test_packet_has_what_has_changed_in_the_groups_that_are_followed() -> None:
+def test_packet_contains_the_changes_of_the_followed_groups() -> None:
     async def run() -> None:
         live = LiveParts()
         follower = following(live, "view", "map")
@@ -55,7 +55,7 @@ def test_packet_has_what_has_changed_in_the_groups_that_are_followed() -> None:
     asyncio.run(run())
 
 
-def test_page_that_draws_nothing_has_two_packets_on_their_way_and_then_gets_only_the_newest() -> None:
+def test_page_that_does_not_draw_has_two_packets_in_flight_then_the_newest() -> None:
     async def run() -> None:
         live = LiveParts()
         follower = following(live, "view")
@@ -78,7 +78,7 @@ def test_page_that_draws_nothing_has_two_packets_on_their_way_and_then_gets_only
     asyncio.run(run())
 
 
-def test_packets_are_bounded_and_what_is_small_is_in_each_and_what_is_large_has_its_turn() -> None:
+def test_packets_are_bounded_with_small_parts_first_and_large_ones_in_turn() -> None:
     async def run() -> None:
         live = LiveParts()
         follower = following(live, "view")
@@ -98,7 +98,7 @@ def test_packets_are_bounded_and_what_is_small_is_in_each_and_what_is_large_has_
     asyncio.run(run())
 
 
-def test_new_page_has_what_changed_last_before_all_the_rest() -> None:
+def test_new_page_gets_the_latest_changes_first() -> None:
     async def run() -> None:
         live = LiveParts()
         live.put("map", {f"tile/{number}": LARGE for number in range(50)})
@@ -109,7 +109,7 @@ def test_new_page_has_what_changed_last_before_all_the_rest() -> None:
     asyncio.run(run())
 
 
-def test_part_that_is_no_more_is_forgotten_and_sent_again_when_it_is_back() -> None:
+def test_removed_part_is_forgotten_and_sent_again_when_it_returns() -> None:
     async def run() -> None:
         live = LiveParts()
         follower = following(live, "map")
@@ -123,7 +123,7 @@ def test_part_that_is_no_more_is_forgotten_and_sent_again_when_it_is_back() -> N
     asyncio.run(run())
 
 
-def test_nothing_is_wanted_when_the_page_has_gone() -> None:
+def test_closed_page_requests_nothing() -> None:
     async def run() -> None:
         live = LiveParts()
         told: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
@@ -143,7 +143,7 @@ def test_nothing_is_wanted_when_the_page_has_gone() -> None:
     asyncio.run(run())
 
 
-def test_what_waits_for_a_browser_that_does_not_read_is_bounded() -> None:
+def test_data_waiting_for_a_browser_that_does_not_read_is_bounded() -> None:
     async def run() -> None:
         server = socketio.AsyncServer(async_mode="asgi")
         engine = server.eio

@@ -41,7 +41,7 @@ def as_drawn(cells: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("x_m", "y_m"), [(0.0, 0.0), (-3.7, 2.1), (12.8, -40.0)])
-def test_tiles_put_together_are_the_map_wherever_its_corner_is(x_m: float, y_m: float) -> None:
+def test_tiles_together_equal_the_map_for_any_corner(x_m: float, y_m: float) -> None:
     cells = some_cells(150, 270)
     shown = put_together(MapTiles().draw(map_of(cells, x_m, y_m)))
     seen = as_drawn(cells)[:, :, 1] > 0
@@ -49,7 +49,7 @@ def test_tiles_put_together_are_the_map_wherever_its_corner_is(x_m: float, y_m: 
     assert np.array_equal(shown[:, :, 0][seen], as_drawn(cells)[:, :, 0][seen])
 
 
-def test_only_tiles_that_have_changed_are_drawn_anew() -> None:
+def test_only_changed_tiles_are_drawn_again() -> None:
     tiles, cells = MapTiles(), some_cells(3 * TILE, 3 * TILE)
     before = tiles.draw(map_of(cells))
     cells[TILE + 5, 2 * TILE + 5] ^= 1
@@ -58,7 +58,7 @@ def test_only_tiles_that_have_changed_are_drawn_anew() -> None:
     assert before["place"] == after["place"]
 
 
-def test_map_that_grows_to_all_sides_keeps_its_tiles() -> None:
+def test_map_that_grows_on_all_sides_keeps_its_tiles() -> None:
     tiles, cells = MapTiles(), some_cells(4 * TILE, 4 * TILE)
     before = tiles.draw(map_of(cells))
     after = tiles.draw(map_of(np.pad(cells, 37, constant_values=-1), -37 * CELL_M, -37 * CELL_M))
@@ -66,13 +66,13 @@ def test_map_that_grows_to_all_sides_keeps_its_tiles() -> None:
     assert np.array_equal(put_together(after)[37:-37, 37:-37], put_together(before))
 
 
-def test_where_nothing_is_known_there_is_no_tile() -> None:
+def test_unknown_areas_have_no_tile() -> None:
     cells = np.full((2 * TILE, 2 * TILE), -1, np.int8)
     cells[0, 0] = 0
     assert set(MapTiles().draw(map_of(cells))) == {"place", "tile/0/0"}
 
 
-def test_of_a_very_large_map_every_second_cell_is_shown_at_the_same_place() -> None:
+def test_very_large_map_is_shown_with_every_second_cell_at_the_same_place() -> None:
     cells = np.full((1000, MAX_PIXELS // 1000 + 2), -1, np.int8)
     cells[0, 2] = 100
     parts = MapTiles().draw(map_of(cells))
@@ -88,5 +88,5 @@ def test_of_a_very_large_map_every_second_cell_is_shown_at_the_same_place() -> N
 @pytest.mark.parametrize(
     "info", [MapMetaData(resolution=1.0), MapMetaData(width=2, height=2), MapMetaData(resolution=1, width=3)]
 )
-def test_map_that_makes_no_sense_is_not_drawn(info: MapMetaData) -> None:
+def test_invalid_map_is_not_drawn(info: MapMetaData) -> None:
     assert MapTiles().draw(OccupancyGrid(info=info, data=np.zeros(4, np.int8))) == {}

@@ -34,7 +34,7 @@ def events_in(path: Path) -> LogEvents:
     return events
 
 
-def test_what_happened_is_found_at_its_time_and_what_did_not_change_is_left_out(tmp_path: Path) -> None:
+def test_events_are_found_at_their_times_and_unchanged_states_are_omitted(tmp_path: Path) -> None:
     happened = [
         ModuleState(module="laser", state="RUNNING"),
         String(data="hello"),
@@ -66,5 +66,5 @@ def test_events_are_bounded(tmp_path: Path) -> None:
     assert len(events_in(tmp_path / "log.mcap").found) == MAX_EVENTS
 
 
-def test_log_that_cannot_be_read_has_no_events_and_says_why(tmp_path: Path) -> None:
+def test_unreadable_log_has_no_events_and_a_reason(tmp_path: Path) -> None:
     assert "cannot be read" in events_in(tmp_path / "missing.mcap").error

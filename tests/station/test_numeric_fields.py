@@ -8,7 +8,7 @@ from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.station.numeric_fields import NoSuchNumber, number_reader, numeric_paths
 
 
-def test_every_path_that_is_offered_can_be_read_of_every_stock_type() -> None:
+def test_every_offered_path_can_be_read_from_every_stock_type() -> None:
     for message_type in stock_registry():
         for path in numeric_paths(message_type):
             value = number_reader(message_type, path)(message_type())
@@ -39,6 +39,6 @@ def test_paths_lead_through_messages_lists_and_arrays() -> None:
         (Image, "data[-1]", "expected a path"),
     ],
 )
-def test_wrong_paths_are_refused_and_it_is_said_why(message_type: type, path: str, says: str) -> None:
+def test_invalid_paths_are_refused_with_the_reason(message_type: type, path: str, says: str) -> None:
     with pytest.raises(NoSuchNumber, match=says):
         number_reader(message_type, path)

@@ -31,7 +31,7 @@ def test_filter_is_by_kind_module_and_text() -> None:
     assert numbers([]) == []
 
 
-def test_page_gets_what_is_new_and_at_most_as_much_as_it_shows() -> None:
+def test_page_gets_new_entries_and_at_most_as_many_as_it_shows() -> None:
     entries = deque(entry(number) for number in range(1, 10 * SHOWN))
     everything = Filter(["info"], "", "")
     last = entries[-1].number
@@ -63,11 +63,11 @@ def test_message_is_a_tree_whose_long_arrays_are_abbreviated() -> None:
         {"what": "goal", "x_m": float("nan"), "y_m": 0, "yaw_rad": None},
     ],
 )
-def test_what_no_map_sends_is_no_goal(sent: object) -> None:
+def test_malformed_goals_are_ignored(sent: object) -> None:
     assert checked(sent) is None
 
 
-def test_long_path_is_thinned_but_ends_where_it_ends() -> None:
+def test_long_path_is_thinned_but_keeps_its_end() -> None:
     path = Path(poses=[PoseStamped(pose=Pose(position=Point(x=x))) for x in range(10 * MAX_PATH_POINTS)])
     points = way_points(path)
     assert len(points) <= MAX_PATH_POINTS + 1

@@ -75,9 +75,7 @@ class Told:
         return sum(line.startswith(begin) for line in self._file.read_text().splitlines())
 
 
-def test_panels_show_what_the_robot_has_and_the_robot_hears_what_is_said_there(
-    robot: Robot, told: Told
-) -> None:
+def test_panels_show_the_robot_and_their_messages_reach_it(robot: Robot, told: Told) -> None:
     (robot.folder / "zoo" / "known_robot.py").write_text((HERE / "_support" / "known_robot.py").read_text())
     with LogFile(robot.folder / "old.mcap") as log:
         log.add(Mark(text="here it was"), time_ns=104 * 10**9)

@@ -29,7 +29,7 @@ COLOURS = np.array([[[1, 2, 3], [4, 5, 6]]], np.uint8)
         ("bgra8", np.pad(COLOURS[:, :, ::-1], ((0, 0), (0, 0), (0, 1)))),
     ],
 )
-def test_colours_are_red_green_blue_whatever_their_order_and_padding(
+def test_colours_are_correct_for_every_order_and_padding(
     encoding: str, stored: "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]"
 ) -> None:
     row = np.append(stored.ravel(), [77, 77]).astype(np.uint8)
@@ -38,13 +38,13 @@ def test_colours_are_red_green_blue_whatever_their_order_and_padding(
 
 
 @pytest.mark.parametrize("big", [False, True])
-def test_of_16_bits_the_darkest_is_black_and_the_brightest_white(big: bool) -> None:
+def test_images_of_16_bits_are_scaled_from_black_to_white(big: bool) -> None:
     row = np.array([29_000, 30_000, 31_000], ">u2" if big else "<u2").view(np.uint8)
     image = Image(height=1, width=3, encoding="mono16", step=8, is_bigendian=big, data=np.append(row, [7, 7]))
     assert pixels_of(image).tolist() == [[0, 127, 255]]
 
 
-def test_large_images_are_made_smaller() -> None:
+def test_large_images_are_scaled_down() -> None:
     size = 2 * MAX_PIXELS
     data = np.full(4 * size, 200, np.uint8)
     picture = encode_image(Image(height=4, width=size, encoding="mono8", step=size, data=data))
@@ -63,18 +63,18 @@ def test_large_images_are_made_smaller() -> None:
         CompressedImage(format="jpeg", data=np.zeros(9, np.uint8)),
     ],
 )
-def test_what_no_browser_shows_is_no_picture(image: Image | CompressedImage) -> None:
+def test_image_that_browsers_cannot_show_has_no_picture(image: Image | CompressedImage) -> None:
     with pytest.raises(NoPicture):
         encode_image(image)
 
 
-def test_what_is_compressed_already_stays_as_it_is() -> None:
+def test_compressed_images_are_passed_on_unchanged() -> None:
     data = b"\xff\xd8\xff and so on"
     message = CompressedImage(format="jpeg", data=np.frombuffer(data, np.uint8))
     assert encode_image(message) == Picture(data, "image/jpeg")
 
 
-def test_picture_is_made_once_for_all_pages_and_anew_for_a_newer_message() -> None:
+def test_picture_is_encoded_once_for_all_pages_and_again_for_a_newer_message() -> None:
     latest: Latest[Image] = Latest()
     drawn: list[int] = []
 

@@ -173,7 +173,7 @@ def system_shows_processes_and_restarts_and_stops_them(page: Page, robot: Robot)
     page.wait_for_selector("#panel-system tr:has(td:text-is('stage')) td:text-is('STOPPED')")
 
 
-def test_panels_show_the_robot_and_change_it(robot: Robot) -> None:
+def test_panels_show_and_change_the_robot(robot: Robot) -> None:
     (robot.folder / "zoo" / "stage.py").write_text((HERE / "_support" / "stage.py").read_text())
     (robot.folder / "zoo" / "own_panel.py").write_text((HERE / "_support" / "own_panel.py").read_text())
     (robot.folder / "robot.stl").write_text(TRIANGLE)

@@ -29,14 +29,14 @@ def test_only_rays_that_hit_something_are_points() -> None:
 
 
 @pytest.mark.parametrize("big", [False, True])
-def test_points_of_a_cloud_are_found_between_other_things(big: bool) -> None:
+def test_points_of_a_cloud_are_found_among_other_fields(big: bool) -> None:
     points = np.arange(24, dtype=np.float64).reshape(8, 3)
     assert (cloud_points(cloud(points, big=big), 100) == points).all()
 
 
 @given(st.integers(1, 200), st.integers(1, 50))
 @settings(max_examples=30)
-def test_a_cloud_is_thinned_to_the_limit_and_evenly(pairs: int, limit: int) -> None:
+def test_cloud_is_thinned_evenly_to_the_limit(pairs: int, limit: int) -> None:
     points = np.arange(6 * pairs, dtype=np.float64).reshape(-1, 3)
     found = cloud_points(cloud(points), limit)
     assert 0 < len(found) <= limit
@@ -48,7 +48,7 @@ def test_a_cloud_is_thinned_to_the_limit_and_evenly(pairs: int, limit: int) -> N
     st.integers(0, 20), st.integers(0, 9),
 )  # fmt: skip
 @settings(max_examples=60)
-def test_a_cloud_that_makes_no_sense_has_no_points_or_some_but_harms_nobody(
+def test_invalid_cloud_causes_no_error(
     height: int, width: int, point_step: int, row_step: int, size: int, offset: int, datatype: int
 ) -> None:
     fields = [PointField(name=name, offset=offset, datatype=datatype, count=1) for name in "xyz"]
@@ -59,6 +59,6 @@ def test_a_cloud_that_makes_no_sense_has_no_points_or_some_but_harms_nobody(
     assert len(cloud_points(message, 10)) <= height * width
 
 
-def test_points_travel_in_steps_of_a_centimetre() -> None:
+def test_points_are_sent_in_steps_of_a_centimetre() -> None:
     sent = packed(np.array([[1.234, -2.0, 1e9]]))
     assert np.frombuffer(sent, "<i2").tolist() == [123, -200, 32767]

@@ -60,14 +60,14 @@ def test_press_is_repeated_until_the_base_confirms_it(base: Base) -> None:
     assert base.requests.waits_s is None
 
 
-def test_what_the_base_said_before_the_press_confirms_nothing(base: Base) -> None:
+def test_earlier_report_of_the_base_does_not_confirm_a_press(base: Base) -> None:
     base.requests.press("one")
     base.clock.advance(0.01)
     base.says(engaged=True, earlier_s=0.02)
     assert base.requests.fate("one") is Fate.PENDING
 
 
-def test_press_right_after_a_release_is_not_confirmed_by_the_stop_before_it(base: Base) -> None:
+def test_press_right_after_a_release_is_not_confirmed_by_the_earlier_stop(base: Base) -> None:
     base.requests.release()
     base.requests.press("one")
     base.after(IN_FLIGHT_S / 2).says(engaged=True)  # it has heard neither yet
@@ -76,7 +76,7 @@ def test_press_right_after_a_release_is_not_confirmed_by_the_stop_before_it(base
     assert base.requests.fate("one") is Fate.CONFIRMED
 
 
-def test_settled_press_that_comes_again_does_not_stop_the_robot_again(base: Base) -> None:
+def test_repeated_settled_press_does_not_stop_the_robot_again(base: Base) -> None:
     base.requests.press("one")
     base.clock.advance(0.1)
     base.says(engaged=True)
@@ -86,7 +86,7 @@ def test_settled_press_that_comes_again_does_not_stop_the_robot_again(base: Base
     assert base.heard == [True, False]
 
 
-def test_release_withdraws_presses_that_wait_and_a_new_press_stops_again(base: Base) -> None:
+def test_release_withdraws_waiting_presses_and_a_new_press_stops_again(base: Base) -> None:
     base.requests.press("one")
     assert base.requests.release()
     assert base.requests.fate("one") is Fate.WITHDRAWN
@@ -96,7 +96,7 @@ def test_release_withdraws_presses_that_wait_and_a_new_press_stops_again(base: B
     assert base.heard == [True, False, True]
 
 
-def test_press_for_which_there_is_no_memory_is_sent_as_soon_as_there_is_some(base: Base) -> None:
+def test_press_refused_for_lack_of_memory_is_sent_as_soon_as_possible(base: Base) -> None:
     base.has_room = False
     base.requests.press("one")
     base.clock.advance(0.1)
@@ -120,7 +120,7 @@ def test_flood_of_presses_is_bounded_in_memory_and_rate(base: Base) -> None:
     assert base.requests.waits_s is None
 
 
-def test_pages_are_told_when_the_fate_of_a_press_changes(base: Base) -> None:
+def test_pages_are_notified_when_the_state_of_a_press_changes(base: Base) -> None:
     told: list[Fate | None] = []
     listener = lambda: told.append(base.requests.fate("one"))  # noqa: E731
     base.requests.listen(listener)
@@ -140,7 +140,7 @@ def test_pages_are_told_when_the_fate_of_a_press_changes(base: Base) -> None:
         "[" * 100_000,
     ],
 )  # fmt: skip
-def test_what_no_page_sends_is_no_question(text: object) -> None:
+def test_malformed_questions_are_ignored(text: object) -> None:
     assert question_of(text) is None
 
 

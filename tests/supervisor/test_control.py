@@ -110,7 +110,7 @@ def refusal(tmp_path: Path, request: bytes) -> str:
     return said[0]["error"]
 
 
-def test_running_module_is_stopped_in_order_and_started_again(tmp_path: Path) -> None:
+def test_running_module_can_be_stopped_in_order_and_started_again(tmp_path: Path) -> None:
     run = Controlled(tmp_path, animal(zoo.works, "laser", restart=RestartPolicy(max_restarts=0)))
 
     def scenario() -> Scenario:
@@ -125,7 +125,7 @@ def test_running_module_is_stopped_in_order_and_started_again(tmp_path: Path) ->
     assert "restarted by command: exit code 0" in reasons
 
 
-def test_stopped_module_stays_so_until_it_is_restarted(tmp_path: Path) -> None:
+def test_stopped_module_stays_stopped_until_it_is_restarted(tmp_path: Path) -> None:
     run = Controlled(tmp_path, animal(zoo.works, "laser"), animal(zoo.works, "other"))
 
     def scenario() -> Scenario:
@@ -148,7 +148,7 @@ def test_stopped_module_stays_so_until_it_is_restarted(tmp_path: Path) -> None:
     assert run.play(scenario()) == 0
 
 
-def test_what_is_recorded_is_set_for_all_modules_or_for_one_and_they_are_told(tmp_path: Path) -> None:
+def test_recorded_kinds_can_be_set_for_all_modules_or_for_one(tmp_path: Path) -> None:
     run = Controlled(tmp_path, core(), animal(zoo.works, "laser"), animal(zoo.works, "other"))
 
     def kinds(name: str) -> set[Kind]:
@@ -240,7 +240,7 @@ def test_core_can_be_restarted_but_not_stopped_alone(tmp_path: Path) -> None:
     assert run.play(scenario()) == 0
 
 
-def test_run_is_stopped_in_order_and_who_asked_hears_of_its_end(tmp_path: Path) -> None:
+def test_stop_command_stops_the_run_in_order_and_reports_its_end(tmp_path: Path) -> None:
     run = Controlled(tmp_path, animal(zoo.works, "first"), animal(zoo.works, "second"))
     commands: list[Command] = []
 
@@ -270,7 +270,7 @@ def test_nothing_is_restarted_while_the_run_stops(tmp_path: Path) -> None:
     assert run.play(scenario()) == 0
 
 
-def test_who_waits_hears_that_the_run_ended_before(tmp_path: Path) -> None:
+def test_waiting_client_is_told_that_the_run_has_ended(tmp_path: Path) -> None:
     run = Controlled(tmp_path, animal(zoo.is_never_ready, "slow", restart=NEVER), animal(zoo.works))
     commands: list[Command] = []
 
@@ -295,7 +295,7 @@ def test_garbage_is_refused(tmp_path: Path) -> None:
     assert refusal(tmp_path, b"\xff\x00{\n").startswith("expected a JSON object")
 
 
-def test_nesting_without_end_is_refused(tmp_path: Path) -> None:
+def test_endless_nesting_is_refused(tmp_path: Path) -> None:
     assert refusal(tmp_path, b"[" * 4000 + b"\n").startswith("expected a JSON object")
 
 
@@ -304,11 +304,11 @@ def test_unknown_command_is_refused(tmp_path: Path) -> None:
     assert "expected stop, attach, record, or stop, start or restart" in said
 
 
-def test_misspelt_module_does_not_stop_the_run(tmp_path: Path) -> None:
+def test_misspelt_module_name_does_not_stop_the_run(tmp_path: Path) -> None:
     assert "expected stop" in refusal(tmp_path, b'{"command": "stop", "modul": "works"}\n')
 
 
-def test_line_without_end_is_refused(tmp_path: Path) -> None:
+def test_endless_line_is_refused(tmp_path: Path) -> None:
     assert "expected one line" in refusal(tmp_path, b"x" * (MAX_LINE_BYTES + 1))
 
 
@@ -361,7 +361,7 @@ def test_folder_without_a_supervisor_takes_no_commands(tmp_path: Path) -> None:
         raise AssertionError("somebody answered")
 
 
-def test_command_that_comes_when_no_descriptor_is_left_waits_and_keeps_nobody_busy(tmp_path: Path) -> None:
+def test_command_waits_without_busy_polling_while_no_descriptor_is_free(tmp_path: Path) -> None:
     run = Controlled(tmp_path, core(), animal(zoo.works))
 
     def scenario() -> Scenario:

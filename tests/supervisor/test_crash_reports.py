@@ -37,7 +37,7 @@ WORD = st.integers(0, 2**64 - 1)
         (zoo.crashes, 1),
     ],
 )
-def test_end_that_nobody_wanted_is_a_crash(
+def test_unexpected_end_is_a_crash(
     tmp_path: Path, behaviour: Callable[[zoo.Animal], None], crashes: int
 ) -> None:
     run = Run(tmp_path, animal(behaviour, "child", restart=NEVER, stop_grace_s=0.1))
@@ -84,7 +84,7 @@ def words(count: int) -> Words:
     return array("Q", bytes(8 * count))
 
 
-def test_last_message_is_the_last_one_taken_whatever_else_came() -> None:
+def test_last_message_is_the_last_one_taken() -> None:
     remains = Remains()
     assert remains.last_message() is None
     for sequence in range(1, 21):
@@ -99,14 +99,14 @@ def test_last_message_is_the_last_one_taken_whatever_else_came() -> None:
     assert remains.last_message() is None
 
 
-def test_record_that_another_has_taken_the_place_of_is_not_believed() -> None:
+def test_overwritten_record_is_not_reported() -> None:
     remains = Remains()
     remains.take(Inbound.DELIVER, 5)
     remains.into[layout.IN_RING + 7] = 1 + CAPACITY
     assert remains.last_message() is None
 
 
-def test_activity_and_counters_are_told() -> None:
+def test_activity_and_counters_are_reported() -> None:
     remains = Remains()
     remains.out[layout.OUT_ACTIVITY] = Activity.TICK
     remains.out[layout.OUT_HANDLED] = 12
@@ -117,7 +117,7 @@ def test_activity_and_counters_are_told() -> None:
 
 
 @given(st.lists(WORD, min_size=40, max_size=40), st.lists(WORD, min_size=8, max_size=8), WORD)
-def test_no_garbage_in_a_dead_modules_memory_is_an_error(
+def test_garbage_in_a_dead_modules_memory_causes_no_error(
     own: list[int], record: list[int], activity: int
 ) -> None:
     remains = Remains()

@@ -32,7 +32,7 @@ def kill(run: Run, name: str) -> None:
     os.kill(pid, signal.SIGKILL)
 
 
-def test_dependents_are_stopped_in_order_and_started_when_the_other_runs(tmp_path: Path) -> None:
+def test_dependents_are_stopped_in_order_and_started_when_the_module_runs(tmp_path: Path) -> None:
     run = chain(tmp_path)
 
     def scenario() -> Scenario:
@@ -51,7 +51,7 @@ def test_dependents_are_stopped_in_order_and_started_when_the_other_runs(tmp_pat
     assert run.states("log") == [STARTING, RUNNING, STOPPED]
 
 
-def test_module_in_the_middle_restarts_only_those_behind_it(tmp_path: Path) -> None:
+def test_restart_in_the_middle_of_a_chain_restarts_only_the_dependents(tmp_path: Path) -> None:
     run = chain(tmp_path)
 
     def scenario() -> Scenario:
@@ -110,7 +110,7 @@ def test_dependents_are_restarted_each_time(tmp_path: Path) -> None:
     assert run.states("plan").count(STARTING) == 3
 
 
-def test_dependents_go_on_without_a_module_that_failed_for_good(tmp_path: Path) -> None:
+def test_dependents_continue_without_a_failed_module(tmp_path: Path) -> None:
     run = Run(
         tmp_path,
         animal(zoo.fails_once_running, "pose", restart=RestartPolicy(max_restarts=1, backoff_s=0.001)),
@@ -124,7 +124,7 @@ def test_dependents_go_on_without_a_module_that_failed_for_good(tmp_path: Path) 
     assert run.play(scenario()) == 1
 
 
-def test_nobody_is_restarted_with_a_module_that_is_not(tmp_path: Path) -> None:
+def test_dependents_of_a_module_that_is_not_restarted_are_left_alone(tmp_path: Path) -> None:
     run = Run(
         tmp_path,
         animal(zoo.works, "pose", restart=NEVER),
@@ -142,7 +142,7 @@ def test_nobody_is_restarted_with_a_module_that_is_not(tmp_path: Path) -> None:
     assert run.states("map") == [STARTING, RUNNING, STOPPED]
 
 
-def test_end_of_the_run_ends_the_wait_for_another(tmp_path: Path) -> None:
+def test_end_of_the_run_ends_the_wait_for_a_module(tmp_path: Path) -> None:
     slow = RestartPolicy(backoff_s=60.0, backoff_cap_s=60.0)
     run = Run(
         tmp_path, animal(zoo.works, "pose", restart=slow), animal(zoo.works, "map", depends_on=("pose",))

@@ -31,7 +31,7 @@ def test_forked_processes_and_daemons_end_with_their_child(tmp_path: Path) -> No
     assert all(map(is_gone, everyone))
 
 
-def test_orphan_that_ends_is_reaped_while_the_run_goes_on(tmp_path: Path) -> None:
+def test_orphan_that_ends_is_reaped_while_the_run_continues(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.forks))
 
     def scenario() -> Scenario:
@@ -44,7 +44,7 @@ def test_orphan_that_ends_is_reaped_while_the_run_goes_on(tmp_path: Path) -> Non
     assert run.play(scenario()) == 0
 
 
-def test_children_that_were_there_before_are_left_alone(tmp_path: Path) -> None:
+def test_earlier_children_are_left_alone(tmp_path: Path) -> None:
     mine = subprocess.Popen(
         [sys.executable, "-S", "-E", "-c", "import sys; sys.exit(len(sys.stdin.read()))"], stdin=-1
     )
@@ -57,7 +57,7 @@ def test_children_that_were_there_before_are_left_alone(tmp_path: Path) -> None:
     assert mine.returncode == 3
 
 
-def test_orphans_come_to_us_only_during_the_run() -> None:
+def test_orphans_are_adopted_only_during_the_run() -> None:
     assert not is_child_subreaper()
     with OrphanReaper():
         assert is_child_subreaper()
@@ -87,7 +87,7 @@ def test_marked_processes_of_another_run_are_not_killed() -> None:
         ours.wait()
 
 
-def test_child_that_ends_when_no_descriptor_is_left_is_restarted_and_what_it_forked_gone(
+def test_child_that_ends_without_free_descriptors_is_restarted_and_its_forks_end(
     tmp_path: Path,
 ) -> None:
     """The streams of the dead child are given back first: the search for what it forked needs descriptors."""

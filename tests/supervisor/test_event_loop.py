@@ -81,7 +81,7 @@ def test_timers_are_called_in_order_and_once() -> None:
     loop.close()
 
 
-def test_signals_arrive_in_the_loop_and_handlers_are_put_back(loop: EventLoop) -> None:
+def test_signals_arrive_in_the_loop_and_handlers_are_restored(loop: EventLoop) -> None:
     before = signal.getsignal(signal.SIGTERM)
     arrived: list[int] = []
     with signals_in_loop(loop, [signal.SIGTERM], arrived.append):

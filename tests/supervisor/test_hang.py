@@ -20,7 +20,7 @@ IN_HANDLER = Doing(Activity.HANDLER, 3, 1000)
 IN_TEARDOWN = Doing(Activity.TEARDOWN, 0, 1000)
 
 
-def test_hung_child_says_where_it_is_and_is_restarted(tmp_path: Path) -> None:
+def test_hung_child_dumps_its_stacks_and_is_restarted(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.hangs, handler_deadline_s=0.05))
     run.incarnations.busy["hangs"] = IN_HANDLER
 
@@ -38,7 +38,7 @@ def test_hung_child_says_where_it_is_and_is_restarted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("behaviour", [zoo.ignores_everything, zoo.stops_itself])
-def test_hung_child_that_says_nothing_is_killed_soon(
+def test_hung_child_that_dumps_nothing_is_killed_soon(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, behaviour: object
 ) -> None:
     monkeypatch.setattr(supervised_child, "DUMP_S", 0.05)
@@ -66,7 +66,7 @@ def test_hung_child_is_restarted_even_long_after_its_dump(
     assert run.play(scenario()) == 0
 
 
-def test_hang_uses_up_restarts(tmp_path: Path) -> None:
+def test_hangs_use_up_the_restart_budget(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.hangs, handler_deadline_s=0.02))
     run.incarnations.busy["hangs"] = IN_HANDLER
     assert run.play() == 1
@@ -75,7 +75,7 @@ def test_hang_uses_up_restarts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("doing", [IN_HANDLER, IN_TEARDOWN])
-def test_grace_alone_limits_an_ordered_stop(tmp_path: Path, doing: Doing) -> None:
+def test_only_the_grace_limits_an_ordered_stop(tmp_path: Path, doing: Doing) -> None:
     """A large map may take longer to write than any message to handle."""
     run = Run(tmp_path, animal(zoo.ignores_sigterm, handler_deadline_s=0.05, stop_grace_s=0.4))
 
@@ -88,7 +88,7 @@ def test_grace_alone_limits_an_ordered_stop(tmp_path: Path, doing: Doing) -> Non
     assert run.last("ignores_sigterm").reason.startswith("did not stop within 0.4 s")
 
 
-def test_pause_of_the_whole_machine_makes_no_deadline_fire(tmp_path: Path) -> None:
+def test_pause_of_the_whole_machine_causes_no_time_out(tmp_path: Path) -> None:
     paused_s = 0.0
     run = Run(
         tmp_path,
@@ -112,7 +112,7 @@ def test_pause_of_the_whole_machine_makes_no_deadline_fire(tmp_path: Path) -> No
     assert run.play(scenario()) == 0
 
 
-def test_signal_of_the_watchdog_reaches_nobody_else(tmp_path: Path) -> None:
+def test_signal_of_the_watchdog_reaches_only_the_hung_child(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.works, "good", handler_deadline_s=0.05), animal(zoo.hangs, restart=NEVER))
 
     def scenario() -> Scenario:

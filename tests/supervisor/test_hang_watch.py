@@ -30,7 +30,7 @@ def looks(watch: HangWatch, doings: list[Doing | None], waits: Waits | None = No
     return [watch.hung_for_s(doing, float(second), waits) for second, doing in enumerate(doings)]
 
 
-def test_handler_is_hung_from_its_deadline_on() -> None:
+def test_handler_is_hung_once_its_deadline_has_passed() -> None:
     assert looks(HangWatch(2.0, 0.0), [HANDLER] * 4) == [None, None, 2.0, 3.0]
 
 
@@ -40,7 +40,7 @@ def test_time_without_a_processor_does_not_count() -> None:
     assert hung == [None] * 5 + [5.0, 6.0]
 
 
-def test_run_queue_is_not_looked_at_for_short_handlers() -> None:
+def test_run_queue_is_not_read_for_short_handlers() -> None:
     waits = Waits(0.0)
     doings: list[Doing | None] = [Doing(Activity.HANDLER, 3, second // 2) for second in range(100)]
     assert looks(HangWatch(30.0, 0.0), doings, waits) == [None] * 100
@@ -51,12 +51,12 @@ def test_idle_module_is_never_hung() -> None:
     assert looks(HangWatch(2.0, 0.0), [None] * 100) == [None] * 100
 
 
-def test_module_that_goes_on_to_the_next_message_is_not_hung() -> None:
+def test_module_that_proceeds_to_the_next_message_is_not_hung() -> None:
     doings: list[Doing | None] = [Doing(Activity.HANDLER, 3, begin_ns) for begin_ns in range(100)]
     assert looks(HangWatch(2.0, 0.0), doings) == [None] * 100
 
 
-def test_change_of_one_word_alone_is_something_new() -> None:
+def test_change_of_a_single_word_counts_as_new_activity() -> None:
     """As when the module is just between its two words."""
     between = Doing(Activity.HANDLER, 3, 2000)
     assert looks(HangWatch(2.0, 0.0), [HANDLER, HANDLER, between, HANDLER, None, HANDLER]) == [None] * 6
@@ -66,13 +66,13 @@ def test_without_a_deadline_nothing_is_hung() -> None:
     assert looks(HangWatch(0.0, 0.0), [HANDLER] * 100) == [None] * 100
 
 
-def test_teardown_may_take_as_long_as_an_ordered_stop_grants() -> None:
+def test_teardown_may_take_as_long_as_the_grace_of_an_ordered_stop() -> None:
     assert looks(HangWatch(2.0, 4.0), [TEARDOWN] * 5) == [None] * 4 + [4.0]
     assert looks(HangWatch(2.0, 1.0), [TEARDOWN] * 3) == [None] * 2 + [2.0]
 
 
 @given(st.lists(st.floats(0.0, 1e6)))
-def test_time_passes_as_it_does_but_for_pauses_of_this_process(steps_s: list[float]) -> None:
+def test_pauses_of_this_process_do_not_count_as_time(steps_s: list[float]) -> None:
     now_s = 0.0
     time_of = RunningTime(lambda: now_s)
     for step_s in steps_s:

@@ -28,7 +28,7 @@ def memory() -> Iterator[RunMemory]:
     made.close()
 
 
-def test_attached_tools_are_woken_with_core_and_modules_when_the_wall_clock_was_set(
+def test_core_modules_and_tools_are_woken_when_the_wall_clock_is_set(
     memory: RunMemory,
 ) -> None:
     """Else a tool that waits for 0.1 s when the clock is set back by an hour sleeps for an hour."""

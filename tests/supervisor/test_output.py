@@ -61,7 +61,9 @@ def texts(lines: list[Entry]) -> list[str]:
 
 @given(st.binary(max_size=200), st.lists(st.integers(0, 200), max_size=5))
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_bytes_in_any_pieces_are_the_same_lines(recorder: Recorder, data: bytes, cuts: list[int]) -> None:
+def test_lines_do_not_depend_on_how_the_bytes_are_split(
+    recorder: Recorder, data: bytes, cuts: list[int]
+) -> None:
     cuts = sorted({0, len(data), *(min(cut, len(data)) for cut in cuts)})
     pieces = [data[begin:end] for begin, end in itertools.pairwise(cuts)]
     recorder.lines.clear()
@@ -100,7 +102,7 @@ def test_last_lines_are_of_the_current_incarnation_only(recorder: Recorder) -> N
     assert [line.incarnation for line in recorder.lines] == [1, 2]
 
 
-def test_flood_is_dropped_counted_and_its_end_remembered(tmp_path: Path) -> None:
+def test_flood_is_dropped_and_counted_and_its_end_is_kept(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, TraceSettings(lines_per_s=0.0, burst_lines=10, kept_lines=3))
     recorder.feed(b"".join(b"line %d\n" % number for number in range(100)))
     recorder.close()
@@ -124,7 +126,7 @@ def test_no_more_lines_pass_than_a_burst_and_the_rate(floods: list[tuple[float, 
         assert passed <= 100 + 50.0 * (now_s - 100.0) + 1e-6
 
 
-def test_log_line_says_when_which_incarnation_and_which_stream(tmp_path: Path, recorder: Recorder) -> None:
+def test_log_line_has_time_incarnation_and_stream(tmp_path: Path, recorder: Recorder) -> None:
     recorder.output.begin(7)
     recorder.feed(b"hello\n")
     recorder.store.flush()
@@ -161,7 +163,7 @@ def test_log_is_continued_by_the_next_run(tmp_path: Path) -> None:
     assert (tmp_path / "a.log").read_bytes() == b"one\ntwo\n"
 
 
-def test_disk_that_refuses_is_counted_and_stops_nobody(tmp_path: Path) -> None:
+def test_refused_writes_are_counted_and_block_nothing(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, TraceSettings())
     (tmp_path / "child.jsonl").mkdir()  # so that nothing can be written there
     recorder.output.add("stdout", ["one", "two"])
@@ -174,13 +176,15 @@ def test_disk_that_refuses_is_counted_and_stops_nobody(tmp_path: Path) -> None:
     assert b"three" in (tmp_path / "child.jsonl").read_bytes()
 
 
-def test_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
+def test_folder_that_cannot_be_created_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(LogNotWritable, match="choose another"):
         OutputStore(tmp_path / "file" / "logs")
 
 
-def test_folder_that_cannot_be_written_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_folder_that_cannot_be_written_to_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(os, "access", lambda path, mode: path != tmp_path)
     with pytest.raises(LogNotWritable, match="no permission"):
         OutputStore(tmp_path)
@@ -207,7 +211,7 @@ def test_flooding_child_is_not_blocked_for_ever_and_the_others_are_served(tmp_pa
     assert run.tree.child("works_busily").output.dropped < run.tree.child("floods").output.dropped / 10
 
 
-def test_traceback_after_a_flood_is_remembered(tmp_path: Path) -> None:
+def test_traceback_after_a_flood_is_kept(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.floods_and_fails, restart=NEVER), limits=TraceSettings(burst_lines=10))
     assert run.play() == 1
     assert run.last("floods_and_fails").last_lines[-1] == "RuntimeError: drowned"
@@ -221,7 +225,7 @@ def test_binary_garbage_and_half_a_line_at_the_end_are_kept(tmp_path: Path) -> N
     assert len(run.text("writes_garbage", "stdout")) >= 40
 
 
-def test_child_that_closes_its_output_goes_on(tmp_path: Path) -> None:
+def test_child_that_closes_its_output_continues(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.closes_output))
 
     def scenario() -> Scenario:

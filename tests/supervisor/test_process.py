@@ -55,19 +55,19 @@ def output(process: ChildProcess) -> str:
         ("import os; os.kill(os.getpid(), 40)", "killed by signal 40", False),
     ],
 )
-def test_every_way_to_end_is_named(code: str, reason: str, is_clean: bool) -> None:
+def test_every_kind_of_end_is_described(code: str, reason: str, is_clean: bool) -> None:
     with started(code) as process:
         status = ended(process)
         assert (status.reason, status.is_clean) == (reason, is_clean)
         assert process.exit_status() == status, "asking did not reap it"
 
 
-def test_child_leads_a_session_of_its_own() -> None:
+def test_child_leads_a_separate_session() -> None:
     with started("import os; print(os.getsid(0), os.getpgid(0))") as process:
         assert output(process).split() == [str(process.pid)] * 2
 
 
-def test_child_inherits_no_input_and_no_descriptor_but_its_log_channel() -> None:
+def test_child_inherits_only_the_descriptor_of_its_log_channel() -> None:
     reader, writer = os.pipe()
     os.set_inheritable(writer, True)
     try:
@@ -81,7 +81,7 @@ def test_child_inherits_no_input_and_no_descriptor_but_its_log_channel() -> None
         os.close(writer)
 
 
-def test_child_gets_the_given_environment_and_our_two_variables_alone() -> None:
+def test_child_gets_only_the_given_environment_and_our_two_variables() -> None:
     with started("import os; print(sorted(set(os.environ) - {'LC_CTYPE'}))", ROBOT="lisa") as process:
         assert output(process).strip() == "['PYTHONPATH', 'ROBBIE_CHILD', 'ROBBIE_LOG_CHANNEL', 'ROBOT']"
 
@@ -92,7 +92,7 @@ def test_command_that_does_not_exist_leaves_nothing_open() -> None:
 
 
 @pytest.mark.parametrize("free", range(13))
-def test_start_for_which_descriptors_run_out_leaves_neither_descriptor_nor_process(free: int) -> None:
+def test_start_without_free_descriptors_leaves_neither_descriptor_nor_process(free: int) -> None:
     """Wherever they run out: at a pipe, within Popen, or at the pidfd of a process that runs already."""
     before = sorted(os.listdir("/proc/self/fd"))
     with only_free_descriptors(free):
@@ -127,7 +127,7 @@ def test_child_whose_process_cannot_be_watched_is_killed_and_reaped(monkeypatch:
         os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG)
 
 
-def test_child_whose_parent_died_before_it_could_ask_dies_too() -> None:
+def test_child_dies_if_its_parent_died_before_the_death_signal_was_set() -> None:
     """The child is told a parent that is not its parent (any more)."""
     code = "from robbie_mp.linux.prctl import die_with_parent; die_with_parent(1); print('lives')"
     with started(code) as process:

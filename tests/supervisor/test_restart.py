@@ -54,7 +54,7 @@ def test_one_failure_more_than_the_budget_is_too_many() -> None:
     assert tested.ended(clean=False) == GiveUp("all 2 restarts within 60 s are used up", 30.0)
 
 
-def test_restart_comes_back_when_it_is_long_ago() -> None:
+def test_old_restarts_no_longer_count() -> None:
     clock = Clock()
     tested = budget(clock, RestartPolicy(max_restarts=1, within_s=60.0, backoff_s=2.0))
     assert isinstance(tested.ended(clean=False), Restart)
@@ -62,7 +62,7 @@ def test_restart_comes_back_when_it_is_long_ago() -> None:
     assert isinstance(tested.ended(clean=False), Restart)
 
 
-def test_wait_before_a_restart_does_not_count_as_time_since_it() -> None:
+def test_backoff_does_not_count_as_time_since_a_restart() -> None:
     clock = Clock()
     tested = budget(clock, RestartPolicy(max_restarts=1, within_s=60.0, backoff_s=2.0))
     assert isinstance(tested.ended(clean=False), Restart)
@@ -70,7 +70,7 @@ def test_wait_before_a_restart_does_not_count_as_time_since_it() -> None:
     assert isinstance(tested.ended(clean=False), GiveUp)
 
 
-def test_used_up_budget_allows_slow_retries_for_ever_until_running_is_stable() -> None:
+def test_used_up_budget_allows_slow_retries_until_running_is_stable() -> None:
     clock = Clock()
     policy = RestartPolicy(max_restarts=1, within_s=60.0, backoff_s=1.0, stable_after_s=10.0, retry_s=25.0)
     tested = budget(clock, policy)
@@ -83,13 +83,13 @@ def test_used_up_budget_allows_slow_retries_for_ever_until_running_is_stable() -
     assert fail_after(clock, tested, 10.0) == Restart(1.0)
 
 
-def test_retry_of_zero_seconds_is_none() -> None:
+def test_retry_interval_of_zero_means_no_retry() -> None:
     verdict = budget(Clock(), RestartPolicy(max_restarts=0, retry_s=0.0)).ended(clean=False)
     assert isinstance(verdict, GiveUp)
     assert verdict.retry_after_s is None
 
 
-def test_device_that_is_away_for_8_s_is_found_again_with_all_defaults() -> None:
+def test_device_that_is_away_for_8_s_is_found_again_with_the_defaults() -> None:
     """Even if a start that fails takes no time, and each wait is as short as chance can make it."""
     clock = Clock()
     tested = budget(clock, RestartPolicy(), jitter=1.0)
@@ -99,7 +99,7 @@ def test_device_that_is_away_for_8_s_is_found_again_with_all_defaults() -> None:
         clock.now_s += verdict.after_s
 
 
-def test_stable_running_gives_budget_and_first_wait_back() -> None:
+def test_stable_running_restores_the_budget_and_the_first_wait() -> None:
     clock = Clock()
     tested = budget(clock, RestartPolicy(max_restarts=2, backoff_s=1.0, stable_after_s=10.0))
     assert fail_after(clock, tested, 0.1) == Restart(1.0)
@@ -108,7 +108,7 @@ def test_stable_running_gives_budget_and_first_wait_back() -> None:
     assert fail_after(clock, tested, 0.1) == Restart(2.0)
 
 
-def test_time_in_start_up_and_backoff_is_not_stable_running() -> None:
+def test_start_up_and_backoff_do_not_count_as_stable_running() -> None:
     clock = Clock()
     tested = budget(clock, RestartPolicy(max_restarts=1, within_s=1000.0, stable_after_s=10.0))
     tested.ended(clean=False)
@@ -116,7 +116,7 @@ def test_time_in_start_up_and_backoff_is_not_stable_running() -> None:
     assert isinstance(tested.ended(clean=False), GiveUp)
 
 
-def test_clean_end_is_restarted_by_always_alone() -> None:
+def test_only_policy_always_restarts_after_a_clean_end() -> None:
     for when in RestartWhen:
         verdict = budget(Clock(), RestartPolicy(policy=when)).ended(clean=True)
         assert isinstance(verdict, Restart) == (when is RestartWhen.ALWAYS)

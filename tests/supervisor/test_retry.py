@@ -24,7 +24,7 @@ def plug_in(run: Run) -> None:
     (run.incarnations.folder / "device").touch()
 
 
-def test_module_is_tried_again_until_its_device_is_back(tmp_path: Path) -> None:
+def test_module_is_retried_until_its_device_is_back(tmp_path: Path) -> None:
     run = Run(tmp_path, laser(), animal(zoo.works))
 
     def scenario() -> Scenario:
@@ -48,7 +48,7 @@ def test_module_is_tried_again_until_its_device_is_back(tmp_path: Path) -> None:
     assert run.tree.child("laser").restarts == 3
 
 
-def test_run_goes_on_as_long_as_a_module_is_tried_again(tmp_path: Path) -> None:
+def test_run_continues_while_a_module_is_retried(tmp_path: Path) -> None:
     run = Run(tmp_path, laser())
 
     def scenario() -> Scenario:
@@ -60,7 +60,7 @@ def test_run_goes_on_as_long_as_a_module_is_tried_again(tmp_path: Path) -> None:
     assert run.play(scenario()) == 0
 
 
-def test_run_that_stops_tries_nothing_again(tmp_path: Path) -> None:
+def test_nothing_is_retried_while_the_run_stops(tmp_path: Path) -> None:
     run = Run(tmp_path, laser(), animal(zoo.works))
 
     def scenario() -> Scenario:
@@ -72,7 +72,7 @@ def test_run_that_stops_tries_nothing_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("needed", ["essential", "ends_run"])
-def test_failed_module_that_is_needed_stops_the_run_at_once(tmp_path: Path, needed: str) -> None:
+def test_failed_essential_module_stops_the_run_at_once(tmp_path: Path, needed: str) -> None:
     run = Run(
         tmp_path, laser(essential=needed == "essential", ends_run=needed == "ends_run"), animal(zoo.works)
     )
@@ -81,7 +81,7 @@ def test_failed_module_that_is_needed_stops_the_run_at_once(tmp_path: Path, need
     assert run.last("laser").restart_in_s is None
 
 
-def test_module_that_is_never_restarted_is_not_tried_again(tmp_path: Path) -> None:
+def test_module_that_is_never_restarted_is_not_retried(tmp_path: Path) -> None:
     run = Run(tmp_path, laser(dataclasses.replace(RETRIED, retry_s=0.0)))
     assert run.play() == 1
     assert run.states("laser") == [STARTING, FAILED]

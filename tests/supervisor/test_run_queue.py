@@ -42,7 +42,7 @@ def kernel(tmp_path: Path) -> Kernel:
     return Kernel(tmp_path)
 
 
-def test_only_what_was_waited_since_the_begin_counts(kernel: Kernel) -> None:
+def test_only_waiting_since_the_begin_counts(kernel: Kernel) -> None:
     kernel.says(77, "S", 1.0, 50.0)
     kernel.queue.begin(10.0)
     assert kernel.queue.waited_s(10.0) == 0.0
@@ -50,7 +50,7 @@ def test_only_what_was_waited_since_the_begin_counts(kernel: Kernel) -> None:
     assert kernel.queue.waited_s(20.0) == 3.0
 
 
-def test_thread_that_waited_longest_counts_though_it_is_not_the_main_one(kernel: Kernel) -> None:
+def test_longest_waiting_thread_counts_even_if_it_is_not_the_main_one(kernel: Kernel) -> None:
     kernel.says(77, "S", 1.0, 1.0)
     kernel.queue.begin(10.0)
     kernel.says(77, "S", 1.0, 1.5)
@@ -58,7 +58,7 @@ def test_thread_that_waited_longest_counts_though_it_is_not_the_main_one(kernel:
     assert kernel.queue.waited_s(20.0) == 4.0
 
 
-def test_thread_that_got_no_processor_at_all_waits_though_that_is_not_counted_yet(
+def test_thread_that_has_had_no_processor_counts_as_waiting(
     kernel: Kernel,
 ) -> None:
     """As beside one of real-time priority that never sleeps."""
@@ -69,19 +69,19 @@ def test_thread_that_got_no_processor_at_all_waits_though_that_is_not_counted_ye
     assert kernel.queue.waited_s(18.2) == pytest.approx(8.2)
 
 
-def test_thread_that_sleeps_waits_for_no_processor(kernel: Kernel) -> None:
+def test_sleeping_thread_does_not_wait_for_a_processor(kernel: Kernel) -> None:
     for state in ("S", "D", "T"):
         kernel.says(77, state, 1.0, 1.0)
         kernel.queue.begin(10.0)
         assert kernel.queue.waited_s(18.0) == 0.0
 
 
-def test_process_that_has_ended_waits_for_nothing(kernel: Kernel) -> None:
+def test_ended_process_does_not_wait_for_a_processor(kernel: Kernel) -> None:
     kernel.queue.begin(10.0)
     assert kernel.queue.waited_s(10.0 + READ_PERIOD_S) == 0.0
 
 
-def test_kernel_of_this_machine_says_what_is_read() -> None:
+def test_kernel_of_this_machine_provides_these_figures() -> None:
     queue = RunQueueTime(os.getpid())
     queue.begin(0.0)
     assert 0.0 <= queue.waited_s(1.0) < 3600.0
@@ -103,7 +103,7 @@ def rivals_for_one_processor() -> Iterator[int]:
             process.wait()
 
 
-def test_starved_child_is_not_taken_for_hung(tmp_path: Path) -> None:
+def test_starved_child_does_not_count_as_hung(tmp_path: Path) -> None:
     """It computes for 0.3 s of a processor, on one that it shares with five others; its deadline is 0.6 s."""
     spec = animal(zoo.computes, "busy", handler_deadline_s=0.6, restart=NEVER)
     with rivals_for_one_processor() as processor:
@@ -126,7 +126,7 @@ def test_starved_child_is_not_taken_for_hung(tmp_path: Path) -> None:
     assert run.states("busy") == [ChildState.STARTING, ChildState.RUNNING, ChildState.STOPPED]
 
 
-def test_child_that_sleeps_is_taken_for_hung_on_a_busy_processor_too(tmp_path: Path) -> None:
+def test_sleeping_child_counts_as_hung_even_on_a_busy_processor(tmp_path: Path) -> None:
     with rivals_for_one_processor():
         run = Run(tmp_path, animal(zoo.works, "idle", handler_deadline_s=0.3, restart=NEVER))
         run.incarnations.busy["idle"] = IN_TICK

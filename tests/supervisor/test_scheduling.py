@@ -28,7 +28,7 @@ print(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK, os.sched_getparam(0).s
 """
 
 
-def test_process_runs_where_and_how_it_is_asked_to() -> None:
+def test_process_has_the_requested_processors_and_priority() -> None:
     ended = subprocess.run(
         [sys.executable, "-c", SCHEDULE], check=False, capture_output=True, text=True, timeout=30
     )
@@ -64,7 +64,7 @@ show(later)
 
 
 @pytest.mark.parametrize(("nice", "priority"), [(5, 0), (0, 3)])
-def test_all_threads_run_where_and_how_it_is_asked(nice: int, priority: int) -> None:
+def test_all_threads_have_the_requested_processors_and_priority(nice: int, priority: int) -> None:
     ended = subprocess.run(
         [sys.executable, "-c", SCHEDULE_THREADS.format(nice=nice, priority=priority)],
         check=True, capture_output=True, text=True, timeout=30,
@@ -110,7 +110,7 @@ def cpu_s(pid: int) -> float:
 
 
 @pytest.mark.slow
-def test_module_that_steps_back_by_10_gets_a_tenth_of_a_processor_that_two_want() -> None:
+def test_module_with_nice_10_gets_a_tenth_of_a_contended_processor() -> None:
     """Whether this kernel shares by session first (autogroup) or not."""
     cpu = min(os.sched_getaffinity(0))
     with busy(cpu, 0) as first, busy(cpu, 10) as second:
@@ -141,7 +141,7 @@ def lower_priority_in_session(prepare: str, *, own_session: bool) -> "subprocess
 
 
 @pytest.mark.skipif(NO_AUTOGROUP, reason="NOT TESTED: this kernel does not share by session")
-def test_only_who_leads_a_session_steps_back_as_one() -> None:
+def test_only_a_session_leader_lowers_the_priority_of_its_session() -> None:
     """Else `robbie record` had the shell that it was started from step back, with all that runs there."""
     # A process whose session was made before autogroup was turned on has none: the file is there, but empty.
     now = (Path("/proc/self/autogroup").read_text().split() or ["none"])[-1]
@@ -150,7 +150,7 @@ def test_only_who_leads_a_session_steps_back_as_one() -> None:
 
 
 @pytest.mark.skipif(NO_AUTOGROUP, reason="NOT TESTED: this kernel does not share by session")
-def test_session_that_may_not_be_set_yet_is_set_later_and_a_refusal_is_a_warning() -> None:
+def test_session_priority_is_set_later_if_needed_and_a_refusal_is_a_warning() -> None:
     """An ordinary user may set one in 0.1 s, all modules that start at once together."""
     hindered = """
 class Hindered(type(Path())):
@@ -169,7 +169,7 @@ priority._AUTOGROUP, priority._AUTOGROUP_TIMEOUT_S = Hindered("/proc/self/autogr
     assert "as large a share as others: /proc/self/autogroup: Resource temporarily" in never.stderr
 
 
-def test_numerical_libraries_compute_with_as_many_threads_as_is_said() -> None:
+def test_numerical_libraries_use_the_given_number_of_threads() -> None:
     count = "import os, numpy; print(len(os.listdir('/proc/self/task')))"
     for wanted in (1, 2):
         environment = computing_with(os.environ, wanted)
@@ -191,7 +191,7 @@ def test_missing_permission_is_a_warning(
     assert "no permission for real-time priority 50" in caplog.text
 
 
-def test_processor_that_is_not_there_is_an_error_that_names_those_that_are() -> None:
+def test_missing_processor_is_an_error_that_names_the_present_ones() -> None:
     with pytest.raises(NoSuchCpu, match=r"scheduling.cpus is \[100000\], but this process may only use 0"):
         apply_scheduling(Scheduling(cpus=[100000]), logging.getLogger("core"))
 
@@ -214,7 +214,7 @@ def wake_latency_us() -> int:
 
 
 @pytest.mark.skipif(not os.access(DEVICE, os.R_OK | os.W_OK), reason=f"{DEVICE} cannot be written")
-def test_processors_sleep_lightly_as_long_as_the_process_lives() -> None:
+def test_wake_latency_is_limited_as_long_as_the_process_lives() -> None:
     before_us = wake_latency_us()
     code = LIMIT_LATENCY.format(device=DEVICE)
     with subprocess.Popen(
@@ -237,7 +237,7 @@ def test_wake_latency_that_cannot_be_limited_is_a_warning(device: str) -> None:
     assert f"scheduling.wake_latency_us has no effect: {device} cannot be written (No " in ended.stderr
 
 
-def test_who_spins_looks_for_a_post_before_it_sleeps() -> None:
+def test_spinning_process_polls_for_a_post_before_it_sleeps() -> None:
     looks = iter([0, 0, 0, 1, 1])
     slept: list[float] = []
 
@@ -263,9 +263,7 @@ print(os.getpriority(os.PRIO_PROCESS, 0), os.sched_getscheduler(0) == os.SCHED_O
 
 
 @pytest.mark.parametrize(("wanted", "nice"), [(None, 7), (3, 3), (0, 0)])
-def test_process_steps_back_as_far_as_its_profile_says_or_else_its_class(
-    wanted: int | None, nice: int
-) -> None:
+def test_nice_is_that_of_the_profile_or_else_of_the_class(wanted: int | None, nice: int) -> None:
     before = os.getpriority(os.PRIO_PROCESS, 0)
     ended = subprocess.run(
         [sys.executable, "-c", STEP_BACK.format(wanted=wanted)],
@@ -274,7 +272,7 @@ def test_process_steps_back_as_far_as_its_profile_says_or_else_its_class(
     assert ended.stdout.split() == [str(min(19, before + nice)), "True"]
 
 
-def test_kernel_that_refuses_another_slice_is_a_warning() -> None:
+def test_refused_time_slice_is_a_warning() -> None:
     """As sandboxes do that know no such system call; no kernel has one of this number."""
     refused = "import platform\nfrom robbie_mp.linux import priority\n"
     refused += "priority._SCHED_SETATTR[platform.machine()] = 100_000\n"

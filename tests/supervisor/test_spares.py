@@ -42,7 +42,7 @@ def kill(run: Run) -> None:
     os.kill(pid, signal.SIGKILL)
 
 
-def test_restarted_child_is_the_spare_and_a_new_one_takes_its_place(tmp_path: Path) -> None:
+def test_restarted_child_uses_the_spare_and_a_new_spare_is_started(tmp_path: Path) -> None:
     run = with_spares(tmp_path, "spare:works")
 
     def scenario() -> Scenario:
@@ -57,7 +57,7 @@ def test_restarted_child_is_the_spare_and_a_new_one_takes_its_place(tmp_path: Pa
     assert run.play(scenario()) == 0
 
 
-def test_first_start_waits_for_no_spare(tmp_path: Path) -> None:
+def test_first_start_does_not_wait_for_a_spare(tmp_path: Path) -> None:
     run = with_spares(tmp_path, "spare:works")
 
     def scenario() -> Scenario:
@@ -81,7 +81,7 @@ def test_no_spare_outlives_the_run(tmp_path: Path) -> None:
     assert all(map(is_gone, pids))
 
 
-def test_output_and_input_of_a_spare_are_those_of_the_child_it_becomes(tmp_path: Path) -> None:
+def test_spare_takes_over_output_and_input_of_the_child_it_becomes(tmp_path: Path) -> None:
     run = with_spares(tmp_path, "spare:prints_its_input")
 
     def scenario() -> Scenario:
@@ -93,7 +93,7 @@ def test_output_and_input_of_a_spare_are_those_of_the_child_it_becomes(tmp_path:
     assert run.play(scenario()) == 0
 
 
-def test_what_a_child_forked_that_was_a_spare_ends_with_it(tmp_path: Path) -> None:
+def test_forks_of_a_child_that_was_a_spare_end_with_it(tmp_path: Path) -> None:
     run = with_spares(tmp_path, "spare:forks")
 
     def scenario() -> Scenario:
@@ -124,7 +124,7 @@ def test_killed_spare_is_replaced_and_never_used(tmp_path: Path) -> None:
     assert run.states("child").count(RUNNING) == 1
 
 
-def test_child_that_finds_its_spare_dead_starts_all_the_same(tmp_path: Path) -> None:
+def test_child_whose_spare_is_dead_starts_normally(tmp_path: Path) -> None:
     run = with_spares(tmp_path, "spare:works")
 
     def scenario() -> Scenario:
@@ -153,7 +153,7 @@ def test_spare_that_is_not_warm_yet_is_not_used(tmp_path: Path) -> None:
     assert run.play(scenario()) == 0
 
 
-def test_spares_that_are_no_use_are_given_up_and_said(tmp_path: Path) -> None:
+def test_spares_that_always_fail_are_given_up_with_a_warning(tmp_path: Path) -> None:
     run = with_spares(tmp_path, "broken_spare")
 
     def scenario() -> Scenario:
@@ -168,7 +168,7 @@ def test_spares_that_are_no_use_are_given_up_and_said(tmp_path: Path) -> None:
     assert said[-1].startswith("a spare interpreter has ended: exit code 1; no more spares are started")
 
 
-def test_child_that_runs_another_command_takes_no_spare(tmp_path: Path) -> None:
+def test_child_with_a_different_command_uses_no_spare(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.works, "child"), spares=command(tmp_path, "spare:works"))
 
     def scenario() -> Scenario:

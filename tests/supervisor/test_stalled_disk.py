@@ -78,7 +78,7 @@ def written(folder: Path, module: str) -> list[Entry]:
     return list(entries(folder, [module]))
 
 
-def test_supervision_and_output_go_on_while_the_disk_stands_still(tmp_path: Path, stall: Stall) -> None:
+def test_supervision_and_output_continue_while_the_disk_is_stalled(tmp_path: Path, stall: Stall) -> None:
     run = started(tmp_path, stall, zoo.works, zoo.works_busily)
     turned_s: list[float] = []
     run.each_turn = lambda: turned_s.append(time.monotonic())
@@ -107,7 +107,7 @@ def test_supervision_and_output_go_on_while_the_disk_stands_still(tmp_path: Path
     assert (run.logs / reports[0]).exists()
 
 
-def test_what_waits_for_a_stalled_disk_is_bounded_and_the_rest_is_counted(
+def test_output_waiting_for_a_stalled_disk_is_bounded_and_the_rest_is_counted(
     tmp_path: Path, stall: Stall
 ) -> None:
     limits = TraceSettings(waiting_bytes=1 << 16, lines_per_s=1e6, burst_lines=1_000_000)
@@ -129,7 +129,7 @@ def test_what_waits_for_a_stalled_disk_is_bounded_and_the_rest_is_counted(
     assert len(written(tmp_path, "works_busily")) == made.lines - made.dropped
 
 
-def test_ordered_stop_with_a_stalled_disk_is_bounded_and_what_is_lost_is_counted(
+def test_ordered_stop_with_a_stalled_disk_is_bounded_and_losses_are_counted(
     tmp_path: Path, stall: Stall, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(DiskWriter.close, "__defaults__", (0.3,))
@@ -161,7 +161,7 @@ def test_ordered_stop_with_a_stalled_disk_is_bounded_and_what_is_lost_is_counted
     assert written(tmp_path, "works_busily"), "not written in the end, though the disk is back"
 
 
-def test_writer_that_dies_is_replaced_and_what_it_had_not_written_is_counted(
+def test_dead_writer_is_replaced_and_its_unwritten_output_is_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(disk_writer, "RESTART_PERIOD_S", 0.0)
@@ -187,7 +187,7 @@ def test_writer_that_dies_is_replaced_and_what_it_had_not_written_is_counted(
     assert not (tmp_path / "logs" / "trace.1.html").exists(), "a page was begun anew within a run"
 
 
-def test_all_that_was_handed_over_is_written_when_the_supervisor_is_killed(tmp_path: Path) -> None:
+def test_output_passed_to_the_writer_is_written_even_if_the_supervisor_is_killed(tmp_path: Path) -> None:
     script = (
         "import os, signal\n"
         "from pathlib import Path\n"

@@ -79,7 +79,7 @@ def _printed(folder: Path) -> list[str]:
     return [entry.text for entry in entries if entry and entry.stream == "stdout"]
 
 
-def test_interrupt_of_the_terminal_reaches_the_supervisor_alone(tmp_path: Path) -> None:
+def test_interrupt_of_the_terminal_reaches_only_the_supervisor(tmp_path: Path) -> None:
     controller, terminal = os.openpty()
     try:
         with supervisor(tmp_path, "notes_signals", terminal=os.ttyname(terminal)) as process:
@@ -92,7 +92,7 @@ def test_interrupt_of_the_terminal_reaches_the_supervisor_alone(tmp_path: Path) 
     assert _printed(tmp_path) == [signal.Signals.SIGTERM.name]
 
 
-def test_terminal_that_goes_away_stops_the_run_in_order(tmp_path: Path) -> None:
+def test_closed_terminal_stops_the_run_in_order(tmp_path: Path) -> None:
     controller, terminal = os.openpty()
     with supervisor(tmp_path, "notes_signals", terminal=os.ttyname(terminal)) as process:
         ready(process)

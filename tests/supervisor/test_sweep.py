@@ -92,7 +92,7 @@ def test_dead_run_is_removed_with_its_names(place: Place) -> None:
     assert place.sweep() == Swept()
 
 
-def test_live_run_is_left_alone_whatever_its_age(place: Place, tmp_path: Path, later: None) -> None:
+def test_live_run_is_left_alone_at_any_age(place: Place, tmp_path: Path, later: None) -> None:
     run = RunDirectory.create("arena", tmp_path, place.base)
     place.add_names(run.run_id)
     assert place.sweep() == Swept()
@@ -109,7 +109,7 @@ def test_process_of_a_dead_run_is_killed(place: Place) -> None:
 
 
 @pytest.mark.usefixtures("later")
-def test_names_without_folder_go_when_the_supervisor_on_their_board_is_gone(
+def test_names_without_folder_are_removed_if_the_supervisor_on_their_board_is_gone(
     place: Place, gone: ProcessIdentity
 ) -> None:
     place.add_names(RUN)
@@ -119,20 +119,20 @@ def test_names_without_folder_go_when_the_supervisor_on_their_board_is_gone(
 
 
 @pytest.mark.usefixtures("later")
-def test_names_without_folder_stay_while_the_supervisor_on_their_board_lives(place: Place) -> None:
+def test_names_without_folder_are_kept_while_the_supervisor_on_their_board_lives(place: Place) -> None:
     place.add_names(RUN)
     place.add_board(RUN, ProcessIdentity.own())
     assert place.sweep() == Swept()
     assert len(place.names()) == 3
 
 
-def test_pid_that_was_given_to_another_process_does_not_keep_names(place: Place) -> None:
+def test_reused_pid_does_not_keep_names(place: Place) -> None:
     own = ProcessIdentity.own()
     place.add_board(RUN, ProcessIdentity(own.pid, own.start_ticks + 1))
     assert place.sweep().runs == (RUN,)
 
 
-def test_young_names_without_board_belong_to_a_run_that_starts(place: Place) -> None:
+def test_recent_names_without_board_are_kept_for_a_starting_run(place: Place) -> None:
     place.add_names(RUN)
     place.add_board(RUN, ProcessIdentity.own(), magic=0)
     assert place.sweep() == Swept()
@@ -147,7 +147,7 @@ def test_old_names_without_board_are_removed(place: Place) -> None:
 
 
 @pytest.mark.usefixtures("later")
-def test_board_that_is_no_file_of_ours_says_nothing(place: Place) -> None:
+def test_board_that_is_not_our_file_is_ignored(place: Place) -> None:
     (place.shared_memory / f"robbie-{RUN}").mkdir(mode=0o700)
     os.mkfifo(place.shared_memory / f"robbie-{RUN}" / "board")
     assert place.sweep().runs == (RUN,)
@@ -173,7 +173,7 @@ def test_unfinished_folder_is_removed_only_when_it_is_old(
     assert not (place.base / "new-0123abcd").exists()
 
 
-def test_run_in_two_sweeps_at_once_is_swept_by_one(place: Place) -> None:
+def test_two_sweeps_at_once_sweep_a_run_only_once(place: Place) -> None:
     for number in range(20):
         (place.base / f"{number:08x}").mkdir()
         place.add_names(f"{number:08x}")
@@ -208,7 +208,7 @@ def sweepers(place: Place) -> Iterator[list[Swept]]:
 
 
 @pytest.mark.slow
-def test_runs_that_start_and_end_during_sweeps_lose_nothing(
+def test_sweeps_do_not_affect_runs_that_start_and_end_meanwhile(
     place: Place, tmp_path: Path, sweepers: list[Swept]
 ) -> None:
     for _ in range(100):

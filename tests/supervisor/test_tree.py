@@ -41,7 +41,7 @@ def test_every_stop_signal_stops_in_reverse_order_and_the_core_last(tmp_path: Pa
     assert run.tree.stop_reason == signal.Signals(signum).name
 
 
-def test_each_child_is_stopped_only_after_the_one_before_has_ended(tmp_path: Path) -> None:
+def test_each_child_is_stopped_only_after_the_previous_one_has_ended(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.works, "first"), animal(zoo.works, "second"))
     assert run.play(stop_when_all_run(run)) == 0
     calls = [call for call in run.incarnations.calls if call[0] in ("wake", "died")]
@@ -79,7 +79,7 @@ def test_child_that_fails_is_restarted_until_its_budget_is_used_up(tmp_path: Pat
     assert run.tree.stop_reason == "all modules have ended"
 
 
-def test_run_goes_on_after_a_module_that_is_not_essential_failed(tmp_path: Path) -> None:
+def test_run_continues_after_a_module_that_is_not_essential_failed(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.fails_at_once, restart=NEVER), animal(zoo.works))
 
     def scenario() -> Scenario:
@@ -122,7 +122,7 @@ def test_module_that_should_end_the_run_but_failed_ends_it_with_1(tmp_path: Path
     assert run.states("fails_when_ready").count(STARTING) == 3
 
 
-def test_run_is_over_when_all_modules_ended_well(tmp_path: Path) -> None:
+def test_run_ends_when_all_modules_have_ended_with_success(tmp_path: Path) -> None:
     run = Run(tmp_path, core(), animal(zoo.ends_when_ready, "one"), animal(zoo.ends_when_ready, "two"))
     assert run.play() == 0
     assert run.last("one").reason == "exit code 0"
@@ -135,13 +135,13 @@ def test_exit_before_ready_is_a_failure_even_with_code_0(tmp_path: Path) -> None
     assert run.last("ends_at_once").reason.startswith("exit code 0 before it was ready")
 
 
-def test_policy_always_restarts_a_module_that_ended_well(tmp_path: Path) -> None:
+def test_policy_always_restarts_a_module_that_ended_with_success(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.ends_when_ready, restart=ALWAYS))
     assert run.play() == 1
     assert run.states("ends_when_ready").count(STARTING) == 3
 
 
-def test_crash_is_told_by_its_signal(tmp_path: Path) -> None:
+def test_crash_is_reported_with_its_signal(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.crashes, restart=NEVER))
     assert run.play() == 1
     status = run.last("crashes").exit_status
@@ -162,7 +162,7 @@ def test_restart_waits_until_the_dead_incarnation_is_reclaimed(tmp_path: Path) -
     assert died < reclaimed < calls.index(("open", "fails_once", 2))
 
 
-def test_command_that_does_not_exist_fails_that_child_alone(tmp_path: Path) -> None:
+def test_command_that_does_not_exist_fails_only_that_child(tmp_path: Path) -> None:
     missing = ChildSpec("missing", ("/no/such/command",), {}, restart=NEVER)
     run = Run(tmp_path, missing, animal(zoo.works))
     assert run.play(stop_when(run, lambda: run.is_running("works"))) == 1
@@ -170,7 +170,7 @@ def test_command_that_does_not_exist_fails_that_child_alone(tmp_path: Path) -> N
     assert ("died", "missing", 1) in run.incarnations.calls
 
 
-def test_child_whose_memory_cannot_be_made_fails_alone(tmp_path: Path) -> None:
+def test_child_whose_memory_cannot_be_created_fails_alone(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.works, "poor"), animal(zoo.works, "rich"))
     run.incarnations.refuses.add("poor")
     assert run.play(stop_when(run, lambda: FAILED in run.states("poor") and run.is_running("rich"))) == 1
@@ -185,7 +185,7 @@ def test_child_that_is_not_ready_in_time_is_killed_and_restarted(tmp_path: Path)
     assert run.last("is_never_ready").reason.startswith("not ready within 0.05 s: killed by SIGKILL")
 
 
-def test_deadline_of_who_waits_for_the_time_begins_when_its_source_has_set_it(tmp_path: Path) -> None:
+def test_start_deadline_begins_when_the_clocks_source_has_set_the_time(tmp_path: Path) -> None:
     run = Run(
         tmp_path,
         animal(zoo.works, "source"),
@@ -249,7 +249,7 @@ def test_stopped_process_is_continued_so_that_it_can_end(tmp_path: Path) -> None
     assert run.last("stops_itself").reason == "exit code 0"
 
 
-def test_failure_during_the_stop_is_no_failure_of_the_run(tmp_path: Path) -> None:
+def test_failure_during_the_stop_is_not_a_failure_of_the_run(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.fails_in_teardown))
     assert run.play(stop_when_all_run(run)) == 0
     assert run.last("fails_in_teardown").reason == "exit code 4"
@@ -278,7 +278,7 @@ def test_stop_ends_a_backoff(tmp_path: Path) -> None:
     assert run.states("fails_at_once") == [STARTING, BACKOFF, STOPPED]
 
 
-def test_all_started_is_announced_once_when_everyone_ran_or_failed(tmp_path: Path) -> None:
+def test_all_started_is_announced_once_after_every_module_ran_or_failed(tmp_path: Path) -> None:
     run = Run(tmp_path, core(), animal(zoo.fails_once), animal(zoo.works), animal(zoo.fails_at_once))
 
     def scenario() -> Scenario:
@@ -305,7 +305,7 @@ def test_watchdog_can_kill_a_child_and_it_is_restarted(tmp_path: Path) -> None:
     assert reasons == ["its handler hangs: killed by SIGKILL"]
 
 
-def test_step_of_the_wall_clock_wakes_everyone(tmp_path: Path) -> None:
+def test_step_of_the_wall_clock_wakes_all_processes(tmp_path: Path) -> None:
     step_s = 0.0
     run = Run(
         tmp_path, animal(zoo.works, "a"), animal(zoo.works, "b"), wall_clock=lambda: time.time() + step_s
@@ -346,17 +346,17 @@ def test_error_in_the_loop_leaves_no_child_and_closes_the_memory(tmp_path: Path)
     assert all(child.pid is None for child in run.tree.children)
 
 
-def test_two_children_of_one_name_are_refused(tmp_path: Path) -> None:
+def test_two_children_with_the_same_name_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidChild, match="needs a unique name"):
         Run(tmp_path, animal(zoo.works, "a"), animal(zoo.works, "a"))
 
 
-def test_name_that_leads_out_of_the_log_folder_is_refused() -> None:
+def test_name_that_points_outside_the_log_folder_is_refused() -> None:
     with pytest.raises(InvalidChild, match="letters, digits"):
         animal(zoo.works, "../a")
 
 
-def test_idle_tree_costs_next_to_nothing(tmp_path: Path) -> None:
+def test_idle_tree_uses_almost_no_processor_time(tmp_path: Path) -> None:
     run = Run(tmp_path, *(animal(zoo.works, f"module{number}") for number in range(5)))
     spent: list[float] = []
 

@@ -82,7 +82,7 @@ def test_process_on_a_frozen_disk_is_reclaimed_and_restarted_when_the_disk_is_ba
     assert run.play(scenario()) == 0
 
 
-def test_what_a_dead_child_forked_is_waited_for_on_a_frozen_disk(tmp_path: Path, disk: LoopDisk) -> None:
+def test_forks_of_a_dead_child_on_a_frozen_disk_are_waited_for(tmp_path: Path, disk: LoopDisk) -> None:
     run = Run(tmp_path, on(disk, zoo.forks_writer_and_fails), animal(zoo.works))
 
     def scenario() -> Scenario:
@@ -123,7 +123,7 @@ def test_process_that_ends_long_after_sigkill_is_restarted(
 
 
 @pytest.mark.parametrize("policy", [QUICK, NEVER])
-def test_process_that_ends_at_last_stays_stopped_if_that_was_asked_for(
+def test_process_that_finally_ends_stays_stopped_if_it_was_stopped(
     tmp_path: Path, sigkill_is_lost: Callable[[], None], policy: RestartPolicy
 ) -> None:
     run = Run(tmp_path, animal(zoo.ignores_sigterm, "stuck", restart=policy), animal(zoo.works))
@@ -158,7 +158,7 @@ def test_run_ends_without_a_process_that_cannot_be_killed(tmp_path: Path, disk: 
     os.waitpid(pid, 0)  # it is still ours, as it would be of init if we had ended
 
 
-def test_loop_does_not_wait_for_what_a_dead_child_forked(
+def test_loop_does_not_wait_for_forks_of_a_dead_child(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(leftovers, "_kill", lambda process: os.pidfd_open(process.pid))  # it dies slowly

@@ -74,7 +74,7 @@ def test_latency_of_robbie_and_others_in_one_run(tmp_path: Path, capsys: pytest.
     assert run["machine"]["cores"] > 0
 
 
-def test_ways_to_wake_a_process_are_measured_beside_one_another(tmp_path: Path) -> None:
+def test_ways_to_wake_a_process_are_measured_in_one_run(tmp_path: Path) -> None:
     floors = "floor,floor_futex,floor_eventfd,floor_fifo,floor_datagram"
     run = measure(tmp_path, "wake", f"--only={floors}", "--count=20")
     rows = run["results"][0]["contenders"]
@@ -83,7 +83,7 @@ def test_ways_to_wake_a_process_are_measured_beside_one_another(tmp_path: Path) 
     assert all((row["lost"], row["wanted"]) == ([0], [20]) for row in rows)
 
 
-def test_all_processes_run_where_the_work_says(tmp_path: Path) -> None:
+def test_all_processes_run_on_the_processors_of_the_work(tmp_path: Path) -> None:
     cpu = min(os.sched_getaffinity(0))
     work = replace(WORK, cpus=(cpu,), realtime_priority=7)
     RobbieContender().write_workspace(tmp_path, {"one": {}}, scheduling_of(work))
@@ -114,7 +114,7 @@ def test_arrays_copied_and_filled_in_place_reach_the_last_subscriber(tmp_path: P
     assert rows["robbie"]["lost"] == rows["robbie in place"]["lost"] == [0]
 
 
-def test_throughput_loses_nothing_of_robbies(tmp_path: Path) -> None:
+def test_robbie_loses_nothing_at_full_throughput(tmp_path: Path) -> None:
     run = measure(tmp_path, "throughput", "--only=robbie", "--count=3000")
     (row,) = run["results"][0]["contenders"]
     assert (row["sent"], row["lost"]) == ([3000], [0])
@@ -141,7 +141,7 @@ def test_variant_changes_the_profile_that_is_measured(tmp_path: Path) -> None:
     assert "credits" in few.how and "credits" not in usual.how
 
 
-def test_cost_of_a_message_beside_idle_modules_and_watched_by_top() -> None:
+def test_cost_of_a_message_is_measured_with_idle_modules_and_with_top() -> None:
     watched = RobbieContender(with_top=True)
     figures = measure_bus(watched, Bus("3 modules", pairs=1, idle=1, rate_hz=200.0), window_s=0.3)
     assert 0 < figures["core_us_per_message"] < figures["robot_us_per_message"]
@@ -149,7 +149,7 @@ def test_cost_of_a_message_beside_idle_modules_and_watched_by_top() -> None:
     assert figures["messages_per_s"] < 250
 
 
-def test_who_is_absent_or_broken_is_reported_and_the_others_are_measured() -> None:
+def test_absent_or_broken_contenders_are_reported_and_the_others_are_measured() -> None:
     series = [Series(PeerContender(one.title, one)) for one in (Missing(), Broken())]
     series.append(Series(peer("memcpy"), {"size_bytes": 4096}))
     missing, broken, memcpy = run_work(series, WORK, rounds=2)
@@ -158,14 +158,14 @@ def test_who_is_absent_or_broken_is_reported_and_the_others_are_measured() -> No
     assert memcpy["lost"] == [0, 0]
 
 
-def test_each_round_begins_with_another_one() -> None:
+def test_each_round_begins_with_a_different_contender() -> None:
     series = [Series(PeerContender(name, Broken())) for name in "abc"]
     order = []
     run_rounds(series, lambda one: order.append(one.contender.name), rounds=3)
     assert "".join(order) == "abcbcacab"
 
 
-def test_what_hangs_is_killed_with_its_children(tmp_path: Path) -> None:
+def test_hanging_contender_is_killed_with_its_children(tmp_path: Path) -> None:
     contender = PeerContender("hanging", Hanging())
     work = replace(WORK, folder=tmp_path)
     with pytest.raises(Trouble, match="did not end within"), contender.started(work) as processes:
@@ -177,7 +177,7 @@ def test_what_hangs_is_killed_with_its_children(tmp_path: Path) -> None:
     assert not any(child.is_running() for child in [parent, *children])
 
 
-def test_only_shared_memory_that_nobody_has_is_removed() -> None:
+def test_only_unmapped_shared_memory_is_removed() -> None:
     name = Path("/dev/shm/robbie-bench-test-of-names")
     name.write_bytes(bytes(4096))
     code = (

@@ -76,7 +76,7 @@ def test_rounds_in_which_nothing_arrived_do_not_count() -> None:
     assert middle([None]) is None
 
 
-def test_table_has_who_is_absent_and_why() -> None:
+def test_table_names_absent_contenders_with_the_reason() -> None:
     lines = table(LATENCY).splitlines()
     assert len({len(line) for line in lines}) == 1
     assert lines[2].split("|")[2].strip() == "60.0"
@@ -94,7 +94,9 @@ def test_goals_that_were_not_measured_are_left_out() -> None:
     assert "flat out" not in goal_table([LATENCY])
 
 
-def test_report_replaces_what_is_between_the_marks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_report_replaces_the_text_between_the_marker_lines(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     drawn = []
     monkeypatch.setattr(report, "draw", lambda results, file: drawn.append(file))
     page = tmp_path / "benchmarks.md"
@@ -109,14 +111,14 @@ def test_report_replaces_what_is_between_the_marks(tmp_path: Path, monkeypatch: 
     assert drawn[0] == tmp_path / "images" / "benchmarks.png"
 
 
-def test_page_without_marks_is_left_as_it_is(tmp_path: Path) -> None:
+def test_page_without_marker_lines_is_not_changed(tmp_path: Path) -> None:
     (tmp_path / "benchmarks.md").write_text("nothing")
     with pytest.raises(report.NoPlaceForResults):
         report.write_report(RUN, tmp_path)
     assert (tmp_path / "benchmarks.md").read_text() == "nothing"
 
 
-def test_page_and_picture_are_written_from_results_that_were_kept(tmp_path: Path) -> None:
+def test_page_and_picture_are_written_from_stored_results(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     rates = {
         "benchmark": "throughput",

@@ -67,12 +67,12 @@ def first_finding(most: int) -> bytes | None:
 
 
 @pytest.mark.parametrize("defect", PLANTED)
-def test_check_that_is_missing_is_found(defect: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_check_is_found(defect: str, monkeypatch: pytest.MonkeyPatch) -> None:
     plant(defect, monkeypatch)
     assert first_finding(MOST), f"not found with {MOST} inputs"
 
 
-def test_core_as_it_is_stands_every_input() -> None:
+def test_unchanged_core_withstands_every_input() -> None:
     assert first_finding(MOST_OF_WHAT_IS_SOUND) is None
 
 
@@ -91,7 +91,7 @@ def test_finding_is_kept_and_played_again(
     assert "no finding" in capsys.readouterr().out
 
 
-def test_without_atheris_it_says_what_to_install(
+def test_missing_atheris_is_reported_with_the_package_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
@@ -107,7 +107,7 @@ def test_core_that_hangs_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(finding(b"", limit_s=0.1), Hang)
 
 
-def test_mutations_keep_the_form_and_any_bytes_are_an_input() -> None:
+def test_mutations_keep_the_form_and_any_bytes_are_valid_input() -> None:
     random, known = Random(1), seeds()
     for _ in range(100):
         data = mutate(random.choice(known), random, known)

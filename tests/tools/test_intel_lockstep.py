@@ -15,7 +15,7 @@ KILLED = replace(CALM, trajectory=b"1 2 3\n", odometry=9, scans=2, restarts=1, r
 LESS = replace(KILLED, restarts=0, restored=None)
 
 
-def test_what_a_killed_mapping_has_forgotten_is_left_out(tmp_path: Path) -> None:
+def test_messages_lost_by_a_killed_mapping_are_removed(tmp_path: Path) -> None:
     with LogFile(tmp_path / "log.mcap") as log:
         for number in range(1, 13):
             log.add(Odometry(child_frame_id=str(number)), "odom")
@@ -33,7 +33,7 @@ def test_what_a_killed_mapping_has_forgotten_is_left_out(tmp_path: Path) -> None
     assert frames == ["1", "2", "3", "4", "scan", "5", "9", "10", "11", "12", "scan"]
 
 
-def test_equal_runs_are_no_violation() -> None:
+def test_equal_runs_are_not_a_violation() -> None:
     assert violations([CALM, CALM], KILLED, LESS) == []
 
 

@@ -11,7 +11,7 @@ KILLS = {"mapping": 5, "core": 3}
 FIRE = dataclasses.replace(CALM, scans=908, scans_lost=2, lost=5, restarts=KILLS)
 
 
-def test_one_message_lost_for_each_kill_of_mapping_is_no_violation() -> None:
+def test_one_lost_message_per_kill_of_mapping_is_not_a_violation() -> None:
     assert violations(CALM, FIRE, KILLS) == []
 
 

@@ -82,18 +82,18 @@ def without(text: str, line: str) -> str:
     return text.replace(line + "\n", "")
 
 
-def test_journals_that_agree_with_the_counters_are_no_violation(tmp_path: Path) -> None:
+def test_journals_that_agree_with_the_counters_are_not_a_violation(tmp_path: Path) -> None:
     assert violations(tmp_path) == []
 
 
-def test_uncertain_message_may_also_not_have_been_published(tmp_path: Path) -> None:
+def test_uncertain_message_may_be_unpublished(tmp_path: Path) -> None:
     books = dataclasses.replace(BOOKS, routed=4, dropped=0)
     assert violations(tmp_path, books=books, messages=4) == []
     books = dataclasses.replace(BOOKS, routed=3, dropped=0, delivered=2)
     assert violations(tmp_path, books=books, messages=3)
 
 
-def test_uncertain_message_that_somebody_has_was_published(tmp_path: Path) -> None:
+def test_uncertain_message_that_a_subscriber_has_was_published(tmp_path: Path) -> None:
     hear = HEAR.replace("\nS 2 18 .", "E 9 talker 1 3 1 16 17 .\n\nS 2 18 .").replace(
         "E 8 talker 1 2 1 14 16 .", "E 8 talker 1 2 1 14 16 .\nL 8 1 17 ."
     )
@@ -176,7 +176,7 @@ def test_short_campaign_finds_no_violation(tmp_path: Path, capsys: pytest.Captur
 
 @pytest.mark.timeout(180)
 @pytest.mark.usefixtures("disk")  # which skips where there can be none
-def test_short_campaign_with_a_log_disk_that_stands_still_finds_no_violation(
+def test_short_campaign_with_a_frozen_log_disk_finds_no_violation(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(frozen_log, "MEAN_PAUSE_S", 0.5)
@@ -189,13 +189,13 @@ def test_short_campaign_with_a_log_disk_that_stands_still_finds_no_violation(
     assert report["log_disk"]["restarts_while_frozen"] >= 1
 
 
-def test_restarts_that_nobody_asked_for_are_told_with_their_reason() -> None:
+def test_unexpected_restarts_are_reported_with_their_reason() -> None:
     said = "a: BACKOFF (killed by SIGKILL, again in 0.01 s)\n[a] INFO x\n"
     said += "b: BACKOFF (hung in handler of T for 5.0 s: killed by SIGABRT, again in 0.10 s)\n" * 2
     assert _other_ends(said) == {"b: hung in handler of T for 5.0 s: killed by SIGABRT": 2}
 
 
-def test_viewer_that_loses_its_rate_to_others_is_a_violation() -> None:
+def test_viewer_slowed_down_by_others_is_a_violation() -> None:
     calm = Rates(viewed_hz=30.0, taken_hz=30.0)
     slowed = ratio_of(calm, Rates(viewed_hz=20.0, taken_hz=30.0))
     assert neighbours.violations({"ratios": [1.0, slowed, slowed]})

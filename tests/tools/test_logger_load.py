@@ -16,7 +16,7 @@ def session(recorder: str, round_number: int, p50_us: float) -> Result:
     }
 
 
-def test_ratios_are_medians_over_rounds_each_beside_its_own_session_without() -> None:
+def test_ratios_are_medians_over_rounds_within_each_round() -> None:
     results = [
         session(recorder, number, p50_us)
         for number, (without, logger) in enumerate(((100.0, 110.0), (200.0, 600.0), (50.0, 60.0)))
@@ -32,12 +32,12 @@ def test_ratio_above_the_goal_is_marked() -> None:
     assert "small p50 1.21 !" in as_table(results, ratios_to_without(results))
 
 
-def test_twenty_modules_are_measured_and_who_records_stops_last() -> None:
+def test_twenty_modules_are_measured_and_the_recorder_stops_last() -> None:
     assert len(profile(WITHOUT, {})["modules"]) == 2 * PAIRS + 2 == 20
     assert next(iter(profile(PATIENT, {})["modules"])) == "logger"
 
 
-def test_session_has_the_stated_traffic_and_its_books_balance() -> None:
+def test_session_has_the_stated_traffic_and_its_counters_balance() -> None:
     result = measure(PATIENT, {}, seconds=2.0, settle_s=0.0)
     assert result["small"]["count"] > 10
     assert result["image"]["count"] >= 1

@@ -37,7 +37,7 @@ def test_writer_to_a_frozen_disk_cannot_be_killed_before_it_is_thawed(disk: Loop
 
 
 @pytest.mark.usefixtures("disk")  # which skips where there can be none
-def test_watchdog_thaws_a_disk_that_was_forgotten() -> None:
+def test_watchdog_thaws_a_forgotten_disk() -> None:
     with LoopDisk(max_frozen_s=0.5) as disk:
         disk.freeze()
         (disk.folder / "file").touch()  # waits until then

@@ -13,7 +13,7 @@ def odometry(speed_m_per_s: float) -> Odometry:
     return Odometry(twist=TwistWithCovariance(twist=Twist(linear=Vector3(x=speed_m_per_s))))
 
 
-def test_journal_tells_when_the_base_first_stood_after_an_event(tmp_path: Path) -> None:
+def test_journal_finds_when_the_base_first_stood_after_an_event(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "witness.txt")
     assert journal.newest("speed") == 0.0
     with ModuleHarness(Witness, output_directory=tmp_path) as harness:
@@ -31,7 +31,7 @@ def test_journal_tells_when_the_base_first_stood_after_an_event(tmp_path: Path) 
         assert journal.newest("stopped") == 1.0
 
 
-def test_line_that_is_being_written_is_read_when_it_is_whole(tmp_path: Path) -> None:
+def test_incomplete_line_is_read_when_it_is_complete(tmp_path: Path) -> None:
     file = tmp_path / "witness.txt"
     journal = Journal(file)
     file.write_text("speed 5 0.5\nspeed 1")

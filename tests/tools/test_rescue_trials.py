@@ -38,7 +38,7 @@ def write_known(file: Path, known_x_m: tuple[float, float]) -> None:
 
 
 @pytest.mark.parametrize(("known_x_m", "share"), [((-2.5, 2.5), 1.0), ((-0.5, 2.5), 0.5), ((2.0, 2.5), 0.0)])
-def test_mapped_share_is_that_of_the_area_that_can_be_reached(
+def test_mapped_share_refers_to_the_reachable_area(
     tmp_path: Path, known_x_m: tuple[float, float], share: float
 ) -> None:
     write_known(tmp_path / "map.yaml", known_x_m)
@@ -59,13 +59,13 @@ def judged(tmp_path: Path, victims: list[tuple[int, float, float, str]], **missi
     return outcome
 
 
-def test_victims_count_where_they_are_in_the_map_and_only_if_confirmed(tmp_path: Path) -> None:
+def test_victims_count_only_if_confirmed_and_placed_correctly(tmp_path: Path) -> None:
     outcome = judged(tmp_path, [(5, 0.0, -3.1, "yes"), (6, -2.0, -1.0, "no")])
     assert outcome.placed_m == {5: pytest.approx(0.1)}
     assert (outcome.found, outcome.invented, outcome.collisions) == (1, 0, 2)
 
 
-def test_victim_in_the_wrong_place_is_not_found_and_one_that_does_not_exist_is_invented(
+def test_victim_in_the_wrong_place_is_not_found_and_a_nonexistent_one_is_invented(
     tmp_path: Path,
 ) -> None:
     outcome = judged(tmp_path, [(5, 0.0, -2.7, "yes"), (7, 0.0, 0.0, "yes")])
@@ -73,7 +73,9 @@ def test_victim_in_the_wrong_place_is_not_found_and_one_that_does_not_exist_is_i
 
 
 @pytest.mark.parametrize(("reason", "is_home"), [("is home", True), ("the time is over", False)])
-def test_only_who_says_so_and_stands_there_is_home(tmp_path: Path, reason: str, is_home: bool) -> None:
+def test_robot_is_home_only_if_it_reports_so_and_stands_there(
+    tmp_path: Path, reason: str, is_home: bool
+) -> None:
     assert judged(tmp_path, [], reason=reason).is_home is is_home
 
 

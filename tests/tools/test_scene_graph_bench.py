@@ -8,12 +8,12 @@ from robbie_mp.scene_graph import SceneGraph
 from tools.scene_graph_bench import main, row, world_of_robots
 
 
-def test_its_worlds_are_trees_of_200_nodes() -> None:
+def test_worlds_are_trees_of_200_nodes() -> None:
     assert len(SceneGraph(world_of_robots())) == 201
     assert len(SceneGraph(row())) == 200
 
 
-def test_it_tells_figures_of_each_world(capsys: pytest.CaptureFixture[str]) -> None:
+def test_figures_of_each_world_are_reported(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--seconds", "0.3", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert set(told) == {"four robots", "one row"}

@@ -20,7 +20,7 @@ def relation(first_s: float, second_s: float, x_m: float, y_m: float, yaw_rad: f
     return [first_s, second_s, x_m, y_m, 0, 0, 0, yaw_rad]
 
 
-def test_a_trajectory_that_agrees_has_no_error() -> None:
+def test_trajectory_that_agrees_has_no_error() -> None:
     relations = np.array([relation(10, 12, 2, 0, 0), relation(13, 11, 0, 1, -math.pi / 2)])
     score = measure(STRAIGHT, relations)
     assert score.translation_mean_m == pytest.approx(0, abs=1e-12)
@@ -40,7 +40,7 @@ def test_errors_are_the_mean_and_deviation_of_absolute_differences() -> None:
     assert score.rotation_sd_deg == pytest.approx(10)
 
 
-def test_the_frame_of_the_trajectory_does_not_matter() -> None:
+def test_frame_of_the_trajectory_does_not_matter() -> None:
     relations = np.array([relation(10, 12, 1.8, 0.1, 0.2), relation(13, 11, 0.2, 1, -1)])
     turned = STRAIGHT.copy()
     turned[:, 1:3] = STRAIGHT[:, 1:3] @ [[0, 1], [-1, 0]] + [100, -50]
@@ -50,7 +50,7 @@ def test_the_frame_of_the_trajectory_does_not_matter() -> None:
     assert first.rotation_mean_deg == pytest.approx(second.rotation_mean_deg)
 
 
-def test_poses_are_interpolated_and_headings_the_short_way() -> None:
+def test_poses_are_interpolated_and_headings_take_the_short_way() -> None:
     trajectory = np.array([[0, 0, 0, 3.1], [0.04, 4, 0, -3.1]])
     score = measure(
         trajectory, np.array([relation(0, 0.01, -math.cos(3.1 - math.pi), 0, (2 * math.pi - 6.2) / 4)])
@@ -59,12 +59,12 @@ def test_poses_are_interpolated_and_headings_the_short_way() -> None:
     assert score.translation_mean_m < 0.05
 
 
-def test_the_order_of_the_stamps_does_not_matter() -> None:
+def test_order_of_the_stamps_does_not_matter() -> None:
     relations = np.array([relation(10, 12, 1.8, 0.1, 0.2), relation(13, 11, 0.2, 1, -1)])
     assert measure(STRAIGHT[[2, 0, 3, 1]], relations) == measure(STRAIGHT, relations)
 
 
-def test_relations_without_a_pose_are_left_out_and_counted() -> None:
+def test_relations_without_a_pose_are_skipped_and_counted() -> None:
     relations = np.array([relation(10, 11, 1, 0, 0), relation(10, 11.5, 1, 0, 0), relation(9, 99, 1, 0, 0)])
     score = measure(STRAIGHT, relations)
     assert (score.relations_used, score.relations_unmatched) == (1, 2)
@@ -78,7 +78,7 @@ def files(tmp_path: Path, trajectory: str, relations: str = "10 11 1 0 0 0 0 0\n
     return [str(tmp_path / "trajectory.txt"), str(tmp_path / "relations")]
 
 
-def test_the_command_prints_the_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_prints_the_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = files(
         tmp_path, "# t x y theta\n10 0 0 0\n11 1.5 0 0\n", "10 11 1 0 0 0 0 0\n10 99 1 0 0 0 0 0\n"
     )
@@ -115,7 +115,7 @@ def test_bad_input_ends_with_2_and_names_the_line(
     assert what in capsys.readouterr().err
 
 
-def test_a_missing_file_ends_with_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_file_ends_with_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(tmp_path / "none"), str(tmp_path / "none")]) == 2
     assert "cannot be read" in capsys.readouterr().err
 
@@ -130,7 +130,7 @@ def test_raw_odometry_on_intel_has_the_known_error() -> None:
 
 
 @needs_intel
-def test_the_mapper_is_accurate_on_the_first_lap_of_intel() -> None:
+def test_mapper_is_accurate_on_the_first_lap_of_intel() -> None:
     mapper, sweeps, most = GridMapper(), 0, 330
     for record in CarmenLog(DATA / "intel.clf"):
         if isinstance(record, LaserRecord):

@@ -26,13 +26,13 @@ def test_growth_during_the_warm_up_does_not_count() -> None:
     assert Watch({"core": warming + steady}).report()["core"]["unique_mb_per_h"] == pytest.approx(0, abs=0.01)
 
 
-def test_process_that_was_restarted_has_no_slope() -> None:
+def test_restarted_process_has_no_slope() -> None:
     report = Watch({"small": samples(1.0, [7] * 30 + [8] * 30)}).report()["small"]
     assert report["processes_seen"] == 2
     assert "unique_mb_per_h" not in report
 
 
-def test_counter_that_goes_back_is_a_violation() -> None:
+def test_decreasing_counter_is_a_violation() -> None:
     watch = Watch()
     for value in (1, 5, 5, 4):
         watch.note_counter("relay", "routed", value)

@@ -58,7 +58,7 @@ def pair(tmp_path: Path) -> Iterator[Pair]:
     made.close()
 
 
-def test_record_comes_whole_with_its_traceback(pair: Pair) -> None:
+def test_record_arrives_complete_with_its_traceback(pair: Pair) -> None:
     pair.output.begin(3)
     try:
         _ = 1 / 0
@@ -79,7 +79,7 @@ def test_record_comes_whole_with_its_traceback(pair: Pair) -> None:
     assert pair.output.last_lines[-1] == "ZeroDivisionError: division by zero"
 
 
-def test_child_never_waits_and_says_how_much_was_lost_while_errors_still_find_room(pair: Pair) -> None:
+def test_child_never_blocks_counts_losses_and_has_room_for_errors(pair: Pair) -> None:
     sent = 10_000
     for number in range(sent):
         pair.log.info("%d %s", number, "x" * 100)
@@ -95,14 +95,14 @@ def test_child_never_waits_and_says_how_much_was_lost_while_errors_still_find_ro
     assert any(entry.text.startswith(f"{sent - len(kept)} lines dropped") for entry in entries)
 
 
-def test_records_dropped_last_are_reported_on_the_way_out(pair: Pair) -> None:
+def test_records_dropped_last_are_reported_at_exit(pair: Pair) -> None:
     pair.handler.dropped = 7
     pair.handler.close()
     pair.read()
     assert pair.output.dropped == 7
 
 
-def test_long_record_is_cut_and_says_so(pair: Pair) -> None:
+def test_long_record_is_cut_and_marked_as_cut(pair: Pair) -> None:
     pair.log.error("\N{GRINNING FACE}" * 100_000 + "end")
     pair.log.error("short")
     long, short = pair.read()
@@ -111,7 +111,7 @@ def test_long_record_is_cut_and_says_so(pair: Pair) -> None:
     assert short.text == "short"
 
 
-def test_record_whose_arguments_do_not_fit_is_pythons_complaint(
+def test_record_with_wrong_arguments_is_reported_by_pythons_logging(
     pair: Pair, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pair.log.info("%d", "no number")
@@ -119,14 +119,14 @@ def test_record_whose_arguments_do_not_fit_is_pythons_complaint(
     assert pair.read() == []
 
 
-def test_kinds_that_are_not_recorded_are_no_loss(pair: Pair) -> None:
+def test_kinds_that_are_not_recorded_do_not_count_as_lost(pair: Pair) -> None:
     pair.log.debug("details")
     pair.log.info("news")
     assert [entry.text for entry in pair.read()] == ["news"]
     assert pair.output.dropped == 0
 
 
-def test_child_logs_at_the_level_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_child_logs_at_the_level_that_is_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = logging.Logger("root")
     monkeypatch.setattr(logging, "getLogger", lambda: root)
     before = signal.getsignal(signal.SIGURG)
@@ -140,7 +140,7 @@ def test_child_logs_at_the_level_it_is_told(tmp_path: Path, monkeypatch: pytest.
         signal.signal(signal.SIGURG, before)
 
 
-def test_escape_sequences_and_halves_of_characters_arrive_harmless(pair: Pair) -> None:
+def test_escape_sequences_and_incomplete_characters_are_escaped(pair: Pair) -> None:
     pair.log.info("\x1b[2J\x00 \ud800 \u202e </script>-->")
     [entry] = pair.read()
     assert entry.text == "\\x1b[2J\\x00 \\ud800 \\u202e </script>-->"
@@ -161,7 +161,7 @@ def test_escape_sequences_and_halves_of_characters_arrive_harmless(pair: Pair) -
         b"x" * (LINE_BYTES + 100),
     ],
 )
-def test_hostile_packet_is_an_entry_at_most(pair: Pair, packet: bytes) -> None:
+def test_hostile_packet_is_at_most_an_entry(pair: Pair, packet: bytes) -> None:
     os.write(pair.theirs, packet + b"\n")
     pair.log.info("still here")
     entries = pair.read()
@@ -171,7 +171,7 @@ def test_hostile_packet_is_an_entry_at_most(pair: Pair, packet: bytes) -> None:
 
 
 @given(st.recursive(st.none() | st.booleans() | st.floats() | st.integers() | st.text(), st.lists))
-def test_no_json_makes_a_bad_packet(value: object) -> None:
+def test_any_json_is_a_valid_packet_or_ignored(value: object) -> None:
     keys = ("text", "level", "time_s", "logger", "dropped", "traceback", "thread", "where", "level_name")
     for key in keys:
         packet = json.dumps({"text": "x", key: value}).encode()
@@ -180,7 +180,7 @@ def test_no_json_makes_a_bad_packet(value: object) -> None:
             assert parsed.record is None or abs(parsed.record.time_s - 1e9) < 3601
 
 
-def test_flood_of_records_is_bounded_and_its_end_remembered(tmp_path: Path) -> None:
+def test_flood_of_records_is_bounded_and_its_end_is_kept(tmp_path: Path) -> None:
     kept: list[Entry] = []
     store = OutputStore(tmp_path, kept.append, TraceSettings(lines_per_s=0.0, burst_lines=10))
     output = store.child("laser")
@@ -210,7 +210,7 @@ def test_long_records_count_as_often_as_printed_lines_of_their_length(tmp_path: 
     assert output.dropped == 3
 
 
-def test_line_without_end_takes_no_more_memory_than_a_line(pair: Pair) -> None:
+def test_endless_line_takes_no_more_memory_than_a_line(pair: Pair) -> None:
     for _ in range(20):
         os.write(pair.theirs, b"x" * LINE_BYTES)
         pair.read()
@@ -218,13 +218,13 @@ def test_line_without_end_takes_no_more_memory_than_a_line(pair: Pair) -> None:
     assert pair.output.lines >= 10
 
 
-def test_numbers_count_up_when_the_clock_is_set_back() -> None:
+def test_numbers_increase_even_if_the_clock_is_set_back() -> None:
     times = iter([100.0, 50.0, 50.0, 200.0])
     numbers = EntryNumbers(lambda: next(times))
     assert [numbers.next() for _ in range(4)] == [100_000_000, 100_000_001, 100_000_002, 200_000_000]
 
 
-def test_line_that_found_room_in_part_is_finished_first(pair: Pair) -> None:
+def test_partly_written_line_is_finished_first(pair: Pair) -> None:
     long = b'{"level":40,"text":"%s"}\n' % (b"x" * 20_000)
     while pair.handler.send(long):
         pass
@@ -237,7 +237,7 @@ def test_line_that_found_room_in_part_is_finished_first(pair: Pair) -> None:
     assert pair.output.dropped == 1
 
 
-def test_half_a_record_of_a_killed_child_is_shown(pair: Pair) -> None:
+def test_incomplete_record_of_a_killed_child_is_shown(pair: Pair) -> None:
     os.write(pair.theirs, b'{"level":40,"text":"the la')
     os.close(pair.theirs)
     pair.theirs = -1
@@ -245,7 +245,7 @@ def test_half_a_record_of_a_killed_child_is_shown(pair: Pair) -> None:
     assert "the la" in pair.entries[0].text
 
 
-def test_record_that_nobody_reads_any_more_is_counted(pair: Pair) -> None:
+def test_record_without_a_reader_is_counted(pair: Pair) -> None:
     pair.stream.finish()
     pair.log.error("into nowhere")
     assert pair.handler.dropped == 1

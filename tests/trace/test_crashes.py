@@ -37,7 +37,7 @@ modules:
 )
 
 
-def test_last_words_and_the_reason_are_in_the_trace_however_a_module_ends(robot: Robot) -> None:
+def test_trace_has_the_last_output_and_the_reason_of_every_kind_of_end(robot: Robot) -> None:
     modules = Path(__file__).parent / "_support" / "misbehaving_modules.py"
     (robot.folder / "zoo" / "misbehaving.py").write_text(modules.read_text())
     robot.write_profile(PROFILE + '  source: {class: "zoo.misbehaving:Source"}\n')
@@ -113,7 +113,7 @@ def check_report(report: CrashReport, way: str, reason: str) -> None:
     assert 0 < report.cpu_s < report.uptime_s + 1
 
 
-def test_report_is_read_as_it_was_written_and_garbage_is_none() -> None:
+def test_report_is_read_back_and_garbage_is_not_a_report() -> None:
     assert CrashReport.from_json("{}") is None
     assert CrashReport.from_json("[1]") is None
     assert CrashReport.from_json("half") is None

@@ -83,7 +83,7 @@ def test_hundred_thousand_entries_are_filtered_in_less_than_a_second(tmp_path: P
 
 
 @needs_chromium
-def test_page_shows_starts_crashes_and_details_and_nothing_in_it_is_ever_run(tmp_path: Path) -> None:
+def test_page_shows_starts_crashes_and_details_and_executes_no_content(tmp_path: Path) -> None:
     page = write_page(
         tmp_path,
         [
@@ -129,7 +129,7 @@ def test_page_shows_starts_crashes_and_details_and_nothing_in_it_is_ever_run(tmp
 
 
 @needs_node
-def test_filter_finds_what_it_should() -> None:
+def test_filter_finds_the_right_entries() -> None:
     """The page's logic alone, in an engine that is quick to start."""
     page = files("robbie_mp.trace").joinpath("page.html").read_text()
     logic = page.split("<script>")[1].split("</script>")[0]
@@ -182,7 +182,7 @@ class Comments(HTMLParser):
         self.ended.append(tag)
 
 
-def test_every_entry_is_a_comment_behind_a_whole_document(tmp_path: Path) -> None:
+def test_every_entry_is_a_comment_after_a_complete_document(tmp_path: Path) -> None:
     entries = [entry(1, HOSTILE, logger=HOSTILE), entry(2, "->-->--!>"), entry(3, "<!--")]
     text = write_page(tmp_path, entries).read_text()
     parsed = Comments(text)
@@ -192,7 +192,7 @@ def test_every_entry_is_a_comment_behind_a_whole_document(tmp_path: Path) -> Non
     assert "https:" not in text
 
 
-def test_full_page_becomes_an_older_one_that_is_whole_as_well(tmp_path: Path) -> None:
+def test_full_page_is_rotated_and_remains_complete(tmp_path: Path) -> None:
     entries = [entry(number, f"line {number}") for number in range(5000)]
     head = write_page(tmp_path, [entry(0, "of a former run")]).stat().st_size
     write_page(tmp_path, entries, page_bytes=head + 200_000)
@@ -204,7 +204,7 @@ def test_full_page_becomes_an_older_one_that_is_whole_as_well(tmp_path: Path) ->
     assert sorted(path.name for path in tmp_path.iterdir()) == ["trace.1.html", "trace.html"]
 
 
-def test_entry_longer_than_a_page_begins_no_empty_ones(tmp_path: Path) -> None:
+def test_entry_longer_than_a_page_creates_no_empty_pages(tmp_path: Path) -> None:
     page = TracePage(tmp_path, page_bytes=10, pages=3)
     for number in range(2):
         page.write([entry(number, "x" * 100).to_line()])
@@ -213,7 +213,7 @@ def test_entry_longer_than_a_page_begins_no_empty_ones(tmp_path: Path) -> None:
     assert pages == [[entry(0, "x" * 100)], [entry(1, "x" * 100)]]
 
 
-def test_former_runs_page_is_kept_apart(tmp_path: Path) -> None:
+def test_page_of_an_earlier_run_is_kept(tmp_path: Path) -> None:
     write_page(tmp_path, [entry(1, "former")])
     write_page(tmp_path, [entry(2, "present")])
     assert [made and made.text for made in Comments((tmp_path / "trace.1.html").read_text()).found] == [
@@ -224,7 +224,7 @@ def test_former_runs_page_is_kept_apart(tmp_path: Path) -> None:
     ]
 
 
-def test_disk_that_is_full_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_is_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = TracePage(tmp_path / "gone", 1 << 20, 2)
     page.write([entry(1, "lost").to_line()])
     assert page.dropped == 1

@@ -20,7 +20,7 @@ def write(output_directory: Path, count: int) -> None:
     store.close()
 
 
-def test_entries_of_all_modules_come_in_the_order_they_were_heard(tmp_path: Path) -> None:
+def test_entries_of_all_modules_are_in_the_order_of_arrival(tmp_path: Path) -> None:
     write(tmp_path, 30)
     assert [entry.text for entry in entries(tmp_path)] == [f"line {number}" for number in range(30)]
     assert [entry.text for entry in entries(tmp_path, ["laser"])] == [
@@ -39,7 +39,7 @@ def test_last_entries_are_found_across_rotated_files(tmp_path: Path) -> None:
         assert [entry.text for entry in last_entries(tmp_path, "laser", count)] == kept[-count:]
 
 
-def test_half_a_line_of_a_killed_supervisor_is_passed_over(tmp_path: Path) -> None:
+def test_incomplete_line_of_a_killed_supervisor_is_skipped(tmp_path: Path) -> None:
     write(tmp_path, 4)
     file = tmp_path / "log" / "laser.jsonl"
     file.write_bytes(file.read_bytes()[:-20])
@@ -47,12 +47,12 @@ def test_half_a_line_of_a_killed_supervisor_is_passed_over(tmp_path: Path) -> No
     assert [entry.text for entry in entries(tmp_path)] == ["line 0", "line 1", "line 3"]
 
 
-def test_nothing_recorded_is_nothing_read(tmp_path: Path) -> None:
+def test_empty_trace_has_no_entries(tmp_path: Path) -> None:
     assert last_entries(tmp_path, "laser", 5) == []
     assert list(entries(tmp_path)) == []
 
 
-def test_follower_reads_each_entry_once_however_files_rotate(tmp_path: Path) -> None:
+def test_follower_reads_each_entry_once_while_files_rotate(tmp_path: Path) -> None:
     limits = TraceSettings(file_bytes=4096, files=20, lines_per_s=1e9, burst_lines=1_000_000)
     store = OutputStore(tmp_path / "log", limits=limits)
     modules = [store.child("laser"), store.child("mapping")]
@@ -106,7 +106,7 @@ def report(module: str, incarnation: int) -> CrashReport:
     )
 
 
-def test_reports_are_read_as_they_were_written_and_only_the_newest_are_kept(tmp_path: Path) -> None:
+def test_reports_are_read_back_and_only_the_newest_are_kept(tmp_path: Path) -> None:
     store = OutputStore(tmp_path / "log", limits=TraceSettings(crash_reports=3))
     for incarnation in range(1, 6):
         for module in ("laser", "laser-front"):
@@ -119,7 +119,7 @@ def test_reports_are_read_as_they_were_written_and_only_the_newest_are_kept(tmp_
     assert len(list((tmp_path / "log" / "crashes").iterdir())) == 6
 
 
-def test_report_for_people_says_all_and_obeys_nothing() -> None:
+def test_printed_report_is_complete_and_escapes_control_characters() -> None:
     made = report("laser", 2)
     assert made.traceback == ["Fatal Python error: Aborted", "stack"]
     text = "\n".join(made.lines())
@@ -136,7 +136,7 @@ def test_report_for_people_says_all_and_obeys_nothing() -> None:
     assert "all\\x1bwell" in text
 
 
-def test_disk_that_takes_no_report_stops_nobody(tmp_path: Path) -> None:
+def test_refused_report_blocks_nothing(tmp_path: Path) -> None:
     store = OutputStore(tmp_path / "log")
     (tmp_path / "log" / "crashes").touch()
     answers: list[bool] = []

@@ -42,12 +42,12 @@ def test_field_is_found_in_messages_and_arrays() -> None:
         ("ranges[-1]", "is no field; write it as"),
     ],
 )
-def test_field_that_is_not_there_is_named(path: str, said: str) -> None:
+def test_missing_field_is_reported_by_name(path: str, said: str) -> None:
     with pytest.raises(NoSuchField, match=said):
         FieldPath(LaserScan, path)
 
 
-def test_yaml_is_yaml_and_abbreviates_long_arrays() -> None:
+def test_yaml_is_valid_and_abbreviates_long_arrays() -> None:
     whole = FieldPath(LaserScan, "").value(scan(20))
     assert yaml.safe_load(to_yaml(whole))["ranges"] == list(map(float, range(20)))
     short = to_yaml(FieldPath(LaserScan, "").value(scan(20), full=False))
@@ -55,7 +55,7 @@ def test_yaml_is_yaml_and_abbreviates_long_arrays() -> None:
     assert yaml.safe_load(short)["header"]["frame_id"] == ""
 
 
-def test_json_has_no_infinity() -> None:
+def test_json_contains_no_infinity() -> None:
     assert json.loads(to_json(FieldPath(LaserScan, "").value(scan(1))))["range_max"] is None
 
 
@@ -66,7 +66,7 @@ def test_csv_has_a_column_for_each_plain_field() -> None:
     assert to_csv(["a,b", 'say "x"', 3]) == '"a,b","say ""x""",3'
 
 
-def test_yaml_of_people_becomes_a_message() -> None:
+def test_yaml_input_becomes_a_message() -> None:
     odometry = message_of_yaml(Odometry, "{pose: {pose: {position: {x: 1, y: 2.5}}}, child_frame_id: base}")
     assert isinstance(odometry, Odometry)
     assert odometry.pose.pose.position == Point(x=1.0, y=2.5, z=0.0)
@@ -84,6 +84,6 @@ def test_yaml_of_people_becomes_a_message() -> None:
         ("[1, 2]", "expected a map of its fields"),
     ],
 )
-def test_field_that_does_not_fit_is_named_with_its_path(text: str, said: str) -> None:
+def test_invalid_field_is_reported_with_its_path(text: str, said: str) -> None:
     with pytest.raises(FieldError, match=said):
         message_of_yaml(Odometry, text)

@@ -15,7 +15,7 @@ def track(*entries: tuple[float, float, float, float], most: int = 1000) -> Odom
     return result
 
 
-def test_a_stamp_between_two_entries_is_interpolated() -> None:
+def test_stamp_between_two_entries_is_interpolated() -> None:
     place = present(track((1.0, 0, 0, 0), (2.0, 1, 0, 0), (3.0, 2, 0, 1)).at(2.25))
     assert place.position == pytest.approx(1.25)
     assert place.pose == pytest.approx([1.25, 0, 0.25])
@@ -25,23 +25,23 @@ def test_headings_are_interpolated_the_short_way_round() -> None:
     assert present(track((1.0, 0, 0, 3.1), (2.0, 0, 0, -3.1)).at(1.5)).pose[2] == pytest.approx(-np.pi)
 
 
-def test_a_stamp_after_the_newest_entry_has_no_place_yet() -> None:
+def test_stamp_after_the_newest_entry_has_no_place_yet() -> None:
     assert track((1.0, 0, 0, 0)).at(1.5) is None
     assert track((1.0, 0, 0, 0)).at(0.5) is None
     assert track().at(0.5) is None
 
 
-def test_of_entries_with_the_same_stamp_the_newest_counts() -> None:
+def test_newest_entry_with_the_same_stamp_counts() -> None:
     place = present(track((1.0, 0, 0, 0), (5.0, 7, 0, 0), (1.0, 2, 0, 0), (4.0, 3, 0, 0)).at(1.0))
     assert (place.position, place.pose[0]) == (2, 2)
 
 
-def test_the_order_of_recording_counts_where_stamps_jump_back() -> None:
+def test_order_of_recording_counts_when_stamps_jump_back() -> None:
     place = present(track((1.0, 0, 0, 0), (2.0, 1, 0, 0), (1.2, 2, 0, 0), (1.8, 3, 0, 0)).at(1.5))
     assert place.position == pytest.approx(2.5)
 
 
-def test_numbers_stay_when_old_entries_are_forgotten() -> None:
+def test_numbers_of_entries_stay_when_old_entries_are_dropped() -> None:
     result = track(*((float(n), n, 0, 0) for n in range(25)), most=10)
     assert len(result.log) <= 10
     assert present(result.at(24.0)).position == 24
@@ -49,7 +49,7 @@ def test_numbers_stay_when_old_entries_are_forgotten() -> None:
     assert result.numbered(0).pose[0] == result.log.forgotten
 
 
-def test_between_two_corrections_the_error_is_spread_over_the_motion() -> None:
+def test_error_between_two_corrections_is_spread_over_the_motion() -> None:
     odometry = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 0], [4, 0, 0], [5, 0, 0]], float)
     anchors = np.array([0, 3])
     poses = corrected(odometry, anchors, odometry[anchors], np.array([[0, 0, 0], [4.4, 0.8, 0]]))

@@ -26,11 +26,11 @@ def machine(times: Sequence[float] = (0.0,)) -> StateMachine[Lamp]:
     return StateMachine(Lamp.OFF, TRANSITIONS, lambda: next(clock, times[-1]))
 
 
-def test_machine_begins_in_its_initial_state() -> None:
+def test_machine_starts_in_its_initial_state() -> None:
     assert machine().state is Lamp.OFF
 
 
-def test_declared_transition_changes_the_state_and_tells_why() -> None:
+def test_declared_transition_changes_the_state_and_stores_the_reason() -> None:
     lamp = machine()
     lamp.go(Lamp.ON, "switched")
     assert (lamp.state, lamp.reason) == (Lamp.ON, "switched")
@@ -44,7 +44,7 @@ def test_undeclared_transition_is_an_error_and_changes_nothing(target: Lamp) -> 
     assert (lamp.state, lamp.reason) == (Lamp.OFF, "start")
 
 
-def test_final_state_leads_nowhere() -> None:
+def test_final_state_has_no_transitions() -> None:
     lamp = machine()
     lamp.go(Lamp.ON, "")
     was_final = lamp.is_final
@@ -66,7 +66,7 @@ def test_state_without_declared_transitions_is_refused() -> None:
         StateMachine(Lamp.OFF, {Lamp.OFF: {Lamp.ON}, Lamp.ON: ()}, lambda: 0.0)
 
 
-def test_state_that_lasts_too_long_goes_where_its_time_out_says() -> None:
+def test_state_that_lasts_too_long_changes_to_that_of_its_time_out() -> None:
     times = [0.0]
     shown: list[Lamp] = []
     lamp = StateMachine(
@@ -88,7 +88,7 @@ def test_time_out_along_an_undeclared_transition_is_refused() -> None:
         StateMachine(Lamp.OFF, TRANSITIONS, lambda: 0.0, {Lamp.OFF: TimeOut(1.0, Lamp.BROKEN)})
 
 
-def test_picture_shows_every_state_transition_and_time_out() -> None:
+def test_diagram_shows_every_state_transition_and_time_out() -> None:
     assert mermaid(Lamp.OFF, TRANSITIONS, {Lamp.ON: TimeOut(5.0, Lamp.BROKEN)}).splitlines() == [
         "stateDiagram-v2",
         "    [*] --> OFF",
@@ -99,5 +99,5 @@ def test_picture_shows_every_state_transition_and_time_out() -> None:
     ]
 
 
-def test_picture_describes_states_that_have_words() -> None:
+def test_diagram_describes_states_whose_values_are_texts() -> None:
     assert "    HOME: HOME<br/>is home" in mermaid(Trip.HOME, {Trip.HOME: ()})

@@ -30,7 +30,7 @@ def opened(device: FakeHokuyo) -> HokuyoLaser:
     return HokuyoLaser(device.port, lambda: 12.5, timeout_s=60.0)
 
 
-def test_numbers_and_checksums_are_those_of_the_specification() -> None:
+def test_numbers_and_checksums_match_the_specification() -> None:
     assert numbers(b"1Dh").tolist() == [5432]
     for line in (b"AMIN:44;7", b"AMAX:725;o", b"AFRT:384;6", b"SCAN:600;e", b"DMIN:20;4", b"DMAX:5600;_"):
         text, _, told = line.partition(b";")
@@ -40,12 +40,12 @@ def test_numbers_and_checksums_are_those_of_the_specification() -> None:
 
 
 @pytest.mark.parametrize("text", [b"12", b"12\x20", b"12\x70"])
-def test_characters_that_are_no_number_are_refused(text: bytes) -> None:
+def test_characters_that_are_not_numbers_are_refused(text: bytes) -> None:
     with pytest.raises(DamagedLine):
         numbers(text)
 
 
-def test_geometry_is_what_the_laser_tells(device: FakeHokuyo) -> None:
+def test_geometry_is_that_reported_by_the_laser(device: FakeHokuyo) -> None:
     laser = opened(device)
     geometry = laser.geometry
     assert geometry.beams == BEAMS
@@ -55,7 +55,7 @@ def test_geometry_is_what_the_laser_tells(device: FakeHokuyo) -> None:
     laser.close()
 
 
-def test_sweep_is_what_the_laser_measures_and_its_errors_are_no_returns(device: FakeHokuyo) -> None:
+def test_sweep_has_the_measured_ranges_and_errors_count_as_no_return(device: FakeHokuyo) -> None:
     device.to_send = [sweep(REQUEST, [0, 19, 20, 5600, 5601, *RAMP[5:]])]
     laser = opened(device)
     measured = laser.scan()
@@ -67,7 +67,7 @@ def test_sweep_is_what_the_laser_measures_and_its_errors_are_no_returns(device: 
     laser.close()
 
 
-def test_stream_that_another_process_left_on_is_ended() -> None:
+def test_stream_left_on_by_another_process_is_ended() -> None:
     with closing(FakeHokuyo(greeting=sweep(REQUEST, RAMP)[37:])) as device:
         device.to_send = [sweep(REQUEST, RAMP)]
         laser = opened(device)
@@ -75,7 +75,7 @@ def test_stream_that_another_process_left_on_is_ended() -> None:
         laser.close()
 
 
-def test_damaged_sweeps_are_left_out(device: FakeHokuyo) -> None:
+def test_damaged_sweeps_are_skipped(device: FakeHokuyo) -> None:
     whole = sweep(REQUEST, RAMP)
     changed = whole[:500] + chr(ord(whole[500]) ^ 1) + whole[501:]
     shortened = whole[:300] + whole[310:]
@@ -96,7 +96,7 @@ def test_newest_of_several_sweeps_is_returned() -> None:
         laser.close()
 
 
-def test_laser_that_only_sends_damage_is_at_fault(device: FakeHokuyo) -> None:
+def test_laser_that_sends_only_damaged_data_is_faulty(device: FakeHokuyo) -> None:
     device.to_send = [sweep(REQUEST, RAMP[:-1])] * 5
     laser = opened(device)
     with pytest.raises(LaserFault, match="5 sweeps in a row were damaged"):
@@ -104,7 +104,7 @@ def test_laser_that_only_sends_damage_is_at_fault(device: FakeHokuyo) -> None:
     laser.close()
 
 
-def test_laser_that_stops_says_why(device: FakeHokuyo) -> None:
+def test_stopped_laser_is_reported_with_its_status(device: FakeHokuyo) -> None:
     device.to_send = [sweep(REQUEST, [], status="51")]
     laser = opened(device)
     with pytest.raises(LaserFault, match="stopped with status 51"):
@@ -112,7 +112,7 @@ def test_laser_that_stops_says_why(device: FakeHokuyo) -> None:
     laser.close()
 
 
-def test_laser_that_falls_silent_is_noticed(device: FakeHokuyo) -> None:
+def test_silent_laser_is_detected(device: FakeHokuyo) -> None:
     laser = opened(device)
     laser._port.timeout = 0.1
     with pytest.raises(LaserSilent, match=r"sent nothing for 0\.1 s"):
@@ -123,11 +123,11 @@ def test_laser_that_falls_silent_is_noticed(device: FakeHokuyo) -> None:
 @pytest.mark.parametrize(
     "parameters", [{}, PARAMETERS | {"ARES": "0"}, PARAMETERS | {"AMIN": "first"}, PARAMETERS | {"SCAN": "0"}]
 )
-def test_laser_that_tells_no_geometry_is_refused(parameters: dict[str, str]) -> None:
+def test_laser_without_geometry_is_refused(parameters: dict[str, str]) -> None:
     with closing(FakeHokuyo(parameters)) as device, pytest.raises(LaserFault, match="geometry"):
         opened(device)
 
 
-def test_port_that_is_not_there_is_told() -> None:
+def test_missing_port_is_reported() -> None:
     with pytest.raises(OSError, match="no/such/port"):
         HokuyoLaser("/no/such/port", lambda: 0.0)

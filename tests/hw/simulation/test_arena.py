@@ -32,25 +32,25 @@ def test_ray_ends_at_the_near_side_of_a_circle() -> None:
     assert circle.ranges_m(1.0, 0.65, np.array([0.0]))[0] == pytest.approx(1.8)
 
 
-def test_ray_misses_a_circle_behind_it() -> None:
+def test_ray_misses_a_circle_behind_its_start() -> None:
     assert room([(0.5, 0.5, 0.25)]).ranges_m(1.0, 0.5, np.array([0.0]))[0] == pytest.approx(3.0)
 
 
-def test_ray_from_within_a_circle_ends_at_its_far_side() -> None:
+def test_ray_from_inside_a_circle_ends_at_its_far_side() -> None:
     assert room([(1.0, 0.5, 0.25)]).ranges_m(1.1, 0.5, np.array([0.0]))[0] == pytest.approx(0.15)
 
 
-def test_no_ray_slips_through_a_corner() -> None:
+def test_no_ray_passes_through_a_corner() -> None:
     to_corners = np.arctan2([-1.0, -1.0, 1.0, 1.0], [-1.0, 3.0, -1.0, 3.0])
     np.testing.assert_allclose(room().ranges_m(1.0, 1.0, to_corners), np.hypot([1, 3, 1, 3], 1.0))
 
 
-def test_ray_into_the_open_never_ends() -> None:
+def test_ray_that_hits_nothing_is_infinite() -> None:
     wall = Arena(np.array([[1.0, -1.0, 1.0, 1.0]]), np.empty((0, 3)), ORIGIN, 2.0, 2.0)
     assert wall.ranges_m(0.0, 0.0, np.array([0.0, np.pi])).tolist() == [1.0, math.inf]
 
 
-def test_rays_agree_with_clearance() -> None:
+def test_ranges_agree_with_clearance() -> None:
     """The nearest of very many rays is the distance to the nearest surface."""
     arena = room([(3.0, 1.2, 0.25)])
     angles = np.linspace(-np.pi, np.pi, 7200)
@@ -61,18 +61,18 @@ def test_rays_agree_with_clearance() -> None:
         )
 
 
-def test_clearance_of_many_points_is_that_of_each() -> None:
+def test_clearance_of_many_points_equals_that_of_each() -> None:
     arena = room([(3.0, 1.0, 0.25)])
     points = np.array([[[1.0, 0.5], [2.5, 1.0]], [[0.1, 1.9], [3.9, 1.0]]])
     np.testing.assert_allclose(arena.clearance_m(points), [[0.5, 0.25], [0.1, 0.1]])
 
 
-def test_arc_of_a_quarter_circle_ends_where_geometry_says() -> None:
+def test_arc_of_a_quarter_circle_ends_at_the_right_pose() -> None:
     pose = ORIGIN.after_arc(math.pi / 2, math.pi / 2)
     assert pose == pytest.approx((1.0, 1.0, math.pi / 2))
 
 
-def test_arc_back_undoes_the_arc() -> None:
+def test_driving_an_arc_back_returns_to_the_start() -> None:
     there = Pose(1.0, 2.0, 3.0).after_arc(0.7, 0.4)
     assert there.after_arc(-0.7, -0.4) == pytest.approx((1.0, 2.0, 3.0))
 

@@ -49,7 +49,7 @@ def test_shapes_in_metres_join_the_drawing(tmp_path: Path) -> None:
     assert room.start.heading_rad == 1.5
 
 
-def test_space_and_dot_are_both_free(tmp_path: Path) -> None:
+def test_space_and_dot_both_mean_free(tmp_path: Path) -> None:
     spaced = arena(tmp_path, ROOM.replace("R...", "R  ."))
     np.testing.assert_array_equal(spaced.segments, arena(tmp_path, ROOM).segments)
 
@@ -64,7 +64,7 @@ def test_every_room_of_the_demo_arena_has_a_doorway_of_90_cm() -> None:
     assert set(at.values()) == {passable[round(demo.start.y_m / 0.05), round(demo.start.x_m / 0.05)]} != {0}
 
 
-def test_victims_signs_and_obstacles_that_come_are_read(tmp_path: Path) -> None:
+def test_victims_signs_and_temporary_obstacles_are_read(tmp_path: Path) -> None:
     room = arena(
         tmp_path,
         ROOM

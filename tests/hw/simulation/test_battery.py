@@ -21,7 +21,7 @@ def drained(
 
 
 @pytest.mark.parametrize(("linear", "angular"), [(0.0, 0.0), (0.5, 0.0), (-0.5, 0.0), (0.3, -1.0)])
-def test_energy_given_is_power_times_time(linear: float, angular: float) -> None:
+def test_delivered_energy_is_power_times_time(linear: float, angular: float) -> None:
     model = BatteryModel()
     readings = drained(SimulatedBattery(model), 600.0, linear, angular)
     given_ws = sum(reading.voltage_v * reading.current_a for reading in readings[1:])
@@ -29,7 +29,7 @@ def test_energy_given_is_power_times_time(linear: float, angular: float) -> None
     assert given_ws == pytest.approx(power_w * 600.0, rel=0.002)
 
 
-def test_charge_lost_is_current_times_time() -> None:
+def test_drained_charge_is_current_times_time() -> None:
     readings = drained(SimulatedBattery(), 600.0, 0.5)
     lost_ah = readings[0].charge_ah - readings[-1].charge_ah
     assert lost_ah == pytest.approx(sum(reading.current_a for reading in readings[1:]) / 3600)
@@ -42,13 +42,13 @@ def test_resistance_costs_voltage_and_energy() -> None:
     assert first.charge_ah < second.charge_ah
 
 
-def test_full_and_empty_cells_have_their_voltages() -> None:
+def test_full_and_empty_cells_have_the_right_voltages() -> None:
     model = BatteryModel(cells=3)
     assert model.open_circuit_v(model.capacity_ah) == pytest.approx(12.6)
     assert model.open_circuit_v(0.0) == pytest.approx(9.0)
 
 
-def test_battery_runs_empty_when_its_energy_is_used_and_then_gives_nothing() -> None:
+def test_battery_is_empty_when_its_energy_is_used_up() -> None:
     # Full to empty at a constant current: capacity x mean voltage of the curve / 20 W.
     battery = SimulatedBattery(BatteryModel(capacity_ah=0.1, resistance_ohm=1e-9))
     readings = drained(battery, 400.0)
@@ -58,14 +58,14 @@ def test_battery_runs_empty_when_its_energy_is_used_and_then_gives_nothing() -> 
     assert readings[-1].current_a == 0.0
 
 
-def test_first_moment_and_time_that_stands_take_nothing() -> None:
+def test_first_call_and_calls_without_elapsed_time_drain_nothing() -> None:
     battery = SimulatedBattery(charge_ah=2.0)
     for _ in range(3):
         battery.drain(DriveState(1e9, ORIGIN, 0.5, 0.0))
     assert battery.read().charge_ah == 2.0
 
 
-def test_battery_that_cannot_give_the_power_gives_what_it_can() -> None:
+def test_battery_that_cannot_deliver_the_power_delivers_its_maximum() -> None:
     weak = BatteryModel(resistance_ohm=5.0)
     reading = drained(SimulatedBattery(weak), 1.0, 0.8)[0]
     assert reading.current_a == pytest.approx(weak.open_circuit_v(5.0) / 10.0)

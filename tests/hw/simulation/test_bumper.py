@@ -36,18 +36,18 @@ def pressed(robot: Pose, arena: Arena = ROOM) -> set[str]:
         (Pose(2.0, 0.205, -math.pi / 4), {"front_right"}),
     ],
 )
-def test_parts_that_touch_are_those_on_that_side(robot: Pose, parts: set[str]) -> None:
+def test_parts_on_the_side_of_the_contact_are_pressed(robot: Pose, parts: set[str]) -> None:
     assert pressed(robot) == parts
 
 
-def test_round_post_is_felt() -> None:
+def test_round_post_presses_the_bumper() -> None:
     post = replace(ROOM, circles=np.array([[2.28, 2.12, 0.1]]))
     assert pressed(Pose(2.0, 2.0, 0.0), post) == {"front_left"}
     assert pressed(Pose(1.9, 2.0, 0.0), post) == set()
 
 
 @pytest.mark.parametrize("heading_rad", np.linspace(-1.2, 1.2, 7))
-def test_robot_that_a_wall_stopped_feels_it(heading_rad: float) -> None:
+def test_robot_stopped_by_a_wall_presses_the_bumper(heading_rad: float) -> None:
     now = [0.0]
     drive = SimulatedDrive(ROOM, lambda: now[0], resumed=WorldState(Pose(3.5, 2.0, heading_rad)))
     drive.command(0.8, 0.0, 10.0)
@@ -58,6 +58,6 @@ def test_robot_that_a_wall_stopped_feels_it(heading_rad: float) -> None:
     assert any(part.startswith("front") for part in bumper.read().pressed)
 
 
-def test_bumper_that_was_not_placed_says_so() -> None:
+def test_reading_a_bumper_before_it_is_placed_is_an_error() -> None:
     with pytest.raises(BumperNotPlaced, match="place"):
         SimulatedBumper(ROOM).read()

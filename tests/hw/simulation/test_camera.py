@@ -70,7 +70,7 @@ VIEWS = [
 
 
 @pytest.mark.parametrize(("robot", "pan", "tilt"), VIEWS)
-def test_tag_of_a_victim_is_where_it_is_projected(robot: Pose, pan: float, tilt: float) -> None:
+def test_tag_of_a_victim_appears_where_it_is_projected(robot: Pose, pan: float, tilt: float) -> None:
     seen = image(replace(ROOM, victims=(VICTIM,)), robot, pan, tilt)
     cells = tag_cells(17)
     for row in range(6):
@@ -82,7 +82,7 @@ def test_tag_of_a_victim_is_where_it_is_projected(robot: Pose, pan: float, tilt:
 
 
 @pytest.mark.parametrize(("robot", "pan", "tilt"), VIEWS)
-def test_sign_is_as_large_as_it_is_projected(robot: Pose, pan: float, tilt: float) -> None:
+def test_sign_has_its_projected_size(robot: Pose, pan: float, tilt: float) -> None:
     sign = HazardSign(SignKind.FLAMMABLE_GAS, EAST)
     seen = image(replace(ROOM, signs=(sign,)), robot, pan, tilt)
     empty = image(ROOM, robot, pan, tilt)
@@ -117,7 +117,7 @@ def test_tiles_of_the_floor_are_half_a_metre_wide() -> None:
     assert shades[4.2, 2.2] == shades[3.7, 2.7] != shades[4.2, 2.7] == shades[3.7, 2.2] == shades[4.7, 2.2]
 
 
-def test_pillar_hides_what_is_behind_it() -> None:
+def test_pillar_hides_objects_behind_it() -> None:
     victim = replace(ROOM, victims=(VICTIM,))
     robot = Pose(3.0, 2.0, 0.0)
     place = pixel((6.0, 2.0, 0.6), robot)  # its chin
@@ -136,7 +136,7 @@ def test_victim_is_not_seen_from_behind() -> None:
     np.testing.assert_array_equal(image(there, robot), image(arena, robot))
 
 
-def test_picture_beside_the_camera_is_seen_where_it_is_ahead() -> None:
+def test_picture_beside_the_camera_is_visible_where_it_is_ahead() -> None:
     # Its middle is 0.12 m ahead of the eye and 0.15 m to its right: its far corner is seen, its near one
     # is behind the eye.
     robot = Pose(5.85, 1.78, math.pi / 2)
@@ -147,14 +147,14 @@ def test_picture_beside_the_camera_is_seen_where_it_is_ahead() -> None:
     np.testing.assert_allclose(seen[place], SIGN_COLOURS[SignKind.OXIDIZER], atol=5)
 
 
-def test_only_a_victim_that_moves_moves() -> None:
+def test_only_moving_victims_move() -> None:
     for kind, moves in [(VictimKind.STILL, False), (VictimKind.MOVING, True), (VictimKind.COLD, False)]:
         arena = replace(ROOM, victims=(replace(VICTIM, kind=kind),))
         first, second = (image(arena, Pose(4.0, 2.0, 0.0), stamp_s=stamp) for stamp in (0.1, 0.6))
         assert np.array_equal(first, second) != moves
 
 
-def test_obstacle_that_has_come_is_seen() -> None:
+def test_obstacle_that_has_appeared_is_visible() -> None:
     person = AppearingObstacle((5.0, 2.0, 0.2), from_s=0.0)
     arena = replace(ROOM, appearing=(person,))
     camera = SimulatedCamera(arena, noise=0.0)
@@ -178,7 +178,7 @@ def test_warm_victims_are_warm_and_cold_ones_are_not(robot: Pose, pan: float, ti
             assert colours[chin].tolist() == list(SKIN)
 
 
-def test_noise_has_its_deviation_and_follows_the_seed() -> None:
+def test_noise_has_its_standard_deviation_and_depends_on_the_seed() -> None:
     arena = replace(ROOM, victims=(VICTIM,))
     robot = Pose(3.0, 2.0, 0.0)
     exact = image(arena, robot)
@@ -192,12 +192,12 @@ def test_noise_has_its_deviation_and_follows_the_seed() -> None:
     assert noise.std() == pytest.approx(5.0, rel=0.05)
 
 
-def test_camera_that_was_not_placed_says_so() -> None:
+def test_image_of_a_camera_before_it_is_placed_is_an_error() -> None:
     with pytest.raises(CameraNotPlaced, match="place"):
         SimulatedCamera(ROOM).capture()
 
 
-def test_there_is_no_tag_beyond_the_dictionary() -> None:
+def test_tag_outside_the_dictionary_is_an_error() -> None:
     with pytest.raises(ValueError, match="0 to 49"):
         tag_cells(TAG_COUNT)
 
@@ -212,7 +212,7 @@ def test_tags_are_those_of_opencv() -> None:
 
 @pytest.mark.parametrize("kind", VictimKind)
 @pytest.mark.parametrize("aside_rad", [-0.5, 0.0, 0.5])
-def test_opencv_finds_the_tag_from_half_a_metre_to_three(kind: VictimKind, aside_rad: float) -> None:
+def test_opencv_finds_tags_from_half_a_metre_to_three_metres(kind: VictimKind, aside_rad: float) -> None:
     aruco = pytest.importorskip("cv2").aruco
     detector = aruco.ArucoDetector(aruco.getPredefinedDictionary(aruco.DICT_4X4_50))
     camera = SimulatedCamera(replace(ROOM, victims=(replace(VICTIM, kind=kind),)))

@@ -43,14 +43,14 @@ def drive_for(drive: SimulatedDrive, clock: Clock, seconds: float, linear: float
         drive.read()
 
 
-def test_drive_stands_until_commanded(clock: Clock) -> None:
+def test_drive_stands_still_until_commanded(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock)
     clock.now_s += 10.0
     assert drive.ground_truth().pose == HALL.start
     assert drive.read().stamp_s == pytest.approx(clock.now_s)
 
 
-def test_drive_goes_as_far_as_speed_and_acceleration_say(clock: Clock) -> None:
+def test_distance_driven_follows_from_speed_and_acceleration(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock)
     drive_for(drive, clock, 4.0, 0.5, 0.0)
     # 0.5 s to speed up at 1 m/s2, so half of 0.25 m is missing.
@@ -58,7 +58,7 @@ def test_drive_goes_as_far_as_speed_and_acceleration_say(clock: Clock) -> None:
     assert drive.ground_truth().linear_m_per_s == pytest.approx(0.5)
 
 
-def test_drive_stops_when_commands_stop_coming(clock: Clock) -> None:
+def test_drive_stops_when_commands_cease(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock)
     drive_for(drive, clock, 2.0, 0.5, 0.3)
     begin = drive.ground_truth().pose
@@ -70,7 +70,7 @@ def test_drive_stops_when_commands_stop_coming(clock: Clock) -> None:
     assert math.dist(begin[:2], drive.ground_truth().pose[:2]) == pytest.approx(way_m, abs=0.01)
 
 
-def test_drive_does_not_depend_on_how_often_it_is_read(clock: Clock) -> None:
+def test_motion_does_not_depend_on_how_often_the_drive_is_read(clock: Clock) -> None:
     often, seldom = Clock(), Clock()
     drives = [SimulatedDrive(HALL, often, seed=3), SimulatedDrive(HALL, seldom, seed=3)]
     for drive in drives:
@@ -82,7 +82,7 @@ def test_drive_does_not_depend_on_how_often_it_is_read(clock: Clock) -> None:
     assert drives[0].read().pose == pytest.approx(drives[1].read().pose, abs=0.01)
 
 
-def test_command_of_standing_does_not_expire(clock: Clock) -> None:
+def test_command_to_stand_still_does_not_expire(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock)
     drive.command(0.0, 0.0, 0.1)
     clock.now_s += 1.0
@@ -101,7 +101,7 @@ def test_stop_brakes_to_a_halt(clock: Clock) -> None:
     assert drive.expired_commands == 0
 
 
-def test_speeds_are_limited_and_keep_their_curve(clock: Clock) -> None:
+def test_speeds_are_limited_and_keep_the_curvature(clock: Clock) -> None:
     body = DifferentialDrive()
     drive = SimulatedDrive(HALL, clock, body=body)
     drive_for(drive, clock, 3.0, 50.0, 50.0)
@@ -122,7 +122,7 @@ def test_speeds_are_limited_and_keep_their_curve(clock: Clock) -> None:
         ((0.1, 0.0, -1.0), "valid_for_s"),
     ],
 )
-def test_command_that_makes_no_sense_is_refused_and_changes_nothing(
+def test_invalid_command_is_refused_and_changes_nothing(
     clock: Clock, command: tuple[float, float, float], named: str
 ) -> None:
     drive = SimulatedDrive(HALL, clock)
@@ -156,7 +156,7 @@ def test_robot_can_turn_on_the_spot_at_a_wall(clock: Clock) -> None:
     assert drive.ground_truth().pose.heading_rad > 1.5
 
 
-def test_exact_wheels_tell_the_truth(clock: Clock) -> None:
+def test_odometry_of_exact_wheels_is_the_true_pose(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock, errors=EXACT)
     drive_for(drive, clock, 20.0, 0.4, 0.3)
     assert HALL.start.plus(drive.read().pose) == pytest.approx(drive.ground_truth().pose, abs=0.005)
@@ -170,7 +170,7 @@ def test_odometry_drifts_by_decimetres_and_degrees_in_a_minute(clock: Clock) -> 
     assert 3 < math.degrees(abs(math.remainder(told.heading_rad - true.heading_rad, math.tau))) < 45
 
 
-def test_same_seed_drifts_the_same_and_another_does_not() -> None:
+def test_drift_depends_only_on_the_seed() -> None:
     def odometry(seed: int) -> Pose:
         clock = Clock()
         drive = SimulatedDrive(HALL, clock, seed)
@@ -181,7 +181,7 @@ def test_same_seed_drifts_the_same_and_another_does_not() -> None:
     assert odometry(7) != odometry(8)
 
 
-def test_replaced_drive_goes_on_where_the_last_one_was(clock: Clock) -> None:
+def test_replaced_drive_continues_where_the_last_one_was(clock: Clock) -> None:
     first = SimulatedDrive(HALL, clock)
     drive_for(first, clock, 3.0, 0.4, 0.2)
     world = first.world_state()
@@ -207,7 +207,7 @@ def test_emergency_stop_brakes_harder_and_latches_until_released(clock: Clock) -
     assert drive.read().linear_m_per_s == pytest.approx(0.6)
 
 
-def test_emergency_stop_outlives_the_process_that_simulates(clock: Clock) -> None:
+def test_emergency_stop_outlives_the_simulating_process(clock: Clock) -> None:
     drive = SimulatedDrive(HALL, clock)
     drive.stop_for_emergency()
     drive = SimulatedDrive(HALL, clock, resumed=drive.world_state())
@@ -215,7 +215,7 @@ def test_emergency_stop_outlives_the_process_that_simulates(clock: Clock) -> Non
     assert drive.ground_truth().pose == HALL.start
 
 
-def test_obstacle_comes_stops_the_robot_and_goes(clock: Clock) -> None:
+def test_temporary_obstacle_stops_the_robot_and_disappears(clock: Clock) -> None:
     wall = AppearingObstacle((12.0, 9.0, 12.2, 11.0), from_s=1.0, until_s=9.0)
     drive = SimulatedDrive(replace(HALL, appearing=(wall,)), clock)
     drive_for(drive, clock, 6.0, 0.6, 0.0)
@@ -228,7 +228,7 @@ def test_obstacle_comes_stops_the_robot_and_goes(clock: Clock) -> None:
     assert drive.ground_truth().pose.x_m > 12.0
 
 
-def test_obstacle_does_not_come_where_the_robot_stands(clock: Clock) -> None:
+def test_obstacle_does_not_appear_where_the_robot_stands(clock: Clock) -> None:
     person = AppearingObstacle((10.1, 10.0, 0.25), from_s=0.5)
     drive = SimulatedDrive(replace(HALL, appearing=(person,)), clock)
     clock.now_s += 2.0

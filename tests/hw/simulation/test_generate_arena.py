@@ -43,7 +43,7 @@ def check_reachable(there: Arena, cell_m: float = 0.05) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
-def test_random_arena_has_what_was_wished_and_all_can_be_reached(seed: int, tmp_path: Path) -> None:
+def test_random_arena_has_the_wanted_contents_and_all_is_reachable(seed: int, tmp_path: Path) -> None:
     made = arena(tmp_path, generate_arena(seed, FULL))
     assert (made.width_m, made.height_m) == (10.0, 8.0)
     assert (len(made.victims), len(made.signs), len(made.appearing)) == (6, 3, 2)
@@ -56,17 +56,17 @@ def test_random_arena_has_what_was_wished_and_all_can_be_reached(seed: int, tmp_
 
 
 @pytest.mark.parametrize("name", ["rescue_maze", "office", "hall"])
-def test_everything_in_the_stock_arenas_can_be_reached(name: str) -> None:
+def test_everything_in_the_stock_arenas_is_reachable(name: str) -> None:
     there = read_arena(ARENAS / f"{name}.yaml")
     assert len(there.victims) >= 5 and len(there.signs) >= 2
     check_reachable(there, 0.1)
 
 
-def test_same_seed_makes_the_same_arena_and_another_does_not() -> None:
+def test_arena_depends_only_on_the_seed() -> None:
     assert generate_arena(3) == generate_arena(3) != generate_arena(4)
 
 
-def test_reachable_area_of_a_room_is_that_of_geometry(tmp_path: Path) -> None:
+def test_reachable_area_of_a_room_is_correct(tmp_path: Path) -> None:
     room = arena(tmp_path, "cell_m: 1\ndrawing: |\n  ######\n  #R..##\n  ######\n")
     area = reachable_area(room, body_radius_m=0.2)
     assert area.free_m2 == pytest.approx(3.0, abs=0.01)
@@ -82,7 +82,7 @@ def test_wish_that_cannot_be_met_is_refused(wishes: ArenaWishes) -> None:
         generate_arena(0, wishes)
 
 
-def test_command_writes_the_arena_or_says_what_is_wrong(capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_writes_the_arena_or_reports_the_error(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--seed", "3", "--victims", "2", "--width_m", "9"]) == 0
     assert capsys.readouterr().out == generate_arena(3, ArenaWishes(width_m=9.0, victims=2))
     with pytest.raises(SystemExit, match="2"):

@@ -23,7 +23,7 @@ def samples(imu: SimulatedImu, states: Iterable[DriveState]) -> list[ImuSample]:
     return [imu.read() for state in states if imu.move(state)]
 
 
-def test_robot_on_a_circle_is_pushed_to_its_middle() -> None:
+def test_robot_on_a_circle_measures_centripetal_acceleration() -> None:
     imu = SimulatedImu(gyroscopes=EXACT, accelerometers=EXACT)
     (sample,) = samples(imu, [on_circle(1.0), on_circle(1.1)])
     np.testing.assert_allclose(sample.turn_rad_per_s, [0.0, 0.0, 0.8], atol=1e-12)
@@ -31,13 +31,13 @@ def test_robot_on_a_circle_is_pushed_to_its_middle() -> None:
     assert sample.stamp_s == 1.1
 
 
-def test_speeding_up_is_felt_ahead() -> None:
+def test_forward_acceleration_is_measured_along_x() -> None:
     imu = SimulatedImu(gyroscopes=EXACT, accelerometers=EXACT)
     (sample,) = samples(imu, [DriveState(0.0, ORIGIN, 0.1, 0.0), DriveState(0.2, ORIGIN, 0.4, 0.0)])
     np.testing.assert_allclose(sample.acceleration_m_per_s2, [1.5, 0.0, GRAVITY_M_PER_S2])
 
 
-def test_turn_over_the_half_turn_is_a_small_one() -> None:
+def test_turn_across_plus_minus_pi_is_small() -> None:
     imu = SimulatedImu(gyroscopes=EXACT, accelerometers=EXACT)
     states = [DriveState(0.0, Pose(0, 0, 3.1), 0, 0), DriveState(0.1, Pose(0, 0, -3.1), 0, 0)]
     (sample,) = samples(imu, states)
@@ -54,7 +54,7 @@ def test_no_sample_before_time_has_passed() -> None:
 
 
 @pytest.mark.parametrize("period_s", [0.01, 0.1])
-def test_noise_falls_with_the_root_of_the_time_that_is_averaged(period_s: float) -> None:
+def test_noise_falls_with_the_square_root_of_the_averaging_time(period_s: float) -> None:
     noisy = SensorErrors(noise_density=0.02, first_bias=0.0, bias_walk=0.0)
     states = [DriveState(n * period_s, ORIGIN, 0.0, 0.0) for n in range(2001)]
     values = np.array([s.turn_rad_per_s for s in samples(SimulatedImu(gyroscopes=noisy), states)])
@@ -62,7 +62,7 @@ def test_noise_falls_with_the_root_of_the_time_that_is_averaged(period_s: float)
     assert abs(values.mean()) < 0.02 / math.sqrt(2000 * period_s)
 
 
-def test_bias_begins_and_walks_as_declared() -> None:
+def test_bias_starts_and_walks_as_declared() -> None:
     errors = SensorErrors(noise_density=0.0, first_bias=0.3, bias_walk=0.05)
     states = [DriveState(n * 0.25, ORIGIN, 0.0, 0.0) for n in range(65)]
     runs = [samples(SimulatedImu(seed, gyroscopes=errors), states) for seed in range(150)]
@@ -72,7 +72,7 @@ def test_bias_begins_and_walks_as_declared() -> None:
     assert walked.std() == pytest.approx(0.05 * math.sqrt(63 * 0.25), rel=0.15)
 
 
-def test_same_seed_gives_the_same_samples_and_another_does_not() -> None:
+def test_samples_depend_only_on_the_seed() -> None:
     states = [on_circle(n * 0.1) for n in range(4)]
     runs = [
         np.array([s.acceleration_m_per_s2 for s in samples(SimulatedImu(seed), states)]) for seed in (1, 1, 2)

@@ -22,18 +22,18 @@ def exact(geometry: LaserGeometry | None = None) -> SimulatedLaser:
     return SimulatedLaser(ROOM, geometry, noise_m=0.0, missing=0.0)
 
 
-def test_laser_that_was_not_placed_says_so() -> None:
+def test_sweep_of_a_laser_before_it_is_placed_is_an_error() -> None:
     with pytest.raises(LaserNotPlaced, match="place"):
         SimulatedLaser(ROOM).scan()
 
 
-def test_sweep_bears_the_stamp_of_its_pose() -> None:
+def test_sweep_has_the_stamp_of_its_pose() -> None:
     laser = exact()
     laser.place(MIDDLE, 12.5)
     assert laser.scan().stamp_s == 12.5
 
 
-def test_beams_go_where_the_geometry_says() -> None:
+def test_beams_have_the_directions_of_the_geometry() -> None:
     laser = exact(LaserGeometry(angle_min_rad=-np.pi / 2, angle_increment_rad=np.pi / 2, beams=3))
     np.testing.assert_allclose(sweep(laser, Pose(1.0, 1.5, 0.0)), [1.5, 3.0, 2.5])
     np.testing.assert_allclose(sweep(laser, Pose(1.0, 1.5, np.pi / 2)), [3.0, 2.5, 1.0], rtol=1e-6)
@@ -46,7 +46,7 @@ def test_mounted_laser_measures_from_its_mount() -> None:
     np.testing.assert_allclose(sweep(exact(ahead), Pose(2.0, 2.0, np.pi / 2)), [1.9], rtol=1e-6)
 
 
-def test_too_far_is_plus_infinite_and_too_near_is_minus_infinite() -> None:
+def test_too_far_is_plus_infinity_and_too_near_is_minus_infinity() -> None:
     geometry = LaserGeometry(0.0, np.pi, 2, range_min_m=0.5, range_max_m=3.0)
     assert sweep(exact(geometry), Pose(0.3, 2.0, 0.0)).tolist() == [np.inf, -np.inf]
 
@@ -58,13 +58,13 @@ def test_noise_has_its_standard_deviation_and_no_bias() -> None:
     assert ranges.std() == pytest.approx(0.02, rel=0.05)
 
 
-def test_some_beams_do_not_come_back() -> None:
+def test_some_beams_have_no_return() -> None:
     laser = SimulatedLaser(ROOM, missing=0.05)
     lost = np.mean([np.isposinf(sweep(laser)) for _ in range(30)])
     assert lost == pytest.approx(0.05, abs=0.01)
 
 
-def test_same_seed_gives_the_same_sweeps_and_another_does_not() -> None:
+def test_sweeps_depend_only_on_the_seed() -> None:
     first, second, other = (SimulatedLaser(ROOM, seed=seed) for seed in (4, 4, 5))
     for _ in range(3):
         ranges = sweep(first)
@@ -72,7 +72,7 @@ def test_same_seed_gives_the_same_sweeps_and_another_does_not() -> None:
         assert not np.array_equal(ranges, sweep(other))
 
 
-def test_ranges_are_float32_one_per_beam() -> None:
+def test_ranges_are_float32_with_one_per_beam() -> None:
     ranges = sweep(SimulatedLaser(ROOM))
     assert ranges.dtype == np.float32
     assert ranges.shape == (360,)

@@ -34,7 +34,7 @@ def test_joints_move_at_their_rate_and_stop_at_the_target(clock: Clock) -> None:
     assert (state.pan_rad, state.pan_rad_per_s, state.tilt_rad_per_s) == (1.0, 0.0, 0.0)
 
 
-def test_new_target_begins_where_the_unit_is(clock: Clock) -> None:
+def test_motion_to_a_new_target_starts_at_the_current_direction(clock: Clock) -> None:
     unit = SimulatedPanTilt(clock, PanTiltLimits(rate_rad_per_s=1.0))
     unit.look(1.0, 0.0)
     clock.now_s += 0.6
@@ -44,7 +44,7 @@ def test_new_target_begins_where_the_unit_is(clock: Clock) -> None:
     assert unit.read().pan_rad == pytest.approx(0.4)
 
 
-def test_target_beyond_the_limits_is_the_nearest_within(clock: Clock) -> None:
+def test_target_beyond_the_limits_becomes_the_nearest_allowed_one(clock: Clock) -> None:
     limits = PanTiltLimits(pan_rad=2.0, tilt_up_rad=0.5, tilt_down_rad=0.7)
     unit = SimulatedPanTilt(clock, limits)
     unit.look(-9.0, 9.0)
@@ -56,7 +56,7 @@ def test_target_beyond_the_limits_is_the_nearest_within(clock: Clock) -> None:
 
 
 @pytest.mark.parametrize("direction", [(math.nan, 0.0), (0.0, math.inf)])
-def test_direction_that_makes_no_sense_is_refused_and_changes_nothing(
+def test_invalid_direction_is_refused_and_changes_nothing(
     clock: Clock, direction: tuple[float, float]
 ) -> None:
     unit = SimulatedPanTilt(clock)
@@ -67,5 +67,5 @@ def test_direction_that_makes_no_sense_is_refused_and_changes_nothing(
     assert unit.read().pan_rad == 1.0
 
 
-def test_unit_in_a_new_process_looks_where_the_last_one_did(clock: Clock) -> None:
+def test_unit_in_a_new_process_keeps_its_direction(clock: Clock) -> None:
     assert SimulatedPanTilt(clock, direction=(0.3, 0.1)).read().pan_rad == 0.3

@@ -20,7 +20,7 @@ def device() -> Iterator[FakeHokuyo]:
     fake.close()
 
 
-def test_sweep_is_published_and_the_laser_switched_off_at_the_end(device: FakeHokuyo) -> None:
+def test_sweeps_are_published_and_the_laser_is_switched_off_at_the_end(device: FakeHokuyo) -> None:
     ranges = [1000 + beam for beam in range(682)]
     device.to_send = [sweep("MD0044072501000", ranges)]
     settings = {"port": device.port, "timeout_s": 60.0}

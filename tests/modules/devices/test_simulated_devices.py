@@ -92,7 +92,7 @@ def test_imu_has_a_sample_for_each_pose_and_its_turns_add_up(
     assert samples[-1].orientation_covariance[0] == -1.0
 
 
-def test_battery_is_drained_and_a_restarted_one_holds_what_it_held(
+def test_battery_is_drained_and_keeps_its_charge_over_a_restart(
     base: ModuleHarness[SimulatedBase], settings: dict[str, object]
 ) -> None:
     settings |= {"capacity_ah": 0.02}
@@ -114,7 +114,7 @@ def test_battery_is_drained_and_a_restarted_one_holds_what_it_held(
         assert again.take(BatteryState)[-1].percentage < state.percentage
 
 
-def test_base_stands_when_the_battery_is_empty(base: ModuleHarness[SimulatedBase]) -> None:
+def test_base_stops_when_the_battery_is_empty(base: ModuleHarness[SimulatedBase]) -> None:
     base.send(BatteryState(percentage=0.0), topic="battery")
     drive(base, 1.0, 0.3)
     assert tell(base).pose.pose.position.x == 0.0
@@ -130,7 +130,7 @@ def test_emergency_stop_is_confirmed_and_kept_before_anything_else_happens(
         assert again.module.drive.is_emergency_stopped
 
 
-def test_emergency_stop_latches_is_told_and_outlives_the_base(
+def test_emergency_stop_latches_is_published_and_outlives_the_base(
     base: ModuleHarness[SimulatedBase], settings: dict[str, object]
 ) -> None:
     base.send(EmergencyStop(engaged=True, reason="somebody pressed the button"), topic="emergency_stop")
@@ -148,7 +148,7 @@ def test_emergency_stop_latches_is_told_and_outlives_the_base(
         assert tell(again).pose.pose.position.x > 0.2
 
 
-def test_box_that_comes_stops_the_robot_and_laser_bumper_and_camera_notice(
+def test_appearing_box_stops_the_robot_and_all_devices_see_it(
     base: ModuleHarness[SimulatedBase], settings: dict[str, object]
 ) -> None:
     with (
@@ -187,7 +187,7 @@ def test_mistake_in_the_arena_is_found_before_anything_starts(module: type[Modul
         ModuleHarness(module, {"arena": tmp_path / "broken.yaml"})
 
 
-def test_base_tells_of_obstacles_only_where_there_are_any(
+def test_base_publishes_obstacles_only_if_the_arena_has_any(
     base: ModuleHarness[SimulatedBase], tmp_path: Path
 ) -> None:
     base.advance(0.1)
@@ -198,7 +198,7 @@ def test_base_tells_of_obstacles_only_where_there_are_any(
         assert not plain.take(SimulatedWorld)
 
 
-def test_cameras_follow_the_pan_tilt_unit_and_tell_their_projection(
+def test_cameras_follow_the_pan_tilt_unit_and_publish_their_projection(
     base: ModuleHarness[SimulatedBase], settings: dict[str, object]
 ) -> None:
     with (
@@ -241,7 +241,7 @@ def test_cameras_follow_the_pan_tilt_unit_and_tell_their_projection(
     ],
     ids=["between", "turning on", "long ago", "at rest"],
 )
-def test_image_is_taken_in_the_direction_of_its_stamp(
+def test_image_shows_the_direction_at_its_stamp(
     base: ModuleHarness[SimulatedBase],
     settings: dict[str, object],
     told: list[tuple[float, float, float]],
@@ -274,7 +274,7 @@ def test_image_is_taken_in_the_direction_of_its_stamp(
     assert (difference > 0).mean() < 0.01
 
 
-def test_restarted_pan_tilt_unit_looks_where_it_looked() -> None:
+def test_restarted_pan_tilt_unit_keeps_its_direction() -> None:
     with ModuleHarness(SimulatedPanTiltModule) as unit:
         unit.send(PanTiltCommand(pan_rad=0.5, tilt_rad=math.nan))
         unit.send(PanTiltCommand(pan_rad=0.5, tilt_rad=-0.1))
@@ -294,7 +294,7 @@ def speed(base: ModuleHarness[SimulatedBase]) -> float:
     return base.take(Odometry, topic="odom")[-1].twist.twist.linear.x
 
 
-def test_commands_by_hand_go_before_all_others_until_they_have_ended_for_a_while(
+def test_manual_commands_have_priority_until_a_while_after_the_last_one(
     base: ModuleHarness[SimulatedBase],
 ) -> None:
     base.advance(0.1)
@@ -319,7 +319,7 @@ def speed_after_a_while(base: ModuleHarness[SimulatedBase]) -> float:
     return speed(base)
 
 
-def test_drive_stands_soon_after_its_last_command_has_expired(base: ModuleHarness[SimulatedBase]) -> None:
+def test_drive_stops_soon_after_its_last_command_has_expired(base: ModuleHarness[SimulatedBase]) -> None:
     for _ in range(10):
         command(base, 0.7, "manual", 0.22)
         base.advance(0.1)
@@ -328,7 +328,7 @@ def test_drive_stands_soon_after_its_last_command_has_expired(base: ModuleHarnes
     assert speed(base) == 0
 
 
-def test_command_that_waited_until_it_had_expired_is_not_followed(
+def test_command_that_expired_while_it_waited_is_ignored(
     base: ModuleHarness[SimulatedBase], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     base.advance(0.5)

@@ -22,7 +22,7 @@ def settings(tmp_path: Path) -> dict[str, object]:
     return {"arena": tmp_path / "arena.yaml"}
 
 
-def test_laser_fails_as_told_and_works_again(settings: dict[str, object]) -> None:
+def test_laser_fails_as_set_and_recovers(settings: dict[str, object]) -> None:
     with (
         ModuleHarness(SimulatedBase, settings) as base,
         ModuleHarness(SimulatedLaserRangeFinder, settings | {"noise_m": 0.0}) as laser,
@@ -58,7 +58,7 @@ def test_frozen_laser_repeats_its_last_sweep_with_new_stamps(settings: dict[str,
     assert scans[0].header.stamp.nanoseconds < scans[1].header.stamp.nanoseconds
 
 
-def test_battery_holds_what_it_is_set_to_and_is_drained_from_there(settings: dict[str, object]) -> None:
+def test_battery_is_drained_from_the_charge_that_was_set(settings: dict[str, object]) -> None:
     with (
         ModuleHarness(SimulatedBase, settings) as base,
         ModuleHarness(SimulatedBatteryModule, settings | {"capacity_ah": 0.02}) as battery,
@@ -77,7 +77,7 @@ def test_battery_holds_what_it_is_set_to_and_is_drained_from_there(settings: dic
     assert math.isfinite(drained.voltage)
 
 
-def test_bumper_is_pressed_by_hand_even_where_there_is_no_base(settings: dict[str, object]) -> None:
+def test_bumper_can_be_pressed_manually_even_without_a_base(settings: dict[str, object]) -> None:
     with ModuleHarness(SimulatedBumperModule, settings) as bumper:
         bumper.advance(0.1)
         assert not bumper.published

@@ -98,7 +98,7 @@ def robot(tmp_path: Path) -> Iterator[Robot]:
         yield made
 
 
-def test_whole_mission_ends_at_home_and_leaves_its_report(robot: Robot, tmp_path: Path) -> None:
+def test_whole_mission_ends_at_home_and_writes_its_report(robot: Robot, tmp_path: Path) -> None:
     robot.go_on(2.0)
     place = Pose(position=Point(x=3.75, y=0.9, z=0.35), orientation=Quaternion.from_yaw(math.pi))
     for number, state in ((7, VictimFound.CONFIRMED), (8, VictimFound.REJECTED)):
@@ -123,7 +123,7 @@ def test_whole_mission_ends_at_home_and_leaves_its_report(robot: Robot, tmp_path
         assert (picture == colour).all(axis=-1).any()
 
 
-def test_camera_looks_around_on_the_way_and_at_the_wall_to_be_searched(robot: Robot) -> None:
+def test_camera_looks_around_while_driving_and_at_the_wall_to_search(robot: Robot) -> None:
     robot.navigates = False
     robot.go_on(1.0)
     goals = robot.go_on(4.0)
@@ -145,7 +145,7 @@ def test_goal_that_navigation_has_lost_is_sent_again(robot: Robot) -> None:
     assert robot.go_on(4.0) == []
 
 
-def test_goal_with_another_heading_is_another_goal(robot: Robot) -> None:
+def test_goal_with_a_different_heading_is_a_new_goal(robot: Robot) -> None:
     robot.navigates = False
     (goal, *_) = robot.go_on(1.5)
     before = robot.harness.module.mission.state
@@ -157,7 +157,7 @@ def test_goal_with_another_heading_is_another_goal(robot: Robot) -> None:
     assert robot.harness.module.mission.state is not before
 
 
-def test_navigation_without_a_goal_is_sent_home_also_where_the_map_begins(robot: Robot) -> None:
+def test_navigation_without_a_goal_is_sent_home_even_at_the_origin(robot: Robot) -> None:
     module = robot.harness.module
     module.goal, module.sent_s = np.zeros(3), 0.0
     robot.tell_navigation("DRIVE", PoseStamped())
@@ -166,12 +166,12 @@ def test_navigation_without_a_goal_is_sent_home_also_where_the_map_begins(robot:
     assert not module.is_known
 
 
-def test_mission_sees_a_way_wherever_navigation_does(robot: Robot) -> None:
+def test_mission_finds_a_path_wherever_navigation_does(robot: Robot) -> None:
     with ModuleHarness(Navigation) as navigation:
         assert robot.harness.module.mission.settings.clearance_m == navigation.module.clearance_m
 
 
-def test_silent_laser_makes_the_robot_stand_and_is_in_the_report(
+def test_silent_laser_stops_the_robot_and_is_in_the_report(
     robot: Robot, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     robot.navigates = False
@@ -186,7 +186,7 @@ def test_silent_laser_makes_the_robot_stand_and_is_in_the_report(
     assert notes == ["stopped: STOPPED_NO_LASER: the laser is silent for 0.7 s"]
 
 
-def test_paused_robot_is_told_at_once_to_stop_and_what_fits_is_published(robot: Robot) -> None:
+def test_pause_stops_the_robot_at_once_and_publishes_the_accepted_orders(robot: Robot) -> None:
     robot.navigates = False
     robot.go_on(1.5)
     robot.harness.take(MissionStatus)
@@ -198,7 +198,7 @@ def test_paused_robot_is_told_at_once_to_stop_and_what_fits_is_published(robot: 
     assert status.text.startswith("stands, until the operator resumes (ordered by the operator)")
 
 
-def test_paused_robot_may_be_driven_elsewhere_and_goes_on_from_there(robot: Robot) -> None:
+def test_paused_robot_can_be_driven_elsewhere_and_continues_from_there(robot: Robot) -> None:
     robot.navigates = False
     robot.go_on(1.5)
     robot.harness.send(MissionOrder(order=MissionOrder.PAUSE))
@@ -213,7 +213,7 @@ def test_paused_robot_may_be_driven_elsewhere_and_goes_on_from_there(robot: Robo
     assert robot.harness.take(PoseStamped, "goal")
 
 
-def test_goal_is_cancelled_again_when_navigation_was_restarted_and_drives_on_to_it(robot: Robot) -> None:
+def test_goal_is_cancelled_again_if_restarted_navigation_still_drives_to_it(robot: Robot) -> None:
     robot.navigates = False
     (goal, *_) = robot.go_on(1.5)
     robot.harness.send(MissionOrder(order=MissionOrder.PAUSE))
@@ -232,9 +232,7 @@ def test_mission_resumed_after_a_short_pause_sends_its_goal_again(robot: Robot) 
     assert again.pose == goal.pose
 
 
-def test_refused_order_is_in_the_trace_and_in_the_status(
-    robot: Robot, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_refused_order_is_logged_and_in_the_status(robot: Robot, caplog: pytest.LogCaptureFixture) -> None:
     robot.go_on(1.5)
     robot.harness.take(MissionStatus)
     robot.harness.send(MissionOrder(order=MissionOrder.START))
@@ -246,7 +244,7 @@ def test_refused_order_is_in_the_trace_and_in_the_status(
     assert robot.harness.take(MissionStatus)[-1].refusal == ""
 
 
-def test_aborted_mission_ends_and_leaves_its_report(robot: Robot, tmp_path: Path) -> None:
+def test_aborted_mission_ends_and_writes_its_report(robot: Robot, tmp_path: Path) -> None:
     robot.go_on(1.5)
     robot.harness.send(MissionOrder(order=MissionOrder.ABORT))
     robot.go_on(2.0)
@@ -280,7 +278,7 @@ def test_frontiers_are_published(robot: Robot) -> None:
     assert told.lengths_m.tolist() == pytest.approx([found.length_m])
 
 
-def test_restarted_module_goes_on_with_its_mission(robot: Robot) -> None:
+def test_restarted_module_continues_its_mission(robot: Robot) -> None:
     robot.go_on(3.0)
     with ModuleHarness(RescueMission, restored=robot.harness.checkpoint) as again:
         restarted = Robot(again)

@@ -124,7 +124,7 @@ def test_missing_opencv_is_an_error_before_anything_starts(monkeypatch: pytest.M
         Victims.check({})
 
 
-def test_victim_is_placed_in_the_map_and_the_operator_is_asked(watching: Watching) -> None:
+def test_victim_is_placed_on_the_map_and_the_operator_is_asked(watching: Watching) -> None:
     watching.look(2.8, 1.7)
     found = watching.last()
     assert (found.id, found.state) == (TAG, VictimFound.ASKED)
@@ -135,7 +135,7 @@ def test_victim_is_placed_in_the_map_and_the_operator_is_asked(watching: Watchin
     assert found.image.data.size == 3 * found.image.width * found.image.height > 0
 
 
-def test_where_tags_are_in_an_image_is_told_with_its_header(watching: Watching) -> None:
+def test_places_of_tags_are_published_with_the_images_header(watching: Watching) -> None:
     watching.look(2.8, 2.0)
     found = watching.harness.take(Detection2DArray, "camera")[-1]
     (tag,) = found.detections
@@ -157,7 +157,7 @@ def test_where_tags_are_in_an_image_is_told_with_its_header(watching: Watching) 
         (VictimConfirmation.LATER, VictimFound.SUSPECTED),
     ],
 )
-def test_operator_decides(watching: Watching, answer: int, state: int) -> None:
+def test_operators_answer_decides(watching: Watching, answer: int, state: int) -> None:
     watching.look(2.8, 2.0)
     watching.harness.send(VictimConfirmation(id=TAG, answer=answer))
     assert watching.last().state == state
@@ -165,7 +165,7 @@ def test_operator_decides(watching: Watching, answer: int, state: int) -> None:
     assert watching.last().state == state
 
 
-def test_who_does_not_answer_is_asked_again_later_but_not_for_ever(watching: Watching) -> None:
+def test_unanswered_question_is_repeated_up_to_its_limit(watching: Watching) -> None:
     watching.look(2.8, 2.0)
     states = []
     for _ in range(30):
@@ -176,26 +176,26 @@ def test_who_does_not_answer_is_asked_again_later_but_not_for_ever(watching: Wat
     assert states[-1] == VictimFound.SUSPECTED
 
 
-def test_answer_about_a_victim_nobody_knows_is_refused(
+def test_answer_about_an_unknown_victim_is_refused(
     watching: Watching, caplog: pytest.LogCaptureFixture
 ) -> None:
     watching.harness.send(VictimConfirmation(id=33, answer=VictimConfirmation.YES))
     assert "victim 33: there is no such victim" in caplog.text
 
 
-def test_victim_seen_from_afar_only_stays_suspected(watching: Watching) -> None:
+def test_victim_seen_only_from_a_distance_stays_suspected(watching: Watching) -> None:
     watching.look(1.9, 2.0)
     assert watching.last().state == VictimFound.SUSPECTED
 
 
-def test_without_an_operator_it_confirms_by_itself() -> None:
+def test_victims_are_confirmed_without_an_operator_if_set_so() -> None:
     with ModuleHarness(Victims, {"confirms_by_itself": True}) as harness:
         watching = Watching(harness)
         watching.look(2.8, 2.0)
         assert watching.last().state == VictimFound.CONFIRMED
 
 
-def test_image_is_used_only_when_it_is_known_where_it_was_taken(watching: Watching) -> None:
+def test_image_is_used_only_when_the_cameras_pose_is_known(watching: Watching) -> None:
     watching.look(2.8, 2.0, images=2)  # of the first it is not known whether the camera turned
     watching.harness.advance(1.0)
     watching.send_image()  # no transform is as new as this
@@ -211,7 +211,7 @@ def test_image_taken_while_the_camera_turns_is_not_used(watching: Watching) -> N
     assert (used, watching.harness.module.images) == (0, 1)
 
 
-def test_walls_that_were_looked_at_are_searched(watching: Watching) -> None:
+def test_walls_in_view_count_as_searched(watching: Watching) -> None:
     watching.look(2.8, 2.0)
     watching.harness.advance(2.0)
     grid = watching.harness.take(SearchedWalls)[-1]
@@ -221,7 +221,7 @@ def test_walls_that_were_looked_at_are_searched(watching: Watching) -> None:
     assert cells[45, 45] == -1  # no wall
 
 
-def test_restarted_module_still_knows_victims_answers_and_what_was_searched(watching: Watching) -> None:
+def test_restarted_module_knows_victims_answers_and_searched_walls(watching: Watching) -> None:
     watching.look(2.8, 2.0)
     watching.harness.send(VictimConfirmation(id=TAG, answer=VictimConfirmation.NO))
     with ModuleHarness(Victims, restored=watching.harness.checkpoint) as again:

@@ -50,7 +50,7 @@ def descriptors(station: Station) -> int:
 
 @pytest.mark.parametrize("sent", [b"", HALF_A_REQUEST], ids=["nothing", "half a request"])
 @pytest.mark.parametrize("addresses", [1, 100])
-def test_half_open_connections_keep_nobody_out_and_are_closed_in_time(
+def test_half_open_connections_do_not_lock_out_others_and_are_closed(
     station: Station, sent: bytes, addresses: int
 ) -> None:
     strangers = [station.stranger(f"127.0.1.{1 + number % addresses}") for number in range(700)]
@@ -61,7 +61,7 @@ def test_half_open_connections_keep_nobody_out_and_are_closed_in_time(
     assert station.starts == station.starts_before
 
 
-def test_request_that_comes_byte_by_byte_is_cut_off(station: Station) -> None:
+def test_request_sent_byte_by_byte_is_cut_off(station: Station) -> None:
     with station.stranger().half_open(HALF_A_REQUEST) as connection:
         until_s = time.monotonic() + REQUEST_LIMIT_S + GRACE_S
         with pytest.raises(OSError):
@@ -95,7 +95,7 @@ def follow(visitor: Attacker) -> bytes:
     ).encode()
 
 
-def test_observers_with_many_connections_keep_no_operator_out(station: Station) -> None:
+def test_many_connections_of_observers_do_not_lock_out_operators(station: Station) -> None:
     with ExitStack() as stack:
         served = 0
         for observer in [station.observer() for _ in range(12)]:
@@ -111,7 +111,7 @@ def test_observers_with_many_connections_keep_no_operator_out(station: Station) 
     assert station.starts == station.starts_before
 
 
-def test_who_asks_for_answers_and_does_not_take_them_is_disconnected(station: Station) -> None:
+def test_client_that_does_not_read_its_answers_is_disconnected(station: Station) -> None:
     observer = station.observer()
     ping = bytes([0x89, 0x80 + 125]) + bytes(4) + b"p" * 125
     with observer.half_open(follow(observer)) as connection:

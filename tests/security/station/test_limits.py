@@ -55,7 +55,7 @@ def test_no_other_site_can_show_the_page_in_a_frame(station: Station, path: str,
     assert headers["referrer-policy"] == "same-origin"
 
 
-def test_wrong_tokens_are_limited_for_their_address_and_so_is_what_is_traced(station: Station) -> None:
+def test_wrong_tokens_and_their_log_lines_are_limited_per_address(station: Station) -> None:
     guesser = station.stranger("127.0.2.1")
     forging = {"X-Forwarded-For": "192.0.2.9"}
     found = [guesser.ask("/login", "POST", f"token=wrong{number}", **forging).status for number in range(300)]
@@ -69,7 +69,7 @@ def test_wrong_tokens_are_limited_for_their_address_and_so_is_what_is_traced(sta
     assert not any("192.0.2.9" in line for line in traced)
 
 
-def test_link_of_another_site_gives_no_browser_another_session(station: Station) -> None:
+def test_link_on_another_site_cannot_change_a_browsers_session(station: Station) -> None:
     answer = station.stranger().ask(f"/login?token={OPERATOR}", Sec_Fetch_Site="cross-site")
     assert answer.status == 200
     assert not answer.cookie
@@ -89,7 +89,7 @@ def test_logins_of_observers_do_not_log_an_operator_out(station: Station) -> Non
     assert operator.ask("/").status == 200
 
 
-def test_flood_of_pages_is_refused_and_keeps_no_operator_out(station: Station) -> None:
+def test_flood_of_pages_is_refused_and_does_not_lock_out_operators(station: Station) -> None:
     observer = station.observer()
     found = [observer.ask("/").status for _ in range(5 * MAX_PAGES_OF_ONE)]
     assert found[0] == 200
@@ -98,14 +98,14 @@ def test_flood_of_pages_is_refused_and_keeps_no_operator_out(station: Station) -
     assert station.operator().ask("/").status == 200
 
 
-def test_no_page_is_made_for_what_is_not_there(station: Station) -> None:
+def test_unknown_paths_create_no_page(station: Station) -> None:
     answer = station.observer().ask(f"/{uuid.uuid4()}")
     assert answer.status == 404
     assert "<" not in answer.body
 
 
 @pytest.mark.parametrize("path", TRICKS)
-def test_paths_lead_to_no_file_and_past_no_login(station: Station, path: str) -> None:
+def test_paths_reach_no_file_and_bypass_no_login(station: Station, path: str) -> None:
     for visitor in (station.stranger(), station.observer()):
         answer = visitor.ask(path)
         assert answer.status in (204, 303, 400, 401, 404)
@@ -113,7 +113,7 @@ def test_paths_lead_to_no_file_and_past_no_login(station: Station, path: str) ->
         assert "class Client" not in answer.body
 
 
-def test_only_login_and_logout_take_anything(station: Station) -> None:
+def test_only_login_and_logout_accept_data(station: Station) -> None:
     operator = station.operator()
     for method in ("POST", "PUT", "DELETE", "OPTIONS"):
         assert operator.ask("/", method, "x=1").status == 405
@@ -144,7 +144,7 @@ def speak(page: PageSocket, document: Document, level: str, message: str) -> Non
     page.emit("log", {"client_id": document.client_id, "level": level, "message": message})
 
 
-def test_what_a_page_says_of_itself_is_short_and_one_line(station: Station) -> None:
+def test_reports_of_a_page_are_cut_to_one_short_line(station: Station) -> None:
     observer = station.observer()
     document = observer.open()
     mark = uuid.uuid4().hex
@@ -167,7 +167,7 @@ def test_huge_messages_end_their_connection(station: Station) -> None:
     assert mark not in log_of(station)
 
 
-def test_packets_that_no_page_sends_end_their_connection_and_write_no_tracebacks(station: Station) -> None:
+def test_invalid_packets_end_their_connection_without_tracebacks(station: Station) -> None:
     observer = station.observer()
     document = observer.open()
     before = log_of(station).count("Traceback")
@@ -178,7 +178,7 @@ def test_packets_that_no_page_sends_end_their_connection_and_write_no_tracebacks
     assert log_of(station).count("Traceback") == before
 
 
-def test_malformed_events_write_no_tracebacks(station: Station) -> None:
+def test_malformed_events_cause_no_tracebacks(station: Station) -> None:
     observer = station.observer()
     document = observer.open()
     client = document.client_id
@@ -198,7 +198,7 @@ def test_malformed_events_write_no_tracebacks(station: Station) -> None:
     assert log_of(station).count("Traceback") == before
 
 
-def test_flood_of_events_waits_at_its_sender(station: Station) -> None:
+def test_flood_of_events_is_throttled_at_the_sender(station: Station) -> None:
     """Ten thousand at once are taken one after the other; the button of another page is not behind them."""
     observer, operator = station.observer(), station.operator()
     document, other = observer.open(), operator.open()

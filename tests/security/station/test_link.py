@@ -22,7 +22,7 @@ modules:
 """
 
 
-def test_station_without_a_token_makes_one_for_its_user_alone(robot: Robot) -> None:
+def test_station_without_a_token_makes_one_that_only_its_user_can_read(robot: Robot) -> None:
     robot.write_profile(PROFILE)
     process = robot.start()
     station = Station(robot)

@@ -74,7 +74,7 @@ def test_operator_can_do_what_an_observer_cannot(station: Station) -> None:
 
 @pytest.mark.parametrize("has_handshake", [False, True], ids=["its own socket", "another handshake"])
 @pytest.mark.parametrize("names_client", [False, True], ids=["no client named", "client named"])
-def test_events_in_another_pages_name_are_refused(
+def test_events_in_the_name_of_another_page_are_refused(
     station: Station, has_handshake: bool, names_client: bool
 ) -> None:
     operator, observer = station.operator(), station.observer()
@@ -99,7 +99,7 @@ def test_events_in_another_pages_name_are_refused(
     assert set(station.heard) == {("EmergencyStop", True)}
 
 
-def test_sockets_of_two_operators_cannot_speak_for_each_others_pages(station: Station) -> None:
+def test_sockets_of_two_operators_cannot_send_events_for_each_others_pages(station: Station) -> None:
     first, second = station.operator(), station.operator()
     theirs, own = first.open(), second.open()
     with first.connect(theirs.query), second.connect(own.query) as page:
@@ -109,14 +109,14 @@ def test_sockets_of_two_operators_cannot_speak_for_each_others_pages(station: St
     assert set(station.heard) == {("EmergencyStop", True)}
 
 
-def test_page_that_a_restarted_station_does_not_know_is_loaded_anew(station: Station) -> None:
+def test_page_unknown_to_a_restarted_station_is_reloaded(station: Station) -> None:
     operator = station.operator()
     query = operator.open().query | {"client_id": str(uuid.uuid4())}
     with operator.connect(query) as page:
         assert page.greeting == '44{"message":"Implicit handshake failed"}'
 
 
-def test_session_whose_token_is_not_known_any_more_gets_no_connection(station: Station) -> None:
+def test_session_of_a_replaced_token_gets_no_connection(station: Station) -> None:
     document = station.operator().open()
     with pytest.raises(Exception, match="403"):  # noqa: SIM117
         with replace(station.stranger(), cookie="robbie_session=guessed").connect(document.query):

@@ -77,7 +77,7 @@ def test_demo_arena_is_explored_in_time_without_touching_a_wall() -> None:
     assert np.hypot(*(np.array(home[:2]) - loop.arena.start[:2])) < 0.25
 
 
-def test_robot_stands_when_the_explorer_dies_while_driving() -> None:
+def test_robot_stops_when_the_explorer_dies_while_driving() -> None:
     loop = Loop(seed=2)
     loop.run(limit_s=2.0)
     assert loop.drive.read().linear_m_per_s > 0.1

@@ -43,7 +43,7 @@ def drive_along(
     return np.array(poses)
 
 
-def test_follower_without_a_path_halts() -> None:
+def test_follower_without_a_path_stops() -> None:
     follower = PathFollower()
     assert follower.velocity((0, 0, 0)) == HALT
     assert not follower.is_arrived((0, 0, 0))
@@ -76,7 +76,7 @@ def test_follower_reaches_the_end_from_beside_the_path(pose: tuple[float, float,
     assert np.abs(on_the_way[:, 1]).max() < 0.1
 
 
-def test_follower_goes_on_after_the_pose_has_jumped() -> None:
+def test_follower_continues_after_a_jump_of_the_pose() -> None:
     follower = PathFollower()
     follower.follow(STRAIGHT)
     pose = drive_along(follower, (0, 0, 0), 2.0)[-1]
@@ -84,7 +84,7 @@ def test_follower_goes_on_after_the_pose_has_jumped() -> None:
     assert follower.is_arrived(poses[-1])
 
 
-def test_follower_keeps_its_limits() -> None:
+def test_follower_respects_its_limits() -> None:
     follower = PathFollower()
     follower.follow([(0, 0), (0.2, 0.2), (0.0, 0.4), (0.2, 0.6)])
     limits = FollowerSettings()
@@ -94,11 +94,11 @@ def test_follower_keeps_its_limits() -> None:
         assert abs(angular) <= limits.max_angular_rad_per_s + 1e-9
 
 
-def test_guard_lets_the_robot_drive_where_nothing_is() -> None:
+def test_guard_allows_driving_in_free_space() -> None:
     assert checked(sweep(), 0.5, 0.3) == (0.5, 0.3)
 
 
-def test_guard_halts_before_an_obstacle() -> None:
+def test_guard_stops_before_an_obstacle() -> None:
     assert checked(sweep(0.26)) == (0.0, 0.0)
 
 
@@ -109,7 +109,7 @@ def test_guard_leaves_room_to_stop_at_every_distance() -> None:
         assert way_m <= distance_m - GUARD.body_radius_m - GUARD.margin_m + 1e-9
 
 
-def test_guard_slows_down_the_more_the_nearer() -> None:
+def test_guard_slows_down_more_near_obstacles() -> None:
     speeds = [checked(sweep(distance_m))[0] for distance_m in (0.3, 0.4, 0.5, 1.2)]
     assert speeds == sorted(speeds)
     assert len(set(speeds)) == len(speeds)
@@ -126,42 +126,42 @@ def test_guard_allows_turning_where_driving_is_blocked() -> None:
     assert checked(sweep(0.22), 0.0, 0.7) == (0.0, 0.7)
 
 
-def test_guard_looks_along_the_arc_and_not_only_ahead() -> None:
+def test_guard_checks_along_the_arc_and_not_only_ahead() -> None:
     left = sweep(0.6, at_deg=45, width_deg=5)
     guard = CollisionGuard(ANGLES)
     assert guard.free_way_m(left, 0.5, 0.0) == GUARD.look_m
     assert guard.free_way_m(left, 0.5, 1.0) < 0.5
 
 
-def test_guard_looks_back_when_driving_backwards() -> None:
+def test_guard_checks_behind_when_driving_backwards() -> None:
     assert checked(sweep(0.26, at_deg=-180), -0.2) == (0.0, 0.0)
     assert checked(sweep(0.26, at_deg=0), -0.2)[0] < 0.0
 
 
-def test_robot_that_is_too_near_may_drive_away_only() -> None:
+def test_robot_that_is_too_near_may_only_drive_away() -> None:
     too_near = sweep(0.22, at_deg=0)
     assert checked(too_near, 0.2)[0] == 0.0
     assert checked(too_near, -0.2)[0] < 0.0
 
 
-def test_guard_halts_for_what_is_too_near_to_measure() -> None:
+def test_guard_stops_for_obstacles_too_near_to_measure() -> None:
     assert checked(sweep(-np.inf)) == (0.0, 0.0)
 
 
-def test_guard_is_not_afraid_of_missing_returns() -> None:
+def test_guard_does_not_stop_for_missing_returns() -> None:
     ranges = sweep()
     ranges[::2] = np.nan
     assert checked(ranges) == (0.5, 0.0)
 
 
-def test_guard_knows_where_the_laser_is_mounted() -> None:
+def test_guard_accounts_for_the_lasers_mounting_pose() -> None:
     ahead = CollisionGuard(ANGLES, mount=(0.15, 0.0, 0.0))
     assert ahead.free_way_m(sweep(0.4), 0.5, 0.0) == pytest.approx(0.4 + 0.15 - 0.25, abs=0.031)
     turned = CollisionGuard(ANGLES, mount=(0.0, 0.0, math.pi))
     assert turned.free_way_m(sweep(0.4, at_deg=-180), 0.5, 0.0) == pytest.approx(0.4 - 0.25, abs=0.031)
 
 
-def test_progress_is_a_shorter_way_to_the_same_goal() -> None:
+def test_progress_is_a_shorter_path_to_the_same_goal() -> None:
     watch = ProgressWatch(step_m=0.1)
     assert watch.idle_s((1, 1), 3.0, 10.0) == 0.0
     assert watch.idle_s((1, 1), 2.95, 12.0) == 2.0
@@ -169,7 +169,7 @@ def test_progress_is_a_shorter_way_to_the_same_goal() -> None:
     assert watch.idle_s((1, 1), 4.0, 15.0) == 2.0
 
 
-def test_new_goal_begins_anew() -> None:
+def test_new_goal_restarts_the_measurement() -> None:
     watch = ProgressWatch()
     watch.idle_s((1, 1), 1.0, 10.0)
     assert watch.idle_s((5, 1), 9.0, 15.0) == 0.0

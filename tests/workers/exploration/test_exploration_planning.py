@@ -37,11 +37,11 @@ def test_frontiers_lie_between_free_and_unknown() -> None:
     assert upper == pytest.approx([1.25, 1.725], abs=0.05)
 
 
-def test_known_room_has_no_frontier() -> None:
+def test_completely_known_room_has_no_frontier() -> None:
     assert find_frontiers(drawn_grid(CLOSED), 0.1) == []
 
 
-def test_gaps_between_beams_are_no_frontier() -> None:
+def test_gaps_between_beams_are_not_frontiers() -> None:
     cells = drawn_cells(CLOSED)
     cells[10:30, 30:32] = -1
     assert find_frontiers(NavigationGrid(cells, RESOLUTION_M, (0, 0), CLEARANCE_M), 0.1) == []
@@ -49,7 +49,7 @@ def test_gaps_between_beams_are_no_frontier() -> None:
     assert find_frontiers(NavigationGrid(cells, RESOLUTION_M, (0, 0), CLEARANCE_M), 0.1) != []
 
 
-def test_short_frontiers_are_left_out() -> None:
+def test_short_frontiers_are_ignored() -> None:
     assert len(find_frontiers(drawn_grid(TWO_WAYS_ON), 1.2)) == 1
 
 
@@ -68,7 +68,7 @@ def test_path_begins_at_the_robot_and_keeps_its_clearance() -> None:
     assert nearest_wall_m(grid, plan.path) >= CLEARANCE_M
 
 
-def test_shortest_way_in_the_open_is_as_long_as_eight_neighbours_allow() -> None:
+def test_shortest_path_in_free_space_has_the_length_for_eight_neighbours() -> None:
     grid = NavigationGrid(np.zeros((101, 101), dtype=np.int8), RESOLUTION_M, (0, 0), CLEARANCE_M)
     start = grid.cell((0.525, 0.525))
     ways = PathField(grid, start)
@@ -77,7 +77,7 @@ def test_shortest_way_in_the_open_is_as_long_as_eight_neighbours_allow() -> None
     assert ways.cost_m[grid.cell((2.525, 4.525))] == pytest.approx(2.0 * np.sqrt(2) + 2.0)
 
 
-def test_way_leads_around_a_wall_through_its_door() -> None:
+def test_path_leads_through_the_door_of_a_wall() -> None:
     cells = np.zeros((100, 100), dtype=np.int8)
     cells[50, :80] = 100
     grid = NavigationGrid(cells, RESOLUTION_M, (0, 0), CLEARANCE_M)
@@ -86,7 +86,7 @@ def test_way_leads_around_a_wall_through_its_door() -> None:
     assert nearest_wall_m(grid, path) >= CLEARANCE_M
 
 
-def test_door_too_narrow_for_the_robot_leads_nowhere() -> None:
+def test_no_path_leads_through_a_door_too_narrow_for_the_robot() -> None:
     cells = np.zeros((100, 100), dtype=np.int8)
     cells[50] = 100
     cells[50, 45:54] = 0  # 0.45 m
@@ -98,12 +98,12 @@ def test_door_too_narrow_for_the_robot_leads_nowhere() -> None:
         ways.path(beyond)
 
 
-def test_robot_slightly_inside_the_clearance_still_finds_a_way() -> None:
+def test_robot_slightly_inside_the_clearance_still_finds_a_path() -> None:
     plan = FrontierExploration().plan_exploration(drawn_grid(TWO_WAYS_ON), (0.4, 0.4, 0.0))
     assert plan.result is PlanResult.GO
 
 
-def test_robot_far_from_every_drivable_place_has_no_way() -> None:
+def test_robot_far_from_every_drivable_place_has_no_path() -> None:
     plan = FrontierExploration().plan_exploration(drawn_grid(TWO_WAYS_ON), (9.0, 9.0, 0.0))
     assert plan.result is PlanResult.NO_WAY
 
@@ -114,7 +114,7 @@ def test_room_without_frontiers_is_explored() -> None:
     assert plan.goal_xy_m is None
 
 
-def test_frontier_behind_a_window_does_not_keep_the_robot_busy() -> None:
+def test_unreachable_frontier_behind_a_window_is_given_up() -> None:
     """The robot sees through a gap of 0.25 m it can never pass."""
     window = CLOSED.replace("####", "# ##", 1)
     grid = drawn_grid(window)
@@ -123,7 +123,7 @@ def test_frontier_behind_a_window_does_not_keep_the_robot_busy() -> None:
     assert FrontierExploration(settings).plan_exploration(grid, LEFT).result is PlanResult.EXPLORED
 
 
-def test_goal_given_up_is_not_chosen_again() -> None:
+def test_abandoned_goal_is_not_chosen_again() -> None:
     grid = drawn_grid(TWO_WAYS_ON)
     exploration = FrontierExploration()
     first = present(exploration.plan_exploration(grid, LEFT).goal_xy_m)
@@ -134,7 +134,7 @@ def test_goal_given_up_is_not_chosen_again() -> None:
     assert exploration.plan_exploration(grid, LEFT).result is PlanResult.EXPLORED
 
 
-def test_goals_given_up_are_bounded() -> None:
+def test_number_of_abandoned_goals_is_bounded() -> None:
     exploration = FrontierExploration(ExplorationSettings(max_avoided=1))
     grid = drawn_grid(TWO_WAYS_ON)
     for _ in range(5):
@@ -143,7 +143,7 @@ def test_goals_given_up_are_bounded() -> None:
     assert len(exploration.avoided_xy_m) == 1
 
 
-def test_goal_is_kept_while_another_is_only_a_little_better() -> None:
+def test_goal_is_kept_while_another_one_is_only_slightly_better() -> None:
     grid = drawn_grid(TWO_WAYS_ON)
     left_first, right_first = FrontierExploration(), FrontierExploration()
     left_first.plan_exploration(grid, LEFT)
@@ -154,7 +154,7 @@ def test_goal_is_kept_while_another_is_only_a_little_better() -> None:
     assert kept[0] < 2.0 < kept[1]
 
 
-def test_map_may_grow_and_its_corner_move() -> None:
+def test_map_may_grow_and_its_corner_may_move() -> None:
     exploration = FrontierExploration()
     plain = exploration.plan_exploration(drawn_grid(TWO_WAYS_ON), LEFT).path
     cells = np.pad(drawn_cells(TWO_WAYS_ON), 40, constant_values=-1)
@@ -162,12 +162,12 @@ def test_map_may_grow_and_its_corner_move() -> None:
     np.testing.assert_allclose(exploration.plan_exploration(moved, LEFT).path, plain)
 
 
-def test_unknown_map_gives_no_way_and_no_error() -> None:
+def test_unknown_map_has_no_path_and_causes_no_error() -> None:
     nothing = NavigationGrid(np.full((50, 50), -1, dtype=np.int8), RESOLUTION_M, (0, 0), CLEARANCE_M)
     assert FrontierExploration().plan_exploration(nothing, LEFT).result is PlanResult.NO_WAY
 
 
-def test_way_home_ends_at_home() -> None:
+def test_path_home_ends_at_home() -> None:
     plan = FrontierExploration().plan_way_to(drawn_grid(TWO_WAYS_ON), RIGHT, LEFT[:2])
     assert np.hypot(*(present(plan.goal_xy_m) - LEFT[:2])) < RESOLUTION_M
     assert plan.cost_m >= 2.4

@@ -75,7 +75,7 @@ def drawn_rectangle(drawing: str) -> str:
 HALF_KNOWN, KNOWN = drawn_rectangle(HALF_KNOWN), drawn_rectangle(KNOWN)
 
 
-def test_explorer_stands_until_it_knows_map_pose_and_laser() -> None:
+def test_explorer_waits_for_map_pose_and_laser() -> None:
     clock = Clock()
     explorer = Explorer(clock, CollisionGuard(ANGLES))
     assert explorer.drive() == HALT
@@ -97,7 +97,7 @@ def test_explorer_drives_to_the_frontier() -> None:
 
 
 @pytest.mark.parametrize("stale", ["see_pose", "see_sweep"])
-def test_explorer_halts_when_an_input_grows_old_and_goes_on_when_it_is_back(
+def test_explorer_stops_when_an_input_is_too_old_and_continues_when_it_is_back(
     stale: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     world = World(HALF_KNOWN)
@@ -110,7 +110,7 @@ def test_explorer_halts_when_an_input_grows_old_and_goes_on_when_it_is_back(
     assert world.state() is ExplorerState.EXPLORE
 
 
-def test_explored_room_is_believed_at_the_second_look() -> None:
+def test_exploration_ends_only_when_two_maps_have_no_frontier() -> None:
     world = World(KNOWN)
     world.tick()
     assert world.state() is ExplorerState.EXPLORE
@@ -137,7 +137,7 @@ def test_explorer_drives_home_from_far() -> None:
     assert world.state() is ExplorerState.DONE
 
 
-def test_explorer_that_need_not_return_ends_where_it_is() -> None:
+def test_explorer_that_does_not_return_ends_where_it_is() -> None:
     world = World(KNOWN, returns_home=False)
     world.tick(1.5)
     assert world.state() is ExplorerState.DONE
@@ -152,14 +152,14 @@ def test_time_limit_ends_exploring() -> None:
     assert "time" in world.explorer.machine.reason
 
 
-def test_goal_that_comes_no_nearer_is_given_up_and_the_task_still_ends() -> None:
+def test_goal_without_progress_is_given_up_and_the_task_still_ends() -> None:
     world = World(HALF_KNOWN)  # the robot obeys in vain: its pose never changes
     world.tick(30.0)
     assert world.state() is ExplorerState.DONE
     assert "1 goals given up" in world.explorer.status
 
 
-def test_blocked_robot_backs_off_and_tries_again() -> None:
+def test_blocked_robot_backs_up_and_tries_again() -> None:
     ahead = FREE.copy()
     ahead[170:190] = 0.26
     world = World(HALF_KNOWN, ranges=ahead)
@@ -172,7 +172,7 @@ def test_blocked_robot_backs_off_and_tries_again() -> None:
     assert world.state() is ExplorerState.EXPLORE
 
 
-def test_robot_that_is_shut_in_turns_but_never_drives_and_ends() -> None:
+def test_enclosed_robot_turns_but_never_drives_and_ends() -> None:
     world = World(HALF_KNOWN, ranges=np.full(360, 0.24))
     commands = np.array(world.tick(60.0))
     assert not commands[:, 0].any()
@@ -180,21 +180,21 @@ def test_robot_that_is_shut_in_turns_but_never_drives_and_ends() -> None:
     assert "stuck" in present(world.explorer.exploring_ended)
 
 
-def test_robot_outside_of_its_map_ends_stuck() -> None:
+def test_robot_outside_of_its_map_ends_in_state_stuck() -> None:
     world = World(HALF_KNOWN, pose=(-5.0, -5.0, 0.0))
     world.tick(60.0)
     assert world.state() is ExplorerState.DONE
     assert "stuck" in world.explorer.machine.reason
 
 
-def test_task_that_is_done_stays_done() -> None:
+def test_finished_task_stays_finished() -> None:
     world = World(KNOWN, returns_home=False)
     world.tick(2.0)
     world.show(HALF_KNOWN)
     assert set(world.tick(2.0)) == {HALT}
 
 
-def test_replaced_explorer_remembers_home() -> None:
+def test_restarted_explorer_knows_its_home() -> None:
     clock = Clock()
     explorer = Explorer(clock, CollisionGuard(ANGLES), home_xy_m=(1.0, 2.0))
     explorer.see_pose((3.0, 3.0, 0.0), clock())

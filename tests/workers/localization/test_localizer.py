@@ -15,7 +15,7 @@ from workers.localization.localizer import Localizer
 SMALL = Conditions(width_m=8.0, height_m=6.0)
 
 
-def test_robot_is_found_anywhere_and_found_again_when_it_has_been_lifted() -> None:
+def test_robot_is_found_anywhere_and_again_after_it_was_moved() -> None:
     trial = run_trial(0, SMALL, limit_m=20.0, kidnap=True)
     assert trial.way_m is not None
     assert present(trial.worst_m) < 0.15
@@ -23,13 +23,13 @@ def test_robot_is_found_anywhere_and_found_again_when_it_has_been_lifted() -> No
 
 
 @pytest.mark.slow
-def test_robot_with_a_short_view_to_the_front_only_is_found_in_a_large_building() -> None:
+def test_robot_with_a_short_view_ahead_is_found_in_a_large_building() -> None:
     trial = run_trial(3, Conditions(20.0, 12.0, range_m=4.0, view_deg=180.0), limit_m=20.0, kidnap=False)
     assert trial.way_m is not None
     assert present(trial.worst_m) < 0.15
 
 
-def test_nothing_is_sure_in_a_room_that_looks_the_same_from_four_sides(
+def test_pose_is_never_certain_in_a_room_with_fourfold_symmetry(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     walls = np.array([(0, 0, 6, 0), (6, 0, 6, 6), (0, 0, 0, 6), (0, 6, 6, 6)], float)
@@ -59,7 +59,7 @@ def test_particles_are_bounded_and_fewer_once_the_robot_is_found() -> None:
     assert counts[-1] < 1_000
 
 
-def test_told_pose_is_taken_and_refuted_by_the_laser_if_it_is_wrong() -> None:
+def test_given_pose_is_used_and_rejected_if_the_laser_contradicts_it() -> None:
     drive = Drive(2, SMALL)
     truth = drive.arena.start
     drive.localizer.start_at(truth)
@@ -69,7 +69,7 @@ def test_told_pose_is_taken_and_refuted_by_the_laser_if_it_is_wrong() -> None:
     assert drive.way_until_sure(20.0) is not None
 
 
-def test_restarted_localizer_goes_on_while_the_robot_stands() -> None:
+def test_restarted_localizer_continues_while_the_robot_stands() -> None:
     drive = Drive(1, SMALL)
     for _ in drive.steps(2.0):
         pass
@@ -82,14 +82,14 @@ def test_restarted_localizer_goes_on_while_the_robot_stands() -> None:
     assert drive.off_m(truth) < 0.1
 
 
-def test_sweeps_without_returns_are_left_out() -> None:
+def test_sweeps_without_returns_are_ignored() -> None:
     drive = Drive(1, SMALL)
     drive.localizer.add_odometry(0.0, (0, 0, 0))
     drive.localizer.add_scan(0.0, np.full(360, np.inf), drive.angles, 10.0)
     assert drive.localizer.pose is None
 
 
-def test_beams_through_walls_are_noticed() -> None:
+def test_beams_through_walls_are_detected() -> None:
     arena = random_rooms(0, 8.0, 6.0)
     cells, corner = drawn_map(arena)
     field = LikelihoodField(cells, 0.05, corner)

@@ -29,7 +29,7 @@ def graph_of(poses: NDArray[np.float64], loops: Sequence[tuple[int, int]] = ()) 
     return graph
 
 
-def test_poses_that_are_left_stay_where_they_are_and_still_fit() -> None:
+def test_remaining_poses_do_not_move_and_still_fit() -> None:
     thinned, heirs = without(graph_of(POSES, loops=[(0, 4), (1, 5)]), [1, 3])
     assert np.array_equal(thinned.poses, POSES[[0, 2, 4, 5]])
     assert heirs.tolist()[::2] == [0, 2, 4] and heirs[5] == 5
@@ -43,7 +43,7 @@ def test_poses_that_are_left_stay_where_they_are_and_still_fit() -> None:
     assert {tuple(sorted(ends)) for ends in chain} == {(0, 1), (1, 2), (2, 3)}
 
 
-def test_moved_graph_without_a_pose_settles_as_the_whole_one_does() -> None:
+def test_thinned_graph_settles_like_the_complete_one() -> None:
     whole = graph_of(POSES, loops=[(0, 5)])
     measured = relative(POSES[0], POSES[5]) + np.array([0.1, -0.05, 0.03])
     thinned, _ = without(whole, [2, 3])
@@ -54,7 +54,7 @@ def test_moved_graph_without_a_pose_settles_as_the_whole_one_does() -> None:
     assert np.abs(whole.poses[5] - POSES[5]).max() > 0.02
 
 
-def test_uncertainties_along_the_way_add_up() -> None:
+def test_uncertainties_along_a_path_add_up() -> None:
     straight = np.column_stack([np.arange(4.0), np.zeros(4), np.zeros(4)])
     thinned, _ = without(graph_of(straight), [1, 2])
     covariance = np.linalg.inv(thinned.state()["information"][0])
@@ -63,12 +63,12 @@ def test_uncertainties_along_the_way_add_up() -> None:
     assert covariance[1, 1] > 3 / 300
 
 
-def test_whole_chain_of_heirs_leads_to_one_that_is_left() -> None:
+def test_chain_of_heirs_ends_at_a_remaining_pose() -> None:
     _, heirs = without(graph_of(POSES), [1, 2, 3, 4])
     assert set(heirs.tolist()) <= {0, 5}
 
 
-def test_loop_that_does_not_fit_is_not_passed_on() -> None:
+def test_edge_of_a_false_loop_is_not_passed_on() -> None:
     graph = graph_of(POSES)
     graph.add_edge(2, 5, (9.0, 9.0, 0.0), INFORMATION, closes_loop=True)
     graph.settled()
@@ -76,7 +76,7 @@ def test_loop_that_does_not_fit_is_not_passed_on() -> None:
     assert not thinned.state()["closes_loop"].any()
 
 
-def test_edges_are_as_few_as_the_poses() -> None:
+def test_number_of_edges_shrinks_with_the_poses() -> None:
     count = 60
     poses = np.column_stack([RANDOM.random((count, 2)), np.zeros(count)])
     loops = [(base, seen) for base in range(count) for seen in range(base + 2, count, 3)]
@@ -84,7 +84,7 @@ def test_edges_are_as_few_as_the_poses() -> None:
     assert len(thinned.state()["ends"]) <= 3 * len(thinned.poses)
 
 
-def test_newer_sweeps_of_a_place_are_redundant_and_the_first_and_the_most_recent_are_not() -> None:
+def test_newer_sweeps_of_a_place_are_redundant_except_the_most_recent() -> None:
     lap = np.column_stack([np.arange(0, 40, 2.0), np.zeros(20), np.zeros(20)])
     again = lap + np.array([0.05, 0.05, 0.02])
     poses = np.concatenate([lap, again])
@@ -95,7 +95,7 @@ def test_newer_sweeps_of_a_place_are_redundant_and_the_first_and_the_most_recent
     assert 0 not in more and max(travelled[more]) < travelled[-1] - 15.0
 
 
-def test_no_more_sweeps_are_redundant_than_there_are_old_ones() -> None:
+def test_redundant_sweeps_are_at_most_as_many_as_old_ones() -> None:
     poses = np.column_stack([np.linspace(0, 20, 41), np.zeros((41, 2))])
     assert len(redundant(poses, poses[:, 0], 100)) <= 10
     assert redundant(poses[:3], poses[:3, 0], 1) == []

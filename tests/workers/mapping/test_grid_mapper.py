@@ -55,7 +55,7 @@ def mapped(drive: Drive) -> GridMapper:
     return run(GridMapper(), drive)
 
 
-def test_the_trajectory_is_better_than_odometry(drive: Drive, mapped: GridMapper) -> None:
+def test_trajectory_is_better_than_odometry(drive: Drive, mapped: GridMapper) -> None:
     distance_m, angle_rad = errors(drive, mapped.trajectory()[:, 1:])
     by_odometry_m, _ = errors(drive, drive.odometry[:, 1:])
     assert by_odometry_m.max() > 0.8
@@ -64,7 +64,7 @@ def test_the_trajectory_is_better_than_odometry(drive: Drive, mapped: GridMapper
     assert angle_rad.max() < np.radians(1.5)
 
 
-def test_the_trajectory_has_a_row_for_every_odometry_message(drive: Drive, mapped: GridMapper) -> None:
+def test_trajectory_has_a_row_for_every_odometry_message(drive: Drive, mapped: GridMapper) -> None:
     trajectory = mapped.trajectory()
     assert np.array_equal(trajectory[:, 0], drive.odometry[:, 0])
     assert mapped.pose == pytest.approx(trajectory[-1, 1:], abs=0.02)
@@ -74,7 +74,7 @@ def test_loops_are_closed(mapped: GridMapper) -> None:
     assert mapped.loops_closed > 5
 
 
-def test_the_map_has_walls_where_the_room_has(mapped: GridMapper) -> None:
+def test_map_has_its_walls_where_the_room_has_them(mapped: GridMapper) -> None:
     cells, corner, resolution_m = mapped.grid()
     middles = (SEGMENTS[:, :2] + SEGMENTS[:, 2:]) / 2
     for x, y in middles[[0, 1, 2, 4, 5, 6, 7]]:
@@ -92,7 +92,7 @@ def _to_walls(point: NDArray[np.float64]) -> float:
     return float(np.hypot(*(begin + share[:, None] * along - point).T).min())
 
 
-def test_a_laser_beside_the_middle_of_the_robot_is_allowed_for(drive: Drive) -> None:
+def test_mounting_pose_of_the_laser_is_taken_into_account(drive: Drive) -> None:
     mount = (0.2, -0.1, 0.3)
     mapper = run(GridMapper(laser_pose=mount), drive, mount, end=900)
     error = relative(drive.true[:900, 1:], mapper.trajectory()[:, 1:])
@@ -100,7 +100,7 @@ def test_a_laser_beside_the_middle_of_the_robot_is_allowed_for(drive: Drive) -> 
 
 
 @pytest.mark.slow
-def test_a_mapper_made_from_its_state_goes_on_exactly_the_same(drive: Drive) -> None:
+def test_mapper_restored_from_its_state_continues_identically(drive: Drive) -> None:
     straight = run(GridMapper(), drive, end=1001)  # a sweep is waiting for its odometry
     straight.grid()
     state = deepcopy(straight.state())
@@ -133,12 +133,12 @@ def assert_same(left: Any, right: Any, where: str = "state") -> None:
         assert left == right, where
 
 
-def test_a_mapper_that_has_seen_nothing_goes_on_from_its_state(drive: Drive) -> None:
+def test_mapper_without_data_can_be_restored(drive: Drive) -> None:
     second = GridMapper.from_state(GridMapper().state())
     assert_same(run(second, drive, end=100).state(), run(GridMapper(), drive, end=100).state())
 
 
-def test_a_standing_robot_adds_nothing(drive: Drive) -> None:
+def test_standing_robot_adds_no_key_sweeps(drive: Drive) -> None:
     mapper = GridMapper()
     ranges = measure(drive.true[0, 1:], np.random.default_rng(0))
     for number in range(50):
@@ -155,7 +155,7 @@ def test_key_sweeps_beyond_the_limit_are_refused_and_counted(drive: Drive) -> No
 
 
 @pytest.mark.slow
-def test_endless_drive_in_a_room_keeps_its_memory_and_its_accuracy() -> None:
+def test_endless_drive_in_a_room_has_bounded_memory_and_stays_accurate() -> None:
     drive = Drive.around_the_pillar(3.4 * LAP_S)
     mapper = GridMapper(limits=Limits(key_sweeps=90))
     sizes = []
@@ -177,7 +177,7 @@ def test_endless_drive_in_a_room_keeps_its_memory_and_its_accuracy() -> None:
     assert np.array_equal(second.trajectory(), mapper.trajectory())
 
 
-def test_sweeps_beyond_the_grid_are_left_out_and_counted(drive: Drive) -> None:
+def test_sweeps_beyond_the_grid_are_skipped_and_counted(drive: Drive) -> None:
     mapper = run(GridMapper(limits=Limits(cells=1000)), drive, end=300)
     assert mapper.grid()[0].size <= 1000
     assert mapper.refused["sweeps beyond the grid"] > 0
@@ -202,7 +202,7 @@ def test_sweeps_without_returns_are_refused_and_counted() -> None:
     assert mapper.refused["sweeps with too few returns"] == 5
 
 
-def test_a_sweep_whose_stamp_odometry_never_has_is_used_where_it_came(drive: Drive) -> None:
+def test_sweep_whose_stamp_odometry_never_reaches_is_placed_by_arrival(drive: Drive) -> None:
     mapper = GridMapper()
     ranges = measure(drive.true[0, 1:], np.random.default_rng(0))
     mapper.add_odometry(1.0, drive.true[0, 1:])

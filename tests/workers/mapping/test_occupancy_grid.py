@@ -16,7 +16,7 @@ def at(grid: OccupancyGrid, x: float, y: float) -> int:
     return int(cells[row, column])
 
 
-def test_beams_free_what_they_pass_and_occupy_where_they_end() -> None:
+def test_beams_free_the_cells_they_pass_and_occupy_the_cell_they_end_in() -> None:
     grid = OccupancyGrid(0.05)
     for _ in range(3):
         grid.add((0.01, 0.01), WALL)
@@ -26,7 +26,7 @@ def test_beams_free_what_they_pass_and_occupy_where_they_end() -> None:
     assert at(grid, 0.5, 0.9) == -1
 
 
-def test_a_sweep_taken_out_leaves_no_trace() -> None:
+def test_removed_sweep_leaves_no_trace() -> None:
     grid = OccupancyGrid(0.05)
     grid.add((0, 0), WALL)
     before, corner = grid.cells()
@@ -38,7 +38,7 @@ def test_a_sweep_taken_out_leaves_no_trace() -> None:
     assert (after >= 0).sum() == (before >= 0).sum()
 
 
-def test_growing_keeps_what_was_there_in_its_place() -> None:
+def test_growing_keeps_all_cells_in_place() -> None:
     grid = OccupancyGrid(0.05)
     grid.add((0, 0), WALL)
     seen = at(grid, 2.03, 0.5)
@@ -47,7 +47,7 @@ def test_growing_keeps_what_was_there_in_its_place() -> None:
     assert at(grid, -7.97, -9.5) > 50
 
 
-def test_a_grid_at_its_limit_refuses_and_stays_as_it_was() -> None:
+def test_grid_at_its_limit_refuses_and_does_not_change() -> None:
     grid = OccupancyGrid(0.05, max_cells=10_000)
     grid.add((0, 0), WALL)
     before = grid.cells()[0].copy()

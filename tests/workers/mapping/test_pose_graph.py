@@ -35,7 +35,7 @@ def farthest_off(graph: PoseGraph, true: NDArray[np.float64]) -> float:
     return float(np.hypot(*(graph.poses - true)[:, :2].T).max())
 
 
-def test_a_closed_loop_takes_the_drift_out() -> None:
+def test_closed_loop_removes_the_drift() -> None:
     true = square()
     graph = drifting(true)
     before = farthest_off(graph, true)
@@ -47,7 +47,7 @@ def test_a_closed_loop_takes_the_drift_out() -> None:
     assert moved > 1.0
 
 
-def test_edges_that_agree_are_met_exactly() -> None:
+def test_consistent_edges_are_satisfied_exactly() -> None:
     true = square()
     graph = drifting(true)
     graph.poses[5:, :2] += 0.3
@@ -67,12 +67,12 @@ def two_laps(false_edges: Sequence[tuple[int, int, list[float]]] = ()) -> NDArra
     return graph.poses
 
 
-def test_a_false_loop_among_true_ones_does_not_bend_the_map() -> None:
+def test_false_loop_among_true_ones_does_not_bend_the_map() -> None:
     honest, misled = two_laps(), two_laps([(5, 25, [0.5, 0.0, 1.0])])
     assert np.hypot(*(honest - misled)[:, :2].T).max() < 0.1
 
 
-def test_a_false_loop_found_later_does_not_bend_the_map() -> None:
+def test_false_loop_found_later_does_not_bend_the_map() -> None:
     lap = square()
     graph = drifting(lap)
     for old in range(5):
@@ -85,14 +85,14 @@ def test_a_false_loop_found_later_does_not_bend_the_map() -> None:
     assert np.hypot(*(honest - graph.poses)[:, :2].T).max() < 0.1
 
 
-def test_a_graph_without_edges_stays() -> None:
+def test_graph_without_edges_does_not_move() -> None:
     graph = PoseGraph()
     graph.add_pose([1, 2, 3])
     assert graph.optimise() == 0.0
     assert graph.poses.tolist() == [[1, 2, 3]]
 
 
-def test_distances_follow_the_shortest_way_along_edges() -> None:
+def test_distances_follow_the_shortest_path_along_edges() -> None:
     true = square()
     graph = drifting(true)
     assert graph.distances_m(0)[-1] == pytest.approx(40.4, abs=0.01)
@@ -100,7 +100,7 @@ def test_distances_follow_the_shortest_way_along_edges() -> None:
     assert graph.distances_m(0)[-2] == pytest.approx(1.01, abs=0.01)
 
 
-def test_a_graph_made_from_its_state_goes_on_the_same() -> None:
+def test_graph_restored_from_its_state_continues_identically() -> None:
     graph = drifting(square())
     graph.add_edge(0, 40, [0, 0, 0], CERTAIN, closes_loop=True)
     copy = PoseGraph.from_state(graph.state())

@@ -28,7 +28,7 @@ def reference() -> SurfacePoints:
 
 
 @pytest.mark.parametrize("offset", OFFSETS)
-def test_search_finds_the_pose_to_a_cell(
+def test_search_finds_the_pose_within_a_cell(
     reference: SurfacePoints, offset: tuple[float, float, float]
 ) -> None:
     true = compose(HERE, [0.2, 0.1, 0.1])
@@ -40,7 +40,7 @@ def test_search_finds_the_pose_to_a_cell(
 
 
 @pytest.mark.parametrize("offset", OFFSETS)
-def test_search_and_refinement_find_the_pose_to_a_centimetre(
+def test_search_and_refinement_find_the_pose_within_a_centimetre(
     reference: SurfacePoints, offset: tuple[float, float, float]
 ) -> None:
     true = compose(HERE, [0.2, 0.1, 0.1])
@@ -54,7 +54,7 @@ def test_search_and_refinement_find_the_pose_to_a_centimetre(
     assert match.on_surface.mean() > 0.9
 
 
-def test_search_finds_the_same_as_trying_every_pose(reference: SurfacePoints) -> None:
+def test_search_agrees_with_exhaustive_search(reference: SurfacePoints) -> None:
     true = compose(HERE, [0.2, 0.1, 0.1])
     points, guess = sweep_at(true, 3).hits.points[::6], true + np.array([0.2, -0.3, 0.1])
     window = Window(0.4, 0.2, doubt_per_m2=0.5, doubt_per_rad2=1.0)
@@ -79,7 +79,7 @@ def test_search_finds_nothing_where_nothing_fits(reference: SurfacePoints) -> No
     assert search(field, away, HERE, Window(0.3, 0.2), least_score=0.1) is None
 
 
-def test_a_corridor_leaves_the_way_along_it_open() -> None:
+def test_corridor_leaves_the_position_along_it_open() -> None:
     along = np.linspace(-10, 10, 400)
     walls = [np.column_stack([along, np.full(400, side)]) for side in (-1.0, 1.0)]
     facing = [np.tile([0.0, -np.sign(wall[0, 1])], (400, 1)) for wall in walls]
@@ -99,7 +99,7 @@ def test_odometry_decides_what_the_walls_leave_open() -> None:
     assert match.pose == pytest.approx([0.5, 0.0, 0.0], abs=0.005)
 
 
-def test_what_a_sweep_looked_through_is_free_and_what_it_hit_is_not() -> None:
+def test_places_that_a_sweep_looked_through_are_free_and_hits_are_not() -> None:
     sweep = sweep_at((2.0, 1.0, 0.0), noise_m=0.0)
     in_front, behind_the_wall, out_of_view = [1.0, 0.0], [3.0, -1.5], [-1.0, 0.0]
     assert sweep.looked_through([in_front, behind_the_wall, out_of_view]).tolist() == [True, False, False]

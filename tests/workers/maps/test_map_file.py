@@ -11,7 +11,7 @@ from workers.maps.map_file import MapFileError, read_map, write_map
 CELLS = np.array([[0, 10, 100], [-1, 49, 50]], dtype=np.int8)
 
 
-def test_map_is_read_as_it_was_written(tmp_path: Path) -> None:
+def test_written_map_is_read_back_unchanged(tmp_path: Path) -> None:
     write_map(tmp_path / "map.yaml", CELLS, 0.05, (-1.5, 2.0))
     read = read_map(tmp_path / "map.yaml")
     assert read.cells.tolist() == [[0, 0, 100], [-1, 0, 100]]
@@ -47,7 +47,7 @@ def test_negated_map_is_read(tmp_path: Path) -> None:
         ("image: map.pgm", "image: [", "cannot be read as YAML"),
     ],
 )
-def test_what_is_wrong_with_a_map_file_is_said(tmp_path: Path, old: str, new: str, complaint: str) -> None:
+def test_errors_of_a_map_file_are_described(tmp_path: Path, old: str, new: str, complaint: str) -> None:
     path = tmp_path / "map.yaml"
     write_map(path, CELLS, 0.05, (0, 0))
     text = path.read_text()
@@ -58,7 +58,7 @@ def test_what_is_wrong_with_a_map_file_is_said(tmp_path: Path, old: str, new: st
     assert str(path) in str(caught.value)
 
 
-def test_missing_file_and_other_yaml_are_refused(tmp_path: Path) -> None:
+def test_missing_file_and_unrelated_yaml_are_refused(tmp_path: Path) -> None:
     with pytest.raises(MapFileError):
         read_map(tmp_path / "none.yaml")
     (tmp_path / "list.yaml").write_text("[1, 2]")

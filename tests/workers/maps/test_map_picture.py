@@ -43,12 +43,12 @@ def test_paths_are_drawn_in_their_colours_and_the_estimate_on_top(
     assert tuple(row[int(2.5 * px_per_m)]) == TRUE
 
 
-def test_an_empty_map_is_a_picture_too(tmp_path: Path) -> None:
+def test_empty_map_can_be_drawn(tmp_path: Path) -> None:
     assert picture(tmp_path, np.zeros((0, 0), np.int8)).shape[2] == 3
     assert picture(tmp_path, np.full((5, 5), -1, np.int8), estimated_path=[(0, 0)]).shape[2] == 3
 
 
-def test_a_thin_wall_of_a_large_map_stays_visible(tmp_path: Path) -> None:
+def test_thin_wall_of_a_large_map_stays_visible(tmp_path: Path) -> None:
     cells = np.zeros((200, 6000), np.int8)
     cells[100] = 100
     image = picture(tmp_path, cells)

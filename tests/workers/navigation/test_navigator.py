@@ -33,7 +33,7 @@ def with_circles(arena: Arena, *circles: Sequence[float]) -> Arena:
     return replace(arena, circles=np.vstack([arena.circles, circles]))
 
 
-def test_robot_drives_through_two_rooms_and_takes_the_goals_heading() -> None:
+def test_robot_drives_through_two_rooms_and_turns_to_the_goals_heading() -> None:
     world, goal = NavigationWorld(demo_arena()), (7.0, 1.0, 1.5)
     world.navigator.go_to(goal)
     world.run(60.0)
@@ -44,7 +44,7 @@ def test_robot_drives_through_two_rooms_and_takes_the_goals_heading() -> None:
     assert world.navigator.drive() is None
 
 
-def test_robot_drives_around_what_is_not_on_the_map() -> None:
+def test_robot_drives_around_obstacles_that_are_not_on_the_map() -> None:
     arena = demo_arena()
     blocked = with_circles(arena, [3.3, 2.1, 0.2], [4.6, 2.75, 0.15])
     world, goal = NavigationWorld(arena, blocked), (6.8, 2.4, 0.0)
@@ -62,9 +62,7 @@ def test_robot_drives_around_what_is_not_on_the_map() -> None:
         ((20.0, 1.0, 0.0), "the goal lies in unknown space"),
     ],
 )
-def test_goal_that_nobody_can_drive_to_is_given_up_at_once(
-    goal: tuple[float, float, float], reason: str
-) -> None:
+def test_undrivable_goal_is_given_up_at_once(goal: tuple[float, float, float], reason: str) -> None:
     world = NavigationWorld(demo_arena())
     world.navigator.go_to(goal)
     world.run(2.0)
@@ -84,7 +82,7 @@ def test_goal_behind_a_wall_without_a_door_is_given_up() -> None:
 
 
 @pytest.mark.parametrize("goal_x_m", [1.0, 3.0])
-def test_robot_that_stands_in_too_narrow_a_place_gets_out_on_either_side(goal_x_m: float) -> None:
+def test_robot_in_a_narrow_place_gets_out_on_either_side(goal_x_m: float) -> None:
     cells = np.zeros((60, 80), dtype=np.int8)
     cells[:, 39:41] = 100
     cells[25:35, 39:41] = 0  # 0.5 m wide: on this map nobody would drive in
@@ -97,7 +95,7 @@ def test_robot_that_stands_in_too_narrow_a_place_gets_out_on_either_side(goal_x_
     assert elsewhere.obstruction is Obstruction.NO_WAY
 
 
-def test_robot_drives_through_a_gap_where_it_just_fits_if_no_other_way_leads_to_the_goal() -> None:
+def test_robot_drives_through_a_tight_gap_if_no_other_path_exists() -> None:
     arena = demo_arena()
     gap = [(0, 1.6, 2.0, 1.6), (2.56, 1.6, 8, 1.6)]
     world = NavigationWorld(replace(arena, segments=np.vstack([arena.segments, gap])))
@@ -113,7 +111,7 @@ def test_robot_drives_through_a_gap_where_it_just_fits_if_no_other_way_leads_to_
     assert world.drive.collisions == 0
 
 
-def test_way_that_stays_blocked_is_given_up_after_all_recoveries() -> None:
+def test_goal_behind_a_lasting_block_is_given_up_after_all_recoveries() -> None:
     arena = demo_arena()
     gates = [[x_m, 1.62, 0.1] for left_m in (2.25, 4.75) for x_m in np.arange(left_m, left_m + 1.5, 0.2)]
     settings = NavigatorSettings(max_recoveries=3)
@@ -129,7 +127,7 @@ def test_way_that_stays_blocked_is_given_up_after_all_recoveries() -> None:
 @pytest.mark.parametrize(
     ("sense", "state"), [("laser_works", "STOPPED_NO_LASER"), ("pose_works", "STOPPED_NO_POSE")]
 )
-def test_robot_stands_while_it_is_blind_and_then_drives_on(sense: str, state: str) -> None:
+def test_robot_stops_while_it_has_no_scans_and_then_drives_on(sense: str, state: str) -> None:
     world = NavigationWorld(demo_arena())
     world.navigator.go_to((7.0, 1.0, 0.0))
     world.run(3.0)
@@ -146,7 +144,7 @@ def test_robot_stands_while_it_is_blind_and_then_drives_on(sense: str, state: st
     assert world.drive.read().linear_m_per_s > 0.2
 
 
-def test_emergency_stop_halts_and_the_goal_is_kept() -> None:
+def test_emergency_stop_stops_the_robot_and_keeps_the_goal() -> None:
     world = NavigationWorld(demo_arena())
     world.navigator.go_to((7.0, 1.0, 0.0))
     world.run(2.0)
@@ -160,7 +158,7 @@ def test_emergency_stop_halts_and_the_goal_is_kept() -> None:
     assert world.drive.read().linear_m_per_s > 0.2
 
 
-def test_newer_goal_takes_the_place_of_the_older() -> None:
+def test_newer_goal_replaces_the_older_one() -> None:
     world = NavigationWorld(demo_arena())
     world.navigator.go_to((7.0, 1.0, 0.0))
     world.run(1.0)
@@ -170,7 +168,7 @@ def test_newer_goal_takes_the_place_of_the_older() -> None:
     assert world.off_m((2.5, 2.4)) < 0.2
 
 
-def test_obstacles_are_seen_kept_while_hidden_and_gone_when_looked_through() -> None:
+def test_obstacles_are_kept_while_hidden_and_removed_when_looked_through() -> None:
     obstacles = LiveObstacles(decay_s=10.0)
     ranges = np.full(360, 3.0)
     ranges[175:186] = 1.0
@@ -191,7 +189,7 @@ def test_live_obstacles_are_bounded() -> None:
     assert len(obstacles) == 500
 
 
-def test_costmap_blocks_what_is_seen_and_leaves_the_walls_as_they_are() -> None:
+def test_costmap_adds_seen_obstacles_and_keeps_the_walls() -> None:
     costmap = Costmap(drawn_cells(ROOM), 0.05, (0.0, 0.0), 0.1)
     obstacles = LiveObstacles()
     obstacles.see((1.0, 0.6, 0.0), seen(np.full(360, 0.28)), 0.0)  # most of it is within the walls' vicinity
@@ -203,12 +201,12 @@ def test_costmap_blocks_what_is_seen_and_leaves_the_walls_as_they_are() -> None:
     assert costmap.grid(far_off, 0.0) is costmap.static_grid
 
 
-def test_picture_of_the_states_in_the_documentation_is_that_of_the_code() -> None:
+def test_state_diagram_in_the_documentation_matches_the_code() -> None:
     page = (ROOT / "docs" / "navigation.md").read_text()
     assert mermaid(NavigatorState.IDLE, TRANSITIONS, NavigatorSettings().time_outs()) in page
 
 
-def test_robot_leaves_a_corridor_that_its_map_shows_as_narrower_than_ways_may_be() -> None:
+def test_robot_leaves_a_corridor_that_is_too_narrow_on_its_map() -> None:
     # 0.57 m wide: it came in while the map showed one of the walls only.
     arena = demo_arena()
     walls = [(1.0, 2.0, 3.0, 2.0), (1.0, 2.57, 3.0, 2.57), (1.0, 2.0, 1.0, 2.57)]
@@ -220,7 +218,7 @@ def test_robot_leaves_a_corridor_that_its_map_shows_as_narrower_than_ways_may_be
     assert world.drive.collisions == 0
 
 
-def test_cells_under_the_robot_are_free_whatever_the_map_says() -> None:
+def test_cells_under_the_robot_are_free_even_if_occupied_on_the_map() -> None:
     cells = np.zeros((40, 40), dtype=np.int8)
     cells[18:23, 18:23] = 100
     grid = NavigationGrid(cells, 0.05, (0.0, 0.0), 0.27)

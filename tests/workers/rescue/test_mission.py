@@ -19,7 +19,7 @@ from workers.state_machine import mermaid
 S = MissionState
 
 
-def test_mission_waits_until_it_knows_where_it_is() -> None:
+def test_mission_waits_for_the_robots_pose() -> None:
     rescue = Rescue()
     assert rescue.mission.step().goal is None
     assert rescue.state() is S.WAIT
@@ -38,7 +38,7 @@ def test_mission_explores_searches_and_comes_home() -> None:
     assert rescue.memory.is_searched(fronts).mean() > 0.95
 
 
-def test_frontier_goal_can_be_driven_to_and_is_near_what_is_unknown() -> None:
+def test_frontier_goal_is_drivable_and_near_unknown_space() -> None:
     rescue = Rescue(HALF_KNOWN)
     rescue.search_everything()
     orders = rescue.begin()
@@ -46,7 +46,7 @@ def test_frontier_goal_can_be_driven_to_and_is_near_what_is_unknown() -> None:
     assert orders.look_at_xy_m is None
 
 
-def test_what_lies_behind_a_passage_that_navigation_drives_through_is_left_to_do() -> None:
+def test_work_behind_a_passage_that_navigation_can_use_is_not_overlooked() -> None:
     rescue = Rescue(HALF_KNOWN)
     rescue.pose = np.array([0.6, 0.8, 0.0])
     rescue.cells[:, 20:25] = 100
@@ -59,7 +59,7 @@ def test_what_lies_behind_a_passage_that_navigation_drives_through_is_left_to_do
     assert present(rescue.begin().goal)[0] > 1.25
 
 
-def test_mission_goes_on_from_a_passage_that_turned_out_narrower_than_ways_may_be() -> None:
+def test_mission_continues_from_a_passage_that_is_too_narrow_for_paths() -> None:
     cells = np.full((80, 80), -1, dtype=np.int8)
     cells[10:70, 10:70] = 0
     cells[20:60, 28:36] = cells[20:60, 45:53] = 100  # 0.45 m between the walls
@@ -69,7 +69,7 @@ def test_mission_goes_on_from_a_passage_that_turned_out_narrower_than_ways_may_b
     assert np.isfinite(ways.cost_m[around.grid.cell((0.8, 0.8))])
 
 
-def test_goals_keep_farther_from_obstacles_than_ways_lest_the_next_map_shows_no_way_back() -> None:
+def test_goals_keep_a_larger_distance_from_obstacles_than_paths() -> None:
     rescue = Rescue(HALF_KNOWN)
     rescue.cells[5:30, 30:45] = 100
     rescue.cells[11:23, 30:45] = 0  # 0.6 m wide, and dead straight into what is unknown
@@ -78,7 +78,7 @@ def test_goals_keep_farther_from_obstacles_than_ways_lest_the_next_map_shows_no_
     assert orders.goal is None or orders.goal[0] < 1.5
 
 
-def test_goal_that_cannot_be_reached_is_not_chosen_again() -> None:
+def test_unreachable_goal_is_not_chosen_again() -> None:
     rescue = Rescue(HALF_KNOWN)
     rescue.search_everything()
     rescue.begin()
@@ -93,7 +93,7 @@ def test_goal_that_cannot_be_reached_is_not_chosen_again() -> None:
     assert len(goals) == len(set(goals)) < 8
 
 
-def test_goal_is_kept_while_the_map_only_shifts_a_little() -> None:
+def test_goal_is_kept_while_the_map_shifts_only_slightly() -> None:
     rescue = Rescue(HALF_KNOWN)
     first = rescue.begin().goal
     rescue.cells = np.roll(rescue.cells, 1, axis=1)
@@ -119,7 +119,7 @@ def test_mission_turns_back_while_the_battery_still_suffices() -> None:
     assert (rescue.state(), rescue.mission.machine.reason) == (S.RETURN, "the battery is almost empty")
 
 
-def test_robot_that_cannot_drive_stands_says_why_and_goes_on_afterwards() -> None:
+def test_robot_that_cannot_drive_reports_the_reason_and_continues_afterwards() -> None:
     rescue = Rescue(HALF_KNOWN)
     rescue.begin()
     rescue.mission.see_stopped("STOPPED_NO_LASER: the laser is silent")
@@ -140,7 +140,7 @@ def test_robot_that_can_never_drive_again_ends_its_mission_in_time() -> None:
     assert (rescue.state(), rescue.mission.machine.reason) == (S.DONE, "the time is over")
 
 
-def test_without_a_camera_it_goes_on_without_victims_and_says_so() -> None:
+def test_mission_without_a_camera_continues_without_victims_and_reports_it() -> None:
     rescue = Rescue(HALL)
     rescue.begin()
     assert rescue.state() is S.SEARCH
@@ -152,7 +152,7 @@ def test_without_a_camera_it_goes_on_without_victims_and_says_so() -> None:
     assert rescue.mission.notes == ["the camera is silent: goes on without victims"]
 
 
-def test_suspected_victim_is_approached_inspected_and_left_when_nothing_comes_of_it() -> None:
+def test_suspected_victim_is_approached_inspected_and_abandoned_in_vain() -> None:
     rescue = Rescue(HALL)
     rescue.search_everything()
     rescue.tell(VictimState.SUSPECTED)
@@ -168,7 +168,7 @@ def test_suspected_victim_is_approached_inspected_and_left_when_nothing_comes_of
     assert rescue.drive()[-1] is S.DONE
 
 
-def test_victim_is_approached_also_where_something_else_was_given_up() -> None:
+def test_victim_is_approached_even_where_another_target_was_given_up() -> None:
     rescue = Rescue(HALF_KNOWN)
     rescue.search_everything()
     rescue.begin()
@@ -194,7 +194,7 @@ def test_victim_seen_on_the_way_home_is_approached_once() -> None:
     assert states.count(S.RETURN) == 1
 
 
-def test_robot_looks_at_a_wall_no_longer_than_it_takes() -> None:
+def test_robot_looks_at_a_wall_only_as_long_as_necessary() -> None:
     rescue = Rescue(HALL)
     rescue.begin()
     rescue.mission.arrived()
@@ -205,7 +205,7 @@ def test_robot_looks_at_a_wall_no_longer_than_it_takes() -> None:
     assert rescue.mission.machine.reason == "the wall was seen well"
 
 
-def test_robot_goes_on_at_once_from_a_wall_that_was_seen_well() -> None:
+def test_robot_leaves_a_wall_at_once_when_it_was_seen_well() -> None:
     rescue = Rescue(HALL)
     rescue.pose = present(rescue.begin().goal)
     rescue.mission.arrived()
@@ -216,7 +216,7 @@ def test_robot_goes_on_at_once_from_a_wall_that_was_seen_well() -> None:
     assert tuple(present(orders.goal)) != tuple(rescue.pose)
 
 
-def test_robot_waits_for_the_operators_answer_but_not_twice_for_the_same() -> None:
+def test_robot_waits_only_once_for_each_answer_of_the_operator() -> None:
     rescue = Rescue(HALF_KNOWN)
     rescue.search_everything()
     rescue.begin()
@@ -234,7 +234,7 @@ def test_robot_waits_for_the_operators_answer_but_not_twice_for_the_same() -> No
     assert rescue.state() is S.EXPLORE
 
 
-def test_restarted_mission_knows_what_it_had_found_and_that_it_was_on_its_way_home() -> None:
+def test_restarted_mission_knows_its_victims_and_that_it_was_returning() -> None:
     rescue = Rescue(HALL, time_limit_s=200.0)
     rescue.search_everything()
     rescue.tell(VictimState.CONFIRMED)
@@ -252,11 +252,11 @@ def test_restarted_mission_knows_what_it_had_found_and_that_it_was_on_its_way_ho
     assert again.mission.limits.used_s == pytest.approx(rescue.mission.limits.used_s, abs=2.0)
 
 
-def test_picture_in_the_documentation_is_that_of_the_declaration() -> None:
+def test_state_diagram_in_the_documentation_matches_the_declaration() -> None:
     page = (DOCS / "rescue.md").read_text()
     assert mermaid(S.WAIT, TRANSITIONS, TIME_OUTS) in page
 
 
-def test_unsearched_is_what_grids_say_of_walls_never_looked_at() -> None:
+def test_walls_that_were_never_in_view_are_unsearched() -> None:
     grid = WallMemory().grid(WallFronts(drawn_cells(HALL), RESOLUTION_M, (0.0, 0.0)))
     assert set(np.unique(grid).tolist()) == {-1, UNSEARCHED}

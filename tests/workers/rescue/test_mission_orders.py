@@ -26,7 +26,7 @@ def restarted(rescue: Rescue) -> Rescue:
     return again
 
 
-def test_mission_that_is_to_be_started_stands_until_then_and_its_time_has_not_begun() -> None:
+def test_mission_waits_for_its_start_and_its_time_does_not_run() -> None:
     rescue = Rescue(HALL, starts_by_itself=False, time_limit_s=100.0)
     rescue.begin()
     assert rescue.step(1000.0).goal is None
@@ -40,7 +40,7 @@ def test_mission_that_is_to_be_started_stands_until_then_and_its_time_has_not_be
     assert rescue.mission.limits.used_s <= 2.0
 
 
-def test_paused_robot_stands_until_it_is_resumed_and_does_then_what_it_did() -> None:
+def test_paused_robot_waits_and_continues_its_task_when_resumed() -> None:
     rescue = under_way()
     goal = rescue.step().goal
     assert rescue.mission.order(OperatorOrder.PAUSE) is None
@@ -53,7 +53,7 @@ def test_paused_robot_stands_until_it_is_resumed_and_does_then_what_it_did() -> 
     assert rescue.step().goal == pytest.approx(goal)
 
 
-def test_time_goes_on_in_a_pause() -> None:
+def test_time_continues_during_a_pause() -> None:
     rescue = Rescue(HALL, time_limit_s=100.0)
     rescue.begin()
     rescue.mission.order(OperatorOrder.PAUSE)
@@ -61,7 +61,7 @@ def test_time_goes_on_in_a_pause() -> None:
     assert (rescue.state(), rescue.mission.machine.reason) == (S.DONE, "the time is over")
 
 
-def test_paused_robot_that_cannot_drive_when_it_is_resumed_says_so() -> None:
+def test_resumed_robot_that_cannot_drive_reports_it() -> None:
     rescue = under_way()
     rescue.mission.order(OperatorOrder.PAUSE)
     rescue.step()
@@ -73,7 +73,7 @@ def test_paused_robot_that_cannot_drive_when_it_is_resumed_says_so() -> None:
     assert rescue.state() is S.HALT
 
 
-def test_robot_paused_on_its_way_home_goes_on_home() -> None:
+def test_robot_paused_while_returning_continues_home() -> None:
     rescue = under_way()
     rescue.mission.order(OperatorOrder.RETURN)
     rescue.step()
@@ -84,7 +84,7 @@ def test_robot_paused_on_its_way_home_goes_on_home() -> None:
 
 
 @pytest.mark.parametrize("paused", [False, True])
-def test_robot_that_is_called_home_drives_there_at_once_whatever_is_left_to_do(paused: bool) -> None:
+def test_robot_called_home_drives_there_at_once(paused: bool) -> None:
     rescue = under_way()
     rescue.pose = present(rescue.step().goal)
     if paused:
@@ -96,7 +96,7 @@ def test_robot_that_is_called_home_drives_there_at_once_whatever_is_left_to_do(p
     assert rescue.pose == pytest.approx(START)
 
 
-def test_robot_that_is_called_home_while_it_cannot_drive_goes_when_it_can() -> None:
+def test_robot_called_home_while_it_cannot_drive_returns_when_it_can() -> None:
     rescue = under_way()
     rescue.mission.see_stopped("EMERGENCY_STOP: pressed")
     rescue.step()
@@ -154,7 +154,7 @@ def test_mission_restarted_before_its_start_still_waits_for_it() -> None:
         (False, True, S.DONE, []),
     ],
 )
-def test_only_orders_that_fit_are_obeyed(
+def test_only_orders_that_fit_the_state_are_obeyed(
     held: bool, begun: bool, state: S, fitting: list[OperatorOrder]
 ) -> None:
     orders = OperatorOrders(starts_by_itself=not held)
@@ -166,7 +166,7 @@ def test_only_orders_that_fit_are_obeyed(
         assert refusal is None or refusal.startswith(order.name)
 
 
-def test_refused_order_changes_nothing_and_says_why() -> None:
+def test_refused_order_changes_nothing_and_has_a_reason() -> None:
     rescue = under_way()
     assert rescue.mission.order(OperatorOrder.START) == "START: the mission is under way"
     assert present(rescue.mission.order(9)).startswith("there is no order 9; orders are 0 (START)")

@@ -67,7 +67,7 @@ def test_wall_too_far_away_is_not_seen(fronts: WallFronts) -> None:
     assert not seen(fronts, 3.4, 0.6, math.pi)[at(fronts, 0.275, 0.6)]
 
 
-def test_what_was_searched_stays_so_on_a_map_that_has_grown_and_after_a_restart(fronts: WallFronts) -> None:
+def test_searched_walls_are_kept_when_the_map_grows_and_after_a_restart(fronts: WallFronts) -> None:
     memory = WallMemory()
     memory.look(fronts, (1.5, 0.6, math.pi), HALF_WIDTH_RAD)
     grid = memory.grid(fronts)
@@ -78,7 +78,7 @@ def test_what_was_searched_stays_so_on_a_map_that_has_grown_and_after_a_restart(
     assert (again.grid(grown)[10:-10, 10:-10] == grid).all()
 
 
-def test_views_lead_to_drivable_places_from_which_each_unsearched_wall_is_seen(fronts: WallFronts) -> None:
+def test_views_are_drivable_places_that_see_each_unsearched_wall(fronts: WallFronts) -> None:
     grid = drawn_grid(ROOM)
     ways = PathField(grid, grid.cell((1.0, 0.6)))
     todo = fronts.middles_m[:, 0] > 3.7  # the wall to the right
@@ -91,7 +91,7 @@ def test_views_lead_to_drivable_places_from_which_each_unsearched_wall_is_seen(f
     assert seen(fronts, *place, heading)[at(fronts, *view.look_at_xy_m)]
 
 
-def test_short_pieces_of_wall_are_left_out(fronts: WallFronts) -> None:
+def test_short_pieces_of_wall_are_ignored(fronts: WallFronts) -> None:
     grid = drawn_grid(ROOM)
     ways = PathField(grid, grid.cell((1.0, 0.6)))
     todo = (fronts.middles_m[:, 0] > 3.7) & (np.abs(fronts.middles_m[:, 1] - 1.0) < 0.1)

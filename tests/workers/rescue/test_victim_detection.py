@@ -37,7 +37,7 @@ def seen_from(distance_m: float, aside_rad: float) -> list[victim_detection.TagS
 
 
 @pytest.mark.parametrize(("distance_m", "aside_rad"), [(0.6, 0.0), (1.2, 0.9), (2.0, 0.5), (2.4, 0.0)])
-def test_victim_is_placed_by_the_size_of_its_tag(distance_m: float, aside_rad: float) -> None:
+def test_size_of_the_tag_gives_the_victims_position(distance_m: float, aside_rad: float) -> None:
     (sighting,) = seen_from(distance_m, aside_rad)
     assert sighting.tag == TAG
     assert sighting.position_m == pytest.approx([0.0, 0.0, distance_m], abs=0.12)
@@ -51,11 +51,11 @@ def test_patch_shows_the_tag_and_what_is_around_it() -> None:
     assert sighting.patch.std() > 40  # black and white
 
 
-def test_tag_too_small_to_be_trusted_is_left_out() -> None:
+def test_tag_that_is_too_small_is_ignored() -> None:
     assert seen_from(7.0, 0.0) == []
 
 
-def test_without_opencv_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_opencv_is_reported_with_the_package_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str) -> None:
         raise ImportError(name)
 

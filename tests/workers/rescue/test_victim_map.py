@@ -8,7 +8,7 @@ from workers.rescue.victim_map import VictimMap, VictimState
 PATCH = np.zeros((4, 4, 3), np.uint8)
 
 
-def test_near_views_count_for_more_than_far_ones() -> None:
+def test_near_views_have_more_weight_than_far_ones() -> None:
     victims = VictimMap()
     victims.see(3, (5.0, 1.0, 0.3), 0.0, 4.0, 1.0, PATCH)
     victim = victims.see(3, (5.2, 1.0, 0.3), 0.0, 1.0, 2.0, PATCH)
@@ -16,7 +16,7 @@ def test_near_views_count_for_more_than_far_ones() -> None:
     assert victim.best_m == 1.0
 
 
-def test_views_make_it_surer_but_not_surer_than_the_robots_own_place() -> None:
+def test_more_views_reduce_the_spread_down_to_that_of_the_robots_pose() -> None:
     victims = VictimMap()
     spreads = []
     for number in range(50):
@@ -27,7 +27,7 @@ def test_views_make_it_surer_but_not_surer_than_the_robots_own_place() -> None:
     assert 0.99 < victim.confidence <= 1.0
 
 
-def test_one_view_of_another_place_is_not_believed_but_several_are() -> None:
+def test_one_view_of_another_place_is_ignored_but_several_are_accepted() -> None:
     victims = VictimMap()
     for number in range(4):
         victims.see(3, (5.0, 1.0, 0.3), 0.0, 1.0, float(number), PATCH)
@@ -36,7 +36,7 @@ def test_one_view_of_another_place_is_not_believed_but_several_are() -> None:
     assert victims.see(3, (9.0, 1.0, 0.3), 0.0, 1.0, 7.0, PATCH).position_m[0] == 9.0
 
 
-def test_facing_is_averaged_over_the_border_of_half_a_turn() -> None:
+def test_facing_is_averaged_correctly_across_plus_minus_pi() -> None:
     victims = VictimMap()
     victims.see(3, (5.0, 1.0, 0.3), 3.1, 1.0, 1.0, PATCH)
     victim = victims.see(3, (5.0, 1.0, 0.3), -3.1, 1.0, 2.0, PATCH)
@@ -46,9 +46,7 @@ def test_facing_is_averaged_over_the_border_of_half_a_turn() -> None:
 @pytest.mark.parametrize(
     ("distance_m", "views", "known"), [(1.0, 4, True), (1.0, 3, False), (2.5, 20, False)]
 )
-def test_victim_is_known_well_after_enough_views_from_near(
-    distance_m: float, views: int, known: bool
-) -> None:
+def test_victim_is_known_well_after_enough_near_views(distance_m: float, views: int, known: bool) -> None:
     victims = VictimMap()
     for number in range(views):
         victim = victims.see(3, (5.0, 1.0, 0.3), 0.0, distance_m, float(number), PATCH)

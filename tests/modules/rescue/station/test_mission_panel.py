@@ -27,7 +27,7 @@ modules:
 
 
 @pytest.mark.slow
-def test_operator_answers_and_steers_the_mission_and_an_observer_only_looks(robot: Robot) -> None:
+def test_operator_answers_and_steers_the_mission_and_observers_cannot(robot: Robot) -> None:
     (robot.folder / "zoo" / "rescuer.py").write_text((SUPPORT / "rescuer.py").read_text())
     robot.write_secret("operator.token", "opens-everything")
     robot.write_secret("observer.token", "opens-all-our-eyes")

@@ -52,7 +52,7 @@ def answers(robot: Robot) -> list[str]:
 @needs_chromium
 @pytest.mark.timeout(300)
 @pytest.mark.slow
-def test_answer_is_for_the_victim_that_was_shown_when_the_button_was_pressed(robot: Robot) -> None:
+def test_answer_is_about_the_victim_shown_when_the_button_was_pressed(robot: Robot) -> None:
     (robot.folder / "zoo" / "two_victims.py").write_text((HERE / "_support" / "two_victims.py").read_text())
     robot.write_profile(PROFILE)
     robot.start()
@@ -120,7 +120,7 @@ def question_of_a_silent_robot_shows_its_age(page: Page, tool: Tool) -> None:
     "sent",
     [None, 3, [], {}, {"id": 3}, {"id": "3", "answer": 1}, {"id": 3, "answer": 9}, {"id": True, "answer": 1}],
 )
-def test_what_no_page_sends_is_no_answer(sent: object) -> None:
+def test_malformed_answers_are_ignored(sent: object) -> None:
     assert checked(sent) is None
 
 

@@ -10,7 +10,7 @@ from tests.recording._support.logs import LogFile
 from tests.run._support.robot import wait_until
 
 
-def test_victim_is_an_event_whenever_its_state_has_changed(tmp_path: Path) -> None:
+def test_each_change_of_a_victims_state_is_an_event(tmp_path: Path) -> None:
     states = [VictimFound.SUSPECTED, VictimFound.SUSPECTED, VictimFound.CONFIRMED]
     with LogFile(tmp_path / "log.mcap") as log:
         for state in states:
