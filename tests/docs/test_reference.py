@@ -12,7 +12,7 @@ MIB = 1 << 20
 
 
 def test_limits_of_the_layout() -> None:
-    assert ROWS["messages of a module that are on their way"] == str(layout.MAX_OUTSTANDING)
+    assert ROWS["messages of a module that a subscriber waits for or holds"] == str(layout.MAX_OUTSTANDING)
     assert ROWS["pairs of type and topic that a module publishes or subscribes"] == str(
         layout.DECLARATION_COUNT
     )
