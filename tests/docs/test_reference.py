@@ -34,4 +34,4 @@ def test_limits_of_the_output() -> None:
     limits = TraceSettings()
     rate = f"{limits.burst_lines} at once, then {limits.lines_per_s:g}/s"
     assert ROWS["lines that a module prints, on each stream, and log records"] == rate
-    assert f"what each process said, as JSON lines; {limits.file_bytes // MIB} MiB each" in TEXT
+    assert f"the output of each process, as JSON lines; {limits.file_bytes // MIB} MiB each" in TEXT
