@@ -10,6 +10,7 @@ import pytest
 
 from tests._support.left_behind import leaving_nothing_behind
 from tests._support.others_runs import VARIABLE, OthersRuns, Session, watched
+from tests._support.robot import Robot, robot_in
 from tools.loop_disk import LoopDisk, NoLoopDisk
 
 HERE = Path(__file__).parent
@@ -36,6 +37,13 @@ def bytecode_is_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
         patch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
         patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
         yield
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[Robot]:
+    """An empty workspace with the zoo's modules; its runs are listed apart from all others."""
+    with robot_in(tmp_path) as made:
+        yield made
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from robbie_mp.messages import DriveCommand
 from robbie_mp.run.control import ControlRefused, control
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.transport.records import Outbound
-from tests.run._support.robot import COMMAND, Ended, Robot, kill, wait_until
+from tests._support.robot import COMMAND, Ended, Robot, kill, wait_until
 
 PROFILE = """
 modules:

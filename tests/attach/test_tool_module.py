@@ -19,7 +19,7 @@ from robbie_mp.attach.tool_module import run_as_tool
 from robbie_mp.messages import DriveCommand, EmergencyStop, Image
 from robbie_mp.run.control import ControlRefused
 from robbie_mp.run.run_directory import KnownRun
-from tests.run._support.robot import Ended, Robot, is_running, wait_until
+from tests._support.robot import Ended, Robot, is_running, wait_until
 
 PROFILE = """
 modules:

@@ -1,6 +1,5 @@
 """Checkpoints as a module sees them: in a test, and in whole runs."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +10,9 @@ from robbie_mp import ModuleHarness
 from robbie_mp.checkpoint.errors import UnsupportedState
 from robbie_mp.checkpoint.file import read_file, write_file
 from robbie_mp.checkpoint.image import encode
+from tests._support.robot import Robot
 from tests.checkpoint._support import remembering
 from tests.checkpoint._support.remembering import Remembering
-from tests.run._support.robot import Robot
 
 PROFILE = """
 modules:
@@ -48,17 +47,10 @@ def test_harness_refuses_states_that_a_robot_refuses(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
-    runtime = tmp_path / "runtime"
-    runtime.mkdir(mode=0o700)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
-    workspace = tmp_path / "workspace"
-    workspace.mkdir()
-    made = Robot(workspace)
-    (workspace / "remembering.py").write_text(Path(remembering.__file__).read_text())
-    yield made
-    made.close()
+def robot(robot: Robot) -> Robot:
+    """The workspace of whole runs, with the module that remembers."""
+    (robot.folder / "remembering.py").write_text(Path(remembering.__file__).read_text())
+    return robot
 
 
 def journal(robot: Robot) -> list[str]:

@@ -14,7 +14,7 @@ import pytest
 from robbie_mp.cli import main
 from robbie_mp.cli.new import make_workspace
 from robbie_mp.cli.program import _parser
-from tests.run._support.robot import COMMAND
+from tests._support.robot import COMMAND
 
 ASK = """
 eval "$(robbie completion bash)"

@@ -10,7 +10,7 @@ import pytest
 
 from robbie_mp.cli import main
 from robbie_mp.cli.runs import live_runs
-from tests.run._support.robot import Robot, kill, wait_until
+from tests._support.robot import Robot, kill, wait_until
 
 PROFILE = """
 modules:

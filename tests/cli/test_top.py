@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.cli import main
-from tests.run._support.robot import COMMAND
+from tests._support.robot import COMMAND
 
 ROOT = Path(__file__).parents[2]
 

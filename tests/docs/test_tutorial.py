@@ -17,8 +17,8 @@ import pytest
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import ModuleFigures, RunObserver
 from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
+from tests._support.robot import wait_until
 from tests.docs._support.pages import ROOT, Block, blocks
-from tests.run._support.robot import wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -18,8 +18,8 @@ from robbie_mp.recording.log_writer import LogWriter, Split
 from robbie_mp.recording.part_writer import RecordedChannel
 from robbie_mp.recording.reader import open_log
 from robbie_mp.recording.recorder import Recorder, RecordingFailed
+from tests._support.robot import wait_until
 from tests.recording._support.recording import CHANNELS, RUN
-from tests.run._support.robot import wait_until
 
 KEY, OTHER = CHANNELS[1].key, CHANNELS[2].key
 LIMITS = BufferLimits(chunk_bytes=1000, buffer_bytes=5000, close_after_s=3600.0)

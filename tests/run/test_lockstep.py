@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from tests.run._support.robot import Ended, Robot, kill, wait_until
+from tests._support.robot import Ended, Robot, kill, wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ from typing import Any
 import psutil
 import pytest
 
-from tests.run._support.robot import Robot, wait_until
+from tests._support.robot import Robot, wait_until
 
 pytestmark = pytest.mark.slow
 

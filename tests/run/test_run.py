@@ -11,7 +11,7 @@ import pytest
 from robbie_mp._hot.choice import PURE_PYTHON
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.reader import last_entries
-from tests.run._support.robot import Ended, Robot, is_running, kill, wait_until
+from tests._support.robot import Ended, Robot, is_running, kill, wait_until
 
 COUNTING = """
 modules:

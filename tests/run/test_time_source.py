@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from tests.run._support.robot import Ended, Robot, wait_until
+from tests._support.robot import Ended, Robot, wait_until
 
 pytestmark = pytest.mark.slow
 

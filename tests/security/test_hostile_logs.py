@@ -18,7 +18,7 @@ from robbie_mp.messages.errors import SchemaError
 from robbie_mp.recording.errors import LogLimitExceeded
 from robbie_mp.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.recording.reader import open_log
-from tests.run._support.robot import COMMAND
+from tests._support.robot import COMMAND
 from tests.security._support.hostile_logs import (
     GIGABYTE,
     MEGABYTE,

@@ -11,7 +11,7 @@ from robbie_mp.checkpoint.file import checkpoint_file, read_file, write_file
 from robbie_mp.checkpoint.image import encode
 from robbie_mp.linux.private_files import make_private_folder, write_private
 from robbie_mp.run.run_directory import base_folders
-from tests.run._support.robot import Ended, Robot
+from tests._support.robot import Ended, Robot
 from tests.security._support.second_user import NOBODY, as_nobody, is_refused, needs_root
 
 HERE = Path(__file__).parent

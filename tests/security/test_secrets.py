@@ -12,7 +12,7 @@ import pytest
 from robbie_mp import REQUIRED, Secret, SettingError, setting
 from robbie_mp.module.secret import MAX_SECRET_BYTES
 from robbie_mp.module.settings import check_settings
-from tests.run._support.robot import Ended, Robot
+from tests._support.robot import Ended, Robot
 
 SECRET = "correct-horse-battery-staple"
 HERE = Path(__file__).parent

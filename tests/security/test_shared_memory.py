@@ -27,7 +27,7 @@ from robbie_mp.transport.shared_folder import (
 )
 from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
 from tests._support.implementations import BOTH, Native
-from tests.run._support.robot import Ended, Robot
+from tests._support.robot import Ended, Robot
 from tests.security._support.second_user import NOBODY, as_nobody, is_refused, needs_root
 
 RUN = f"attack{os.getpid()}"

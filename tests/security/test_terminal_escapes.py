@@ -17,11 +17,9 @@ from mcap.writer import CompressionType, Writer
 from robbie_mp import Header
 from robbie_mp.cli.program import COMMANDS, main
 from robbie_mp.messages import PoseStamped, schema_text
-from tests.run._support.robot import COMMAND, Robot, wait_until
-from tests.run.conftest import robot
+from tests._support.robot import COMMAND, Robot, wait_until
 from tests.security._support.hostile import HOSTILE, check_plain, check_terminal, obeyed
 
-__all__ = ["robot"]
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(200)]
 MODULES = Path(__file__).parent / "_support" / "hostile_modules.py"
 PROFILE = """

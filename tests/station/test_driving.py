@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, Page
 
 from robbie_mp.attach.tool import Tool
 from robbie_mp.messages import EmergencyStop
-from tests.run._support.robot import COMMAND, Ended, Robot, kill, wait_until
+from tests._support.robot import COMMAND, Ended, Robot, kill, wait_until
 from tests.station._support.browser import CHROMIUM, RECONNECTING, browser, needs_chromium, page_of
 from tests.station.test_page import address_of
 from tools.operator_trials.cut_link import HERE as HERE_ADDRESS

@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, FloatRect, Page
 from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
-from tests.run._support.robot import Robot, kill
+from tests._support.robot import Robot, kill
 from tests.station._support.browser import RECONNECTING, TABLET, browser, needs_chromium, page_of
 from tests.station.test_page import address_of
 

@@ -3,7 +3,7 @@
 import pytest
 
 from robbie_mp.run.operator_link import read_link
-from tests.run._support.robot import Ended, Robot
+from tests._support.robot import Ended, Robot
 from tests.station._support.browser import browser, needs_chromium, page_of
 
 pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(180)]

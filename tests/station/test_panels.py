@@ -12,8 +12,8 @@ from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import Mark
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS
 from robbie_mp.trace.kinds import Kind, read_recorded
+from tests._support.robot import Robot, wait_until
 from tests.recording._support.logs import LogFile
-from tests.run._support.robot import Robot, wait_until
 from tests.station._support.browser import TABLET, browser, needs_chromium, page_of
 from tests.station._support.known_robot import FRONTIERS
 from tests.station.test_page import address_of

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page
 
-from tests.run._support.robot import Robot
+from tests._support.robot import Robot
 from tests.station._support.browser import browser, needs_chromium, page_of
 from tests.station.test_page import address_of
 

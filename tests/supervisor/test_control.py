@@ -17,7 +17,7 @@ from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.control import MAX_CLIENTS, ControlServer
 from robbie_mp.supervisor.states import ChildState
 from robbie_mp.trace.kinds import Kind, read_level, read_recorded
-from tests.few_descriptors import only_free_descriptors
+from tests._support.few_descriptors import only_free_descriptors
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import NEVER, Run, Scenario, animal, core
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from robbie_mp.linux.prctl import is_child_subreaper
 from robbie_mp.supervisor.leftovers import OrphanReaper, kill_run_leftovers
 from robbie_mp.supervisor.states import ChildState
-from tests.few_descriptors import only_free_descriptors
+from tests._support.few_descriptors import only_free_descriptors
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import Run, Scenario, animal, is_gone, wait_for
 

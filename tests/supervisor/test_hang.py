@@ -1,8 +1,13 @@
 """What becomes of a child that hangs, and of one that only seems to."""
 
+import contextlib
+import dataclasses
 import os
 import signal
+import subprocess
+import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,7 +22,9 @@ from tests.supervisor._support.running import NEVER, Run, Scenario, animal
 
 RUNNING, BACKOFF, FAILED = ChildState.RUNNING, ChildState.BACKOFF, ChildState.FAILED
 IN_HANDLER = Doing(Activity.HANDLER, 3, 1000)
+IN_TICK = Doing(Activity.TICK, 0, 1000)
 IN_TEARDOWN = Doing(Activity.TEARDOWN, 0, 1000)
+RIVALS = 5
 
 
 def test_hung_child_dumps_its_stacks_and_is_restarted(tmp_path: Path) -> None:
@@ -124,3 +131,50 @@ def test_signal_of_the_watchdog_reaches_only_the_hung_child(tmp_path: Path) -> N
 
     assert run.play(scenario()) == 1
     assert run.last("hangs").reason.startswith("killed by SIGABRT")
+
+
+@contextlib.contextmanager
+def rivals_for_one_processor() -> Iterator[int]:
+    """Keep one processor busy, each rival in a session of its own so that each has a share of its own."""
+    processor = min(os.sched_getaffinity(0))
+    script = f"import os; os.sched_setaffinity(0, [{processor}])\nwhile True: pass"
+    started = [
+        subprocess.Popen([sys.executable, "-S", "-c", script], start_new_session=True) for _ in range(RIVALS)
+    ]
+    try:
+        yield processor
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+
+
+def test_starved_child_does_not_count_as_hung(tmp_path: Path) -> None:
+    """It computes for 0.3 s of a processor, on one that it shares with five others; its deadline is 0.6 s."""
+    spec = animal(zoo.computes, "busy", handler_deadline_s=0.6, restart=NEVER)
+    with rivals_for_one_processor() as processor:
+        environment = {**spec.environment, "PROCESSOR": str(processor)}
+        run = Run(tmp_path, dataclasses.replace(spec, environment=environment))
+        run.incarnations.busy["busy"] = IN_TICK
+        took_s = time.monotonic()
+
+        def scenario() -> Scenario:
+            nonlocal took_s
+            yield run.all_running
+            took_s = time.monotonic()
+            yield (run.incarnations.folder / "busy.1.done").exists
+            took_s = time.monotonic() - took_s
+            del run.incarnations.busy["busy"]
+            run.tree.stop("seen enough")
+
+        assert run.play(scenario()) == 0
+    assert took_s > 0.6, "it was not starved; this says nothing"
+    assert run.states("busy") == [ChildState.STARTING, ChildState.RUNNING, ChildState.STOPPED]
+
+
+def test_sleeping_child_counts_as_hung_even_on_a_busy_processor(tmp_path: Path) -> None:
+    with rivals_for_one_processor():
+        run = Run(tmp_path, animal(zoo.works, "idle", handler_deadline_s=0.3, restart=NEVER))
+        run.incarnations.busy["idle"] = IN_TICK
+        assert run.play() == 1
+    assert run.last("idle").reason.startswith("hung in tick")

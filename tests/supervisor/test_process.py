@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.supervisor.process import ChildProcess, ExitStatus
-from tests.few_descriptors import only_free_descriptors
+from tests._support.few_descriptors import only_free_descriptors
 from tests.supervisor._support.running import PROJECT, is_gone, wait_for
 
 

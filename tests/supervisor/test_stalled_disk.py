@@ -16,7 +16,8 @@ from robbie_mp.supervisor.states import ChildState
 from robbie_mp.trace import disk_writer
 from robbie_mp.trace.disk_writer import DiskWriter
 from robbie_mp.trace.entry import Entry
-from robbie_mp.trace.reader import entries
+from robbie_mp.trace.reader import entries, last_entries
+from tests._support.robot import Ended, Robot, wait_until
 from tests.supervisor._support import zoo
 from tests.supervisor._support.running import PROJECT, Run, Scenario, animal, wait_for
 from tools.loop_disk import LoopDisk
@@ -24,6 +25,12 @@ from tools.loop_disk import LoopDisk
 pytestmark = pytest.mark.slow
 
 RUNNING = ChildState.RUNNING
+END_LIMIT_S = 15.0
+PROFILE = """
+modules:
+  one: {class: zoo.modules:Idle}
+  two: {class: zoo.modules:Idle}
+"""
 
 
 class Stall(Protocol):
@@ -204,3 +211,33 @@ def test_output_passed_to_the_writer_is_written_even_if_the_supervisor_is_killed
     )
     file = tmp_path / "logs" / "laser.jsonl"
     wait_for(lambda: file.exists() and len(file.read_bytes().splitlines()) == 3000)
+
+
+def test_run_on_a_frozen_disk_restarts_its_modules_and_ends_in_order(
+    robot: Robot, disk: LoopDisk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its output is there and the run's own folder, too."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(disk.folder))
+    robot.output = disk.folder / "out"
+    robot.write_profile(PROFILE)
+    process = robot.start()
+    figures = robot.until(lambda modules: all(module["state"] == "RUNNING" for module in modules.values()))
+    run_folder = robot.known_run().folder
+    disk.freeze()
+    os.kill(figures["one"]["pid"], signal.SIGKILL)
+    again = robot.until(
+        lambda modules: modules["one"]["state"] == "RUNNING" and modules["one"]["restarts"] == 1
+    )
+    assert again["one"]["pid"] != figures["one"]["pid"]
+    begin_s = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    ended = Ended.wait_for(process)
+    assert time.monotonic() - begin_s < END_LIMIT_S
+    assert ended.exit_code == 0
+    assert f"the disk of {robot.output} has stalled" in ended.stderr
+    assert not (robot.output / "summary.json").exists()
+    assert run_folder.exists()
+    disk.thaw()  # and what was handed over is written, and removed, after all
+    wait_until(lambda: not run_folder.exists())
+    assert (robot.output / "summary.json").exists()
+    assert any("crashed" in entry.text for entry in last_entries(robot.output, "one", 100))

@@ -10,7 +10,7 @@ from robbie_mp.supervisor.crash import memory_kills
 from robbie_mp.trace.crash import CrashReport
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.reader import crash_reports, entries
-from tests.run._support.robot import COMMAND, Ended, Robot
+from tests._support.robot import COMMAND, Ended, Robot
 from tests.trace.test_page import Comments
 
 WAYS = {

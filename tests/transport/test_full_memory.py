@@ -15,7 +15,7 @@ from robbie_mp.transport import layout
 from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes
 from robbie_mp.transport.segment import SharedMemoryFull
 from robbie_mp.transport.shared_folder import make_folder, remove_names
-from tests.few_descriptors import only_free_descriptors
+from tests._support.few_descriptors import only_free_descriptors
 from tests.transport._support.pair import Pair, picture
 
 RUN_ID = f"test{os.getpid()}"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.run._support.robot import Robot
+from tests._support.robot import Robot, robot_in
 from tests.security.station._support.attacker import Attacker
 
 HERE = Path(__file__).parent
@@ -93,28 +93,19 @@ def shared_station(
     tmp_path_factory: pytest.TempPathFactory, left_behind_check: Callable[[], AbstractContextManager[None]]
 ) -> Iterator[Station]:
     """One robot for all attacks of a file: what one of them did to it, the next one meets."""
-    folder = tmp_path_factory.mktemp("security")
-    (folder / "workspace").mkdir()
-    (folder / "runtime").mkdir(mode=0o700)
-    with left_behind_check(), pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder / "runtime"))
-        patch.setenv("PYTHONPATH", str(TESTS.parent))
-        robot = Robot(folder / "workspace")
+    with left_behind_check(), robot_in(tmp_path_factory.mktemp("security")) as robot:
         for source in SOURCES:
             (robot.folder / "zoo" / source.name).write_text(source.read_text())
         robot.write_secret("operator.token", OPERATOR)
         robot.write_secret("observer.token", OBSERVER)
         robot.write_profile(PROFILE)
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (DESCRIPTORS, hard))
         try:
-            resource.setrlimit(resource.RLIMIT_NOFILE, (DESCRIPTORS, hard))
-            try:
-                robot.start()
-            finally:
-                resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-            yield Station(robot)
+            robot.start()
         finally:
-            robot.close()
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        yield Station(robot)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import psutil
 import pytest
 
 from robbie_mp.run.operator_link import LINK_FILE, TOKEN_FILE, read_link
-from tests.run._support.robot import Robot, kill, wait_until
+from tests._support.robot import Robot, kill, wait_until
 from tests.security.station._support.attacker import Attacker
 from tests.security.station.conftest import Station
 

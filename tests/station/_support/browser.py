@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page
 
-from tests.run._support.robot import LIMIT_S
+from tests._support.robot import LIMIT_S
 from tools.operator_trials.chromium import CHROMIUM, chromium
 
 __all__ = ["CHROMIUM", "LAPTOP", "RECONNECTING", "TABLET", "browser", "needs_chromium", "page_of"]

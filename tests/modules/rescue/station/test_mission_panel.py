@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page
 
-from tests.run._support.robot import Robot, wait_until
+from tests._support.robot import Robot, wait_until
 from tests.station._support.browser import TABLET, browser, needs_chromium, page_of
 from tests.station.test_page import address_of
 from tests.station.test_panels import FITS, log_in

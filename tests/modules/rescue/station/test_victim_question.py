@@ -11,7 +11,7 @@ from modules.rescue.messages import VictimConfirmation
 from modules.rescue.station.victim_question import checked
 from robbie_mp.attach.tool import Tool
 from robbie_mp.messages import String
-from tests.run._support.robot import Robot, wait_until
+from tests._support.robot import Robot, wait_until
 from tests.station._support.browser import browser, needs_chromium, page_of
 from tests.station.test_page import address_of
 

@@ -6,8 +6,8 @@ from modules.rescue.messages import VictimFound
 from modules.rescue.station.mission_panel import MissionPanel
 from robbie_mp.messages import Mark
 from robbie_mp.station.log_events import LogEvents
+from tests._support.robot import wait_until
 from tests.recording._support.logs import LogFile
-from tests.run._support.robot import wait_until
 
 
 def test_each_change_of_a_victims_state_is_an_event(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from robbie_mp.supervisor.child_spec import ChildSpec
 from robbie_mp.supervisor.memory import RunMemory
 from robbie_mp.supervisor.states import ChildState, StateChange
 from tests._support.growth import mappings, open_descriptors
-from tests.run._support.robot import Robot
+from tests._support.robot import Robot
 
 pytestmark = pytest.mark.slow
 

@@ -18,10 +18,10 @@ from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import Image, PlaybackState
 from robbie_mp.playback.player import ControlRefused
 from robbie_mp.services.playback_outlet import PATIENCE_NS
-from tests.playback._support.battery_log import write_battery_log
-from tests.playback.conftest import PROFILE
+from tests._support.robot import COMMAND, LIMIT_S, Ended, Robot, kill, wait_until
 from tests.recording._support.logs import START_NS, STEP_NS, LogFile
-from tests.run._support.robot import COMMAND, LIMIT_S, Ended, Robot, kill, wait_until
+from tests.services._support.battery_log import write_battery_log
+from tests.services.conftest import PROFILE
 
 COUNT = 60
 

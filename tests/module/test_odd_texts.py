@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.run._support.robot import Robot
+from tests._support.robot import Robot
 
 pytestmark = pytest.mark.slow
 

@@ -3,7 +3,6 @@
 import math
 from bisect import bisect_right
 from collections.abc import Iterator
-from contextlib import closing
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
@@ -16,8 +15,8 @@ from robbie_mp.messages import LaserScan
 from robbie_mp.observe import rates_between
 from robbie_mp.transport import layout
 from robbie_mp.transport.histogram import ABSOLUTE_ERROR_S, RELATIVE_ERROR
-from tests.run._support.robot import Robot
-from tests.run._support.top_evidence import (
+from tests._support.robot import robot_in
+from tests.observe._support.top_evidence import (
     BURST,
     CLOCK_TICK_S,
     COUNT,
@@ -33,23 +32,16 @@ from tests.run._support.top_evidence import (
     gathered,
 )
 
+LOAD = Path(__file__).parent / "_support" / "load_modules.py"
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 
 @pytest.fixture(scope="module")
 def evidence(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Evidence]:
-    folder = tmp_path_factory.mktemp("load")
-    (folder / "runtime").mkdir(mode=0o700)
-    (folder / "workspace").mkdir()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder / "runtime"))
-        patch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
-        with closing(Robot(folder / "workspace")) as robot:
-            (robot.folder / "zoo" / "load.py").write_text(
-                (Path(__file__).parent / "_support" / "load_modules.py").read_text()
-            )
-            robot.write_profile("modules:\n  " + "\n  ".join(MODULES) + "\n")
-            yield gathered(robot)
+    with robot_in(tmp_path_factory.mktemp("load")) as robot:
+        (robot.folder / "zoo" / "load.py").write_text(LOAD.read_text())
+        robot.write_profile("modules:\n  " + "\n  ".join(MODULES) + "\n")
+        yield gathered(robot)
 
 
 def quantile_s(times_ns: list[int], fraction: float) -> float:

@@ -18,7 +18,7 @@ import psutil
 from robbie_mp.cli.top_program.feed import RunFeed, Watching
 from robbie_mp.messages import LaserScan
 from robbie_mp.observe import RunObserver, RunReading
-from tests.run._support.robot import COMMAND, Robot, wait_until
+from tests._support.robot import COMMAND, Robot, wait_until
 
 PAIRS = 9
 COUNT = 1680

@@ -10,7 +10,7 @@ from robbie_mp.cli.program import _parser
 from robbie_mp.module.settings import check_settings
 from robbie_mp.profile.load import load_profile
 from robbie_mp.services.playback import Playback
-from tests.playback._support.battery_log import write_battery_log
+from tests.services._support.battery_log import write_battery_log
 
 PROJECT = Path(__file__).parents[2]
 

@@ -1,12 +1,17 @@
-"""When something takes too long, on a clock of the test's own."""
+"""Which time counts against a deadline, and when a child is hung. Waiting for a processor does not count."""
 
+import os
+from pathlib import Path
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.supervisor.deadlines import MAX_STEP_S, HangWatch, RunningTime, RunQueueTime
+from robbie_mp.supervisor.deadlines import MAX_STEP_S, READ_PERIOD_S, HangWatch, RunningTime, RunQueueTime
 from robbie_mp.supervisor.incarnations import Doing
 from robbie_mp.transport.layout import Activity
 
+PID = 77
 HANDLER = Doing(Activity.HANDLER, 3, 1000)
 TEARDOWN = Doing(Activity.TEARDOWN, 0, 1000)
 
@@ -82,3 +87,67 @@ def test_pauses_of_this_process_do_not_count_as_time(steps_s: list[float]) -> No
         assert passed_s <= MAX_STEP_S + 1e-6
         if step_s <= MAX_STEP_S:
             assert abs(passed_s - (now_s - before_now_s)) < 1e-6
+
+
+class Kernel:
+    """A folder that says what proc(5) would."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.queue = RunQueueTime(PID, folder)
+
+    def says(self, thread: int, state: str, ran_s: float, waited_s: float) -> None:
+        folder = self.folder / str(PID) / "task" / str(thread)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "stat").write_text(f"{thread} (a (b) c) {state} 1 1 1")
+        (folder / "schedstat").write_text(f"{round(ran_s * 1e9)} {round(waited_s * 1e9)} 5\n")
+
+
+@pytest.fixture
+def kernel(tmp_path: Path) -> Kernel:
+    return Kernel(tmp_path)
+
+
+def test_only_waiting_since_the_begin_counts(kernel: Kernel) -> None:
+    kernel.says(77, "S", 1.0, 50.0)
+    kernel.queue.begin(10.0)
+    assert kernel.queue.waited_s(10.0) == 0.0
+    kernel.says(77, "S", 2.0, 53.0)
+    assert kernel.queue.waited_s(20.0) == 3.0
+
+
+def test_longest_waiting_thread_counts_even_if_it_is_not_the_main_one(kernel: Kernel) -> None:
+    kernel.says(77, "S", 1.0, 1.0)
+    kernel.queue.begin(10.0)
+    kernel.says(77, "S", 1.0, 1.5)
+    kernel.says(78, "R", 1.0, 4.0)
+    assert kernel.queue.waited_s(20.0) == 4.0
+
+
+def test_thread_that_has_had_no_processor_counts_as_waiting(
+    kernel: Kernel,
+) -> None:
+    """As beside one of real-time priority that never sleeps."""
+    kernel.says(77, "R", 1.0, 1.0)
+    kernel.queue.begin(10.0)
+    assert kernel.queue.waited_s(18.0) == 8.0
+    kernel.says(77, "R", 1.1, 9.2)  # at last it ran, and the kernel counts
+    assert kernel.queue.waited_s(18.2) == pytest.approx(8.2)
+
+
+def test_sleeping_thread_does_not_wait_for_a_processor(kernel: Kernel) -> None:
+    for state in ("S", "D", "T"):
+        kernel.says(77, state, 1.0, 1.0)
+        kernel.queue.begin(10.0)
+        assert kernel.queue.waited_s(18.0) == 0.0
+
+
+def test_ended_process_does_not_wait_for_a_processor(kernel: Kernel) -> None:
+    kernel.queue.begin(10.0)
+    assert kernel.queue.waited_s(10.0 + READ_PERIOD_S) == 0.0
+
+
+def test_kernel_of_this_machine_provides_these_figures() -> None:
+    queue = RunQueueTime(os.getpid())
+    queue.begin(0.0)
+    assert 0.0 <= queue.waited_s(1.0) < 3600.0

@@ -6,12 +6,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
 import psutil
+import pytest
 
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver
@@ -20,6 +21,7 @@ from robbie_mp.trace.reader import entries
 from robbie_mp.transport.segment import SegmentMissing
 from robbie_mp.views.run_figures import as_data
 
+PROJECT = Path(__file__).parents[2]
 ZOO = Path(__file__).parent / "zoo_modules.py"
 COMMAND = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
 LIMIT_S = 100.0
@@ -131,6 +133,19 @@ class Robot:
             for stream in (process.stdout, process.stderr):
                 if stream is not None:
                     stream.close()
+
+
+@contextmanager
+def robot_in(folder: Path) -> Iterator[Robot]:
+    """An empty workspace with the zoo's modules; its runs are listed apart from all others."""
+    runtime, workspace = folder / "runtime", folder / "workspace"
+    runtime.mkdir(mode=0o700)
+    workspace.mkdir()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(runtime))
+        patch.setenv("PYTHONPATH", str(PROJECT))
+        with closing(Robot(workspace)) as robot:
+            yield robot
 
 
 class Ended:

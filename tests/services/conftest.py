@@ -2,10 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.run._support.robot import Robot
-from tests.run.conftest import robot
-
-__all__ = ["player_robot", "robot"]
+from tests._support.robot import Robot
 
 PROFILE = """
 modules:

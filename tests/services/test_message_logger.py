@@ -21,7 +21,7 @@ from robbie_mp.recording.errors import NotALog
 from robbie_mp.recording.format import ChannelCount, ChannelKey, RunMetadata, counts_from_metadata
 from robbie_mp.recording.reader import Log, open_log
 from robbie_mp.services.message_logger import MessageLogger
-from tests.run._support.robot import COMMAND, Ended, Robot, is_running, kill, wait_until
+from tests._support.robot import COMMAND, Ended, Robot, is_running, kill, wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,7 @@ import signal
 import psutil
 import pytest
 
-from tests.run._support.robot import Ended, Robot, wait_until
+from tests._support.robot import Ended, Robot, wait_until
 
 pytestmark = pytest.mark.slow
 

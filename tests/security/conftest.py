@@ -1,3 +1,0 @@
-from tests.run.conftest import robot
-
-__all__ = ["robot"]
