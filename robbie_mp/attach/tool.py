@@ -17,8 +17,7 @@ from robbie_mp.linux.forks import keep_from_forks
 from robbie_mp.messages import Message
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.outbox import Outbox
-from robbie_mp.observe.channel_counters import ChannelCounters
-from robbie_mp.observe.channel_names import ChannelNames
+from robbie_mp.observe.channels import ChannelCounters, ChannelNames
 from robbie_mp.run.control import ControlRefused, RunNotControlled, converse
 from robbie_mp.run.plan import TOOL_MEMORY_BYTES, RunPlan
 from robbie_mp.run.run_directory import KnownRun

@@ -78,8 +78,7 @@ def logs(prefix: str, **_: object) -> list[str]:
 
 def log_topics(parsed_args: argparse.Namespace, **_: object) -> list[str]:
     """Return the topics of the log on the command line."""
-    from robbie_mp.recording.reader import open_log  # noqa: PLC0415
-    from robbie_mp.recording.selection import channel_name  # noqa: PLC0415
+    from robbie_mp.recording.reader import channel_name, open_log  # noqa: PLC0415
 
     try:
         with open_log(getattr(parsed_args, "log", None) or parsed_args.a) as log:

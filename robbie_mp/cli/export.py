@@ -24,9 +24,8 @@ from robbie_mp.messages.errors import DecodeError, SchemaError
 from robbie_mp.recording.columns import Columns, columns
 from robbie_mp.recording.decoding import logged_type
 from robbie_mp.recording.errors import LogNotWritten, NotDecodable
-from robbie_mp.recording.reader import Log, LogChannel, open_log
+from robbie_mp.recording.reader import Log, LogChannel, channel_name, open_log, select
 from robbie_mp.recording.repair import Progress
-from robbie_mp.recording.selection import channel_name, select
 from robbie_mp.views.message_text import FieldPath, flat, to_csv
 
 if TYPE_CHECKING:

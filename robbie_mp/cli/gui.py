@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.attach.tool import RunEnded
 from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.program import signals_noted
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.cli.signals import signals_noted
 from robbie_mp.module.settings import SettingError
 from robbie_mp.profile.problem import refuse
 from robbie_mp.profile.reader import read_text

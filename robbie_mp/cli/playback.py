@@ -1,14 +1,22 @@
-"""`robbie playback ORDER`: control the playback of a run."""
+"""`robbie playback ORDER`: control the playback of a run, by an order or by single keys."""
 
 import argparse
+import math
+import os
+import re
 import secrets
-from contextlib import closing
+import select
+import sys
+import termios
+import tty
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
-from robbie_mp.attach.tool import Tool
+from robbie_mp.attach.tool import RunEnded, Tool
+from robbie_mp.cli.output import print_in_place
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.play import rate
-from robbie_mp.cli.playback_keys import steer_with_keys
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import PlaybackControl, PlaybackState
@@ -21,10 +29,20 @@ if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
 TIMEOUT_S = 5.0
+HELP = "space: pause or resume   .: step   ←, →: 5 s   -, +: rate   m: as fast as possible   q: quit"
+KEY = re.compile(rb"\x1b\[[A-D]|.", re.DOTALL)
+QUIT = b"q"
+LEFT, RIGHT = b"\x1b[D", b"\x1b[C"
+SEEK_S = 5.0
+LOOK_EVERY_S = 0.05
 
 
 class NoPlayback(RobbieError, TimeoutError):
     """No playback in the run has answered."""
+
+
+class NoTerminal(RobbieError, OSError):
+    """Keys can be read from a terminal alone."""
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -65,7 +83,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "Control it with single keys.",
         ["robbie playback keys"],
     )
-    keys.set_defaults(command=steer_by_keys)
+    keys.set_defaults(command=steer_with_keys)
     add_run_argument(keys)
     for order in (seek, pace):
         add_run_argument(order)
@@ -76,11 +94,6 @@ def steer(arguments: argparse.Namespace) -> int:
     state = give_order(choose_run(arguments.run), arguments.order, getattr(arguments, "value", 0.0))
     print(describe_playback(state))
     return 0
-
-
-def steer_by_keys(arguments: argparse.Namespace) -> int:
-    """Take orders from the keyboard."""
-    return steer_with_keys(choose_run(arguments.run), describe_playback)
 
 
 def give_order(run: KnownRun, order: str, value: float) -> PlaybackState:
@@ -116,3 +129,70 @@ def _plays(run: KnownRun) -> bool:
     """Whether a playback has started."""
     declared = read_declarations(run.run_id)
     return any(entry.is_publisher and entry.type_name == PlaybackState.type_name for entry in declared)
+
+
+def order_of(key: bytes, state: PlaybackState) -> PlaybackControl | None:
+    """Return the order that a key gives to a playback; None if the key means nothing."""
+    begin_ns = state.begin.nanoseconds
+    at_s, end_s = ((time.nanoseconds - begin_ns) / 1e9 for time in (state.position, state.end))
+    speed = state.rate if math.isfinite(state.rate) else 1.0
+    orders = {
+        b" ": ("resume" if state.paused else "pause", 0.0),
+        b".": ("step", 0.0),
+        LEFT: ("seek", max(0.0, at_s - SEEK_S)),
+        RIGHT: ("seek", min(end_s, at_s + SEEK_S)),
+        b"-": ("rate", speed / 2),
+        b"+": ("rate", speed * 2),
+        b"m": ("rate", math.inf),
+    }
+    if key not in orders:
+        return None
+    command, value = orders[key]
+    return PlaybackControl(command=command, value=value)
+
+
+def steer_with_keys(arguments: argparse.Namespace) -> int:
+    """Take orders from the keyboard until `q`, or until the run ends.
+
+    Raises:
+        NoTerminal: there is none.
+    """
+    run = choose_run(arguments.run)
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise NoTerminal("keys are read from a terminal; without one give orders: robbie playback pause")
+    print(HELP)
+    with closing(Tool(run, "robbie playback keys")) as tool, _single_keys() as terminal:
+        tool.subscribe(PlaybackState.type_name, PlaybackState.version)
+        tool.ready()
+        state, shown = PlaybackState(), ""
+        try:
+            while True:
+                ready, _, _ = select.select([terminal], [], [], LOOK_EVERY_S)
+                for key in KEY.findall(os.read(terminal, 64)) if ready else ():
+                    if key == QUIT:
+                        return 0
+                    if order := order_of(key, state):
+                        tool.publish(order, "")
+                while received := tool.take():
+                    state = PlaybackState.decode(received.data)
+                line = f"{describe_playback(state)}  {state.error}" if state.file else ""
+                if line != shown:
+                    print_in_place(line)
+                    shown = line
+                tool.wait(0.0)
+        except RunEnded:
+            return 0
+        finally:
+            print()
+
+
+@contextmanager
+def _single_keys() -> Iterator[int]:
+    """Have each key delivered at once and not shown; Ctrl-C works as always."""
+    terminal = sys.stdin.fileno()
+    before = termios.tcgetattr(terminal)
+    tty.setcbreak(terminal)
+    try:
+        yield terminal
+    finally:
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)

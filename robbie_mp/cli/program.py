@@ -2,9 +2,11 @@
 
 import argparse
 import os
+import signal
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 
 from robbie_mp.cli.output import plain_output
@@ -108,3 +110,18 @@ def _parser(first: Sequence[str]) -> argparse.ArgumentParser:
     for command in first if first and first[0] in COMMANDS else COMMANDS:
         import_module(f"robbie_mp.cli.{command.replace('-', '_')}").add_parser(subparsers)
     return parser
+
+
+@contextmanager
+def signals_noted() -> Iterator[list[int]]:
+    """Collect SIGINT and SIGTERM in the list that is yielded, instead of ending the process."""
+    noted: list[int] = []
+    before = {
+        number: signal.signal(number, lambda received, _frame: noted.append(received))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield noted
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 
 from robbie_mp.cli.echo import add_topic_argument
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.observe.channel_counters import ChannelCount, ChannelCounters
+from robbie_mp.observe.channels import ChannelCount, ChannelCounters
 from robbie_mp.transport import names
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment

@@ -18,12 +18,12 @@ from robbie_mp.capture.selection import Selection
 from robbie_mp.cli import completers
 from robbie_mp.cli.info import print_log
 from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.program import signals_noted
 from robbie_mp.cli.runs import add_run_argument, choose_run
-from robbie_mp.cli.signals import signals_noted
 from robbie_mp.errors import RobbieError
 from robbie_mp.linux.priority import lower_priority
+from robbie_mp.recording.chunk import Compression
 from robbie_mp.recording.chunk_queue import BufferLimits
-from robbie_mp.recording.compression import Compression
 from robbie_mp.recording.disk_budget import DiskBudget
 from robbie_mp.recording.format import ChannelKey
 from robbie_mp.recording.log_writer import LogWriter, Split

@@ -1,9 +1,13 @@
 """The figures of a run at one moment: counters since its start, and current values."""
 
+import os
 from dataclasses import dataclass
 
-from robbie_mp.observe.machine import MachineReading
+import psutil
+
 from robbie_mp.transport.histogram import Histogram
+
+SHARED_MEMORY = "/dev/shm"
 
 
 @dataclass(frozen=True)
@@ -174,6 +178,35 @@ class SegmentFigures:
 
 
 @dataclass(frozen=True)
+class MachineReading:
+    """The figures of the machine at one moment."""
+
+    cpu_busy_s: tuple[float, ...]
+    """Time used on each processor since the machine started."""
+    load: tuple[float, float, float]
+    """Mean number of processes that ran or were ready to run, over the last 1, 5 and 15 minutes."""
+    memory_available_bytes: int
+    memory_total_bytes: int
+    shared_memory_used_bytes: int
+    """Used bytes of /dev/shm, by all processes."""
+    shared_memory_total_bytes: int
+
+    @classmethod
+    def now(cls) -> "MachineReading":
+        """Read the machine's figures now."""
+        memory = psutil.virtual_memory()
+        shared = os.statvfs(SHARED_MEMORY)
+        return cls(
+            cpu_busy_s=tuple(_busy_s(times) for times in psutil.cpu_times(percpu=True)),
+            load=os.getloadavg(),
+            memory_available_bytes=memory.available,
+            memory_total_bytes=memory.total,
+            shared_memory_used_bytes=(shared.f_blocks - shared.f_bfree) * shared.f_frsize,
+            shared_memory_total_bytes=shared.f_blocks * shared.f_frsize,
+        )
+
+
+@dataclass(frozen=True)
 class RunReading:
     """All figures of a run at one moment."""
 
@@ -191,3 +224,8 @@ class RunReading:
     def module(self, name: str) -> ModuleFigures | None:
         """Return the figures of a module; None if there is no such module."""
         return next((module for module in self.modules if module.name == name), None)
+
+
+def _busy_s(times: "psutil._ntuples.scputimes") -> float:
+    # `user` already includes the time of guests.
+    return float(times.user + times.nice + times.system + times.irq + times.softirq + times.steal)

@@ -11,13 +11,13 @@ from robbie_mp.linux.proc import ProcessUsage, read_usage
 from robbie_mp.observe.figures import (
     ChannelFigures,
     CoreFigures,
+    MachineReading,
     ModuleFigures,
     RunReading,
     SegmentFigures,
     SubscriptionFigures,
     WorkHistograms,
 )
-from robbie_mp.observe.machine import MachineReading
 from robbie_mp.observe.module_memory import NO_WORDS, ModuleMemory
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board

@@ -5,8 +5,7 @@ from fnmatch import fnmatchcase
 
 from robbie_mp.messages import PlaybackControl, PlaybackState, Tick, TimeJump
 from robbie_mp.recording.format import MESSAGE_ENCODING
-from robbie_mp.recording.reader import LogChannel
-from robbie_mp.recording.selection import select
+from robbie_mp.recording.reader import LogChannel, select
 
 NEVER = {kind.type_name for kind in (PlaybackControl, PlaybackState, Tick, TimeJump)}
 """The times that an earlier run published; they would contradict the time of the present run."""

@@ -1,8 +1,12 @@
-"""Messages that will be written to a log, laid out as in one of its chunks."""
+"""A chunk of a log while it is filled: messages laid out as in the file, and how they are compressed."""
 
 import struct
 from array import array
+from collections.abc import Sequence
+from enum import StrEnum
 
+import lz4.frame
+import zstandard
 from mcap.opcode import Opcode
 
 RECORD_HEAD = struct.Struct("<BQHIQQ")
@@ -11,6 +15,8 @@ RECORD_HEAD_BYTES = RECORD_HEAD.size
 _CONTENT_HEAD_BYTES = RECORD_HEAD.size - 9  # without opcode and length
 _MESSAGE = int(Opcode.MESSAGE)
 _pack = RECORD_HEAD.pack
+ZSTD_LEVEL = 1
+"""Compression level: a robot has little time for it."""
 
 
 class Chunk:
@@ -63,3 +69,30 @@ class Chunk:
     def counts(self) -> dict[int, int]:
         """Return the number of messages of each channel in the chunk."""
         return {channel_id: len(entries) // 2 for channel_id, entries in self.index.items()}
+
+
+class Compression(StrEnum):
+    """How the chunks of a log are compressed."""
+
+    ZSTD = "zstd"
+    LZ4 = "lz4"
+    NONE = "none"
+
+    @property
+    def mcap_name(self) -> str:
+        """The name of the compression in a chunk."""
+        return "" if self is Compression.NONE else str(self)
+
+
+def compress(pieces: Sequence[bytes | bytearray], compression: Compression) -> list[bytes | bytearray]:
+    """Compress pieces as if they were one; without compression, nothing is copied."""
+    size = sum(map(len, pieces))
+    match compression:
+        case Compression.ZSTD:
+            stream = zstandard.ZstdCompressor(level=ZSTD_LEVEL).compressobj(size=size)
+            return [*(stream.compress(piece) for piece in pieces), stream.flush()]
+        case Compression.LZ4:
+            frame = lz4.frame.LZ4FrameCompressor()
+            return [frame.begin(size), *(frame.compress(piece) for piece in pieces), frame.flush()]
+        case _:
+            return list(pieces)

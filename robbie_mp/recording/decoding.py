@@ -3,9 +3,8 @@
 from robbie_mp.messages import Message, TypeRegistry, message_type_from_schema, stock_registry
 from robbie_mp.messages.versions import VersionDecoder
 from robbie_mp.recording.errors import NotDecodable
-from robbie_mp.recording.foreign import version_of_foreign
 from robbie_mp.recording.format import MESSAGE_ENCODING
-from robbie_mp.recording.reader import LogChannel, LoggedMessage
+from robbie_mp.recording.reader import LogChannel, LoggedMessage, version_of_foreign
 
 
 def logged_type(channel: LogChannel) -> type[Message]:

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from robbie_mp.linux.private_files import make_private_folder
-from robbie_mp.recording.chunk import Chunk
-from robbie_mp.recording.compression import Compression
+from robbie_mp.recording.chunk import Chunk, Compression
 from robbie_mp.recording.disk_budget import LIBRARY, DiskBudget
 from robbie_mp.recording.format import (
     COUNTS_METADATA,

@@ -31,8 +31,7 @@ from mcap.records import (
 )
 
 from robbie_mp.recording.appended_file import AppendedFile
-from robbie_mp.recording.chunk import Chunk
-from robbie_mp.recording.compression import Compression, compress
+from robbie_mp.recording.chunk import Chunk, Compression, compress
 from robbie_mp.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING, ChannelKey, TopicNames
 from robbie_mp.recording.mcap_records import MAGIC
 

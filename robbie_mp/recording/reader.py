@@ -1,18 +1,24 @@
-"""Reads logs: messages in the order in which they were recorded, from one file or a folder of parts."""
+"""Reads logs: messages in the order in which they were recorded, from one file or a folder of parts.
 
-from collections.abc import Iterable, Iterator
+A channel can be selected by its name. Logs from other programs state no versions; this finds them.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import NamedTuple, Self
 
 from mcap.records import Channel
 
+from robbie_mp.messages import Message, message_type_from_schema
+from robbie_mp.messages.errors import MessageError
 from robbie_mp.messages.registry import TypeRegistry, full_name
+from robbie_mp.messages.schema import layout
 from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.recording.contents import Contents
 from robbie_mp.recording.errors import NotALog
-from robbie_mp.recording.foreign import version_of_foreign
 from robbie_mp.recording.format import (
     MESSAGE_ENCODING,
     PART_NAME,
@@ -180,6 +186,34 @@ def open_log(path: Path, limits: ReadLimits = READ_LIMITS) -> Log:
     return log
 
 
+def channel_name(channel: LogChannel) -> str:
+    """Return the name of a channel: its topic, or without one the last part of its type."""
+    return channel.topic or channel.type_name.rpartition("/")[2]
+
+
+def select(channels: Iterable[LogChannel], patterns: Sequence[str]) -> tuple[list[LogChannel], list[str]]:
+    """Choose channels by shell patterns of their names.
+
+    Args:
+        channels: the channels to choose from.
+        patterns: such as `laser/*` or `Odometry`; a leading slash is ignored. Without patterns: all channels.
+
+    Returns:
+        The channels, and the patterns that match no channel.
+    """
+    every = list(channels)
+    if not patterns:
+        return every, []
+    names = {channel.id: channel_name(channel) for channel in every}
+    matches = {
+        pattern: {id_ for id_, name in names.items() if fnmatchcase(name, pattern.removeprefix("/"))}
+        for pattern in patterns
+    }
+    chosen = set().union(*matches.values())
+    unmatched = [pattern for pattern, ids in matches.items() if not ids]
+    return [channel for channel in every if channel.id in chosen], unmatched
+
+
 def part_files(path: Path) -> list[Path]:
     """Return the files of a log, in order; of a repaired part, only the repaired file.
 
@@ -229,3 +263,16 @@ def _log_channel(contents: Contents, channel: Channel, stock: TypeRegistry) -> L
 
 def _foreign_version(type_name: str, schema: str, stock: TypeRegistry) -> int:
     return version_of_foreign(stock.get(type_name), schema) if schema and type_name in stock else 1
+
+
+def version_of_foreign(ours: type[Message], schema: str) -> int:
+    """Return the version of a type with a ros2msg text: our class's if both have the same layout, else 1."""
+    return ours.version if has_layout(ours, schema) else 1
+
+
+def has_layout(ours: type[Message], schema: str) -> bool:
+    """Return whether a ros2msg text describes the layout of our class of that name."""
+    try:
+        return layout(message_type_from_schema(ours.type_name, schema)) == layout(ours)
+    except MessageError:
+        return False

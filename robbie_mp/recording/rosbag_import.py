@@ -4,11 +4,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from robbie_mp.messages import TypeRegistry, message_type_from_schema, schema_text, stock_registry
-from robbie_mp.messages.errors import MessageError
-from robbie_mp.messages.schema import layout
+from robbie_mp.messages import TypeRegistry, schema_text, stock_registry
 from robbie_mp.recording.conversion import Conversion, NewChannel, converted_log
 from robbie_mp.recording.errors import BagUnreadable
+from robbie_mp.recording.reader import has_layout
 from robbie_mp.recording.repair import Progress
 
 if TYPE_CHECKING:
@@ -127,8 +126,4 @@ def _our_schema(stock: TypeRegistry, type_name: str, schema: str) -> str:
     if type_name not in stock:
         return schema
     ours = stock.get(type_name)
-    try:
-        theirs = message_type_from_schema(type_name, schema)
-    except MessageError:
-        return schema
-    return schema_text(ours) if layout(theirs) == layout(ours) else schema
+    return schema_text(ours) if has_layout(ours, schema) else schema

@@ -13,9 +13,9 @@ from robbie_mp.messages import ModuleState
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting
 from robbie_mp.module.settings import SettingError
-from robbie_mp.observe.channel_counters import ChannelCounters, messages_missed
+from robbie_mp.observe.channels import ChannelCounters, messages_missed
+from robbie_mp.recording.chunk import Compression
 from robbie_mp.recording.chunk_queue import BufferLimits
-from robbie_mp.recording.compression import Compression
 from robbie_mp.recording.disk_budget import DiskBudget
 from robbie_mp.recording.format import ChannelKey
 from robbie_mp.recording.log_writer import LogWriter, Split

@@ -17,8 +17,7 @@ from robbie_mp.playback.tape import Tape
 from robbie_mp.playback.translation import RunTypes, Translation, translation_of
 from robbie_mp.recording.errors import LogError
 from robbie_mp.recording.limits import MEGABYTE, READ_LIMITS, ReadLimits
-from robbie_mp.recording.reader import Log, LogChannel, open_log
-from robbie_mp.recording.selection import channel_name
+from robbie_mp.recording.reader import Log, LogChannel, channel_name, open_log
 from robbie_mp.run.lockstep import ClockSource
 from robbie_mp.run.plan import CORE, RunPlan
 from robbie_mp.run.run_clock import MAX_RATE, ClockWriter

@@ -30,8 +30,7 @@ from robbie_mp.module.ticks import (
     Ticks,
     TimedTicks,
 )
-from robbie_mp.observe.channel_counters import messages_waiting
-from robbie_mp.observe.channel_names import ChannelNames
+from robbie_mp.observe.channels import ChannelNames, messages_waiting
 from robbie_mp.profile.check import load_class
 from robbie_mp.run.lockstep import ClockSource, Lockstep
 from robbie_mp.run.plan import PlannedModule, RunPlan

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.cli.module_log import read_module_log
+from robbie_mp.cli.top_program.details import read_module_log
 from robbie_mp.trace.crash import CrashFolder, CrashReport, LastWords, report_name, report_place
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind

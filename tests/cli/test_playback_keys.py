@@ -5,7 +5,7 @@ import math
 import pytest
 
 from robbie_mp import Time
-from robbie_mp.cli.playback_keys import KEY, LEFT, RIGHT, order_of
+from robbie_mp.cli.playback import KEY, LEFT, RIGHT, order_of
 from robbie_mp.messages import PlaybackState
 
 BEGIN_S = 1_700_000_000

@@ -13,7 +13,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from robbie_mp.messages import LaserScan, Odometry
-from robbie_mp.recording.compression import Compression
+from robbie_mp.recording.chunk import Compression
 from robbie_mp.recording.format import ChannelKey, RunMetadata, counts_from_metadata, part_path
 from robbie_mp.recording.info import describe
 from robbie_mp.recording.log_writer import Split

@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.recording import recorder as recorder_module
-from robbie_mp.recording.chunk import Chunk
+from robbie_mp.recording.chunk import Chunk, Compression
 from robbie_mp.recording.chunk_queue import BufferLimits, ChunkQueue
-from robbie_mp.recording.compression import Compression
 from robbie_mp.recording.disk_budget import DiskBudget
 from robbie_mp.recording.format import ChannelKey
 from robbie_mp.recording.log_writer import LogWriter, Split

@@ -22,7 +22,7 @@ from robbie_mp.messages import DriveCommand, Image
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
-from robbie_mp.observe.channel_names import ChannelNames
+from robbie_mp.observe.channels import ChannelNames
 from robbie_mp.transport import layout
 from robbie_mp.transport.endpoint import Endpoint, EndpointMemory
 from robbie_mp.transport.records import Outbound

@@ -11,7 +11,7 @@ from robbie_mp.messages import Image
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.inbox import PINNED_SHARE, Inbox
 from robbie_mp.module.outbox import Outbox
-from robbie_mp.observe.channel_names import ChannelNames
+from robbie_mp.observe.channels import ChannelNames
 from robbie_mp.supervisor.memory import unlink_data_segments
 from robbie_mp.transport import layout
 from robbie_mp.transport.run_memory import make_block_store, make_views

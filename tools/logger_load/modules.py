@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from robbie_mp import EncodedMessage, Message, Module, setting
 from robbie_mp.messages import DriveCommand, Image, PoseStamped, TwistStamped
-from robbie_mp.recording.chunk import Chunk
-from robbie_mp.recording.compression import Compression, compress
+from robbie_mp.recording.chunk import Chunk, Compression, compress
 from robbie_mp.recording.format import ChannelKey
 from robbie_mp.recording.log_writer import LogWriter
 from robbie_mp.recording.part_writer import RecordedChannel

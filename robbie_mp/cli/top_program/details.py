@@ -1,6 +1,8 @@
 """All figures of one module: its activity, durations, message counters, log and last crash."""
 
+import time
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -12,9 +14,10 @@ from textual.containers import VerticalScroll
 from textual.screen import Screen
 from textual.widgets import Footer, Static
 
-from robbie_mp.cli.module_log import read_module_log
 from robbie_mp.cli.top_program.feed import History, Snapshot
 from robbie_mp.observe import ModuleFigures
+from robbie_mp.trace.entry import Entry
+from robbie_mp.trace.reader import crash_reports, last_entries
 from robbie_mp.views.plain_table import PlainTable
 from robbie_mp.views.process_table import ALARM, ModuleRow, doing, module_rows
 from robbie_mp.views.quantities import long_time, rate, seconds, size, sparkline
@@ -22,6 +25,7 @@ from robbie_mp.views.run_figures import STYLES, state_name
 from robbie_mp.visible_text import one_line
 
 LOG_LINES = 20
+CRASH_LINES = 60
 TREND_WIDTH = 30
 TIMES = {"latency": "latency", "handler": "handler", "lateness": "tick late", "tick": "tick"}
 
@@ -165,3 +169,41 @@ def _table(first: str, *headings: str) -> PlainTable:
     for heading in headings:
         table.add_column(heading, justify="right")
     return table
+
+
+@dataclass(frozen=True)
+class ModuleLog:
+    """The end of a module's log."""
+
+    lines: tuple[str, ...]
+    """The last lines, each entry with its time."""
+    crash: tuple[str, ...]
+    """Which start crashed, when and why, then the report; empty if there was no crash."""
+
+
+def read_module_log(output_directory: Path, module: str, line_count: int) -> ModuleLog:
+    """Read the end of a module's log. Missing files are no error.
+
+    Args:
+        output_directory: of the run.
+        module: its name, or "core".
+        line_count: maximum number of lines.
+    """
+    entries = last_entries(output_directory, module, line_count)
+    lines = [f"{_clock(entry.time_s)} {line}" for entry in entries for line in _lines(entry)]
+    return ModuleLog(tuple(lines[-line_count:]), _last_crash(output_directory, module))
+
+
+def _lines(entry: Entry) -> list[str]:
+    return [entry.text] if entry.crash_report else entry.lines()
+
+
+def _last_crash(output_directory: Path, module: str) -> tuple[str, ...]:
+    for report in crash_reports(output_directory, module, newest=1):
+        title = f"start {report.incarnation}, {_clock(report.time_s)}, {report.reason}"
+        return (title, *report.lines()[1:CRASH_LINES])
+    return ()
+
+
+def _clock(time_s: float) -> str:
+    return time.strftime("%H:%M:%S", time.localtime(time_s))

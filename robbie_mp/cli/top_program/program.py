@@ -3,19 +3,19 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
+from rich.segment import Segment
 from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
+from textual.color import Color
 from textual.containers import VerticalScroll
 from textual.filter import LineFilter
-from textual.screen import Screen
+from textual.screen import ModalScreen, Screen
 from textual.widgets import ContentSwitcher, DataTable, Footer, Input, Static
 
-from robbie_mp.cli.top_program.confirmation import Confirmation
 from robbie_mp.cli.top_program.details import Details
 from robbie_mp.cli.top_program.feed import RunFeed, Snapshot, Watching
 from robbie_mp.cli.top_program.figures_table import FiguresTable
-from robbie_mp.cli.top_program.plain_filter import PlainFilter
 from robbie_mp.errors import RobbieError
 from robbie_mp.run.control import control
 from robbie_mp.views.process_table import (
@@ -30,7 +30,7 @@ from robbie_mp.views.process_table import (
     totals_line,
 )
 from robbie_mp.views.quantities import sparkline
-from robbie_mp.visible_text import one_line, visible
+from robbie_mp.visible_text import one_line, visible, without_controls
 
 if TYPE_CHECKING:
     from textual.notifications import SeverityLevel
@@ -332,3 +332,39 @@ def _nothing(shown: Snapshot) -> Text:
         ]
         return Text("\n".join(["There are several runs; n shows the next one:", "", *lines]))
     return Text("There is no such run. `robbie run PROFILE` starts one, which is then shown here.")
+
+
+class Confirmation(ModalScreen[bool]):
+    """A question to be answered with y or n."""
+
+    CSS = """
+    Confirmation { align: center middle; }
+    Confirmation > Static { width: auto; padding: 1 3; border: round $warning; background: $surface; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("y", "dismiss(True)", "Yes"),
+        Binding("n,escape,q", "dismiss(False)", "No"),
+    ]
+
+    def __init__(self, question: str):
+        super().__init__()
+        self.question = question
+
+    def compose(self) -> ComposeResult:
+        """Build the question."""
+        yield Static(f"{one_line(self.question)}\n\ny: yes   n: no", markup=False)
+
+
+class PlainFilter(LineFilter):
+    """Removes characters that a terminal would obey.
+
+    Tables and lines make such characters visible when they take in a text. This filter catches any that they
+    missed. It cannot show them, because every character already has its place on the screen.
+    """
+
+    def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
+        """Return the segments without control characters."""
+        return [
+            segment if segment.control else Segment(without_controls(segment.text), segment.style)
+            for segment in segments
+        ]

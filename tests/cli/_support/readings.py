@@ -16,7 +16,7 @@ from robbie_mp.observe import (
     WorkHistograms,
     rates_between,
 )
-from robbie_mp.observe.machine import MachineReading
+from robbie_mp.observe.figures import MachineReading
 from robbie_mp.run.run_directory import KnownRun, RunRecord
 from robbie_mp.transport.histogram import Histogram
 from robbie_mp.transport.layout import HISTOGRAM_BUCKETS

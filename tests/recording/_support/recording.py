@@ -10,8 +10,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from robbie_mp import Header, Time
 from robbie_mp.messages import LaserScan, Odometry, schema_text
-from robbie_mp.recording.chunk import Chunk
-from robbie_mp.recording.compression import Compression
+from robbie_mp.recording.chunk import Chunk, Compression
 from robbie_mp.recording.disk_budget import DiskBudget
 from robbie_mp.recording.format import ChannelKey, RunMetadata
 from robbie_mp.recording.log_writer import LogWriter, Split

@@ -1,11 +1,32 @@
-"""The core's count of what has passed through each channel; reading it costs the robot nothing."""
+"""The channels in the core's tables: their names, and the count of what has passed through each.
+
+Reading them costs the robot nothing.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from robbie_mp.observe.channel_names import ChannelNames
 from robbie_mp.transport.tables import ChannelName, CoreTables, SubscriptionCounts
 from robbie_mp.transport.words import Words
+
+
+class ChannelNames:
+    """Reads the row of each channel once: channels are never closed or renamed.
+
+    Args:
+        words: the core segment.
+    """
+
+    def __init__(self, words: Words):
+        self._tables = CoreTables.attach(words)
+        self._known: dict[int, ChannelName] = {}
+
+    def __call__(self, channel: int) -> ChannelName:
+        """Return the name of a channel; the core opens a channel before it routes any of its messages."""
+        known = self._known.get(channel)
+        if known is None:
+            known = self._known[channel] = self._tables.channel_row(channel).name
+        return known
 
 
 @dataclass(frozen=True)
