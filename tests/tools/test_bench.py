@@ -19,10 +19,10 @@ from tools.bench.contender import PeerContender, Trouble, wait_for_end
 from tools.bench.load import Bus, measure_bus
 from tools.bench.options import Options, peer, read_variant
 from tools.bench.peers.peer import Peer
+from tools.bench.processes import mapped_names, remove_unmapped
 from tools.bench.robbie import RobbieContender, scheduling_of
 from tools.bench.robbie_modules import FLAT_OUT_OUTSTANDING
 from tools.bench.rounds import Series, run_rounds, run_work
-from tools.bench.shared_memory import mapped_names, remove_unmapped
 from tools.bench.work import Work
 
 WORK = Work("", Path(), count=30, warm_up=3)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tools.bench import record
 from tools.bench.peers.peer import Peer
-from tools.bench.shared_memory import mapped_names, remove_unmapped
+from tools.bench.processes import mapped_names, remove_unmapped
 from tools.bench.work import Work
 
 REPOSITORY = Path(__file__).parents[2]

@@ -12,9 +12,9 @@ import psutil
 
 from tools.bench import record
 from tools.bench.contender import PeerContender, Trouble, wait_for_end, work_folder
-from tools.bench.cpu import family, measure_cpu_ns, process_ns
 from tools.bench.goals import ALONE
 from tools.bench.options import Options, peers
+from tools.bench.processes import family, measure_cpu_ns, process_ns
 from tools.bench.robbie import RobbieContender
 from tools.bench.rounds import Series, run_rounds
 from tools.bench.work import Work

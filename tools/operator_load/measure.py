@@ -17,7 +17,7 @@ import yaml
 from robbie_mp.observe.figures import RunReading
 from robbie_mp.observe.rates import rates_between
 from tools.bench.contender import work_folder
-from tools.bench.cpu import family
+from tools.bench.processes import family
 from tools.kill_campaign.robot import REPOSITORY, Robot
 from tools.logger_load.measure import latency_of
 from tools.operator_load import ROLES, token_of

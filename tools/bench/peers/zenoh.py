@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tools.bench.peers.peer import Handle, Peer, Send
-from tools.bench.shared_memory import remove_unmapped
+from tools.bench.processes import remove_unmapped
 from tools.bench.work import Work
 
 PROBE = struct.Struct("qqdddddd")

@@ -1,4 +1,4 @@
-"""Processor time of processes in nanoseconds, as the kernel's scheduler counts it."""
+"""Processor time of processes, as the kernel's scheduler counts it, and their names in /dev/shm."""
 
 import contextlib
 import time
@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import psutil
+
+FOLDER = "/dev/shm/"
 
 
 def thread_times_ns(pids: Iterable[int]) -> dict[Path, int]:
@@ -43,3 +45,21 @@ def family(*pids: int) -> list[int]:
 def process_ns(pid: int) -> int:
     """Return the processor time that the threads of one process have used so far, in ns."""
     return sum(thread_times_ns([pid]).values())
+
+
+def mapped_names(pids: Iterable[int]) -> set[Path]:
+    """Return the names that processes have mapped, including those of semaphores."""
+    names = set()
+    for pid in pids:
+        with contextlib.suppress(OSError):  # the process has ended, or belongs to another user
+            for line in Path(f"/proc/{pid}/maps").read_text().splitlines():
+                _, found, name = line.partition(FOLDER)
+                if found:
+                    names.add(Path(FOLDER + name.removesuffix(" (deleted)")))
+    return names
+
+
+def remove_unmapped(names: Iterable[Path]) -> None:
+    """Remove those of the names that no process has mapped."""
+    for name in set(names) - mapped_names(psutil.pids()):
+        name.unlink(missing_ok=True)
