@@ -81,25 +81,32 @@ def converted_log(target: Path, source: Path) -> Iterator[Conversion]:
     Raises:
         LogNotWritten: the target exists, or cannot be written.
     """
+    with new_log_file(target) as file:
+        writer = Writer(file)
+        writer.start(PROFILE, LIBRARY)
+        writer.add_metadata(IMPORT_METADATA, {"source": source.name})
+        yield Conversion(writer)
+        writer.finish()  # type: ignore[no-untyped-call]
+        file.flush()
+        os.fsync(file.fileno())
+
+
+@contextlib.contextmanager
+def new_log_file(target: Path) -> Iterator[BinaryIO]:
+    """Make a file for a log, and remove it if this context ends with an error.
+
+    Raises:
+        LogNotWritten: the target exists, or cannot be written.
+    """
     try:
         file = make_private_file(target)
     except OSError as error:
         raise LogNotWritten(f"{target} cannot be written: {error.strerror}") from error
     try:
         with file:
-            writer = Writer(file)
-            writer.start(PROFILE, LIBRARY)
-            writer.add_metadata(IMPORT_METADATA, {"source": source.name})
-            yield Conversion(writer)
-            _finish(writer, file)
+            yield file
     except BaseException as error:
         target.unlink()
         if isinstance(error, OSError) and not isinstance(error, LogError):
             raise LogNotWritten(f"{target} cannot be written: {error.strerror}") from error
         raise
-
-
-def _finish(writer: Writer, file: BinaryIO) -> None:
-    writer.finish()  # type: ignore[no-untyped-call]
-    file.flush()
-    os.fsync(file.fileno())

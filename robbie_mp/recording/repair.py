@@ -11,9 +11,9 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from robbie_mp.linux.private_files import make_private_file
 from robbie_mp.recording.contents import Contents
-from robbie_mp.recording.errors import LogIncomplete, LogNotWritten, RepairFailed
+from robbie_mp.recording.conversion import new_log_file
+from robbie_mp.recording.errors import LogIncomplete, RepairFailed
 from robbie_mp.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.recording.part import LogPart
 from robbie_mp.recording.reader import REPAIRED_SUFFIX
@@ -66,19 +66,8 @@ def repair(source: Path, target: Path, progress: Progress, limits: ReadLimits = 
     with LogPart(source, limits, trust_summary=False) as part:
         if part.is_being_written:
             raise LogIncomplete(f"{source} is still being written; repair it when the recording has ended")
-        try:
-            file = make_private_file(target)
-        except OSError as error:
-            raise LogNotWritten(f"{target} cannot be written: {error.strerror}") from error
-        try:
-            with file:
-                return _write_and_check(part, file, target, progress)
-        except OSError as error:
-            target.unlink()
-            raise LogNotWritten(f"{target} cannot be written: {error.strerror}") from error
-        except BaseException:
-            target.unlink()
-            raise
+        with new_log_file(target) as file:
+            return _write_and_check(part, file, target, progress)
 
 
 def _write_and_check(part: LogPart, file: BinaryIO, target: Path, progress: Progress) -> Repair:

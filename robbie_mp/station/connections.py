@@ -141,8 +141,8 @@ class Connections:
         cast(asyncio.Transport, connection.transport).abort()
 
 
-class BoundedHttp(H11Protocol):
-    """A connection on which every request must be complete within a limit.
+class _Counted(asyncio.Protocol):
+    """Counts a connection while it is open, before a protocol of uvicorn handles it.
 
     Args:
         rooms: where the connection is counted.
@@ -153,20 +153,35 @@ class BoundedHttp(H11Protocol):
         super().__init__(**more)
         self._rooms = rooms
         self._connection: Connection | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Count it."""
+        super().connection_made(transport)
+        self._connection = self._rooms.enter(transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget it."""
+        if self._connection is not None:
+            self._rooms.leave(self._connection)
+        super().connection_lost(exc)
+
+
+class BoundedHttp(_Counted, H11Protocol):
+    """A counted connection on which every request must be complete within a limit."""
+
+    def __init__(self, rooms: Connections, **more: Any):
+        super().__init__(rooms, **more)
         self._too_late: asyncio.TimerHandle | None = None
         self._is_upgraded = False
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Count it, and wait for its first request."""
+        """Wait for its first request."""
         super().connection_made(transport)
-        self._connection = self._rooms.enter(transport)
         self._too_late = self.loop.call_later(REQUEST_LIMIT_S, transport.abort)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget it."""
+        """Stop waiting."""
         self._stop_waiting()
-        if self._connection is not None:
-            self._rooms.leave(self._connection)
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
@@ -188,29 +203,8 @@ class BoundedHttp(H11Protocol):
             self._too_late = None
 
 
-class BoundedWebSocket(WSProtocol):
-    """A WebSocket that is counted, and closed if it requests answers that it does not read.
-
-    Args:
-        rooms: where the connection is counted.
-        more: as uvicorn has it.
-    """
-
-    def __init__(self, rooms: Connections, **more: Any):
-        super().__init__(**more)
-        self._rooms = rooms
-        self._connection: Connection | None = None
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Count it."""
-        super().connection_made(transport)
-        self._connection = self._rooms.enter(transport)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Forget it."""
-        if self._connection is not None:
-            self._rooms.leave(self._connection)
-        super().connection_lost(exc)
+class BoundedWebSocket(_Counted, WSProtocol):
+    """A counted WebSocket that is closed if it requests answers that it does not read."""
 
     def handle_ping(self, event: Any) -> None:
         """Answer; the answers that wait are bounded."""
