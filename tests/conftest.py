@@ -41,7 +41,7 @@ def bytecode_is_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
 
 @pytest.fixture
 def robot(tmp_path: Path) -> Iterator[Robot]:
-    """An empty workspace with the zoo's modules; its runs are listed apart from all others."""
+    """An empty workspace with the zoo's modules; no other runs are listed."""
     with robot_in(tmp_path) as made:
         yield made
 

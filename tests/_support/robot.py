@@ -16,6 +16,7 @@ import pytest
 
 from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver
+from robbie_mp.run import run_directory
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.trace.reader import entries
 from robbie_mp.transport.segment import SegmentMissing
@@ -23,7 +24,14 @@ from robbie_mp.views.run_figures import as_data
 
 PROJECT = Path(__file__).parents[2]
 ZOO = Path(__file__).parent / "zoo_modules.py"
-COMMAND = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
+COMMAND = [
+    sys.executable,
+    "-c",
+    "import sys; from robbie_mp.run import run_directory as runs; "
+    "own = runs.base_folders()[:1]; runs.base_folders = lambda: own; "
+    "from robbie_mp.cli import main; sys.exit(main())",
+]
+"""The command line; it does not see what else the same user runs on this machine, in /tmp/robbie-UID."""
 LIMIT_S = 100.0
 
 
@@ -84,15 +92,12 @@ class Robot:
 
     def known_run(self) -> KnownRun:
         """The one run there is."""
-        (run,) = self._runs()
+        (run,) = live_runs()
         return run
-
-    def _runs(self) -> list[KnownRun]:
-        return [run for run in live_runs() if run.folder.is_relative_to(os.environ["XDG_RUNTIME_DIR"])]
 
     def top(self) -> dict[str, dict[str, Any]]:
         """Figures of the modules of the one run there is, by name; empty while there is none."""
-        runs = self._runs()
+        runs = live_runs()
         if len(runs) != 1:
             return {}
         try:
@@ -137,13 +142,15 @@ class Robot:
 
 @contextmanager
 def robot_in(folder: Path) -> Iterator[Robot]:
-    """An empty workspace with the zoo's modules; its runs are listed apart from all others."""
+    """An empty workspace with the zoo's modules; no other runs are listed, as for `COMMAND`."""
+    every = run_directory.base_folders
     runtime, workspace = folder / "runtime", folder / "workspace"
     runtime.mkdir(mode=0o700)
     workspace.mkdir()
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_RUNTIME_DIR", str(runtime))
         patch.setenv("PYTHONPATH", str(PROJECT))
+        patch.setattr(run_directory, "base_folders", lambda: every()[:1])
         with closing(Robot(workspace)) as robot:
             yield robot
 

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from robbie_mp.cli.playback import give_order
-from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import Image, PlaybackState
 from robbie_mp.playback.player import ControlRefused
 from robbie_mp.services.playback_outlet import PATIENCE_NS
@@ -75,7 +74,7 @@ class Steered:
         robot.until(lambda modules: modules["playback"]["state"] == "RUNNING")
 
     def __call__(self, order: str, value: float = 0.0) -> PlaybackState:
-        (run,) = [run for run in live_runs() if run.folder.is_relative_to(self._robot.folder.parent)]
+        run = self._robot.known_run()
         return give_order(run, order, value)
 
     def step(self) -> None:

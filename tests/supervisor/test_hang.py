@@ -25,6 +25,7 @@ IN_HANDLER = Doing(Activity.HANDLER, 3, 1000)
 IN_TICK = Doing(Activity.TICK, 0, 1000)
 IN_TEARDOWN = Doing(Activity.TEARDOWN, 0, 1000)
 RIVALS = 5
+DEADLINE_S = 0.9
 
 
 def test_hung_child_dumps_its_stacks_and_is_restarted(tmp_path: Path) -> None:
@@ -137,21 +138,23 @@ def test_signal_of_the_watchdog_reaches_only_the_hung_child(tmp_path: Path) -> N
 def rivals_for_one_processor() -> Iterator[int]:
     """Keep one processor busy, each rival in a session of its own so that each has a share of its own."""
     processor = min(os.sched_getaffinity(0))
-    script = f"import os; os.sched_setaffinity(0, [{processor}])\nwhile True: pass"
-    started = [
-        subprocess.Popen([sys.executable, "-S", "-c", script], start_new_session=True) for _ in range(RIVALS)
-    ]
-    try:
-        yield processor
-    finally:
+    script = f"import os; os.sched_setaffinity(0, [{processor}]); print(flush=True)\nwhile True: pass"
+    command = [sys.executable, "-S", "-c", script]
+    with contextlib.ExitStack() as ends:
+        started = []
+        for _ in range(RIVALS):
+            process = subprocess.Popen(command, start_new_session=True, stdout=subprocess.PIPE)
+            started.append(ends.enter_context(process))
+            ends.callback(process.kill)
         for process in started:
-            process.kill()
-            process.wait()
+            assert process.stdout
+            process.stdout.readline()
+        yield processor
 
 
 def test_starved_child_does_not_count_as_hung(tmp_path: Path) -> None:
-    """It computes for 0.3 s of a processor, on one that it shares with five others; its deadline is 0.6 s."""
-    spec = animal(zoo.computes, "busy", handler_deadline_s=0.6, restart=NEVER)
+    """It uses 0.3 s of a processor that it shares with five others, and its deadline passes meanwhile."""
+    spec = animal(zoo.computes, "busy", handler_deadline_s=DEADLINE_S, restart=NEVER)
     with rivals_for_one_processor() as processor:
         environment = {**spec.environment, "PROCESSOR": str(processor)}
         run = Run(tmp_path, dataclasses.replace(spec, environment=environment))
@@ -168,7 +171,7 @@ def test_starved_child_does_not_count_as_hung(tmp_path: Path) -> None:
             run.tree.stop("seen enough")
 
         assert run.play(scenario()) == 0
-    assert took_s > 0.6, "it was not starved; this says nothing"
+    assert took_s > DEADLINE_S, "it was not starved; this says nothing"
     assert run.states("busy") == [ChildState.STARTING, ChildState.RUNNING, ChildState.STOPPED]
 
 

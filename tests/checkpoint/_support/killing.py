@@ -71,17 +71,31 @@ def _run_and_die(number: int, prepare: Callable[[], Action]) -> None:
     os._exit(0)
 
 
-def dies_at_random(act: Action) -> None:
-    """Run `act`, which has no end, in a process that is killed at some moment."""
+def dies_at_random(store_repeatedly: Callable[[Action], None], stores: int) -> None:
+    """Run an action that has no end in a process that is killed at some moment.
+
+    Args:
+        store_repeatedly: the action; it calls its argument after each store.
+        stores: how many it finishes before, however slow the machine or its disk is.
+    """
+    receiver, sender = os.pipe()
     pid = os.fork()
     if pid == 0:
         try:
-            act()
+            store_repeatedly(lambda: _tell(sender))
         finally:
             os._exit(1)
-    time.sleep(random.uniform(0, LONGEST_LIFE_S))  # the moment is what varies
-    os.kill(pid, signal.SIGKILL)
-    assert os.WIFSIGNALED(os.waitpid(pid, 0)[1]), "the action failed by itself"
+    os.close(sender)
+    with open(receiver, "rb", buffering=0) as finished:
+        for _ in range(stores):
+            assert finished.read(1), "the action failed by itself"
+        time.sleep(random.uniform(0, LONGEST_LIFE_S))  # the moment is what varies
+        os.kill(pid, signal.SIGKILL)
+        assert os.WIFSIGNALED(os.waitpid(pid, 0)[1]), "the action failed by itself"
+
+
+def _tell(sender: int) -> None:
+    os.write(sender, b".")
 
 
 def state_of(number: int, size: int) -> dict[str, Any]:
@@ -149,18 +163,19 @@ def buffers_at_random() -> int:
     """Kill writers that store one large state after the other; none that was stored may be lost."""
     with tempfile.TemporaryFile() as stored:
 
-        def act() -> None:
+        def store_repeatedly(has_stored: Action) -> None:
             with Incarnation(1) as dying:
                 number = dying.found
                 while True:
                     number += 1
                     dying.save(number, 200_000 + number * 1000)  # it grows now and then
                     os.pwrite(stored.fileno(), number.to_bytes(8, "little"), 0)
+                    has_stored()
 
         found = 0
         for death in range(RANDOM_DEATHS):
-            dies_at_random(act)
-            # Who died before it could tell is one ahead; a second one after it would be two.
+            dies_at_random(store_repeatedly, death % 2)
+            # A writer that died before it could note its last store is one ahead.
             told = max(found, int.from_bytes(os.pread(stored.fileno(), 8, 0), "little"))
             with Incarnation(1) as successor:
                 found = successor.found
@@ -196,19 +211,21 @@ def file_at_random(folder: Path) -> int:
     path = folder / "module.checkpoint"
     newest = 0
 
-    def act() -> None:
+    def store_repeatedly(has_stored: Action) -> None:
         number = newest
         while True:
             number += 1
             write_file(path, encode(state_of(number, 200_000)))
+            has_stored()
 
     unfinished = 0
-    for _ in range(RANDOM_DEATHS):
-        dies_at_random(act)
+    for death in range(RANDOM_DEATHS):
+        stores = death % 2
+        dies_at_random(store_repeatedly, stores)
         unfinished += len(list(folder.glob("*.new")))
         found = read_file(path)
         number = 0 if found is None else number_in(found.state)
-        assert number >= newest
+        assert number >= newest + stores
         newest = number
         remove_unfinished(path)
         assert list(folder.iterdir()) in ([], [path])
