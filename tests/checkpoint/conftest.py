@@ -8,7 +8,7 @@ from robbie_mp.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.transport import names
 from robbie_mp.transport.shared_folder import make_folder, remove_names
 
-RUN = f"{os.getpid():08d}"[-8:]
+RUN = f"test{os.getpid()}"  # no id that a run can have: a `robbie run` elsewhere would sweep it as dead
 SLOT = 1
 
 
