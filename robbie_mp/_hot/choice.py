@@ -38,6 +38,9 @@ class Native(Protocol):
     NumberRingReader: "type[written_in_c.NumberRingReader]"
     Lock: "type[written_in_c.Lock]"
     Endpoint: "type[written_in_c.Endpoint]"
+    Block: "type[written_in_c.Block]"
+    KeptBlocks: "type[written_in_c.KeptBlocks]"
+    Publisher: "type[written_in_c.Publisher]"
 
 
 def native() -> Native | None:

@@ -66,6 +66,8 @@ static int add_all(PyObject *module)
         add_message_types,
         add_lock_type,
         add_endpoint_type,
+        add_block_types,
+        add_publisher_type,
     };
     for (size_t index = 0; index < sizeof(add) / sizeof(add[0]); index++)
         if (add[index](module) != 0)

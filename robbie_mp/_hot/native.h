@@ -37,5 +37,7 @@ int add_wakeup_types(PyObject *module);
 int add_message_types(PyObject *module);
 int add_lock_type(PyObject *module);
 int add_endpoint_type(PyObject *module);
+int add_block_types(PyObject *module);
+int add_publisher_type(PyObject *module);
 
 #endif

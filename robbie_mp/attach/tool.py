@@ -118,8 +118,8 @@ class Tool:
         self._endpoint: Endpoint = make_endpoint(
             self._memory, slot, incarnation, plan.tool_sizes, self._core_wakeup.post, native
         )
-        blocks = make_block_store(run_id, slot, incarnation, SEGMENT_BYTES, TOOL_MEMORY_BYTES)
-        self.outbox = Outbox(self._endpoint, blocks, self._words, SystemClock())
+        blocks = make_block_store(run_id, slot, incarnation, SEGMENT_BYTES, TOOL_MEMORY_BYTES, native)
+        self.outbox = Outbox(self._endpoint, blocks, self._words, SystemClock(), native)
         self._views = make_views(run_id)
         self._board_segment = Segment.attach(names.board(run_id), SegmentKind.BOARD)
         self._board = Board(self._board_segment.words)

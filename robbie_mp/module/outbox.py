@@ -1,6 +1,7 @@
 """Publishes messages: encodes them into blocks, or lends blocks to be filled, and passes them to the core."""
 
 import logging
+import time
 import weakref
 from collections import deque
 from collections.abc import Iterator, Mapping
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from robbie_mp._hot.choice import Native
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.messages import Message, lay_out
 from robbie_mp.messages.encoded import check_encapsulation, check_type
@@ -19,7 +21,7 @@ from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block, BlockStore, block_bytes
 from robbie_mp.transport.endpoint import Endpoint
 from robbie_mp.transport.tables import ChannelName
-from robbie_mp.transport.words import Words
+from robbie_mp.transport.words import WORD_MAX, Words
 
 _MAX_IN_FLIGHT = layout.MAX_OUTSTANDING * 7 // 8
 _TARGET_IN_FLIGHT = layout.MAX_OUTSTANDING * 3 // 4
@@ -40,9 +42,17 @@ class Outbox:
         blocks: the memory for its messages.
         words: the module's out segment, for the counters.
         clock: stamps the messages (monotonic).
+        native: what is written in C, which endpoint and blocks use as well; None: Python does it.
     """
 
-    def __init__(self, endpoint: Endpoint, blocks: BlockStore, words: Words, clock: Clock):
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        blocks: BlockStore,
+        words: Words,
+        clock: Clock,
+        native: Native | None = None,
+    ):
         self._endpoint = endpoint
         self._blocks = blocks
         self._words = words
@@ -55,7 +65,6 @@ class Outbox:
         self._unreferenced: deque[int] = deque()
         """Blocks of loans whose arrays were still referred to at the end; filled by finalizers."""
         self._held: dict[int, weakref.ref[Any]] = {}
-        self._published = 0
         self._published_when_asked = -1
         """Number of messages published when `outstanding` was last read."""
         self._refused = 0
@@ -66,6 +75,12 @@ class Outbox:
         self._awaited: int | None = None
         """The total number of freed blocks at which the module is woken."""
         self._closed = False
+        self._native = None
+        """Publishes what is of the common form; None, or its answer None: Python does it."""
+        if native is not None and clock.monotonic_ns is time.monotonic_ns:
+            self._native = native.Publisher(
+                endpoint.native, blocks.blocks, words, self._declarations, self._unreferenced
+            )
         keep_from_forks(self)
 
     def disown(self) -> None:
@@ -77,9 +92,10 @@ class Outbox:
         """Number of messages that subscribers still wait for or hold."""
         with self._lock:
             self.collect_freed()
-            if self._blocks.taken and self._published == self._published_when_asked:
+            published = self._words[layout.OUT_PUBLISHED]
+            if self._blocks.taken and published == self._published_when_asked:
                 self._endpoint.wake_core()  # otherwise it reads releases only with the next message
-            self._published_when_asked = self._published
+            self._published_when_asked = published
             return len(self._blocks.taken)
 
     def wake_after_freed(self, messages: int) -> None:
@@ -111,6 +127,14 @@ class Outbox:
 
     def publish(self, message: Message, topic: str) -> bool:
         """Encode a message into a new block and pass it to the core."""
+        if self._native is not None:
+            done = self._native.publish(message, topic)
+            if done is True:
+                return True
+            if done is not None:
+                with self._lock:
+                    self._prepare_next(done)
+                return True
         with self._lock:
             declaration = self._declarations.get((type(message), topic))
             if declaration is None:
@@ -187,6 +211,8 @@ class Outbox:
         """Refuse to publish from now on."""
         with self._lock:
             self._closed = True
+            if self._native is not None:
+                self._native.close()
             self._declarations.clear()
             self._channels.clear()
             self._blocks.close()
@@ -231,10 +257,14 @@ class Outbox:
         return self._refuse(type_name, topic)
 
     def _note_published(self, size: int) -> None:
-        """Count a message, and prepare the next block while the core routes this message."""
-        self._published += 1
-        self._words[layout.OUT_PUBLISHED] = self._published
-        self._words[layout.OUT_BLOCKS] = len(self._blocks.taken)
+        """Count a message, and prepare the next block."""
+        words = self._words
+        words[layout.OUT_PUBLISHED] = words[layout.OUT_PUBLISHED] + 1 & WORD_MAX
+        words[layout.OUT_BLOCKS] = len(self._blocks.taken)
+        self._prepare_next(size)
+
+    def _prepare_next(self, size: int) -> None:
+        """Prepare the block for the next message of a size while the core routes this message."""
         blocks = self._blocks
         if size > _MAX_READY_BLOCK_BYTES:
             self.collect_freed()

@@ -64,8 +64,9 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     core_wakeup = attach_wakeup(plan.run_id, core_segment, native)
     endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post, native)
     limits = planned.memory
-    blocks = make_block_store(plan.run_id, slot, incarnation, limits.segment_bytes, limits.limit_bytes)
-    outbox = Outbox(endpoint, blocks, words, SystemClock())
+    sizes = limits.segment_bytes, limits.limit_bytes
+    blocks = make_block_store(plan.run_id, slot, incarnation, *sizes, native)
+    outbox = Outbox(endpoint, blocks, words, SystemClock(), native)
     core = core_segment.words
     channel_name = ChannelNames(core)
     inbox = Inbox(endpoint, make_views(plan.run_id), words, channel_name)

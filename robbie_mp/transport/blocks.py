@@ -1,7 +1,9 @@
 """The data segments of one incarnation of a module, and the blocks in them that hold its messages."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sized
+from typing import Any
 
+from robbie_mp._hot.choice import Native
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.allocator import BLOCK_ALIGNMENT, BlockAllocator
@@ -39,16 +41,78 @@ class Block:
         offset: where the message starts in it, in bytes.
         buffer: the whole segment, writable.
         capacity: bytes that it was allocated with.
+        words: the segment as words.
     """
 
-    __slots__ = ("buffer", "capacity", "number", "offset", "segment")
+    __slots__ = ("buffer", "capacity", "number", "offset", "segment", "words")
 
-    def __init__(self, number: int, segment: int, offset: int, buffer: memoryview, capacity: int = 0):
+    def __init__(
+        self,
+        number: int,
+        segment: int,
+        offset: int,
+        buffer: memoryview,
+        capacity: int = 0,
+        words: Words | None = None,
+    ):
         self.number = number
         self.segment = segment
         self.offset = offset
         self.buffer = buffer
         self.capacity = capacity
+        self.words: Words = buffer.cast("Q") if words is None else words
+
+
+class KeptBlocks:
+    """The blocks in use and the free ones; the type of the same name in C does the same.
+
+    Attributes:
+        taken: blocks in use, by their numbers.
+        taken_bytes: total size of these.
+        kept: free blocks by their capacity.
+        room_bytes: bytes that can be used.
+    """
+
+    def __init__(self) -> None:
+        self.taken: dict[int, Block] = {}
+        self.taken_bytes = 0
+        self.kept: dict[int, list[Block]] = {}
+        self.room_bytes = 0
+        self._numbers = 0
+
+    def reuse(self, size: int) -> Block | None:
+        """Return a kept block for a message of this size, or None if there is none."""
+        kept = self.kept.get((size + _OVERHEAD) & _ALIGNED)
+        if not kept:
+            return None
+        block = kept.pop()
+        self._numbers = block.number = number = self._numbers + 1
+        self.taken[number] = block
+        self.taken_bytes += block.capacity
+        block.words[_FREE_BYTES] = self.room_bytes - self.taken_bytes  # for subscribers
+        return block
+
+    def has_kept(self, size: int) -> bool:
+        """Whether `reuse` would find a block."""
+        return bool(self.kept.get((size + _OVERHEAD) & _ALIGNED))
+
+    def keep(self, block: Block) -> None:
+        """Keep a new block for the next message of its size."""
+        self.kept.setdefault(block.capacity, []).append(block)
+
+    def free(self, numbers: Iterable[int]) -> None:
+        """Free blocks; numbers that are not in use are ignored, as the core may repeat them."""
+        for number in numbers:
+            block = self.taken.pop(number, None)
+            if block is not None:
+                self.taken_bytes -= block.capacity
+                self.keep(block)
+
+    def clear(self) -> None:
+        """Let all blocks go."""
+        self.taken.clear()
+        self.kept.clear()
+        self.taken_bytes = 0
 
 
 class BlockStore:
@@ -61,37 +125,54 @@ class BlockStore:
         create: makes the data segment with a given number and size in words.
         segment_bytes: size of the first segment.
         limit_bytes: maximum size of all segments together.
+        native: what is written in C; None: Python does it.
 
     Attributes:
-        taken_bytes: total size of the blocks in use.
         ample_bytes: if more bytes than this are in use, memory is getting short.
         enough_bytes: if at most this many bytes are in use, memory is no longer short.
-        taken: blocks in use, by their numbers.
         total_bytes: total size of the segments.
+        blocks: the blocks in use and the free ones.
     """
 
-    def __init__(self, create: Callable[[int, int], Segment], segment_bytes: int, limit_bytes: int):
+    def __init__(
+        self,
+        create: Callable[[int, int], Segment],
+        segment_bytes: int,
+        limit_bytes: int,
+        native: Native | None = None,
+    ):
         self._create = create
         self._next_bytes = segment_bytes
         self._limit_bytes = limit_bytes
-        self._set_room(limit_bytes)
-        self.taken_bytes = 0
         self._segments: list[tuple[Segment, BlockAllocator]] = []
-        self._words: list[Words] = []
-        """The words of each segment."""
-        self.taken: dict[int, Block] = {}
-        self._kept: dict[int, list[Block]] = {}
-        """Free blocks by their capacity."""
-        self._numbers = 0
+        self._block: Any = Block if native is None else native.Block
+        self.blocks: Any = KeptBlocks() if native is None else native.KeptBlocks()
+        reuse: Any = self.blocks.reuse
+        self.reuse: Callable[[int], Block | None] = reuse
+        """Return a kept block for a message of this size, or None if there is none."""
+        self.has_kept: Callable[[int], bool] = self.blocks.has_kept
+        """Whether `reuse` would find a block."""
+        self.free: Callable[[Iterable[int]], None] = self.blocks.free
+        """Free blocks; numbers that are not in use are ignored, as the core may repeat them."""
+        self.taken: Sized = self.blocks.taken
+        """The blocks in use."""
+        self._set_room(limit_bytes)
         self.total_bytes = 0
+
+    @property
+    def taken_bytes(self) -> int:
+        """Total size of the blocks in use."""
+        size: int = self.blocks.taken_bytes
+        return size
 
     @property
     def room_bytes(self) -> int:
         """Bytes that can be used: less than the limit while /dev/shm is full."""
-        return self._room_bytes
+        size: int = self.blocks.room_bytes
+        return size
 
     def _set_room(self, room_bytes: int) -> None:
-        self._room_bytes = room_bytes
+        self.blocks.room_bytes = room_bytes
         self.ample_bytes = room_bytes * 7 // 8
         self.enough_bytes = room_bytes * 3 // 4
 
@@ -99,18 +180,6 @@ class BlockStore:
     def segment_count(self) -> int:
         """Data segments made so far."""
         return len(self._segments)
-
-    def reuse(self, size: int) -> Block | None:
-        """Return a kept block for a message of this size, or None if there is none."""
-        kept = self._kept.get((size + _OVERHEAD) & _ALIGNED)
-        if not kept:
-            return None
-        block = kept.pop()
-        self._numbers = block.number = number = self._numbers + 1
-        self.taken[number] = block
-        self.taken_bytes += block.capacity
-        self._words[block.segment][_FREE_BYTES] = self._room_bytes - self.taken_bytes  # for subscribers
-        return block
 
     def allocate(self, size: int) -> Block | None:
         """Return a block for a message of `size` bytes, or None if all the memory is in use.
@@ -123,10 +192,6 @@ class BlockStore:
             block = self.reuse(size)
         return block
 
-    def has_kept(self, size: int) -> bool:
-        """Whether `reuse` would find a block."""
-        return bool(self._kept.get((size + _OVERHEAD) & _ALIGNED))
-
     def keep_one(self, size: int) -> None:
         """Keep a block for the next message of this size, if there is memory."""
         if not self.has_kept(size):
@@ -135,8 +200,9 @@ class BlockStore:
     def _keep_another(self, capacity: int) -> bool:
         if self._fit(capacity):
             return True
-        if any(self._kept.values()):
-            for blocks in self._kept.values():
+        kept: dict[int, list[Block]] = self.blocks.kept
+        if any(kept.values()):
+            for blocks in kept.values():
                 while blocks:
                     block = blocks.pop()
                     self._segments[block.segment][1].free(block.offset - LEAD_BYTES)
@@ -149,8 +215,8 @@ class BlockStore:
         for index, (segment, allocator) in enumerate(self._segments):
             offset = allocator.allocate(capacity)
             if offset is not None:
-                block = Block(0, index, offset + LEAD_BYTES, segment.buffer, capacity)
-                self._kept.setdefault(capacity, []).append(block)
+                start = offset + LEAD_BYTES
+                self.blocks.keep(self._block(0, index, start, segment.buffer, capacity, segment.words))
                 return True
         return False
 
@@ -171,25 +237,14 @@ class BlockStore:
             self._set_room(self.total_bytes)
             return False
         self._set_room(self._limit_bytes)
-        self._words.append(segment.words)
         self._segments.append((segment, BlockAllocator(_HEADER_BYTES, segment.size - _HEADER_BYTES)))
         self.total_bytes += segment.size
         self._next_bytes = 2 * segment.size
         return True
 
-    def free(self, numbers: Iterable[int]) -> None:
-        """Free blocks; numbers that are not in use are ignored, as the core may repeat them."""
-        for number in numbers:
-            block = self.taken.pop(number, None)
-            if block is not None:
-                self.taken_bytes -= block.capacity
-                self._kept[block.capacity].append(block)
-
     def close(self) -> None:
         """Unmap all segments; the supervisor unlinks their names."""
+        self.blocks.clear()
         for segment, _ in self._segments:
             segment.close()
         self._segments.clear()
-        self._words.clear()
-        self.taken.clear()
-        self._kept.clear()

@@ -124,15 +124,23 @@ def make_endpoint(
 
 
 def make_block_store(
-    run_id: str, slot: int, incarnation: int, segment_bytes: int, limit_bytes: int
+    run_id: str,
+    slot: int,
+    incarnation: int,
+    segment_bytes: int,
+    limit_bytes: int,
+    native: Native | None = None,
 ) -> BlockStore:
-    """Make the memory for a module's messages; the first message creates the first segment."""
+    """Make the memory for a module's messages; the first message creates the first segment.
+
+    The argument `native` is what is written in C; None: Python does it.
+    """
 
     def create(number: int, words: int) -> Segment:
         name = names.data(run_id, slot, incarnation, number)
         return Segment.create(name, words, SegmentKind.DATA, slot, incarnation)
 
-    return BlockStore(create, segment_bytes, limit_bytes)
+    return BlockStore(create, segment_bytes, limit_bytes, native)
 
 
 def make_views(run_id: str) -> SegmentViews:

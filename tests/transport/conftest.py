@@ -19,6 +19,6 @@ def native(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.fixture
 def pair(native: Native | None) -> Iterator[Pair]:
-    made = Pair()
+    made = Pair(native)
     yield made
     made.close()

@@ -7,14 +7,15 @@ from robbie_mp.transport.blocks import BlockStore, MessageTooLarge
 from robbie_mp.transport.run_memory import make_block_store
 from robbie_mp.transport.segment import Segment, SharedMemoryFull
 from robbie_mp.transport.shared_folder import make_folder, remove_names
+from tests._support.implementations import Native
 
 RUN = f"testblck{os.getpid()}"
 
 
 @pytest.fixture
-def store() -> Iterator[BlockStore]:
+def store(native: Native | None) -> Iterator[BlockStore]:
     make_folder(RUN)
-    made = make_block_store(RUN, 1, 1, segment_bytes=4096, limit_bytes=64 << 10)
+    made = make_block_store(RUN, 1, 1, segment_bytes=4096, limit_bytes=64 << 10, native=native)
     yield made
     made.close()
     remove_names(RUN)

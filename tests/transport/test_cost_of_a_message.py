@@ -30,10 +30,12 @@ from robbie_mp.transport.run_memory import make_block_store, make_views
 from robbie_mp.transport.shared_folder import make_folder, remove_names
 from robbie_mp.transport.tables import CoreTables, TableSizes
 from robbie_mp.transport.words import Words
+from tests._support.implementations import Native
 
 RUN_ID = f"test{os.getpid()}"
 RING_RECORDS = 256
 CREDIT = 64
+OURS = ("Publisher.publish", "Endpoint.take", "Endpoint.give_back")
 SUPERVISOR, PUBLISHER, SUBSCRIBER = 0, 1, 2
 
 
@@ -44,7 +46,8 @@ def zeros(count: int) -> Words:
 class Chain:
     """Publisher, core and subscriber as in a robot, but in one process and one step after the other."""
 
-    def __init__(self) -> None:
+    def __init__(self, native: Native | None) -> None:
+        self.native = native
         self.posts = Counter[str]()
         self.images: list[int] = []
         sizes = TableSizes(3, channels=8, subscriptions=8, handles=600, references=600)
@@ -56,8 +59,10 @@ class Chain:
         self.core = Router(tables, limits, bounds, self._connect, print)
         ends = [self._endpoint(slot) for slot in range(3)]
         make_folder(RUN_ID)
-        blocks = make_block_store(RUN_ID, PUBLISHER, 1, segment_bytes=1 << 20, limit_bytes=1 << 26)
-        self.outbox = Outbox(ends[PUBLISHER], blocks, self.out[PUBLISHER], SystemClock())
+        blocks = make_block_store(
+            RUN_ID, PUBLISHER, 1, segment_bytes=1 << 20, limit_bytes=1 << 26, native=native
+        )
+        self.outbox = Outbox(ends[PUBLISHER], blocks, self.out[PUBLISHER], SystemClock(), native)
         self.views = make_views(RUN_ID)
         self.inbox = Inbox(ends[SUBSCRIBER], self.views, self.out[SUBSCRIBER], ChannelNames(tables.words))
         self.inbox.subscriptions.subscribe(DriveCommand, lambda _: None, MessageHandling.ALWAYS_DELIVER, "")
@@ -73,7 +78,7 @@ class Chain:
     def _endpoint(self, slot: int) -> Endpoint:
         self.core.module_up(slot, 1)
         memory = EndpointMemory(slot, 1, self.out[slot], self.into[slot], self._post("core"))
-        return Endpoint(memory, RING_RECORDS, CREDIT)
+        return Endpoint(memory, RING_RECORDS, CREDIT, self.native)
 
     def _post(self, to: str) -> Callable[[], None]:
         def post() -> None:
@@ -106,8 +111,8 @@ class Chain:
 
 
 @pytest.fixture
-def chain() -> Iterator[Chain]:
-    made = Chain()
+def chain(native: Native | None) -> Iterator[Chain]:
+    made = Chain(native)
     for _ in range(5):  # declared, generated, mapped
         made.send(DriveCommand())
         made.send(Image(data=np.zeros(1000, np.uint8)))
@@ -151,7 +156,9 @@ def test_message_calls_nothing_that_enters_the_kernel(chain: Chain) -> None:
     _, builtin = calls_of(lambda: chain.send(DriveCommand()))
     codec = ("robbie_mp.messages.", "robbie_mp._hot.native.MessageCodec.")
     harmless = ("builtins.", "_struct.", "collections.", "_thread.", *codec)
-    assert {name for name in builtin if not name.startswith(harmless)} == {"time.monotonic_ns"}
+    ours = {f"robbie_mp._hot.native.{name}" for name in OURS}
+    expected = {"time.monotonic_ns"} if chain.native is None else ours
+    assert {name for name in builtin if not name.startswith(harmless)} == expected
 
 
 def test_message_takes_few_calls(chain: Chain) -> None:
@@ -162,7 +169,7 @@ def test_message_takes_few_calls(chain: Chain) -> None:
     assert delivery is not None
     handling, _ = calls_of(lambda: chain.inbox.handle(delivery))
     releasing, _ = calls_of(chain.core.run_round)
-    assert publishing <= 13
+    assert publishing <= (13 if chain.native is None else 3)
     assert routing <= 24
     assert handling <= 10
     assert releasing <= 20

@@ -1,6 +1,7 @@
 """Typed messages from outbox to inbox through a real data segment and a core, in one process."""
 
 import gc
+import sys
 import threading
 import weakref
 from array import array
@@ -10,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from robbie_mp import MessageHandling
+from robbie_mp import Header, MessageHandling, Time
 from robbie_mp.messages import FieldError, Image
 from robbie_mp.module import outbox as outbox_module
 from robbie_mp.module.bus import PublishAfterStop
@@ -124,6 +125,34 @@ def test_message_let_go_by_a_thread_in_the_moment_its_handler_ends_is_released(p
     thread.join()
     inbox.release_unreferenced()
     pair.run.run_core()
+    assert pair.outbox.outstanding == 0
+
+
+def test_threads_publish_at_the_same_time_and_nothing_is_lost_or_doubled(pair: Pair) -> None:
+    seen: list[tuple[int, int]] = []
+    pair.on_image = lambda image: seen.append((image.width, image.header.stamp.sec))
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+
+    def publish(thread: int) -> None:
+        for number in range(100):
+            image = Image(
+                header=Header(stamp=Time(sec=number)), width=thread, data=np.zeros(number, np.uint8)
+            )
+            while not pair.outbox.publish(image, ""):
+                pass
+
+    threads = [threading.Thread(target=publish, args=(thread,)) for thread in range(4)]
+    for each in threads:
+        each.start()
+    while any(each.is_alive() for each in threads):
+        pair.pass_on()
+    sys.setswitchinterval(before)
+    pair.pass_on()
+    assert sorted(seen) == [(thread, number) for thread in range(4) for number in range(100)]
+    for thread in range(4):
+        assert [number for of, number in seen if of == thread] == list(range(100))
+    assert pair.sender_words[layout.OUT_PUBLISHED] == 400
     assert pair.outbox.outstanding == 0
 
 

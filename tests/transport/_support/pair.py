@@ -13,6 +13,7 @@ from robbie_mp.module.outbox import Outbox
 from robbie_mp.observe.channels import ChannelNames
 from robbie_mp.transport.run_memory import make_block_store, make_views
 from robbie_mp.transport.shared_folder import make_folder, remove_names
+from tests._support.implementations import Native
 from tests.core._support.simulated_run import SimulatedRun
 
 RUN_ID = f"test{os.getpid()}"
@@ -21,13 +22,13 @@ RUN_ID = f"test{os.getpid()}"
 class Pair:
     """A publisher and a subscriber of images."""
 
-    def __init__(self) -> None:
+    def __init__(self, native: Native | None = None) -> None:
         self.run = SimulatedRun(queue_messages=5000, handles=5000)
         sender, receiver = self.run.start(1), self.run.start(2)
         self.sender_words, self.receiver_words = sender.out, receiver.out
         make_folder(RUN_ID)
-        blocks = make_block_store(RUN_ID, 1, 1, segment_bytes=1 << 16, limit_bytes=1 << 21)
-        self.outbox = Outbox(sender.endpoint, blocks, sender.out, SystemClock())
+        blocks = make_block_store(RUN_ID, 1, 1, segment_bytes=1 << 16, limit_bytes=1 << 21, native=native)
+        self.outbox = Outbox(sender.endpoint, blocks, sender.out, SystemClock(), native)
         self.views = make_views(RUN_ID)
         self.channel_name = ChannelNames(self.run.words)
         self.inbox = Inbox(receiver.endpoint, self.views, receiver.out, self.channel_name)

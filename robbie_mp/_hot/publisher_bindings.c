@@ -1,0 +1,209 @@
+/* The Python type Publisher: what robbie_mp/module/outbox.py leaves to C. */
+#include "block_bindings.h"
+#include "endpoint_bindings.h"
+#include "message_codec.h"
+#include "clock.h"
+
+enum { MAX_READY_BLOCK_BYTES = 4096 }; /* see outbox.py */
+static const Py_ssize_t MAX_IN_FLIGHT = MAX_OUTSTANDING * 7 / 8;
+
+struct publisher_object {
+    PyObject_HEAD
+    struct endpoint_object *endpoint;
+    struct kept_blocks_object *blocks;
+    struct held_words words;
+    PyObject *declarations; /* dict: numbers of the channels, by message class and topic */
+    PyObject *unreferenced; /* deque: blocks of loans that nothing refers to any more */
+};
+
+static PyObject *publisher_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
+{
+    static char *names[] = {"endpoint", "blocks", "words", "declarations", "unreferenced", NULL};
+    PyObject *endpoint, *blocks, *words, *declarations, *unreferenced;
+    if (!PyArg_ParseTupleAndKeywords(args, keywords, "O!O!OO!O", names, &endpoint_type, &endpoint, &kept_blocks_type,
+                                     &blocks, &words, &PyDict_Type, &declarations, &unreferenced))
+        return NULL;
+    struct publisher_object *self = (struct publisher_object *)type->tp_alloc(type, 0);
+    if (self == NULL)
+        return NULL;
+    self->endpoint = (struct endpoint_object *)Py_NewRef(endpoint);
+    self->blocks = (struct kept_blocks_object *)Py_NewRef(blocks);
+    self->declarations = Py_NewRef(declarations);
+    self->unreferenced = Py_NewRef(unreferenced);
+    if (hold_words(&self->words, words, true) != 0) {
+        Py_DECREF(self);
+        return NULL;
+    }
+    if (self->words.count < OUT_RING) {
+        Py_DECREF(self);
+        PyErr_SetString(PyExc_ValueError, "these are not the words of an outbound segment");
+        return NULL;
+    }
+    return (PyObject *)self;
+}
+
+static int publisher_traverse(struct publisher_object *self, visitproc visit, void *arg)
+{
+    Py_VISIT(self->endpoint);
+    Py_VISIT(self->blocks);
+    Py_VISIT(self->declarations);
+    Py_VISIT(self->unreferenced);
+    return 0;
+}
+
+static void publisher_dealloc(struct publisher_object *self)
+{
+    PyObject_GC_UnTrack(self);
+    release_words(&self->words);
+    Py_XDECREF(self->endpoint);
+    Py_XDECREF(self->blocks);
+    Py_XDECREF(self->declarations);
+    Py_XDECREF(self->unreferenced);
+    Py_TYPE(self)->tp_free(self);
+}
+
+/* The channel's number; 0 if it is not declared, or -1 with an exception. */
+static int find_declaration(struct publisher_object *self, PyObject *message, PyObject *topic, uint64_t *number)
+{
+    PyObject *key = PyTuple_Pack(2, (PyObject *)Py_TYPE(message), topic);
+    if (key == NULL)
+        return -1;
+    PyObject *found = PyDict_GetItemWithError(self->declarations, key);
+    Py_DECREF(key);
+    if (found == NULL)
+        return PyErr_Occurred() ? -1 : 0;
+    *number = PyLong_AsUnsignedLongLong(found);
+    return PyErr_Occurred() ? -1 : 1;
+}
+
+/* Return freed blocks to their lists; 1, 0 if this is not mine, -1 with an exception. */
+static int collect_freed(struct publisher_object *self)
+{
+    struct ring_reader *freed = self->endpoint->endpoint.freed;
+    const uint64_t count = ring_waiting(freed);
+    if (count > freed->place.capacity || PyObject_Size(self->unreferenced) != 0)
+        return 0;
+    for (uint64_t index = 0; index < count; index++)
+        if (free_block(self->blocks, number_ring_at(freed, index)) != 0)
+            return -1;
+    if (count != 0) {
+        MAY_DIE(return -1);
+        number_ring_take(freed, count);
+    }
+    return 1;
+}
+
+/* Prepare the next block while the core routes this message; as `collect_freed`. */
+static int prepare_next(struct publisher_object *self, uint64_t size)
+{
+    const struct kept_blocks_object *blocks = self->blocks;
+    if (size > MAX_READY_BLOCK_BYTES || kept_for(self->blocks, size) == NULL) {
+        int collected = PyErr_Occurred() ? -1 : collect_freed(self);
+        if (collected <= 0)
+            return collected;
+        if (size <= MAX_READY_BLOCK_BYTES && kept_for(self->blocks, size) == NULL)
+            return PyErr_Occurred() ? -1 : 0;
+    }
+    return blocks->taken_bytes + size <= blocks->room_bytes * 7 / 8 &&
+           PyDict_GET_SIZE(blocks->taken) <= MAX_IN_FLIGHT;
+}
+
+/* A message of the common form, encoded into a block that is still free. */
+struct prepared_message {
+    uint64_t declaration;
+    uint64_t size;
+    struct block_object *block; /* the last one in `list`; both are borrowed */
+    PyObject *list;
+};
+
+/* Encode a message; 1, 0 if this is not mine, -1 with an exception. Nothing is changed, so that Python can do
+ * whatever is not of the common form. No Python code runs here, so no other thread comes in between. */
+static int prepare(struct publisher_object *self, PyObject *message, PyObject *topic,
+                   struct prepared_message *prepared)
+{
+    struct message_codec *codec = codec_of(Py_TYPE(message));
+    if (codec == NULL || !codec->is_described || !endpoint_is_mine(self->endpoint) ||
+        !endpoint_may_publish(&self->endpoint->endpoint) || PyDict_GET_SIZE(self->blocks->taken) >= MAX_OUTSTANDING)
+        return PyErr_Occurred() ? -1 : 0;
+    const int found = find_declaration(self, message, topic, &prepared->declaration);
+    if (found <= 0)
+        return found;
+    const Py_ssize_t size = codec_size(codec, message);
+    if (size < 0 || (prepared->list = kept_for(self->blocks, (uint64_t)size)) == NULL)
+        return PyErr_Occurred() ? -1 : 0;
+    prepared->size = (uint64_t)size;
+    prepared->block = (struct block_object *)PyList_GET_ITEM(prepared->list, PyList_GET_SIZE(prepared->list) - 1);
+    uint8_t *start = (uint8_t *)prepared->block->words.buffer.buf + prepared->block->offset;
+    if (codec_encode(codec, message, start, size) == size)
+        return 1;
+    return PyErr_Occurred() ? -1 : 0;
+}
+
+/* Pass an encoded message to the core, and count it; 0, or -1 with an exception. */
+static int hand_over(struct publisher_object *self, const struct prepared_message *message)
+{
+    const struct block_object *block = message->block;
+    if (take_block(self->blocks, message->list) != 0)
+        return -1;
+    const struct placed_message placed = {block->segment, block->offset, message->size, block->number};
+    shared_word *words = self->words.words;
+    MAY_DIE(return -1);
+    tell_free_bytes(self->blocks, block);
+    endpoint_publish(&self->endpoint->endpoint, message->declaration, &placed, monotonic_ns());
+    if (endpoint_wake_core(self->endpoint) != 0)
+        return -1;
+    store(words + OUT_PUBLISHED, load(words + OUT_PUBLISHED) + 1);
+    store(words + OUT_BLOCKS, (uint64_t)PyDict_GET_SIZE(self->blocks->taken));
+    return 0;
+}
+
+static PyObject *publish(struct publisher_object *self, PyObject *const *arguments, Py_ssize_t count)
+{
+    if (count != 2) {
+        PyErr_SetString(PyExc_TypeError, "publish takes a message and a topic");
+        return NULL;
+    }
+    struct prepared_message message;
+    const int is_mine = prepare(self, arguments[0], arguments[1], &message);
+    if (is_mine == 0)
+        Py_RETURN_NONE;
+    if (is_mine < 0 || hand_over(self, &message) != 0)
+        return NULL;
+    const int is_prepared = prepare_next(self, message.size);
+    if (is_prepared < 0)
+        return NULL;
+    if (is_prepared)
+        Py_RETURN_TRUE;
+    return PyLong_FromUnsignedLongLong(message.size);
+}
+
+static PyObject *let_go(struct publisher_object *self, PyObject *Py_UNUSED(ignored))
+{
+    release_words(&self->words);
+    PyDict_Clear(self->declarations); /* so no message is of the common form any more */
+    Py_RETURN_NONE;
+}
+
+static PyMethodDef publisher_methods[] = {
+    {"publish", (PyCFunction)(void (*)(void))publish, METH_FASTCALL,
+     "Publish a message: True; its size, if Python must prepare the next block; None if this is not mine."},
+    {"close", (PyCFunction)let_go, METH_NOARGS, "Let go of the memory."},
+    {0},
+};
+
+static PyTypeObject publisher_type = {
+    PyVarObject_HEAD_INIT(NULL, 0)
+    .tp_name = "robbie_mp._hot.native.Publisher",
+    .tp_doc = "The common form of what robbie_mp.module.outbox.Outbox.publish does.",
+    .tp_basicsize = sizeof(struct publisher_object),
+    .tp_flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC,
+    .tp_new = publisher_new,
+    .tp_dealloc = (destructor)publisher_dealloc,
+    .tp_traverse = (traverseproc)publisher_traverse,
+    .tp_methods = publisher_methods,
+};
+
+int add_publisher_type(PyObject *module)
+{
+    return PyModule_AddType(module, &publisher_type);
+}
