@@ -6,8 +6,9 @@ import pytest
 
 import robbie_mp
 from tests.docs._support.pages import PAGES, ROOT
+from tools.docs_diagrams import FOLDER, diagrams
 from tools.docs_site import PAGES as PAGES_BESIDE_DOCS
-from tools.docs_site import with_links_for_the_site
+from tools.docs_site import with_links_for_the_site, with_pictures
 
 pytestmark = pytest.mark.slow
 
@@ -40,3 +41,14 @@ def test_every_page_is_in_the_navigation() -> None:
 )
 def test_links_lead_to_pages_of_the_site(text: str, expected: str) -> None:
     assert with_links_for_the_site(text) == expected
+
+
+def test_each_diagram_has_a_picture_and_each_picture_a_diagram() -> None:
+    assert {file.name for file in FOLDER.iterdir()} == set(diagrams()), "run python -m tools.docs_diagrams"
+
+
+def test_diagrams_are_shown_as_pictures_and_other_code_as_it_is() -> None:
+    text = "See:\n\n```mermaid\nflowchart TB\n```\n\n```python\npass\n```\n"
+    shown = with_pictures(text, "api/module.md")
+    assert shown.startswith("See:\n\n[![Diagram](../images/diagrams/")
+    assert shown.endswith(".svg)\n\n```python\npass\n```\n")
