@@ -9,7 +9,7 @@ from robbie_mp.transport.records import ANY_VERSION
 from robbie_mp.transport.tables import ChannelName
 
 OPEN_TIMEOUT_S = 0.5
-"""How long to wait for the core to open the subscriptions; it takes longer only while the core is down."""
+"""Maximum time for the core to open the subscriptions. It takes longer only while the core is down."""
 
 
 class MessageStream:
@@ -92,7 +92,7 @@ class MessageStream:
         return received
 
     def _attach_again(self) -> None:
-        """Attach again, and count as missed what was routed since the last time and not received."""
+        """Attach again, and count as missed the messages routed since the last time but not received."""
         received, passed_before = self._received, self._passed_before
         # If this fails, `missed` still needs the old one.
         old, self._tool = self._tool, attach_again(self._run, self._purpose)

@@ -65,7 +65,7 @@ class Received:
     published_ns: int
     """On the machine's monotonic clock."""
     subscription: int
-    """For which of this process's subscriptions, by the number that `Tool.subscribe` returned."""
+    """Number of the subscription that it arrived for, as returned by `Tool.subscribe`."""
 
 
 class Tool:
@@ -139,7 +139,7 @@ class Tool:
         self._core_wakeup.close()
         self._board_segment.close()
         self._core_segment.close()
-        self._connection.close()  # last: the supervisor then reclaims all the rest
+        self._connection.close()  # last, because the supervisor then reclaims all the rest
 
     def subscribe(
         self,
@@ -200,7 +200,7 @@ class Tool:
         return Received(data, *name, delivery.sequence, sender, delivery.stamp_ns, delivery.declaration)
 
     def _check_attached(self) -> None:
-        """Check that what was read before this call still belonged to this tool.
+        """Check that the memory read before this call still belonged to this tool.
 
         The supervisor updates the board before it lets the core reclaim the tool's messages.
         """

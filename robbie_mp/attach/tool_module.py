@@ -43,16 +43,16 @@ def run_as_tool(
 
     Args:
         run: the run.
-        module_class: what to run.
-        settings: of the module; the others have their default values.
-        name: of the module, in its log.
+        module_class: the module's class.
+        settings: settings of the module; all others have their default values.
+        name: name of the module in its log.
         on_ready: called with the module once it is set up.
         is_stopped: called between two messages or ticks; true ends the module.
 
     Raises:
-        SettingError: the settings do not fit.
-        RunEnded: the run is over.
-        RunNotControlled: likewise, or it is just starting.
+        SettingError: the settings are invalid.
+        RunEnded: the run has ended.
+        RunNotControlled: the run has ended, or is just starting.
         ControlRefused: the profile allows no further tools, or this tool was detached and another one has
             taken its place.
     """

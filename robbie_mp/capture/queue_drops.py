@@ -7,7 +7,7 @@ from robbie_mp.transport.tables import ChannelName
 
 
 class QueueDrops:
-    """Compares what has passed through each channel with what the recorder received.
+    """Compares the messages routed through each channel with those that the recorder received.
 
     The core's counters give the total number of missing messages exactly. The difference shows which channels
     they belong to, but it also includes messages that still wait. So the share of a channel is exact once no
@@ -37,7 +37,7 @@ class QueueDrops:
         return self._missed
 
     def look(self, received: Mapping[ChannelName, int]) -> dict[ChannelName, int]:
-        """Return how many messages have gone missing since the last call.
+        """Return how many messages are missing since the last call, by channel.
 
         Args:
             received: how many messages of each channel the recorder has received since the beginning.

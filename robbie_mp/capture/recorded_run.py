@@ -1,4 +1,4 @@
-"""What a recorder needs to know about the run that it records."""
+"""The data about a run that a recorder of the run needs."""
 
 import platform
 import re

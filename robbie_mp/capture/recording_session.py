@@ -1,4 +1,4 @@
-"""One recording of a run: what the message logger and `robbie record` have in common."""
+"""One recording of a run, for the message logger and `robbie record`."""
 
 import logging
 from collections import defaultdict

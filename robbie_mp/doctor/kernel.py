@@ -1,4 +1,4 @@
-"""What the supervisor needs from the kernel."""
+"""Checks the kernel's features that the supervisor needs."""
 
 import contextlib
 import errno
@@ -35,7 +35,7 @@ def look_at_kernel() -> Iterator[Finding]:
 
 
 def try_pidfd() -> str:
-    """Return what is wrong with pidfd_open(2) and poll(2) on a pidfd, '' if nothing."""
+    """Return the problem with pidfd_open(2) and poll(2) on a pidfd, or ''."""
     try:
         fd = os.pidfd_open(os.getpid())
     except (OSError, AttributeError) as error:
@@ -50,7 +50,7 @@ def try_pidfd() -> str:
 
 
 def try_waitid() -> str:
-    """Return what is wrong with waitid(2) on a pidfd, '' if nothing."""
+    """Return the problem with waitid(2) on a pidfd, or ''."""
     with contextlib.ExitStack() as stack:
         try:
             fd = os.pidfd_open(os.getpid())
@@ -64,7 +64,7 @@ def try_waitid() -> str:
 
 
 def _try(call: Callable[[], object]) -> str:
-    """Return what is wrong with a call, '' if nothing."""
+    """Return the problem with a system call, or ''."""
     try:
         call()
     except OSError as error:
@@ -90,7 +90,7 @@ def check_machine(byteorder: str, largest_size: int, machine: str) -> Finding:
 
 
 def check_calls(problems: dict[str, str]) -> Finding:
-    """Judge the system calls that the supervisor needs, given what is wrong with each ('': nothing)."""
+    """Judge the system calls that the supervisor needs, given the problem with each ('': none)."""
     broken = [f"{name}: {problem}" for name, problem in problems.items() if problem]
     if broken:
         return fail("system calls", "; ".join(broken), ASK_FOR_KERNEL)

@@ -118,7 +118,7 @@ def check_swap(total: int, used: int) -> Finding:
 
 
 def check_disk(free: int, is_writable: bool) -> Finding:
-    """Judge the current folder, where results and logs go unless --output says otherwise; free in bytes."""
+    """Judge the current folder, the default place of results and logs; free space in bytes."""
     if not is_writable:
         return warn("disk", "the current folder cannot be written to", "cd to another one, or give --output")
     if free < ENOUGH_DISK_BYTES:

@@ -51,7 +51,7 @@ def ownership_problem(found: os.stat_result, *, folder: bool = False, readable: 
     """Return why a file or folder is not safe to use because of its owner or mode, '' if it is safe.
 
     Args:
-        found: the result of fstat(2), or of lstat(2) where nobody else can replace the file.
+        found: the result of fstat(2), or of lstat(2) if nobody else can replace the file.
         folder: whether a folder is expected; otherwise a regular file.
         readable: whether others may read it. They may never write to it.
     """

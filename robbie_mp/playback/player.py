@@ -30,7 +30,7 @@ class DueTick(NamedTuple):
 
 
 class Outlet(Protocol):
-    """Where the messages go, and what is known of the messages in flight."""
+    """The outlet of the messages, which also counts those in flight."""
 
     def send(self, message: LoggedMessage) -> bool:
         """Publish a message; False if there is no room for it now."""
@@ -63,8 +63,8 @@ class Player:
         loop: start again at the end.
 
     Attributes:
-        played: messages sent so far.
-        jumps: time jumps so far.
+        played: number of messages sent so far.
+        jumps: number of time jumps so far.
         ended: whether the tape is at its end and will not start again.
     """
 
@@ -143,7 +143,7 @@ class Player:
     # -- playback ----------------------------------------------------------------------------------------
 
     def play(self) -> None:
-        """Send what is due; return after a while even if more is due."""
+        """Send the messages that are due. Return after a while even if more are due."""
         self.time.renew()
         until_ns = self._monotonic_ns() + LONGEST_TURN_NS
         while self._play_one() and self._monotonic_ns() < until_ns:

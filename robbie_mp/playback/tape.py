@@ -40,7 +40,7 @@ class Tape:
         self.next = next(self._messages, None)
 
     def restore(self, sought_ns: int, taken: int) -> None:
-        """Go to the position of another tape of the same log; this reads again all that it had taken."""
+        """Go to the position of another tape of the same log. This reads again all messages it had taken."""
         self.seek(sought_ns)
         while self.taken < taken and self.next is not None:
             self.take()

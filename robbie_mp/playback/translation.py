@@ -21,7 +21,7 @@ class RunTypes:
         self._own = {one.name: one for one in own if one.python_module}
 
     def describe(self, name: str) -> TypeDescription | None:
-        """Return what is known of a type; None if no process has a class for it."""
+        """Return the description of a type, or None if no process has a class for it."""
         return TypeDescription.of(self._stock.get(name)) if name in self._stock else self._own.get(name)
 
     def load(self, name: str) -> type[Message]:

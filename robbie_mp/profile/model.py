@@ -19,7 +19,7 @@ MAX_BYTES = 1 << 48
 
 
 def bounded(default: Any, minimum: float, maximum: float, choices: tuple[object, ...] = ()) -> Any:
-    """Declare a field with its default and the limits of what a profile may set."""
+    """Declare a field with its default and the limits for profiles."""
     return field(default=default, metadata={"limits": Limits(minimum, maximum, choices)})
 
 

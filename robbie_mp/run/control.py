@@ -20,7 +20,7 @@ from robbie_mp.errors import RobbieError
 
 SOCKET_NAME = "control"
 MAX_LINE_BYTES = 4096
-"""Of a request."""
+"""Maximum size of a request."""
 
 
 class BadRequest(RobbieError, ValueError):
@@ -28,7 +28,7 @@ class BadRequest(RobbieError, ValueError):
 
 
 def socket_address(folder_fd: int) -> str:
-    """Return the socket's address, given a descriptor of its folder: the folder's path may be too long."""
+    """Return the socket's address by a descriptor of its folder, whose path may be too long."""
     return f"/proc/self/fd/{folder_fd}/{SOCKET_NAME}"
 
 

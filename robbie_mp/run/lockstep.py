@@ -1,10 +1,10 @@
-"""Lockstep: one message is handled at a time in the whole robot, and time stands still meanwhile.
+"""Lockstep: the whole robot handles one message at a time, and time stands still meanwhile.
 
-The core keeps all but the next message back (see `robbie_mp.core.queues`). The module that turns the
-clock sets the time, sends what happens then, and goes on when the core has nothing left to hand out: then
-everything that its messages have caused is over. Ticks are such messages too. So what every module gets, and
-in which order, depends on nothing but the messages: not on the machine's speed or load. Messages from
-outside, as of people or of the supervisor, take their place whenever they come.
+The core holds back all messages but the next one (see `robbie_mp.core.queues`). The module that controls the
+clock sets the time, sends the messages of that time, and continues when the core has no message left to
+deliver: then everything that its messages caused is finished. Ticks are such messages, too. So the messages
+of each module and their order depend only on the messages, and not on the machine's speed or load. Messages
+from outside, such as those of users or the supervisor, take their place in the order whenever they arrive.
 """
 
 import contextlib
@@ -19,14 +19,14 @@ from robbie_mp.transport.words import Words, new_fence
 
 
 class Lockstep:
-    """What the module that turns the clock knows of the others.
+    """The view of the other modules for the module that controls the clock.
 
     Args:
         run_id: the run.
-        out_words: this module's own words.
-        in_words: the core's answer to them.
-        board: who runs.
-        wake_core: has the core look at its rings.
+        out_words: the words of this module's outbound segment.
+        in_words: the words of the core's answer.
+        board: the board, which shows the running modules.
+        wake_core: wakes the core, so that it reads the rings.
     """
 
     def __init__(
@@ -42,23 +42,23 @@ class Lockstep:
         self._fence = new_fence()
         self._names = board.modules()
         self._mapped: dict[int, tuple[int, Segment]] = {}
-        """Incarnation and out segment of the modules, by slot."""
+        """Incarnation and outbound segment of each module, by slot."""
         self._periods = dict.fromkeys(self._names, 0)
 
     def is_settled(self) -> bool:
-        """Whether everything that this module has sent, and all that it caused, has been handled."""
+        """Whether all messages of this module, and everything that they caused, have been handled."""
         if self._in[layout.IN_OUTBOUND_TAIL] != self._out[layout.OUT_HEAD]:
-            return False  # the core has not seen it all
+            return False  # the core has not read all of them
         self._fence()
         return self._core[layout.CORE_SETTLED] == self._core[layout.CORE_LAST_SEQUENCE]
 
     def wake_when_settled(self) -> None:
-        """Have `tick()` run as soon as everything is settled."""
+        """Request a call of `tick()` as soon as everything is settled."""
         self._out[layout.OUT_AWAITS_SETTLED] = 1
         self._wake_core()
 
     def has_just_settled(self) -> bool:
-        """Whether what was waited for has come; says so once."""
+        """Return whether the awaited state has been reached. Returns True only once."""
         if not self._out[layout.OUT_AWAITS_SETTLED] or not self.is_settled():
             return False
         self._out[layout.OUT_AWAITS_SETTLED] = 0
@@ -66,13 +66,13 @@ class Lockstep:
 
     @property
     def is_awaited(self) -> bool:
-        """Whether it is waited for that everything is settled."""
+        """Whether the module waits until everything is settled."""
         return self._out[layout.OUT_AWAITS_SETTLED] != 0
 
     def periods(self) -> Mapping[str, int]:
-        """Period in ns of each module that wants ticks, in the order of the profile.
+        """Return the tick period in ns of each module that wants ticks, in the order of the profile.
 
-        Of a module that is just being restarted, what its last incarnation wanted.
+        For a module that is just being restarted, this is the period of its last incarnation.
         """
         for slot in range(1, len(self._names) + 1):
             name, incarnation = self._names[slot - 1], self._board.incarnation(slot)
@@ -92,27 +92,27 @@ class Lockstep:
         return self._mapped.get(slot)
 
     def close(self) -> None:
-        """Unmap what was mapped."""
+        """Unmap all segments."""
         self._core_segment.close()
         for _, segment in self._mapped.values():
             segment.close()
 
 
 class ClockSource(Module):
-    """A module that can turn the run's clock, when the profile names it in `clock.source`."""
+    """A module that can control the run's clock, if the profile names it in `clock.source`."""
 
     lockstep: Lockstep | None = None
-    """Set before `setup` if this module turns the clock of a run in lockstep."""
+    """Set before `setup` if this module controls the clock of a run in lockstep."""
 
 
 class TickSchedule:
-    """Which module's tick is due next; of several at the same time, in the order of the profile.
+    """Decides which module's tick is due next. Ticks at the same time are in the order of the profile.
 
     Args:
-        start_ns: the time of everybody's first tick.
+        start_ns: the time of all modules' first tick.
 
     Attributes:
-        due_ns: when each module's next tick is due, by its name.
+        due_ns: the time of each module's next tick, by its name.
     """
 
     def __init__(self, start_ns: int):
@@ -121,26 +121,26 @@ class TickSchedule:
         self._periods: dict[str, int] = {}
 
     def update(self, periods: Mapping[str, int], now_ns: int) -> None:
-        """Take the modules' wishes into account.
+        """Update the modules that want ticks.
 
         Args:
-            periods: in ns, by the module's name.
-            now_ns: whoever wants ticks for the first time has the first one now.
+            periods: their periods in ns, by name.
+            now_ns: the present time. Modules that are new here get their first tick now.
         """
         self._periods = dict(periods)
         self.due_ns = {name: self.due_ns.get(name, max(now_ns, self._start_ns)) for name in periods}
 
     def next(self) -> tuple[int, str] | None:
-        """Time (ns) and module of the next tick; None if nobody wants any."""
+        """Return time (ns) and module of the next tick, or None if no module wants ticks."""
         if not self.due_ns:
             return None
         name = min(self.due_ns, key=self.due_ns.__getitem__)  # the first of those due at the same time
         return self.due_ns[name], name
 
     def granted(self, name: str) -> None:
-        """Note that a module has had its tick."""
+        """Record that a module has had its tick."""
         self.due_ns[name] += self._periods[name]
 
     def restart(self, now_ns: int) -> None:
-        """Have everybody's next tick now: the time has been set to another one."""
+        """Make the next tick of all modules due now, because the time has been set to another one."""
         self.due_ns = dict.fromkeys(self.due_ns, now_ns)

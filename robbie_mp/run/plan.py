@@ -34,7 +34,7 @@ CORE = "core"
 
 @dataclass(frozen=True)
 class PlannedModule:
-    """What the module's process and the core need to know about a module."""
+    """The data about a module that its process and the core need."""
 
     name: str
     class_path: str

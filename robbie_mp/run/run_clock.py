@@ -142,18 +142,18 @@ class RunClock:
         return latest[1]
 
     monotonic_ns = now_ns
-    """Likewise; goes back only by a jump."""
+    """The same; it goes back only by a jump."""
 
     def at(self, machine_ns: int) -> int:
         """The run's time at a moment of the machine's monotonic time.
 
-        If it has been turned a thousand times since, it is the time after the first of these.
+        If the clock has been set a thousand times since then, this is the time after the first of these.
         """
         row = self._rows.read_at(machine_ns)
         return row.at(machine_ns) if row else 0
 
     def machine_s_until(self, run_ns: int) -> float:
-        """How long until it is so late, as things are; infinite while time stands still."""
+        """Return the time until the run reaches a time at the present rate; infinite if it stands still."""
         row = self._rows.read()
         if row is None:
             return math.inf

@@ -42,7 +42,7 @@ class UnsafeRunFolder(RobbieError, PermissionError):
     """Other users could change the folder for runs, or it is not a folder.
 
     Example scenarios:
-      - another user created /tmp/robbie-1000 first, to read or replace what is written there
+      - another user created /tmp/robbie-1000 first, to read or replace the files there
       - its mode allows a group to write
     """
 
@@ -122,7 +122,7 @@ class RunDirectory:
         return cls(base / run_id, record, lock_fd)
 
     def remove(self, disk: DiskWriter | None = None) -> None:
-        """Remove the folder with what is left of the run in shared memory, then unlock it.
+        """Remove the folder and the rest of the run's shared memory, then unlock the folder.
 
         Args:
             disk: removes the folder; if the disk has stalled, the next sweep removes the rest. None: this

@@ -26,7 +26,7 @@ class UnknownNode(SceneGraphError, LookupError):
         self._known = tuple(known)
 
     def __str__(self) -> str:
-        """Return the text; similar names are searched only now, because that is slow and seldom needed."""
+        """Return the text; similar names are searched only now, because that is slow and rarely needed."""
         return f"{self.args[0]}{did_you_mean(self.name, self._known)}"
 
 

@@ -1,7 +1,7 @@
-"""The operator station: a page, served by the robot, on which an operator sees and steers it.
+"""The operator station: a page, served by the robot, on which an operator observes and steers it.
 
-It is a module like any other, in a separate process: a page server that hangs or dies takes nothing
-else down. Needs the extra `gui`.
+It is a module like any other, in a separate process, so a page server that hangs or dies affects nothing
+else. Needs the extra `gui`.
 """
 
 from robbie_mp.station.station import ExtraMissing, OperatorStation, load_website

@@ -1,8 +1,8 @@
 """Access to the page: tokens, sessions, roles, and the origin of requests.
 
-Every visitor needs a token, on the robot's own machine too, since others may use it. Requests that
-another site makes a browser send are refused by their origin (OWASP, Cross-Site Request Forgery Prevention;
-RFC 6454).
+Every visitor needs a token, even on the robot's own machine, because other users may work there. A request
+that another site makes a browser send is refused because of its origin (OWASP, Cross-Site Request Forgery
+Prevention; RFC 6454).
 """
 
 import hashlib
@@ -15,22 +15,22 @@ from enum import IntEnum
 from urllib.parse import urlsplit
 
 MAX_SESSIONS = 64
-"""Of each role. The least recently used one is ended first, so observers never end an operator's session."""
+"""Maximum for each role, so that observers end no operator's session. The least recently used one ends."""
 MIN_TOKEN_CHARACTERS = 16
-"""Characters; too many to guess at the rate at which wrong tokens are accepted."""
+"""Minimum number of characters: too many to guess at the limited rate of wrong tokens."""
 
 
 class Role(IntEnum):
-    """What a visitor may do."""
+    """The permissions of a visitor."""
 
     OBSERVER = 1
-    """See everything."""
+    """May see everything."""
     OPERATOR = 2
-    """Steer, too."""
+    """May also steer."""
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address to listen on can be reached from this machine only."""
+    """Return whether only this machine can reach an address to listen on."""
     if host == "localhost":
         return True
     try:
@@ -40,11 +40,11 @@ def is_loopback(host: str) -> bool:
 
 
 class Access:
-    """Knows the tokens and sessions; it keeps only their digests.
+    """Checks tokens and sessions. It stores only their digests.
 
     Args:
-        operator_token: logs an operator in.
-        observer_token: logs an observer in; '': there are no observers.
+        operator_token: token of operators.
+        observer_token: token of observers; '': there are no observers.
         sessions: digests and roles of sessions from before a restart, for the same tokens.
     """
 
@@ -58,11 +58,11 @@ class Access:
 
     @property
     def sessions(self) -> dict[str, int]:
-        """What a restarted station needs; digests, with which no one can log in."""
+        """The sessions as a restarted station needs them. They are digests, with which nobody can log in."""
         return {digest: int(role) for digest, role in tuple(self._sessions.items())}
 
     def log_in(self, token: str) -> str | None:
-        """Return a new session for a token; None if it is wrong. It takes the same time for any token."""
+        """Return a new session for a token; None if it is wrong. Every token takes the same time."""
         given, found = hashlib.sha256(token.encode("utf-8", "replace")).digest(), None
         for role, known in self._tokens.items():
             if hmac.compare_digest(given, known):
@@ -81,7 +81,7 @@ class Access:
         self._sessions.pop(digest_of(session), None)
 
     def role_of(self, session: str | None) -> Role | None:
-        """Return what a session may do; None if there is no such session."""
+        """Return the role of a session, or None if there is no such session."""
         digest = digest_of(session or "")
         role = self._sessions.get(digest)
         if role is not None:
@@ -90,28 +90,28 @@ class Access:
 
 
 def digest_of(session: str) -> str:
-    """Return the digest under which a session is kept; the session cannot be found from it."""
+    """Return the digest of a session, from which nobody can compute the session."""
     return hashlib.sha256(session.encode("utf-8", "replace")).hexdigest()
 
 
 def is_own_origin(origin: str | None, host: str | None) -> bool:
-    """Whether a request comes from a page of ours: its origin is the host that it asks."""
+    """Return whether a request comes from our own page: its origin is the host to which it was sent."""
     return origin is None or (host is not None and urlsplit(origin).netloc.lower() == host.lower())
 
 
 class DriversSeat:
-    """At most one page drives at a time; another one takes over on purpose only."""
+    """Allows at most one page at a time to drive. Another page takes over only by an explicit action."""
 
     def __init__(self) -> None:
         self.holder: str | None = None
 
     def take(self, page: str, *, over: bool = False) -> bool:
-        """Sit down if the seat is free, or take it over; whether the page has it now."""
+        """Let a page drive if no other page does, or if it takes over. Return whether it may drive now."""
         if self.holder is None or over:
             self.holder = page
         return self.holder == page
 
     def leave(self, page: str) -> None:
-        """Stand up."""
+        """End driving by a page."""
         if self.holder == page:
             self.holder = None

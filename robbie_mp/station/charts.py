@@ -1,4 +1,4 @@
-"""Values over time: kept for a while, and drawn as lines."""
+"""Values over time: stores the last ones, and draws them as lines."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ def chart_options(names: Iterable[str], unit: str = "", largest: float | None = 
     """Return the options of an empty chart.
 
     Args:
-        names: of the lines.
-        unit: of the values.
-        largest: upper end of the scale; None: as the values are.
+        names: names of the lines.
+        unit: unit of the values.
+        largest: upper end of the scale; None: depends on the values.
     """
     return {
         "animation": False,

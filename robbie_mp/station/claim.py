@@ -14,8 +14,8 @@ class StationExists(RobbieError, FileExistsError):
     """A run has an operator station already.
 
     Example scenarios:
-      - `robbie gui` attaches to a robot whose profile has one
-      - two people attach one each
+      - you run `robbie gui` for a robot whose profile has an operator station
+      - two people run `robbie gui` for the same robot
     """
 
 
@@ -43,12 +43,12 @@ class StationClaim:
             ) from None
 
     def announce(self, address: str) -> None:
-        """Tell others where the page is."""
+        """Write the page's address for other processes."""
         self._file.seek(0)
         self._file.truncate()
         self._file.write(address)
         self._file.flush()
 
     def close(self) -> None:
-        """Give it up."""
+        """Release the claim."""
         self._file.close()

@@ -14,10 +14,10 @@ from robbie_mp.views.message_text import FieldPath, to_yaml
 
 
 class FormError(RobbieError, ValueError):
-    """Fields of a form have texts that do not fit.
+    """Fields of a form have invalid texts.
 
     Attributes:
-        problems: by the path of the field, what is wrong with it.
+        problems: the problem of each invalid field, by its path.
     """
 
     def __init__(self, problems: Mapping[str, str]):
@@ -30,7 +30,7 @@ class FormField:
     """One field that takes a text."""
 
     path: str
-    """Such as pose.position.x."""
+    """Path of the field, such as pose.position.x."""
     kind: FieldType
     default: str
     """The value if its text is empty."""
@@ -59,10 +59,11 @@ def compose(message_type: type[Message], texts: Mapping[str, str]) -> Message:
 
     Args:
         message_type: its type.
-        texts: by the paths of fields: strings as they are, all else in YAML; empty for the default.
+        texts: texts by the paths of fields. Strings are taken as they are, everything else is YAML; an empty
+            text means the default.
 
     Raises:
-        FormError: fields do not fit; the error says which and why.
+        FormError: fields are invalid; the error says which and why.
     """
     plain: dict[str, Any] = {}
     problems: dict[str, str] = {}

@@ -1,8 +1,8 @@
-"""How many connections there may be, and how long one may take to ask for something.
+"""Limits the number of connections, and the time of each request.
 
-A connection without a session belongs to a stranger. Strangers share a few places, and the oldest connection
-makes room for the next. So half-open connections keep no one out: a browser's request is complete long before
-its connection is the oldest. Visitors with a session have separate places.
+A connection without a session belongs to a stranger. Strangers share a small number of connections, and the
+oldest one is closed to make room for the next. So half-open connections lock nobody out: a browser's request
+is complete long before its connection is the oldest. Visitors with a session have separate connections.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from robbie_mp.station.access import Role
 from robbie_mp.station.listening import BACKLOG
 
 REQUEST_LIMIT_S = 5.0
-"""Time for a complete request, counted from the connection or from its first byte."""
+"""Time limit of a complete request, counted from the connection or from the request's first byte."""
 MAX_STRANGERS = 48
 MAX_STRANGERS_OF_ONE = 16
-"""From one address, or one network of IPv6."""
+"""Maximum from one address, or one IPv6 network."""
 MAX_VISITORS = 160
-"""Connections of all sessions."""
+"""Maximum number of connections of all sessions."""
 MAX_VISITORS_OF_ONE = 48
-"""Of one session: eight pages, each with four sockets and a few requests."""
+"""Maximum for one session: eight pages, each with four sockets and a few requests."""
 RESERVED_DESCRIPTORS = 64
-"""Left for the module's own files."""
+"""Number of descriptors reserved for the module's own files."""
 MIN_VISITORS = 16
 IPV6_NETWORK_BITS = 64
 
@@ -47,8 +47,8 @@ class Connection:
     """A connection to a browser.
 
     Args:
-        transport: it.
-        peer: address and port at the other end.
+        transport: the transport of the connection.
+        peer: address and port of the other end.
     """
 
     transport: asyncio.BaseTransport
@@ -62,14 +62,14 @@ class Connection:
 
 
 class Connections:
-    """All open connections; lives in the page server's event loop.
+    """All open connections. Used only in the page server's event loop.
 
     Args:
-        max_strangers: of connections without a session.
-        max_visitors: of those with one.
+        max_strangers: maximum number of connections without a session.
+        max_visitors: maximum number of connections with a session.
 
     Attributes:
-        dropped: connections that had to make room.
+        dropped: number of connections closed to make room.
     """
 
     def __init__(self, max_strangers: int = MAX_STRANGERS, max_visitors: int = MAX_VISITORS):
@@ -80,7 +80,7 @@ class Connections:
         self._visitors: dict[tuple[str, int], Connection] = {}
 
     def enter(self, transport: asyncio.BaseTransport) -> Connection:
-        """Add a connection. The oldest one of the strangers with the most connections makes room for it."""
+        """Add a connection. If necessary, close the oldest one of the stranger with the most connections."""
         name = transport.get_extra_info("peername")
         peer = (str(name[0]), int(name[1])) if name else ("", id(transport))
         known = self._visitors.get(peer) or self._strangers.get(peer)
@@ -102,7 +102,7 @@ class Connections:
                 del room[connection.peer]
 
     def admit(self, peer: tuple[str, int] | None, session: str, role: Role) -> bool:
-        """Count a connection to a session; return whether there is room for it."""
+        """Count a connection for a session. Return whether there is room for it."""
         if peer is None or (connection := self._visitors.get(peer) or self._strangers.get(peer)) is None:
             return False
         if connection.session == session:
@@ -127,7 +127,7 @@ class Connections:
         self._abort(next(one for one in self._strangers.values() if one.source == source))
 
     def _make_room(self, role: Role, own: int) -> bool:
-        """Have the session with most connections lose its newest one: an observer's, or one with more."""
+        """Close the newest connection of the session with most: an observer's, or one with more of them."""
         counts = Counter((one.role is Role.OBSERVER, one.session) for one in self._visitors.values())
         (is_observer, session), most = max(counts.items(), key=lambda item: (item[0][0], item[1]))
         if not (is_observer and role is Role.OPERATOR) and most <= own + 1:
@@ -175,7 +175,7 @@ class BoundedHttp(_Counted, H11Protocol):
         self._is_upgraded = False
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Wait for its first request."""
+        """Wait for the first request."""
         super().connection_made(transport)
         self._too_late = self.loop.call_later(REQUEST_LIMIT_S, transport.abort)
 
@@ -204,10 +204,10 @@ class BoundedHttp(_Counted, H11Protocol):
 
 
 class BoundedWebSocket(_Counted, WSProtocol):
-    """A counted WebSocket that is closed if it requests answers that it does not read."""
+    """A counted WebSocket, which is closed if it requests answers without reading them."""
 
     def handle_ping(self, event: Any) -> None:
-        """Answer; the answers that wait are bounded."""
+        """Answer a ping. The number of waiting answers is bounded."""
         if self.writable.is_set():
             super().handle_ping(event)
         else:
@@ -215,7 +215,7 @@ class BoundedWebSocket(_Counted, WSProtocol):
 
 
 def source_of(address: str) -> str:
-    """Return what strangers are counted by: their address, or their network if that is so large as IPv6's."""
+    """Return the key by which strangers are counted: their IPv4 address or IPv6 network."""
     try:
         found = ipaddress.ip_address(address.partition("%")[0])
     except ValueError:
@@ -228,10 +228,10 @@ def source_of(address: str) -> str:
 
 
 def bounded_connections() -> Connections:
-    """Return as many places as this process may open files.
+    """Return limits that fit the number of files that this process may open.
 
     Raises:
-        TooFewDescriptors: these are hardly any.
+        TooFewDescriptors: the process may open too few files.
     """
     limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     free = limit - len(os.listdir("/proc/self/fd")) - RESERVED_DESCRIPTORS - MAX_STRANGERS - BACKLOG

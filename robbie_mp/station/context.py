@@ -1,4 +1,4 @@
-"""What panels see: the operator station, and a page that is open in a browser."""
+"""The interfaces that panels use: the operator station, and a page that is open in a browser."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class StationContext(MessageSource, Protocol):
     page server's thread runs everything else.
 
     Attributes:
-        pages: the pages that are open, by their keys.
-        live: what pages draw many times a second.
-        map_marks: what the map and the 3-D view mark.
+        pages: the open pages, by their keys.
+        live: the parts that pages draw many times a second.
+        map_marks: the marks on the map and in the 3-D view.
         run_watch: the figures of all processes and channels.
-        refusals: the log of what visitors were refused; it has a limit.
+        refusals: the log of refused actions of visitors; its rate is limited.
     """
 
     run_id: str
@@ -75,20 +75,20 @@ class StationContext(MessageSource, Protocol):
         *,
         topic: str = "",
     ) -> None:
-        """Have messages of a type handled, as `Module.subscribe` does."""
+        """Subscribe to messages of a type, as `Module.subscribe` does."""
 
     def publish(self, message: Message, *, topic: str = "") -> bool:
-        """Publish a message, from any thread; panels use `Page.publish`, which checks the visitor's role."""
+        """Publish a message from any thread. Panels use `Page.publish`, which checks the visitor's role."""
 
     def opened(self, page: Page) -> None:
-        """Note a page; in the page server's thread."""
+        """Add an open page; called in the page server's thread."""
 
     def closed(self, page: Page) -> None:
-        """Forget a page, which drives no more; in the page server's thread."""
+        """Remove a page, which then no longer drives; called in the page server's thread."""
 
 
 def header_of_now(station: StationContext, frame_id: str = "") -> Header:
-    """Return the header of a message that is made now."""
+    """Return the header of a message that is created now."""
     return Header(stamp=Time.from_nanoseconds(station.clock.now_ns()), frame_id=frame_id)
 
 
@@ -97,7 +97,7 @@ class Link(Protocol):
 
     @property
     def is_free(self) -> bool:
-        """Whether the browser has received nearly everything that was sent."""
+        """Whether the browser has received almost everything that was sent."""
 
 
 class Page:
@@ -109,7 +109,7 @@ class Page:
     Args:
         key: identifies the page among all open ones.
         session: the visitor's session.
-        station: whose page it is.
+        station: the station that serves the page.
         link: the connection to the browser.
     """
 
@@ -119,7 +119,7 @@ class Page:
         self.link = link
         self._station = station
         self.tab = ""
-        """Name of the panel that the visitor looks at."""
+        """Name of the panel that is open."""
 
     @property
     def role(self) -> Role | None:
@@ -127,7 +127,7 @@ class Page:
         return self._station.access.role_of(self.session)
 
     def may(self, what: str, needs: Role = Role.OPERATOR) -> bool:
-        """Return whether the visitor may do something now; if not, say so on the page and in the trace.
+        """Return whether the visitor may do something now. If not, report it on the page and in the trace.
 
         Args:
             what: the action, such as "the order".
@@ -142,16 +142,16 @@ class Page:
         return False
 
     def publish(self, message: Message, what: str, topic: str = "", needs: Role = Role.OPERATOR) -> bool:
-        """Publish a message for the visitor, or say on the page why not.
+        """Publish a message for the visitor, or show on the page why not.
 
         Args:
             message: the message.
-            what: the message is, for people, such as "the order".
-            topic: of the message.
+            what: a name for the message in texts, such as "the order".
+            topic: topic of the message.
             needs: the role that the action needs.
 
         Returns:
-            Whether it was published: the visitor may publish it, and the robot's memory is not full.
+            Whether it was published. It is not if the visitor lacks the role, or the robot's memory is full.
         """
         if not self.may(what, needs):
             return False
@@ -161,9 +161,9 @@ class Page:
         return is_sent
 
     def every(self, period_s: float, panel: str, update: Callable[[], Awaitable[None] | None]) -> None:
-        """Call an update periodically while the visitor looks at a panel.
+        """Call an update periodically while a panel is open.
 
-        An update that can be awaited ends before the next one begins.
+        If the update is a coroutine, it ends before the next one begins.
         """
         self.always(period_s, lambda: update() if self.tab == panel else None)
 

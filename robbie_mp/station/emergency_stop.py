@@ -29,10 +29,10 @@ class StopButton(Element, component="emergency_stop.js"):
 
 
 class EmergencyStopControl:
-    """Every visitor may stop the robot; only operators release it.
+    """The emergency stop on all pages. Every visitor may stop the robot; only operators may release it.
 
     Attributes:
-        service: answers the buttons of all pages.
+        service: serves the buttons of all pages.
     """
 
     def __init__(self, station: StationContext):
@@ -43,11 +43,11 @@ class EmergencyStopControl:
         self.service = StopService(self._requests, self._state)
 
     def tick(self) -> None:
-        """Repeat presses that the base has not confirmed; in the module's thread."""
+        """Repeat presses that the base has not confirmed; called in the module's thread."""
         self._requests.repeat()
 
     def _send(self, engaged: bool) -> bool:
-        """Ask the base to stop and stay stopped, or to be ready to drive again."""
+        """Request the base to stop and stay stopped, or to be ready to drive again."""
         reason = STOPPED_BY if engaged else RELEASED_BY
         message = EmergencyStop(header=header_of_now(self._station), engaged=engaged, reason=reason)
         return self._station.publish(message, topic=REQUEST_TOPIC)
@@ -61,7 +61,7 @@ class EmergencyStopControl:
         return is_engaged or self._requests.waits_s is not None
 
     def build(self, page: Page) -> None:
-        """Make the stop button of a page, and the button that releases the stop."""
+        """Build the stop button of a page, and the button that releases the stop."""
         ui.add_css(STYLE)
         StopButton()
 
@@ -75,7 +75,7 @@ class EmergencyStopControl:
             with ui.row():
                 ui.button("Release", on_click=release, color="orange-10").props("id=confirm-release")
                 ui.button("Keep it stopped", on_click=dialog.close)
-        # Its place is kept while it is not to be seen, so that nothing else moves.
+        # It keeps its place while it is invisible, so that nothing else moves.
         again = ui.button("Release …", on_click=dialog.open).props("id=release-emergency-stop")
 
         def update() -> None:

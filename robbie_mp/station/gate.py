@@ -19,12 +19,12 @@ from robbie_mp.station.rate_limits import LoginLimit
 
 SESSION_COOKIE = "robbie_session"
 SESSION = "robbie.session"
-"""The key of the session in the scope of an admitted request."""
+"""Key of the session in the scope of an admitted request."""
 LOGIN_PATH = "/login"
 LOGOUT_PATH = "/logout"
 MESSAGES_BURST = 200.0
 MESSAGES_PER_S = 100.0
-"""From one page on one socket. A page that drives sends 10 a second; faster messages wait."""
+"""Maximum rate from one page on one socket. A page that drives sends 10 a second; faster messages wait."""
 HEADERS = [
     (
         b"content-security-policy",
@@ -35,7 +35,7 @@ HEADERS = [
     (b"referrer-policy", b"same-origin"),
     (b"cross-origin-resource-policy", b"same-origin"),
 ]
-"""They keep other sites from showing the page in a frame (clickjacking), and its pictures."""
+"""Headers that keep other sites from showing the page in a frame (clickjacking) or using its pictures."""
 MAX_FORM_BYTES = 4096
 
 LOGIN_PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Robbie: log in</title>
@@ -58,9 +58,9 @@ class Gate:
 
     Args:
         app: the page server.
-        access: knows the sessions.
-        connections: on which the requests arrive.
-        log: takes a line for each refusal; it should have a limit.
+        access: checks sessions and tokens.
+        connections: the connections on which the requests arrive.
+        log: logs each refusal; its rate should be limited.
     """
 
     def __init__(self, app: App, access: Access, connections: Connections, log: logging.Logger):
@@ -111,7 +111,7 @@ class Gate:
 
     async def _deny(self, scope: Scope, receive: Receive, send: Send, response: Response) -> None:
         if scope["type"] == "websocket":
-            await receive()  # the connect, which is to be answered
+            await receive()  # the connect message, which must be answered first
             await send({"type": "websocket.close", "code": 1008})
         else:
             await response(scope, receive, send)
@@ -122,7 +122,7 @@ class Gate:
             tokens = parse_qs(form.decode("utf-8", "replace")).get("token", [""])
         elif dict(scope["headers"]).get(b"sec-fetch-site") == b"cross-site":
             return login_page("a page of another site has sent you here: enter the token yourself")
-        else:  # a link with the token in it, as `robbie run` prints one
+        else:  # a link with the token in it, such as the one that `robbie run` prints
             tokens = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
         if not tokens:
             return login_page("")
@@ -142,7 +142,7 @@ class Gate:
         return response
 
     async def _log_out(self, scope: Scope, _receive: Receive, session: str | None) -> Response:
-        """End a session with all its pages. It takes a POST, so that no link or picture can do it."""
+        """End a session with all its pages. It requires a POST, so that no link or picture can do it."""
         if scope["method"] != "POST":
             return PlainTextResponse("log out by POST\n", 405)
         if session is not None:
@@ -154,7 +154,7 @@ class Gate:
 
 
 def with_headers(send: Send) -> Send:
-    """Return a `send` that adds headers to every answer: no other site may show or read it."""
+    """Return a `send` that adds headers to every answer, so that no other site can show or read it."""
 
     async def answer(message: Message) -> None:
         if message["type"] == "http.response.start":
@@ -165,7 +165,7 @@ def with_headers(send: Send) -> Send:
 
 
 def paced(receive: Receive) -> Receive:
-    """Return a `receive` that takes messages at a limited rate; further ones wait at the sender."""
+    """Return a `receive` that takes messages at a limited rate. Further messages wait at the sender."""
     allowed, since_s = MESSAGES_BURST, time.monotonic()
 
     async def take() -> Message:
@@ -183,12 +183,12 @@ def paced(receive: Receive) -> Receive:
 
 
 def login_page(error: str, status: int = 200, headers: Mapping[str, str] | None = None) -> Response:
-    """Return the form that asks for the token."""
+    """Return the page with the form for the token."""
     return HTMLResponse(LOGIN_PAGE.format(error=escape(error)), status, headers)
 
 
 async def read_body(receive: Receive) -> bytes:
-    """Read a request's body, cut off at MAX_FORM_BYTES."""
+    """Read at most MAX_FORM_BYTES of a request's body."""
     body = b""
     while len(body) < MAX_FORM_BYTES:
         message = await receive()

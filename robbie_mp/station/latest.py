@@ -1,4 +1,4 @@
-"""The newest message of a kind, for panels that look at their own pace, and how to get it."""
+"""The newest message of a kind, which panels read at their own rate."""
 
 import threading
 import time
@@ -9,11 +9,11 @@ from robbie_mp.module.envelope import Envelope, MessageType
 
 
 class Latest(Generic[MessageType]):
-    """The newest message of a kind: the module's thread puts it here, the pages' threads read it.
+    """Holds the newest message of a kind. The module's thread writes it; the page server's threads read it.
 
     Attributes:
         message: None before the first one.
-        count: number of messages up to this one; a page tells by it whether it has shown this one.
+        count: number of messages so far. A page compares it to find out whether it has shown the newest one.
     """
 
     def __init__(self) -> None:
@@ -25,11 +25,11 @@ class Latest(Generic[MessageType]):
 
     @property
     def age_s(self) -> float | None:
-        """Time since the newest message came; None before the first one."""
+        """Time since the newest message arrived; None before the first one."""
         return time.monotonic() - self._put_s if self.count else None
 
     def put(self, message: MessageType) -> None:
-        """Replace the message before."""
+        """Replace the message by a newer one."""
         self._put_s = time.monotonic()
         self.message = message
         self.count += 1
@@ -37,38 +37,38 @@ class Latest(Generic[MessageType]):
             listener(message)
 
     def listen(self, listener: Callable[[MessageType], None]) -> None:
-        """Call a function with each message, in the module's thread; any thread may call this."""
+        """Call a function with each message, in the module's thread. Any thread may call this method."""
         with self._lock:
             self._listeners = (*self._listeners, listener)
 
     def ignore(self, listener: Callable[[MessageType], None]) -> None:
-        """Stop calling it."""
+        """Stop calling a function."""
         with self._lock:
             self._listeners = tuple(one for one in self._listeners if one is not listener)
 
 
 class MessageSource(Protocol):
-    """Where the messages come from that pages show: the operator station."""
+    """The source of the messages that pages show: the operator station."""
 
     @property
     def envelope(self) -> Envelope:
-        """Of the message that is being handled: its topic, sender and times."""
+        """Topic, sender and times of the message that is being handled."""
 
     def newest(self, message_type: type[MessageType], topic: str = "") -> Latest[MessageType]:
-        """Return what holds the newest message of a type and topic; in the module's thread."""
+        """Return the holder of the newest message of a type and topic; called in the module's thread."""
 
     def hear(
         self, message_type: type[MessageType], handler: Callable[[MessageType], None], topic: str = ""
     ) -> None:
-        """Have every message of a type and topic handled; in the module's thread."""
+        """Subscribe to every message of a type and topic; called in the module's thread."""
 
 
 def silence(age_s: float | None, after_s: float) -> str:
-    """Return how long a source has been silent, for people; '' if it is not overdue.
+    """Return how long a source has been silent, as text; '' if it is not overdue.
 
     Args:
-        age_s: age of the newest message; None: none has come yet.
-        after_s: a working source sends something within this time.
+        age_s: age of the newest message; None: none has arrived yet.
+        after_s: maximum time between two messages of a working source.
     """
     if age_s is None or age_s <= after_s:
         return ""

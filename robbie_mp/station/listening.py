@@ -5,12 +5,13 @@ import socket
 from robbie_mp.errors import RobbieError
 
 BACKLOG = 32
-"""Connections that may be accepted at once."""
+"""Length of the queue of connections that wait to be accepted."""
 
 UNREAD_LIMIT_S = 20.0
 """A browser that reads nothing for this time is disconnected."""
 UNSENT_BYTES = 1 << 16
-"""Bytes that wait in the kernel for a browser. The rest waits here, where newer data replace it."""
+"""Maximum number of bytes that wait in the kernel for a browser. The rest waits in this process, where newer
+data replace it."""
 
 
 class AddressUnusable(RobbieError, OSError):
@@ -18,7 +19,7 @@ class AddressUnusable(RobbieError, OSError):
 
     Example scenarios:
       - another program, or another robot's station, uses the port
-      - the host is no address of this machine
+      - the host is not an address of this machine
     """
 
 
@@ -27,11 +28,11 @@ def listen(host: str, port: int, unread_limit_s: float = UNREAD_LIMIT_S) -> sock
 
     Args:
         host: address to listen on.
-        port: 0 takes any that is free.
+        port: port to listen on; 0: any free one.
         unread_limit_s: a peer that reads nothing for this time is disconnected.
 
     Raises:
-        AddressUnusable: the address is taken, or not this machine's.
+        AddressUnusable: the address is in use, or does not belong to this machine.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:

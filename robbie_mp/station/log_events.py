@@ -1,4 +1,4 @@
-"""Events in a log that plays, shown above the playback's bar: crashes, marks, and what panels add."""
+"""Events in a log that plays, shown above the playback's bar: crashes, marks, and events of panels."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from robbie_mp.recording.reader import LoggedMessage, open_log
 CRASHED = ("BACKOFF", "FAILED")
 MAX_EVENTS = 300
 MESSAGES_PER_TURN = 100
-"""Messages that are read before other threads get the processor; serving pages comes first."""
+"""Number of messages read before other threads get the processor, because serving pages is more urgent."""
 
 
 @dataclass(frozen=True)
 class EventKind:
-    """Events that the messages of one type tell of.
+    """A kind of event that messages of one type describe.
 
     Attributes:
-        name: of the kind, such as "crash"; unique.
-        message_type: the messages.
-        make_reader: makes the function that reads one log. It gets every message in order, and returns what
-            happened, for people, or None if nothing did.
-        icon: a name of the Material Icons.
-        colour: of Quasar's, such as "red-3".
+        name: unique name of the kind, such as "crash".
+        message_type: type of the messages.
+        make_reader: makes the function that reads one log. It gets every message in order, and returns a text
+            for an event, or None.
+        icon: name of a Material Icon.
+        colour: name of a Quasar colour, such as "red-3".
     """
 
     name: str
@@ -41,7 +41,7 @@ class EventKind:
 
 
 def crash_of(state: ModuleState) -> str | None:
-    """Return which module crashed; None if none did."""
+    """Return the module that crashed, or None."""
     return f"{state.module} is {state.state}: {state.reason}" if state.state in CRASHED else None
 
 
@@ -56,7 +56,7 @@ MARK = EventKind("mark", Mark, lambda: mark_of, "bookmark", "amber-3")
 
 @dataclass(frozen=True)
 class LogEvent:
-    """Something that happened at a moment of a log."""
+    """An event at a time of a log."""
 
     time_ns: int
     kind: EventKind
@@ -70,8 +70,8 @@ class LogEvents:
         kinds: the events to find, besides crashes and marks.
 
     Attributes:
-        found: the first events, by time; the tuple is replaced and never changed, since pages read it.
-        error: why there are none; '' if that is not known.
+        found: the first events, by time. The tuple is replaced and never changed, because pages read it.
+        error: why there are none; '' if there is no error.
     """
 
     def __init__(self, kinds: Iterable[EventKind] = ()) -> None:
@@ -81,7 +81,7 @@ class LogEvents:
         self._file = ""
 
     def read(self, file: str) -> None:
-        """Start reading a log, unless it is the one read last; always called by the same thread."""
+        """Start to read a log, unless it is the last one read. Always call this in the same thread."""
         if file != self._file:
             self._file, self.found, self.error = file, (), ""
             threading.Thread(target=self._read, args=(file,), name="events of a log", daemon=True).start()
@@ -109,7 +109,7 @@ def _pausing(messages: Iterable[LoggedMessage]) -> Iterator[LoggedMessage]:
 
 
 def events_of(messages: Iterable[LoggedMessage], kinds: Sequence[EventKind]) -> Iterator[LogEvent]:
-    """Yield what happened, in the order of the messages."""
+    """Yield the events in the order of the messages."""
     readers = [(kind, kind.make_reader()) for kind in kinds]
     for message in messages:
         for kind, describe in readers:

@@ -1,4 +1,4 @@
-"""What is marked on the map and in the 3-D view: points of interest, and what panels mark."""
+"""The marks on the map and in the 3-D view: points of interest, and marks of panels."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class MapMark(NamedTuple):
 
     name: str
     colour: str
-    """As a style sheet has it: #00897b."""
+    """Colour in CSS notation, such as #00897b."""
     x: float
-    """m, map frame, as y and z."""
+    """Position in the map frame, m; so are y and z."""
     y: float
     z: float
 
@@ -31,24 +31,25 @@ class MapMarks:
         self._sources: dict[str, Callable[[], Iterable[MapMark]]] = {}
 
     def add(self, title: str, source: Callable[[], Iterable[MapMark]]) -> None:
-        """Have more marked; constructors of panels do this.
+        """Add a source of marks. Constructors of panels call this.
 
         Args:
-            title: what the marks are, in the plural; a page shows how many there are.
-            source: returns the marks of this moment; called in the module's thread and the page server's.
+            title: a name for the marks, in the plural; a page shows their number.
+            source: returns the present marks; called in the module's thread and in the page server's.
         """
         self._sources[title] = source
 
     def now(self) -> dict[str, tuple[MapMark, ...]]:
-        """Return the marks of this moment, by the titles of their sources."""
+        """Return the present marks, by the titles of their sources."""
         return {title: tuple(source()) for title, source in self._sources.items()}
 
 
 class PlacesWatch:
-    """Keeps the newest list of points of interest of each topic.
+    """Keeps the newest list of points of interest on each topic.
 
     Attributes:
-        places: those of all lists; the tuple is replaced and never changed, since other threads read it.
+        places: the points of all lists. The tuple is replaced and never changed, because other threads read
+            it.
     """
 
     def __init__(self, source: MessageSource):

@@ -1,4 +1,4 @@
-"""Marks a moment, to find it again in the log and on the playback's bar."""
+"""Marks a moment, so that you can find it in the log and on the playback's bar."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 
 class MomentMarker:
-    """A button at the top of the page. It marks at once, since typing a text would take too long."""
+    """A button at the top of the page. It marks at once, because typing a text would take too long."""
 
     def __init__(self, station: StationContext):
         self._station = station
         self._numbers = count(1)
 
     def build(self, page: Page) -> None:
-        """Make the button; observers have none."""
+        """Build the button. Observers have none."""
         if page.role is not Role.OPERATOR:
             return
 

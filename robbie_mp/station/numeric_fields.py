@@ -16,7 +16,7 @@ Step = str | int
 """A field's name, or an element's number."""
 STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d{1,9})\]")
 MAX_OFFERED_ELEMENTS = 9
-"""Number of elements offered of an array of fixed length; of other arrays, the first."""
+"""Maximum number of elements offered for an array of fixed length. Of other arrays, the first is offered."""
 MAX_DEPTH = 8
 
 
@@ -30,7 +30,7 @@ class NoSuchNumber(RobbieError, LookupError):
 
 
 def numeric_paths(message_type: type[Message]) -> list[str]:
-    """Return paths of the numbers in a type; of arrays whose length is open, of the first element."""
+    """Return the paths of all numbers in a type, with the first element of arrays of variable length."""
     return [path for field in fields_of(message_type) for path in _paths(field.name, field.type, 1)]
 
 
@@ -46,10 +46,10 @@ def _paths(path: str, kind: FieldType, depth: int) -> Iterator[str]:
 
 
 def number_reader(message_type: type[Message], path: str) -> Callable[[Message], float | None]:
-    """Return what reads the number that a path leads to; it returns None of an element that is not there.
+    """Return a function that reads the number at a path. It returns None for a missing element.
 
     Raises:
-        NoSuchNumber: the path leads to none.
+        NoSuchNumber: the path leads to no number.
     """
     steps = _steps(path)
     kind: FieldType = nested(message_type)

@@ -1,4 +1,4 @@
-"""Orders to the supervisor. They take time: a page gives one, and looks for the answer later."""
+"""Commands to the supervisor. They take time, so a page gives one and reads the answer later."""
 
 import threading
 from functools import partial
@@ -9,17 +9,17 @@ from robbie_mp.run.control import control
 
 
 class Order:
-    """Stops, starts or restarts a module, or says what is recorded of it.
+    """Stops, starts or restarts a module, or sets what the trace records of it.
 
     Args:
-        folder: of the run.
+        folder: folder of the run.
         action: "stop", "start", "restart" or "record".
         module: the module; None: all modules.
-        more: further arguments of the order.
+        more: further arguments of the command.
 
     Attributes:
-        answer: the supervisor's answer; None until it comes.
-        is_refused: whether the supervisor refused the order.
+        answer: the supervisor's answer; None until it arrives.
+        is_refused: whether the supervisor refused the command.
     """
 
     def __init__(self, folder: Path, action: str, module: str | None, **more: object):

@@ -20,19 +20,19 @@ LOG_OUT = "() => fetch('/logout', {method: 'POST'}).then(() => window.location.a
 RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
 """Try to reconnect every few tenths of a second (Socket.IO's default is up to 5 s)."""
 MAX_WAITING_PACKETS = 4
-"""Packets that may wait for a browser. With this many waiting, its page is not updated."""
+"""Maximum number of packets that wait for a browser. With this many waiting, its page is not updated."""
 NAMESPACE = "/"
 
 
 class BrowserLink(Link):
-    """Knows how many packets wait for one browser.
+    """Counts the packets that wait for one browser.
 
-    Socket.IO queues without a limit what a browser has not received. So updates of a page check this first. A
-    later update with the newest state makes up for one that was skipped.
+    Socket.IO queues packets for a browser without a limit. So updates of a page check this first. A skipped
+    update does no harm, because a later one has the newest state.
 
     Args:
-        server: sends to all browsers; a socketio.AsyncServer.
-        client: the one.
+        server: the socketio.AsyncServer that sends to all browsers.
+        client: the browser.
     """
 
     def __init__(self, server: Any, client: str):
@@ -57,12 +57,12 @@ def build_page(
     bars: Sequence[Callable[[Page], None]],
     panels: Sequence[tuple[Panel, str]],
 ) -> None:
-    """Make the elements of a page that has just been opened.
+    """Build the elements of a page that has just been opened.
 
     Args:
-        station: whose page it is.
-        tools: make the elements in the bar at the top.
-        bars: make the elements above the tabs, some of them hidden most of the time.
+        station: the station that serves the page.
+        tools: build the elements in the bar at the top.
+        bars: build the elements above the tabs, some of them hidden most of the time.
         panels: each with its title.
     """
     client = ui.context.client
@@ -95,6 +95,6 @@ def build_page(
 
     def turn_to(name: str) -> None:
         page.tab = name
-        ui.navigate.history.replace(f"?{TAB}={name}")  # for when the page is loaded again
+        ui.navigate.history.replace(f"?{TAB}={name}")  # for a reload of the page
 
     tabs.on_value_change(lambda event: turn_to(str(event.value)))

@@ -1,7 +1,7 @@
 """Events of pages: accepted only on the connection of the page that they name, and only if well formed.
 
-NiceGUI finds the page of an event by the id in the event, whichever connection it came on. Here each
-connection belongs to one page of one session, and its events can name no other page.
+NiceGUI finds the page of an event by the id in the event, on any connection. Here, each connection belongs to
+one page of one session, and its events can name no other page.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 NAMESPACE = "/"
 LOAD_ANEW = "Implicit handshake failed"
-"""The answer at which a page reloads itself, as after a restart of the station."""
+"""The answer that makes a page reload, as after a restart of the station."""
 MAX_CHARACTERS = {
     "event": 1 << 16,
     "javascript_response": 1 << 14,
@@ -33,13 +33,13 @@ MAX_CHARACTERS = {
     "ack": 256,
     "log": 1 << 14,
 }
-"""Limits of an event's content. The longest are texts that a visitor has written."""
+"""Limits of an event's content. The longest events have texts that a visitor typed."""
 MAX_LOG_CHARACTERS = 500
 """Limit of a line that a page logs; the rest is cut off."""
 PACKETS = ("1", "3", "40", "40{}", "41")
 """Close, pong, connect and disconnect."""
 EVENT_PACKET = re.compile(r"42\d{0,9}(?=\[)")
-"""Begins a packet with an event; a number follows if it wants an answer."""
+"""Beginning of a packet with an event. A number follows if the event requests an answer."""
 LEVELS = ("debug", "info", "warning", "error")
 FORMS: dict[str, dict[str, type | tuple[type, ...]]] = {
     "event": {"client_id": str, "id": int, "listener_id": str, "args": list},
@@ -52,10 +52,10 @@ FORMS: dict[str, dict[str, type | tuple[type, ...]]] = {
 
 
 class PageEvents:
-    """Stands before NiceGUI's handlers of all that pages send.
+    """Checks all events of pages before NiceGUI handles them.
 
     Args:
-        station: knows whose page is whose.
+        station: knows the session of each page.
     """
 
     def __init__(self, station: StationContext):
@@ -63,14 +63,14 @@ class PageEvents:
         handlers = dict(core.sio.handlers[NAMESPACE])
         unknown = handlers.keys() - FORMS.keys() - {"connect", "disconnect"}
         if unknown:
-            raise NotImplementedError(f"this version of NiceGUI has events that nobody guards: {unknown}")
+            raise NotImplementedError(f"this version of NiceGUI has events that are not checked: {unknown}")
         self._handlers = handlers
         core.sio.on("connect", self._on_connect)
         for name in FORMS:
             core.sio.on(name, self._guarded(name))
 
     async def _on_connect(self, connection: str, _environ: object, _auth: object = None) -> bool:
-        # What is passed as the environment may come from an event that calls itself "connect".
+        # The value passed as the environment may come from an event that calls itself "connect".
         environ = core.sio.get_environ(connection) or {}
         if not self._may_join(connection, named_in(environ)):
             raise ConnectionRefusedError(LOAD_ANEW)
@@ -89,16 +89,16 @@ class PageEvents:
             try:
                 answer = self._handlers[name](connection, content)
                 return await answer if inspect.isawaitable(answer) else answer
-            except Exception as error:  # whatever is sent, it writes no report of several lines
+            except Exception as error:  # one line, without a traceback, for any event
                 self._station.refusals.warning("cannot handle %s from a page: %r", name, error)
                 return False
 
         return handle
 
     def _problem(self, connection: str, name: str, content: Any) -> str:
-        """Say what is wrong with an event; '' if nothing is."""
+        """Return the error in an event; '' if there is none."""
         if not has_form(content, FORMS[name]):
-            return "it has not the form of such an event"
+            return "it is malformed"
         if len(json.dumps(content)) > MAX_CHARACTERS[name]:
             return f"it is longer than {MAX_CHARACTERS[name]} characters"
         key = content["client_id"]
@@ -108,25 +108,25 @@ class PageEvents:
         else:
             is_own = key in core.sio.rooms(connection)
         if not is_own:
-            return "it is in another page's name"
+            return "it names another page"
         if name == "event" and not has_listener(key, content):
-            return "there is no such element, or nobody listens to it"
+            return "there is no such element, or it has no such handler"
         if name == "log" and content["level"] not in LEVELS:
             return "there is no such level"
         return ""
 
     def _may_join(self, connection: str, key: str) -> bool:
-        """Whether a connection and the page that it names are of the same session."""
+        """Return whether a connection and the page that it names belong to the same session."""
         page = self._station.pages.get(key)
         scope = (core.sio.get_environ(connection) or {}).get("asgi.scope", {})
         return page is not None and page.session == scope.get(SESSION)
 
 
 def with_known_packets(app: App) -> App:
-    """Return an application that gets only packets that pages send; any other one ends its connection.
+    """Return an application that receives only packets of kinds that pages send. Others end the connection.
 
-    Socket.IO knows many more. Of one that promises attachments, for instance, it keeps all that come until
-    they are complete, which is never.
+    Socket.IO has many more kinds. For example, it stores the attachments of a packet until they are complete,
+    which may never happen.
     """
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
@@ -143,7 +143,7 @@ def with_known_packets(app: App) -> App:
 
 
 def is_known(packet: str | None) -> bool:
-    """Whether a packet is one that pages send, of Socket.IO 5 in Engine.IO 4."""
+    """Return whether a packet (Socket.IO 5 in Engine.IO 4) is of a kind that pages send."""
     if packet is None:
         return False
     if packet in PACKETS:
@@ -159,7 +159,7 @@ def is_known(packet: str | None) -> bool:
 
 
 def has_form(content: Any, form: dict[str, type | tuple[type, ...]]) -> bool:
-    """Whether something has all members that an event of its kind has."""
+    """Return whether an object has all members of an event of its kind."""
     return isinstance(content, dict) and all(
         isinstance(content.get(name), kind) and not (kind is int and isinstance(content[name], bool))
         for name, kind in form.items()
@@ -167,12 +167,12 @@ def has_form(content: Any, form: dict[str, type | tuple[type, ...]]) -> bool:
 
 
 def has_listener(key: str, event: dict[str, Any]) -> bool:
-    """Whether an event is one that an element of the page has asked for."""
+    """Return whether an element of the page has a handler for an event."""
     client = Client.instances.get(key)
     element = client.elements.get(event["id"]) if client else None
     return element is not None and event["listener_id"] in element._event_listeners
 
 
 def named_in(environ: dict[str, Any]) -> str:
-    """Return the page that a connection named when it was made; '' if it named none."""
+    """Return the page that a connection named when it was opened; '' if it named none."""
     return parse_qs(str(environ.get("QUERY_STRING", ""))).get("client_id", [""])[0]

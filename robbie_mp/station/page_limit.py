@@ -1,4 +1,4 @@
-"""A limit on open pages: each costs memory, and time to make."""
+"""Limits the number of open pages, because each costs memory and processor time."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from robbie_mp.station.context import Page, StationContext
 
 MAX_PAGES = 16
-"""Pages of all operators; observers have a separate limit of the same size, so they keep no operator out."""
+"""Maximum number of all operators' pages. Observers have a separate limit, so they lock out no operator."""
 MAX_PAGES_OF_ONE = 8
-"""Pages of one session."""
+"""Maximum number of pages of one session."""
 CONNECT_LIMIT_S = 10.0
-"""A page that was loaded longer ago than this, and is not connected, makes room for another."""
+"""A page loaded longer ago than this that is not connected may be deleted to make room for another."""
 
 
 def with_page_limit(app: App, station: StationContext) -> App:
@@ -44,10 +44,10 @@ def with_page_limit(app: App, station: StationContext) -> App:
 
 
 class PageLimit:
-    """Counts the open pages and those that are being made.
+    """Counts the open pages and those that are being built.
 
     Args:
-        station: whose pages they are.
+        station: the station that serves the pages.
     """
 
     def __init__(self, station: StationContext):
@@ -56,7 +56,7 @@ class PageLimit:
 
     @contextmanager
     def being_made(self, session: str) -> Iterator[None]:
-        """Count a page while it is being made."""
+        """Count a page while it is being built."""
         self._being_made.append(session)
         try:
             yield
@@ -64,7 +64,7 @@ class PageLimit:
             self._being_made.remove(session)
 
     def has_room(self, session: str) -> bool:
-        """Make room for a page by deleting deserted ones, if need be; return whether there is room."""
+        """Make room for a page by deleting abandoned ones if necessary. Return whether there is room."""
         role_of = self._station.access.role_of
         role = role_of(session)
         same = [page for page in self._station.pages.values() if page.role is role]
@@ -75,7 +75,7 @@ class PageLimit:
 
 
 def make_room(pages: list[Page], limit: int) -> bool:
-    """Delete deserted pages, the oldest first, down to below a limit; return whether that was possible."""
+    """Delete abandoned pages, the oldest first, to get below a limit. Return whether that was possible."""
     alive = [page for page in pages if page.key in Client.instances]
     surplus = len(alive) - limit + 1
     for page in alive:

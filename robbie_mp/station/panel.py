@@ -1,4 +1,4 @@
-"""The base of all panels: a panel subscribes once, and is built for each page that is opened."""
+"""The base class of panels. A panel subscribes once, and is built for each page that is opened."""
 
 from __future__ import annotations
 
@@ -21,40 +21,40 @@ class Panel(ABC):
     """One tab of the page.
 
     Args:
-        station: gives the messages. Subscribe in the constructor, as a rule with `station.newest`. Publish
-            with `Page.publish`, from any thread.
+        station: source of messages. Subscribe in the constructor, usually with `station.newest`. Publish with
+            `Page.publish`, in any thread.
     """
 
     name: ClassVar[str]
-    """The name with which profiles arrange the tabs."""
+    """The name that profiles use in `tabs`."""
     title: ClassVar[str]
     icon: ClassVar[str]
-    """A name of the Material Icons that come with NiceGUI."""
+    """Name of a Material Icon of NiceGUI."""
     log_events: ClassVar[Sequence[EventKind]] = ()
-    """Events that the playback's bar shows of a log, besides crashes and marks."""
+    """Kinds of events in a log that the playback's bar shows, besides crashes and marks."""
 
     def __init__(self, station: StationContext):
         self.station = station
 
     @classmethod
     def is_wanted(cls, _station: StationContext) -> bool:
-        """Return whether the panel has anything to show; asked if the profile names no tabs."""
+        """Return whether the panel has anything to show. Used only if the profile names no tabs."""
         return True
 
     @property
     def is_looked_at(self) -> bool:
-        """Whether any page shows the panel; otherwise it need not prepare anything."""
+        """Whether any page shows the panel. Otherwise it need not prepare anything."""
         return any(page.tab == self.name for page in tuple(self.station.pages.values()))
 
     def tick(self) -> None:  # noqa: B027 - most panels have nothing to do
-        """Do the work that is done once for all pages; runs in the module's thread, at each of its ticks."""
+        """Do the work that is common to all pages. Runs in the module's thread at each tick."""
 
     def close(self) -> None:  # noqa: B027
-        """Close what the panel has opened."""
+        """Release the panel's resources."""
 
     def build_on_every_tab(self, page: Page) -> None:  # noqa: B027 - most panels have nothing to show there
-        """Make the elements that a page shows above the tabs, whichever tab is open."""
+        """Build elements above the tabs, which are visible on every tab."""
 
     @abstractmethod
     def build(self, page: Page) -> None:
-        """Make the panel's elements for a page; runs in the page server's thread, and must not block."""
+        """Build the panel's elements for a page. Runs in the page server's thread, and must not block."""

@@ -1,6 +1,6 @@
-"""Which panels a page can show: the framework's own, and those that the profile names.
+"""The panels that a page can show: the framework's own, and those that the profile names.
 
-Only `load_panels` imports them: without the extra `gui` they cannot be imported, and the module runs anyway.
+Only `load_panels` imports them, because the module must run without the extra `gui`, which they need.
 """
 
 from collections.abc import Iterable, Mapping
@@ -22,9 +22,9 @@ FRAMEWORK_PANELS = {
     "trace": "robbie_mp.station.panels.trace:TracePanel",
     "messages": "robbie_mp.station.panels.messages:MessagesPanel",
 }
-"""Classes by the names with which profiles arrange the panels."""
+"""Classes by the names that profiles use."""
 OWN_PANELS_AFTER = "cameras"
-"""The robot's own panels stand between those for operators and those for engineers."""
+"""The tabs of the robot's own panels are between those for operators and those for engineers."""
 SETTING = "panels"
 
 
@@ -52,9 +52,9 @@ def load_panels(class_paths: Iterable[str]) -> dict[str, type[Panel]]:
         The classes by the names of the panels.
 
     Raises:
-        SettingError: a path has another form, there is no such class, it is no panel, or its name is taken.
+        SettingError: a path is malformed, the class does not exist or is not a panel, or its name is taken.
         ModuleNotFoundError: a library that a panel imports is not installed.
-        Exception: whatever the imported code raises.
+        Exception: any error of the imported code.
     """
     found: dict[str, type[Panel]] = {}
     for class_path in class_paths:

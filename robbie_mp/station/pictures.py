@@ -1,7 +1,7 @@
-"""Pictures for the page: made of the newest message on request, in a thread beside the event loop.
+"""Pictures for the page: made from the newest message on request, in a thread beside the event loop.
 
-The station notifies the page of a newer picture, and the page fetches it when it has the last one. Over a
-slow link a page misses some pictures, and none queue up here.
+The station notifies the page of a newer picture, and the page fetches it when it has received the last one. A
+page with a slow link misses some pictures, and none queue up here.
 """
 
 import io
@@ -23,9 +23,9 @@ from robbie_mp.station.latest import Latest
 
 JPEG_QUALITY = 80
 MAX_PIXELS = 1280
-"""Of a picture's longer side; larger pictures are scaled down."""
+"""Maximum length of a picture's longer side. Larger pictures are scaled down."""
 BYTES = {"mono8": 1, "8UC1": 1, "mono16": 2, "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
-"""Of a pixel, by the encodings that are shown."""
+"""Bytes per pixel of each supported encoding."""
 MEDIA_TYPES = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
 
@@ -33,14 +33,14 @@ class NoPicture(RobbieError, ValueError):
     """A message cannot be shown.
 
     Example scenarios:
-      - an image has an encoding that no browser shows, such as 16UC1
-      - an image has fewer bytes than its rows and columns need
+      - an image has an encoding that browsers cannot show, such as 16UC1
+      - an image has too few bytes for its rows and columns
     """
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture as a browser takes it."""
+    """A picture in a form that browsers can show."""
 
     data: bytes
     media_type: str
@@ -48,11 +48,11 @@ class Picture:
 
 
 class NewestPicture(Generic[MessageType]):
-    """Makes a picture of the newest message, once for all pages.
+    """Makes a picture from the newest message, once for all pages.
 
     Args:
-        latest: where the messages come.
-        draw: makes the picture; raises NoPicture if that is not possible.
+        latest: holder of the newest message.
+        draw: makes the picture, or raises NoPicture.
     """
 
     def __init__(self, latest: Latest[MessageType], draw: Callable[[MessageType], Picture]):
@@ -63,7 +63,7 @@ class NewestPicture(Generic[MessageType]):
         self._answer = no_picture("there is none yet")
 
     def answer(self) -> Response:
-        """Answer a request; runs in a separate thread, and may block."""
+        """Answer a request. Runs in a separate thread, and may block."""
         with self._lock:
             count, message = self._latest.count, self._latest.message
             if message is not None and count != self._drawn:
@@ -72,7 +72,7 @@ class NewestPicture(Generic[MessageType]):
 
 
 def answer_with(draw: Callable[[MessageType], Picture], message: MessageType) -> Response:
-    """Answer with a message's picture, or with the reason why there is none."""
+    """Return an answer with a message's picture, or with the reason why there is none."""
     try:
         picture = draw(message)
     except NoPicture as error:
@@ -82,17 +82,17 @@ def answer_with(draw: Callable[[MessageType], Picture], message: MessageType) ->
 
 
 def no_picture(reason: str) -> Response:
-    """Answer that there is no picture; browsers do not report this status as an error."""
+    """Return the answer that there is no picture, with a status that browsers do not report as an error."""
     return Response(status_code=204, headers={"X-Robbie-Reason": reason.encode("ascii", "replace").decode()})
 
 
 def serve_pictures(path: str, answer: Callable[..., Response]) -> None:
-    """Have requests for a path answered in threads; parts of it in braces are arguments of `answer`."""
+    """Answer requests for a path in threads. Parts of the path in braces are arguments of `answer`."""
     app.add_api_route(path, answer, include_in_schema=False, response_class=Response)
 
 
 def encode_image(message: Image | CompressedImage) -> Picture:
-    """Return a camera's image as JPEG; JPEG and PNG stay as they are.
+    """Return a camera's image as JPEG. JPEG and PNG images are not changed.
 
     Raises:
         NoPicture: it has another encoding, or is damaged.
@@ -113,7 +113,7 @@ def encode_image(message: Image | CompressedImage) -> Picture:
 def pixels_of(message: Image) -> NDArray[np.uint8]:
     """Return an image as `(rows, columns)` of grey or `(rows, columns, 3)` of red, green, blue; uint8.
 
-    Of 16 bits its darkest pixel becomes black and its brightest one white.
+    In images of 16 bits, the darkest pixel becomes black and the brightest one white.
 
     Raises:
         NoPicture: it has another encoding, or is damaged.

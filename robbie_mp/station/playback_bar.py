@@ -1,4 +1,4 @@
-"""What plays, if a log does: a bar that says so on every tab, and steers it."""
+"""A bar on every tab that shows and controls the playback of a log."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from robbie_mp.station.context import Page, StationContext
 
 RATES = {0.25: "¼", 0.5: "½", 1.0: "1", 2.0: "2", 4.0: "4", 10.0: "10", math.inf: "max"}
-"""Times real time."""
+"""Rates, as multiples of real time."""
 
 
 class PlaybackBar:
     """Hidden unless there is a playback in the run.
 
     Args:
-        station: publishes the orders.
+        station: publishes the commands.
         kinds: the events to show, besides crashes and marks.
     """
 
@@ -35,7 +35,7 @@ class PlaybackBar:
         self.events = LogEvents(kinds)
 
     def order(self, page: Page, command: str, value: float = 0.0) -> None:
-        """Steer the playback."""
+        """Control the playback."""
         control = PlaybackControl(request=secrets.randbits(63), command=command, value=value)
         page.publish(control, f"{command} of the playback")
 
@@ -44,7 +44,7 @@ class PlaybackBar:
             self.order(page, "seek", float(event.args))
 
     def build(self, page: Page) -> None:
-        """Make the bar for a page; observers see where it stands."""
+        """Build the bar for a page. Observers only see the position."""
         with ui.card().classes("w-full bg-purple-10 no-shadow").props("id=playback") as bar:
             text = ui.label("").props("id=playback-text role=status")
             with ui.row().classes("w-full items-center no-wrap"):
@@ -62,7 +62,7 @@ class PlaybackBar:
                     place = ui.slider(min=0.0, max=1.0, step=0.001).props('aria-label="Position in s"')
                 place.set_enabled(page.role is Role.OPERATOR)
                 if page.role is Role.OPERATOR:
-                    # A hand causes a "change"; a new position does not.
+                    # Only the operator causes a "change"; a new position does not.
                     place.on("change", lambda event: self._on_seek(page, event))
                 held: list[bool] = []
                 place.on("pan", lambda event: held.append(True) if event.args == "start" else held.clear())
@@ -96,11 +96,11 @@ class PlaybackBar:
 
 
 class EventMarks:
-    """What happened in the log, each at its place above the bar; a press on it plays from there.
+    """The events of the log, each at its place above the bar. A press on one plays from there.
 
     Args:
-        bar: knows the events, and steers.
-        page: observers only look.
+        bar: holds the events, and controls the playback.
+        page: the page. Observers cannot press events.
     """
 
     def __init__(self, bar: PlaybackBar, page: Page):
@@ -110,7 +110,7 @@ class EventMarks:
         self._area = ui.element("div").classes("relative w-full h-8").props("id=playback-events")
 
     def update(self, state: PlaybackState) -> None:
-        """Show the events of the log that plays, if these are others than before."""
+        """Show the events of the log that plays, if they have changed."""
         events = self._bar.events
         events.read(state.file)
         now = (events.found, events.error, state.begin, state.end)
@@ -136,5 +136,5 @@ class EventMarks:
 
 
 def seconds(state: PlaybackState, time_ns: int) -> float:
-    """Return how long after the log's begin a time of the log is."""
+    """Return the time since the log's beginning, s."""
     return round((time_ns - state.begin.nanoseconds) / 1e9, 3)

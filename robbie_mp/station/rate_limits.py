@@ -1,4 +1,4 @@
-"""Limits to strangers: how often they can try tokens, and how much they can make the station log."""
+"""Limits for strangers: the rate at which they can try tokens, and the amount that the station logs."""
 
 import logging
 import time
@@ -6,21 +6,21 @@ from collections import OrderedDict
 from collections.abc import Callable
 
 LOG_BURST = 20
-"""Records that may come at once."""
+"""Number of records that may be logged at once."""
 RECORDS_PER_S = 0.5
-"""Records in the long run."""
+"""Average rate of records."""
 
 
 class LogLimit(logging.Filter):
-    """Passes log records at a limited rate; the next one that passes says how many were left out.
+    """Passes log records at a limited rate. After a gap, the next record says how many were omitted.
 
     Args:
-        burst: records that may come at once.
-        records_per_s: in the long run.
-        clock: tells the time, s.
+        burst: number of records that may be logged at once.
+        records_per_s: average rate of records.
+        clock: returns the time, s.
 
     Attributes:
-        left_out: number of records that were left out.
+        left_out: number of omitted records.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class LogLimit(logging.Filter):
 
 
 def limited(name: str) -> logging.Logger:
-    """Return the logger of a name, with a LogLimit."""
+    """Return the logger with a name, with a LogLimit."""
     found = logging.getLogger(name)
     if not any(isinstance(one, LogLimit) for one in found.filters):
         found.addFilter(LogLimit())
@@ -64,11 +64,11 @@ def limited(name: str) -> logging.Logger:
 
 
 LOGIN_BURST = 10
-"""Wrong tokens that an address may try in a row."""
+"""Number of wrong tokens that an address may try in a row."""
 TRIES_PER_S = 0.2
-"""In the long run."""
+"""Average rate of wrong tokens."""
 MAX_SOURCES = 1024
-"""Addresses that are remembered; the least recent one is forgotten first."""
+"""Maximum number of remembered addresses. The least recent one is forgotten first."""
 
 
 class LoginLimit:
@@ -81,10 +81,10 @@ class LoginLimit:
     def __init__(self, clock: Callable[[], float] = time.monotonic):
         self._clock = clock
         self._sources: OrderedDict[str, tuple[float, float]] = OrderedDict()
-        """Tries left, and the time at which that was so."""
+        """Remaining tries of each address, and the time of that count."""
 
     def wait_s(self, source: str) -> float:
-        """Return the time until an address may try a token; 0: it may now."""
+        """Return the time until an address may try a token; 0: now."""
         return max(0.0, (1.0 - self._left(source)) / TRIES_PER_S)
 
     def note_wrong(self, source: str) -> None:

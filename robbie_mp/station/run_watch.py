@@ -7,7 +7,7 @@ from robbie_mp.observe import RunObserver, RunRates, RunReading, rates_between
 
 REFRESH_S = 1.0
 DESCRIBED_READINGS = 10
-"""Quantiles cover the time since this many readings ago."""
+"""Number of readings over which quantiles are computed."""
 
 
 class RunWatch:
@@ -17,9 +17,9 @@ class RunWatch:
         run_id: the run.
 
     Attributes:
-        reading: the newest one; None before the first.
-        rates: from the one before to the newest; None before the second.
-        count: number of readings; a page tells by it whether it has shown the newest.
+        reading: the newest reading; None before the first.
+        rates: rates between the last two readings; None before the second.
+        count: number of readings. A page compares it to find out whether it has shown the newest one.
     """
 
     def __init__(self, run_id: str):
@@ -30,7 +30,7 @@ class RunWatch:
         self.count = 0
 
     def tick(self) -> None:
-        """Read the figures if that is due; in the module's thread."""
+        """Read the figures if that is due; called in the module's thread."""
         if self.reading is not None and time.monotonic_ns() - self.reading.at_ns < REFRESH_S * 1e9:
             return
         before, reading = self.reading, self._observer.read()

@@ -21,9 +21,9 @@ from robbie_mp.station.listening import BACKLOG
 START_LIMIT_S = 10.0
 STOP_LIMIT_S = 2.0
 MAX_MESSAGE_BYTES = 1 << 17
-"""Largest message from a page; a page that sends a larger one is disconnected."""
+"""Maximum size of a message from a page. A page that sends a larger one is disconnected."""
 MAX_HEADERS_BYTES = 1 << 14
-"""Of a request, cookies included."""
+"""Maximum size of a request's headers, including cookies."""
 
 
 class ServerFailed(RobbieError, RuntimeError):
@@ -34,14 +34,14 @@ class PageServer:
     """Serves an application until it is closed.
 
     Args:
-        app: what answers.
-        listener: the socket on which it is asked; it is closed with this.
-        connections: count what comes there.
+        app: the application.
+        listener: the socket on which the server listens. `close` closes it, too.
+        connections: count and limit the connections.
     """
 
     def __init__(self, app: App, listener: socket.socket, connections: Connections):
         self._socket = listener
-        # h11 and wsproto bound what they keep of a request; uvicorn's other ones do not, or are obsolete.
+        # h11 and wsproto bound the stored data of a request; uvicorn's alternatives do not, or are obsolete.
         config = uvicorn.Config(
             app,
             log_config=None,
@@ -52,9 +52,9 @@ class PageServer:
             ws_max_size=MAX_MESSAGE_BYTES,
             h11_max_incomplete_event_size=MAX_HEADERS_BYTES,
             backlog=BACKLOG,
-            # The client is the connected address, whatever a forwarding header claims.
+            # The client is the connected address; forwarding headers are ignored.
             proxy_headers=False,
-            # What is large is compressed already, and this would be done for each page on the event loop.
+            # Large data is compressed already, and the event loop would compress it again for each page.
             ws_per_message_deflate=False,
             timeout_graceful_shutdown=1,
         )
@@ -64,10 +64,10 @@ class PageServer:
         )
 
     def start(self) -> None:
-        """Begin to serve.
+        """Start the server.
 
         Raises:
-            ServerFailed: it does not come up.
+            ServerFailed: the server does not start.
         """
         self._thread.start()
         deadline_s = time.monotonic() + START_LIMIT_S
@@ -77,10 +77,10 @@ class PageServer:
             time.sleep(0.005)
 
     def check(self) -> None:
-        """See that it still serves.
+        """Check that the server still runs.
 
         Raises:
-            ServerFailed: it does not.
+            ServerFailed: the server has ended.
         """
         if not self._thread.is_alive():
             raise ServerFailed("the page server has ended; the trace of this module says why")

@@ -1,4 +1,4 @@
-"""Settings that can be changed while the robot runs: what they are, and what modules answer to changes."""
+"""Settings that can be changed while the robot runs, and the modules' answers to changes."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ if TYPE_CHECKING:
 
 READ_PERIOD_S = 1.0
 MAX_ANSWERS = 64
-"""Answers that are kept until their pages look."""
+"""Maximum number of answers that wait until their pages read them."""
 Entry = dict[str, Any]
-"""As a SettingsFile holds it: value, type, outline, description, changed."""
+"""A setting as in a SettingsFile: value, type, outline, description, changed."""
 
 
 class SettingsWatch:
-    """Reads the files in which modules describe their settings, and hears their answers to changes.
+    """Reads the files in which modules describe their settings, and receives their answers to changes.
 
     Attributes:
-        changeable: by module and setting; the dict is replaced, never changed, since other threads read it.
+        changeable: settings by module and name. The dict is replaced and never changed, because other threads
+            read it.
     """
 
     def __init__(self, source: MessageSource, run_folder: Path):
@@ -44,11 +45,11 @@ class SettingsWatch:
             self._answers.popitem(last=False)
 
     def tick(self) -> None:
-        """Read the files again, if that is due; panels that a page shows call this."""
+        """Read the files again if that is due. Panels that a page shows call this."""
         if time.monotonic() >= self._next_s:
             self._next_s = time.monotonic() + READ_PERIOD_S
             self.changeable = {name: file.read() for name, file in self._files.items()}
 
     def take_answer(self, request: int) -> SettingChanged | None:
-        """Return what a module has answered to a request, once."""
+        """Return a module's answer to a request, once."""
         return self._answers.pop(request, None)

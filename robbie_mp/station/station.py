@@ -1,4 +1,4 @@
-"""The module that serves the page. Without the extra `gui` it runs, too, and says what is missing."""
+"""The module that serves the page. Without the extra `gui`, it reports what is missing and ends."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ if TYPE_CHECKING:
     from robbie_mp.station.website import Website
 
 MODEL_SUFFIXES = (".stl", ".glb", ".gltf")
-"""Of files with a robot's shape."""
+"""Suffixes of files with a robot's shape."""
 
 
 class ExtraMissing(RobbieError, ImportError):
-    """What the operator station needs is not installed."""
+    """A library that the operator station needs is not installed."""
 
 
 def load_website() -> type[Website]:
-    """Import what serves the page.
+    """Import the application that serves the page.
 
     Raises:
         ExtraMissing: the extra `gui` is not installed.
@@ -57,11 +57,11 @@ def load_website() -> type[Website]:
 
 
 def _check_panels(class_paths: list[str], tabs: dict[str, str]) -> None:
-    """See that all panels exist, and that every tab is one of them."""
+    """Check that all panels exist, and that every tab is one of them."""
     try:
         known = [*FRAMEWORK_PANELS, *load_panels(class_paths)]
     except ModuleNotFoundError:
-        return  # without the extra `gui` there is no page; `setup` says what is missing
+        return  # without the extra `gui` there is no page; `setup` reports what is missing
     for name in tabs:
         if name not in known:
             raise SettingError(f"there is no panel {name!r}; expected one of {', '.join(known)}", "tabs")
@@ -70,46 +70,46 @@ def _check_panels(class_paths: list[str], tabs: dict[str, str]) -> None:
 class OperatorStation(Module):
     """Serves the page of this robot.
 
-    In a profile: `operator: {class: "robbie_mp.station:OperatorStation"}`. It listens to
-    this machine alone, unless `host` is another address; then there must be a token.
+    In a profile: `operator: {class: "robbie_mp.station:OperatorStation"}`. It accepts connections only from
+    this machine, unless you set `host` to another address; then you must also set a token.
     """
 
     follows_run_clock = False
-    host: str = setting("127.0.0.1", "address to listen on; 0.0.0.0: all of this machine's")
-    port: int = setting(8080, "port to listen on; 0: any that is free", minimum=0, maximum=65535)
+    host: str = setting("127.0.0.1", "address to listen on; 0.0.0.0: all addresses of this machine")
+    port: int = setting(8080, "port to listen on; 0: any free port", minimum=0, maximum=65535)
     operator_token: Secret | None = setting(
-        None, "what an operator logs in with; null: a new one for each run, in the link that is printed"
+        None, "token of operators; null: a new one for each run, in the printed link"
     )
-    observer_token: Secret | None = setting(None, "what an observer logs in with; null: there are none")
+    observer_token: Secret | None = setting(None, "token of observers; null: there are no observers")
     panels: list[str] = setting(
         [], "your robot's own panels, each package.module:Class, besides the framework's"
     )
     tabs: dict[str, str] = setting(
-        {}, "which panels to show, in this order, and their titles ('': the panel's); {}: all that are useful"
+        {}, "panels to show, in this order, with their titles ('': the panel's own); {}: all useful panels"
     )
-    max_linear_m_per_s: float = setting(0.7, "fastest that may be driven by hand", minimum=0.05)
-    max_angular_rad_per_s: float = setting(1.5, "fastest that may be turned by hand", minimum=0.1)
+    max_linear_m_per_s: float = setting(0.7, "maximum forward speed of manual driving", minimum=0.05)
+    max_angular_rad_per_s: float = setting(1.5, "maximum turn rate of manual driving", minimum=0.1)
     robot_size_m: list[float] = setting(
         [0.45, 0.35, 0.25], "length, width and height of the robot in the 3-D view", minimum=0.01
     )
     robot_model: Path | None = setting(
         None, "shape of the robot in base_link, m, as STL or glTF (.stl, .glb); null: a box", must_exist=True
     )
-    speech_commands: list[str] = setting([], "what can be said to the robot")
-    persons: list[str] = setting([], "names of persons that it knows")
-    objects: list[str] = setting([], "names of objects that it knows")
-    period_s: float = setting(0.05, "time between pictures of what moves", minimum=0.01)
+    speech_commands: list[str] = setting([], "speech commands of the robot")
+    persons: list[str] = setting([], "names of persons that the robot knows")
+    objects: list[str] = setting([], "names of objects that the robot knows")
+    period_s: float = setting(0.05, "time between updates of moving parts", minimum=0.01)
 
     @classmethod
     def check(cls, settings: dict[str, Any]) -> None:
-        """See that only authorized people can steer the robot, and that every tab is a panel."""
+        """Check that only authorized people can steer the robot, and that every tab is a panel."""
         for name in ("operator_token", "observer_token"):
             if settings[name] is not None and len(settings[name].reveal()) < MIN_TOKEN_CHARACTERS:
                 raise SettingError(f"expected at least {MIN_TOKEN_CHARACTERS} characters; got fewer", name)
         if not is_loopback(settings["host"]) and not settings["operator_token"]:
             raise SettingError(
-                f"{settings['host']} is reached from other machines: set operator_token, to where a "
-                f"secret of at least {MIN_TOKEN_CHARACTERS} characters is kept, or host to 127.0.0.1",
+                f"{settings['host']} can be reached from other machines: set operator_token to the place of "
+                f"a secret with at least {MIN_TOKEN_CHARACTERS} characters, or set host to 127.0.0.1",
                 "host",
             )
         if len(settings["robot_size_m"]) != 3:
@@ -121,7 +121,7 @@ class OperatorStation(Module):
         _check_panels(settings["panels"], settings["tabs"])
 
     def setup(self) -> None:
-        """Subscribe to what the panels show, and begin to serve."""
+        """Create the panels, which subscribe to messages, and start the server."""
         self._website: Website | None = None
         try:
             website = load_website()
@@ -160,21 +160,21 @@ class OperatorStation(Module):
         self.log.info("operator station: %s", self.address)
 
     def _listen(self, port_before: int) -> socket.socket:
-        """Listen on the port from before a restart, where browsers reconnect."""
+        """Listen on the same port as before a restart, where browsers reconnect."""
         if not self.port:
             with contextlib.suppress(AddressUnusable):
                 return listen(self.host, port_before)
         return listen(self.host, self.port)
 
     def _remember(self) -> None:
-        """Keep what a restarted station needs for browsers to go on without a new login."""
+        """Checkpoint sessions and port, so that browsers need no new login after a restart."""
         self._remembered = self.access.sessions
         self.checkpoint({"port": self._port, "sessions": self._remembered})
 
     def newest(self, message_type: type[MessageType], topic: str = "") -> Latest[MessageType]:
-        """Return what holds the newest message of a type and topic, which all panels share.
+        """Return the holder of the newest message of a type and topic. All panels share it.
 
-        In the module's thread only: in `setup`, constructors of panels, and their ticks.
+        Call it only in the module's thread: in `setup`, constructors of panels, and their ticks.
         """
         key = (message_type.type_name, topic)
         if key not in self._newest:
@@ -188,9 +188,9 @@ class OperatorStation(Module):
     def hear(
         self, message_type: type[MessageType], handler: Callable[[MessageType], None], topic: str = ""
     ) -> None:
-        """Have every message of a type and topic handled; call it before `newest` of the same type.
+        """Subscribe to every message of a type and topic. Call this before `newest` of the same type.
 
-        Called and handled in the module's thread.
+        Call it in the module's thread, which also runs the handler.
         """
         key = (message_type.type_name, topic)
         if key not in self._handlers:
@@ -205,16 +205,16 @@ class OperatorStation(Module):
         self._handlers[key].append(handler)
 
     def opened(self, page: Page) -> None:
-        """Note a page; in the page server's thread."""
+        """Add an open page; called in the page server's thread."""
         self.pages[page.key] = page
 
     def closed(self, page: Page) -> None:
-        """Forget a page, which drives no more; in the page server's thread."""
+        """Remove a page, which then no longer drives; called in the page server's thread."""
         self.pages.pop(page.key, None)
         self.drivers_seat.leave(page.key)
 
     def tick(self) -> None:
-        """Check the page server, and do the work that is done once for all pages."""
+        """Check the page server, and do the work that is common to all pages."""
         if self._website is None:
             return
         self._website.tick()
@@ -225,7 +225,7 @@ class OperatorStation(Module):
         self.status = f"{self.address}, {len(self.pages)} pages open"
 
     def teardown(self) -> None:
-        """End the page server."""
+        """Stop the page server."""
         if self._website is None:
             return
         self._website.close()

@@ -1,8 +1,8 @@
-"""The page's own connection for the emergency stop: nothing else that the page does can hold it up.
+"""A separate connection of the page for the emergency stop, so that nothing else on the page can delay it.
 
-The page asks several times a second. Each answer repeats the page's time of its last question, so that the
-page knows how old at most what it shows is, however slow the link. The page names a press in each question
-until it hears that the press is settled.
+The page sends a question several times a second. Each answer repeats the page's time of its last question. So
+the page knows the maximum age of what it shows, even on a slow link. The page names a press in each question
+until an answer says that the press is settled.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ PATH = "/emergency-stop"
 
 @dataclass(frozen=True)
 class Question:
-    """The request of a page."""
+    """A page's request."""
 
     asked_ms: float
-    """By the page's own clock."""
+    """Time of the question on the page's own clock."""
     press: str
-    """Name of a press that the page has not been told is settled; '' if there is none."""
+    """Name of a press that, as far as the page knows, is not settled; '' if there is none."""
 
 
 def question_of(text: object) -> Question | None:
-    """Return what a page has sent; None if it is malformed."""
+    """Return a page's question, or None if it is malformed."""
     try:
         sent = json.loads(text) if isinstance(text, str) else None
         asked_ms, press = float(sent["asked_ms"]), sent["press"]  # type: ignore[index]
@@ -54,7 +54,7 @@ class StopService:
 
     Args:
         requests: passes presses on to the base.
-        state: the newest that the base has said.
+        state: the newest report of the base.
     """
 
     def __init__(self, requests: StopRequests, state: Latest[EmergencyStop]):
@@ -62,7 +62,7 @@ class StopService:
         self._state = state
 
     def beside(self, app: App) -> App:
-        """Return an application that serves these connections, and for all else another one."""
+        """Return an application that serves these connections, and passes other requests to another one."""
 
         async def answer(scope: Scope, receive: Receive, send: Send) -> None:
             if scope["type"] == "websocket" and scope["path"] == PATH:
@@ -93,7 +93,7 @@ class StopService:
         )
 
     async def changes(self, changed: asyncio.Event) -> None:
-        """Set an event whenever a page is to be told something before it asks; until it is cancelled."""
+        """Until cancelled, set an event whenever a page should get an answer before its next question."""
         loop = asyncio.get_running_loop()
         engaged: bool | None = None
 
@@ -128,8 +128,8 @@ class _Connection:
         self._is_gone = False
 
     async def serve(self) -> None:
-        """Serve it until the page goes."""
-        await self._receive()  # the connect, which is to be answered
+        """Serve the connection until the page closes it."""
+        await self._receive()  # the connect message, which must be answered first
         await self._send({"type": "websocket.accept"})
         helpers = [
             asyncio.create_task(self._listen()),

@@ -1,4 +1,4 @@
-"""Presses of the emergency stop: each is repeated to the base until the base has confirmed it."""
+"""Presses of the emergency stop: the station sends each to the base until the base has confirmed it."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from enum import StrEnum
 REPEAT_S = 0.2
 """A stop that the base has not confirmed is sent again after this time."""
 MIN_INTERVAL_S = 0.05
-"""Stops are not sent more often, however many pages press."""
+"""Minimum time between two stops, even if many pages press."""
 IN_FLIGHT_S = 0.5
-"""A base that says STOPPED this soon after a release may not have heard of the release yet."""
+"""If the base reports STOPPED this soon after a release, it may not have received the release yet."""
 MAX_PRESSES = 256
-"""This many presses are remembered: those that wait, and those that are settled."""
+"""Maximum number of remembered presses, waiting and settled."""
 MAX_NAME_LENGTH = 64
 
 
@@ -31,10 +31,10 @@ class Fate(StrEnum):
 
 
 class StopRequests:
-    """Sends stops and releases to the base, and knows the state of each press.
+    """Sends stops and releases to the base, and tracks the state of each press.
 
-    A press has a name, so that a page may repeat it on every connection until it hears that the press is
-    settled. A press that is settled never stops the robot again. Any thread may call any method.
+    A press has a name, so that a page can repeat it on every connection until it knows that the press is
+    settled. A settled press never stops the robot again. Any thread may call any method.
 
     Args:
         send: sends a stop (True) or a release (False) to the base; False if that is not possible now.
@@ -64,7 +64,7 @@ class StopRequests:
             return Fate.PENDING if name in self._pending else self._settled.get(name)
 
     def press(self, name: str) -> None:
-        """Stop the robot; nothing happens if this press is known already."""
+        """Stop the robot. Nothing happens if this press is known already."""
         with self._lock:
             if name in self._pending or name in self._settled:
                 return
@@ -76,7 +76,7 @@ class StopRequests:
         self._tell()
 
     def release(self) -> bool:
-        """Let the robot drive again; presses that still wait are withdrawn. False if it was not sent."""
+        """Release the stop, and withdraw all waiting presses. Return False if the release was not sent."""
         with self._lock:
             is_sent = self._send(False)
             if is_sent:
@@ -86,7 +86,7 @@ class StopRequests:
         return is_sent
 
     def see(self, *, engaged: bool, published_s: float) -> None:
-        """Take in the base's state, and when the base published it."""
+        """Process the base's state and the time when the base published it."""
         with self._lock:
             if not self._pending or not engaged or published_s < self._released_s + IN_FLIGHT_S:
                 return
@@ -98,7 +98,7 @@ class StopRequests:
             self._tell()
 
     def repeat(self) -> None:
-        """Send again what the base has not confirmed; to be called often."""
+        """Send unconfirmed stops again. Call this often."""
         with self._lock:
             if not self._pending:
                 return
@@ -107,17 +107,17 @@ class StopRequests:
                 self._send_stop()
 
     def listen(self, listener: Callable[[], None]) -> None:
-        """Have something called, in any thread, whenever the fate of a press changes."""
+        """Call a function, in any thread, whenever the state of a press changes."""
         with self._lock:
             self._listeners = (*self._listeners, listener)
 
     def ignore(self, listener: Callable[[], None]) -> None:
-        """Stop calling it."""
+        """Stop calling a function."""
         with self._lock:
             self._listeners = tuple(one for one in self._listeners if one is not listener)
 
     def _send_stop(self) -> None:
-        """Send a stop for all that wait, unless the last one was just sent."""
+        """Send one stop for all waiting presses, unless the last one was just sent."""
         now_s = self._now_s()
         if now_s - self._last_sent_s < MIN_INTERVAL_S or not self._send(True):
             return
@@ -138,6 +138,6 @@ class StopRequests:
 
 
 def _shorten(presses: OrderedDict[str, float | None] | OrderedDict[str, Fate]) -> None:
-    """Forget the oldest. A page that still waits for its press presses it anew."""
+    """Forget the oldest presses. A page that still waits for such a press repeats it."""
     while len(presses) > MAX_PRESSES:
         presses.popitem(last=False)

@@ -1,4 +1,4 @@
-"""The newest message of a topic, for pages that look into it."""
+"""Holds the newest message of a topic for pages that show it."""
 
 import threading
 from contextlib import closing
@@ -26,8 +26,8 @@ class TopicWatch:
         channel: type, version and topic.
 
     Attributes:
-        newest: as it came; None before the first.
-        error: why there will be none; '' if there may be.
+        newest: the newest message, encoded; None before the first.
+        error: why no message will arrive; '' if there is no error.
     """
 
     def __init__(self, run: KnownRun, types: KnownTypes, channel: ChannelName):
@@ -41,7 +41,7 @@ class TopicWatch:
         threading.Thread(target=self._take, name=f"watch {channel.topic}", daemon=True).start()
 
     def close(self) -> None:
-        """Have the thread leave the run; it does so within a fraction of a second."""
+        """Tell the thread to detach from the run. It does so within a fraction of a second."""
         self._closed.set()
 
     def _take(self) -> None:
@@ -50,17 +50,17 @@ class TopicWatch:
             with closing(MessageStream(self._run, [wish], purpose)) as stream:
                 while not self._closed.is_set():
                     received = stream.receive()
-                    # Without a topic a wish is for all topics of the type.
+                    # A subscription without a topic is for all topics of the type.
                     if received is not None and received.topic == wish.topic:
                         self.newest = received
         except RobbieError as error:
             self.error = str(error)
 
     def tree(self, received: Received) -> list[Node]:
-        """Return the fields of a message as a tree; may be slow.
+        """Return the fields of a message as a tree. This may be slow.
 
         Raises:
-            RobbieError: its type is not known, or it cannot be read.
+            RobbieError: its type is unknown, or it cannot be decoded.
         """
         if self._type is None:
             self._type = self._types.get(received.type_name)
@@ -69,7 +69,7 @@ class TopicWatch:
 
 
 def nodes_of(value: Any, path: str) -> list[Node]:
-    """Return what is in a message or an array as nodes of a tree, whose ids stay the same."""
+    """Return the contents of a message or array as nodes of a tree, whose ids do not change."""
     if isinstance(value, dict):
         pairs = list(value.items())
     else:

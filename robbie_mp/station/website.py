@@ -29,23 +29,23 @@ if TYPE_CHECKING:
     from robbie_mp.station.panel import Panel
 
 LIBRARIES = ("nicegui", "asyncio", "uvicorn.error", "engineio.server", "socketio.server")
-"""Loggers of libraries that complain about what visitors send; they get a limit."""
+"""Loggers of libraries that report invalid requests of visitors. Their rate is limited."""
 MESSAGE_HISTORY = 100
-"""Messages kept for a page that has lost its connection; a page that misses more is reloaded."""
+"""Maximum number of messages kept for a disconnected page. A page that misses more of them reloads."""
 
 
 def answer_plainly(_request: Request, error: Exception) -> Response:
-    """Answer an error with a line of text; NiceGUI would make a page for each such request."""
+    """Answer an error with a line of text, because NiceGUI would build a page for each such request."""
     status = error.status_code if isinstance(error, HTTPException) else 500
     return PlainTextResponse("there is no such thing here\n" if status == 404 else "failed\n", status)
 
 
 def make_panels(station: StationContext) -> tuple[dict[str, Panel], dict[str, str]]:
-    """Make the panels of a station.
+    """Create the panels of a station.
 
     Returns:
         The panels by name, and the names and titles of the tabs in their order. The robot's own panels are
-        made even if no tab shows them: they may have something to show on every tab, and on the map.
+        created even if no tab shows them, because they may have elements on every tab and on the map.
     """
     own = load_panels(station.panels)
     classes = panels_in_order(own)
@@ -55,10 +55,10 @@ def make_panels(station: StationContext) -> tuple[dict[str, Panel], dict[str, st
 
 
 class Website:
-    """The page of a station, and what serves it.
+    """The page of a station and its server.
 
     Args:
-        station: the module; it is just being set up.
+        station: the module, which is just being set up.
         listener: the socket on which the station listens.
     """
 
@@ -84,7 +84,7 @@ class Website:
             show_welcome_message=False,
         )
         PageEvents(station)
-        # Without long polling each connection is a socket, which is counted, and closed with its session.
+        # Without long polling, each connection is a socket, which is counted, and closed with its session.
         core.sio.eio.transports = ["websocket"]
         core.app.config.socket_io_js_transports = ["websocket"]
         for code in (404, 500):
@@ -98,18 +98,18 @@ class Website:
         self._server = PageServer(gate, listener, connections)
 
     def start(self) -> None:
-        """Begin to serve.
+        """Start the server.
 
         Raises:
-            ServerFailed: it does not come up.
+            ServerFailed: the server does not start.
         """
         self._server.start()
 
     def tick(self) -> None:
-        """Check the page server, and do the work that is done once for all pages.
+        """Check the page server, and do the work that is common to all pages.
 
         Raises:
-            ServerFailed: it is not.
+            ServerFailed: the server has ended.
         """
         self._server.check()
         self._emergency_stop.tick()

@@ -152,7 +152,7 @@ class RunMemory:
         return self.slot_state(source).state in _BEING_STARTED
 
     def doing(self, name: str, incarnation: int) -> Doing | None:
-        """Return what a child is doing now; None if it is idle and has taken all its messages.
+        """Return the present activity of a child, or None if it is idle and has taken all its messages.
 
         A module writes the activity and its start one after the other. Read between the two writes, the
         module seems to begin something new, which is correct. The core is never idle: each heartbeat begins a
@@ -178,7 +178,7 @@ class RunMemory:
         return Doing(kind, activity >> 8, words[layout.OUT_ACTIVITY_SINCE_NS])
 
     def describe(self, name: str, incarnation: int, doing: Doing) -> str:
-        """Describe what a child has been doing for too long."""
+        """Describe an activity of a child that has taken too long."""
         if name == CORE:
             return "sent no heartbeat"
         if doing.activity is Activity.IDLE:
@@ -187,7 +187,7 @@ class RunMemory:
         return f"hung in {describe_activity(words, doing.activity | doing.subscription << 8)}"
 
     def last_words(self, name: str, incarnation: int) -> LastWords:
-        """Return what a dead child left in its memory."""
+        """Return the evidence in a dead child's memory."""
         current, memory = self._incarnations.get(self._slots[name], (0, None))
         if memory is None or current != incarnation:
             return LastWords()

@@ -1,4 +1,4 @@
-"""One child process: started in a session of its own, watched by a pidfd, reaped exactly once."""
+"""One child process: started in a separate session, watched by a pidfd, reaped exactly once."""
 
 import contextlib
 import os
@@ -33,7 +33,7 @@ class ExitStatus:
 
     @property
     def reason(self) -> str:
-        """In words, such as "exit code 1" or "killed by SIGSEGV"."""
+        """Description in words, such as "exit code 1" or "killed by SIGSEGV"."""
         if self.signal is None:
             return f"exit code {self.code}"
         try:

@@ -23,7 +23,7 @@ class GiveUp:
 
     reason: str
     retry_after_s: float | None = None
-    """When to try once more; None: never."""
+    """Time of the next try; None: never."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ class ChildStream:
         loop.watch(fd, self._on_readable)
 
     def finish(self) -> None:
-        """Read what is left, including a partial line, and close."""
+        """Read the rest, including a partial line, and close."""
         limit_s = time.monotonic() + PAUSE_S  # an escaped descendant may continue to write
         while self._is_open and time.monotonic() < limit_s:
             if self._read() is None:

@@ -35,7 +35,7 @@ UNFINISHED_AGE_S = 60.0
 
 @dataclass(frozen=True)
 class Swept:
-    """What a sweep removed; all fields are empty if nothing was found."""
+    """The things that a sweep removed. All fields are empty if it found nothing."""
 
     runs: tuple[str, ...] = ()
     """Run ids."""

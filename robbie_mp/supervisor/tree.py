@@ -73,7 +73,7 @@ class OrderedStop:
         self._kill_at_s = 0.0
 
     def step(self) -> None:
-        """Do what is due now, without waiting."""
+        """Do all work that is due now, without waiting."""
         while self._waiting and self._living() is None:
             self._current = self._waiting.pop()
             if child := self._living():

@@ -1,1 +1,1 @@
-"""What processes say and die with: entries of the trace, their way to the supervisor, how to read them."""
+"""The trace: entries of what processes log and print and of their ends, their transport, and readers."""

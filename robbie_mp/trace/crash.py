@@ -30,10 +30,10 @@ class LastMessage:
 
 @dataclass(frozen=True)
 class LastWords:
-    """What a process left in shared memory."""
+    """The data of a process in shared memory."""
 
     activity: str = ""
-    """What it was doing, such as "handler on_scan of sensor_msgs/msg/LaserScan"."""
+    """Its activity, such as "handler on_scan of sensor_msgs/msg/LaserScan"."""
     activity_s: float = 0.0
     """For how long."""
     message: LastMessage | None = None
@@ -43,7 +43,7 @@ class LastWords:
 
 @dataclass(frozen=True)
 class CrashReport:
-    """All that is known about one abnormal end."""
+    """Everything that is known about one abnormal end."""
 
     module: str
     incarnation: int
@@ -52,7 +52,7 @@ class CrashReport:
     """Unix time."""
     uptime_s: float
     reason: str
-    """For people, such as "killed by SIGSEGV"."""
+    """Description in words, such as "killed by SIGSEGV"."""
     exit_code: int | None
     signal: int | None
     cpu_s: float

@@ -36,7 +36,7 @@ class Entry:
     """If this entry is about a crash: the report's file, relative to the folder of the trace."""
 
     def lines(self) -> list[str]:
-        """Return what a terminal shows: the level of a log record, the text, and the traceback."""
+        """Return the entry as a terminal shows it: level of a log record, text, and traceback."""
         text = f"{self.level} {self.text}" if self.level else self.text
         return (f"{text}\n{self.traceback}" if self.traceback else text).split("\n")
 

@@ -102,7 +102,7 @@ def trace_folder(output_directory: Path) -> Path:
 
 
 class TraceFollower:
-    """Reads what is new in a run's trace, call by call, while its files rotate."""
+    """Reads the new entries of a run's trace with each call, while its files rotate."""
 
     def __init__(self, output_directory: Path, modules: Collection[str] | None = None):
         """Prepare to read from the beginning.

@@ -29,7 +29,7 @@ class ModuleRow:
 
     @property
     def busy_s(self) -> float:
-        """How long the process has been doing what it does now."""
+        """How long the process has had its present activity."""
         since_ns = self.figures.busy_since_ns
         return max(0, self.now_ns - since_ns) / 1e9 if since_ns else 0.0
 
@@ -67,7 +67,7 @@ def module_rows(reading: RunReading, rates: RunRates | None) -> list[ModuleRow]:
 
 
 def doing(row: ModuleRow) -> Text:
-    """The status of a process; if it seems to hang, the text first says in what."""
+    """The status of a process. If the process seems to hang, the text begins with its activity."""
     module = row.figures
     state = state_name(module)
     if state in ("BACKOFF", "FAILED"):
@@ -388,7 +388,7 @@ def channel_rows(reading: RunReading, rates: RunRates | None) -> list[ChannelRow
 
 
 def graph(reading: RunReading, rates: RunRates | None) -> Text:
-    """The communication graph: each module with what it publishes, and the receivers."""
+    """The communication graph: each module with its channels and their receivers."""
     lines: list[Text] = []
     rows = channel_rows(reading, rates)
     for module in reading.modules:

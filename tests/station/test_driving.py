@@ -186,7 +186,7 @@ def module_run_as_tool_drives_and_stops(robot: Robot, journal: Journal, started:
     assert "this run has an operator station already: http://127.0.0.1:" in refused.stderr
     refused = robot.command("gui", "--attach", robot.known_run().run_id, "--host", "0.0.0.0")
     assert refused.returncode == 2
-    assert refused.stderr.startswith("0.0.0.0 is reached from other machines: set operator_token")
+    assert refused.stderr.startswith("0.0.0.0 can be reached from other machines: set operator_token")
     robot.command("module", "stop", "operator", "--run", robot.known_run().run_id)
     with attached_of(robot) as (program, address), page_of(started, address, may_say=RECONNECTING) as page:
         page.wait_for_selector("#drive-pad")

@@ -1,10 +1,10 @@
-"""What pages draw many times a second: encoded once for all pages, sent to each as fast as it can draw."""
+"""Parts that pages draw many times a second: encoded once for all pages, sent as fast as each can draw."""
 
 from pathlib import Path
 
 from robbie_mp.station.live.parts import LiveParts
 
 SCRIPTS = {"robbie-live": str(Path(__file__).parent / "scripts")}
-"""For elements whose script follows live parts: it may `import … from "robbie-live"`."""
+"""Import map for elements whose script uses live parts: it can `import … from "robbie-live"`."""
 
 __all__ = ["SCRIPTS", "LiveParts"]

@@ -1,4 +1,4 @@
-"""The newest map, as pictures of its parts; only the parts that have changed are drawn again."""
+"""Draws the newest map as tiles, and draws only changed tiles again."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 TILE = 128
 """Pixels along each edge of a tile."""
 MAX_PIXELS = 4_000_000
-"""Of larger maps every second, third … cell is shown."""
+"""Maximum edge of a map in cells. Of larger maps, every second, third … cell is shown."""
 UNKNOWN, SHADES = 0, 101
-"""Places in the palette: unknown, which is transparent, then 0 free … 100 occupied."""
+"""Colours of the palette: unknown, which is transparent, then 0 (free) to 100 (occupied)."""
 PALETTE = [0, 0, 0, *(level for value in range(SHADES) for level in 3 * [round(255 - 2.55 * value)])]
 PLACES = np.zeros(256, np.uint8)
-"""In the palette, by a cell's value as an unsigned byte: 0 to 100 %; -1 and all others are unknown."""
+"""Index in the palette of a cell's value as an unsigned byte: 0 to 100 %; -1 and all others are unknown."""
 PLACES[:SHADES] = np.arange(1, SHADES + 1)
 Tile = tuple[int, int]
-"""Number along x and along y; the tiles lie in the plane as if the grid went on for ever."""
+"""Number of a tile along x and along y. Tiles lie on an infinite grid."""
 
 
 @dataclass(frozen=True)
@@ -38,30 +38,30 @@ class Drawn:
     """A tile."""
 
     pixels: NDArray[np.uint8]
-    """(TILE, TILE) places in the palette, the least y first."""
+    """(TILE, TILE) indices in the palette, row 0 at the smallest y."""
     picture: bytes
-    """PNG, the greatest y at the top."""
+    """PNG with the largest y at the top."""
 
 
 class MapTiles:
     """Keeps the pictures of a map's tiles, and draws those that have changed.
 
-    A tile lies at the same cells of the plane however the grid around it grows, so one that the robot has
-    left behind stays as it is. A tile of which nothing is known has no picture.
+    A tile always covers the same cells of the plane, even if the grid grows, so a tile that the robot has
+    left does not change. A completely unknown tile has no picture.
     """
 
     def __init__(self) -> None:
         self._drawn: dict[Tile, Drawn] = {}
 
     def draw(self, grid: OccupancyGrid) -> dict[str, bytes]:
-        """Return the place of the map (JSON), and the pictures of its tiles; {} if it makes no sense."""
+        """Return the position of the map (JSON) and the pictures of its tiles; {} if the map is invalid."""
         info = grid.info
         rows, columns = info.height, info.width
         if not rows or not columns or len(grid.data) != rows * columns or not info.resolution > 0:
             return {}
         every = math.ceil(math.sqrt(rows * columns / MAX_PIXELS))
         pixel_m = info.resolution * every
-        # The first pixels are at these places of the endless plane.
+        # Positions of the first pixels on the infinite grid.
         yaw_rad = info.origin.orientation.yaw
         x_m, y_m = _turned(info.origin.position.x, info.origin.position.y, -yaw_rad)
         left, bottom = round(x_m / pixel_m), round(y_m / pixel_m)
@@ -94,7 +94,7 @@ def _turned(x: float, y: float, by_rad: float) -> tuple[float, float]:
 
 
 def _cut(pixels: NDArray[np.uint8], left: int, bottom: int) -> dict[Tile, NDArray[np.uint8]]:
-    """Cut a picture whose first pixel is at (left, bottom) of the plane into tiles that show anything."""
+    """Cut a picture whose first pixel is at (left, bottom) of the grid into tiles, without empty ones."""
     height, width = pixels.shape
     first_across, first_up = left // TILE, bottom // TILE
     across, up = -(-(left + width) // TILE) - first_across, -(-(bottom + height) // TILE) - first_up
@@ -116,14 +116,14 @@ def _picture(pixels: NDArray[np.uint8]) -> bytes:
 
 GROUP = "map"
 PERIOD_S = 0.5
-"""Between maps, however many come."""
+"""Minimum time between two drawings of the map."""
 
 
 class LiveMap:
-    """Draws the newest map while any page shows one; lives in the station's thread.
+    """Draws the newest map while a page shows it. Used in the station's thread.
 
     Args:
-        station: hears of it.
+        station: receives the map.
     """
 
     def __init__(self, station: StationContext):
@@ -134,7 +134,7 @@ class LiveMap:
         self._next_s = 0.0
 
     def tick(self) -> None:
-        """Draw it if that is due."""
+        """Draw the map if that is due."""
         grid, count = self._grid.message, self._grid.count
         is_due = count != self._count and time.monotonic() >= self._next_s
         if grid is not None and is_due and self._live.is_wanted(GROUP):

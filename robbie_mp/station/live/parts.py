@@ -1,7 +1,7 @@
-"""The newest state of what pages draw, in parts, each encoded once for all pages.
+"""The newest state of everything that pages draw, in parts, each encoded once for all pages.
 
-A page gets a packet with the parts that have changed, and the next packet when it has drawn that one. So
-nothing queues up for a page with a slow link or browser: it gets fewer packets, each with the newest state.
+A page gets a packet with the changed parts, and the next packet when it has drawn that one. So nothing queues
+up for a page with a slow link or browser: it gets fewer packets, each with the newest state.
 """
 
 from __future__ import annotations
@@ -14,26 +14,26 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 PACKET_BYTES = 1 << 16
-"""Size at which a packet is full. A packet has at least one part, however large."""
+"""Size at which a packet is full. A packet has at least one part of any size."""
 SMALL_BYTES = 1 << 12
-"""Parts up to this size go before all others."""
+"""Parts up to this size are sent before all others."""
 PACKETS_AHEAD = 2
-"""Packets that may be on their way to a page, so that it does not wait for round trips."""
+"""Maximum number of packets in flight to a page, so that it does not wait for round trips."""
 DRAWING_LIMIT_S = 30.0
 """A page that has drawn nothing for this time is disconnected."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """What is drawn at one place."""
+    """One part of the drawing."""
 
     number: int
-    """Greater whenever the data change."""
+    """Number that increases with each change of the data."""
     data: bytes
 
 
 class LiveParts:
-    """All parts, by names such as `map/tile/3/4`, which is of the group `map`. They are put by one thread."""
+    """All parts by name; `map/tile/3/4`, for example, is in the group `map`. One thread writes them."""
 
     def __init__(self) -> None:
         self.parts: Mapping[str, Part] = {}
@@ -49,16 +49,16 @@ class LiveParts:
             is_same = known is not None and known.data == data
             found[f"{group}/{name}"] = known if known and is_same else Part(next(self._numbers), data)
         others = {name: part for name, part in before.items() if not name.startswith(f"{group}/")}
-        self.parts = others | found  # another one, for the page server looks at it meanwhile
+        self.parts = others | found  # a new dict, because the page server reads the old one meanwhile
         for follower in self._followers:
             follower.wake(group)
 
     def is_wanted(self, group: str) -> bool:
-        """Whether any page follows a group; otherwise its parts need not be put."""
+        """Whether any page follows a group. Otherwise you need not put its parts."""
         return any(group in follower.groups for follower in self._followers)
 
     def join(self, follower: Follower) -> None:
-        """Add a follower; in the page server's thread, as `leave`."""
+        """Add a follower; like `leave`, called in the page server's thread."""
         self._followers = (*self._followers, follower)
 
     def leave(self, follower: Follower) -> None:
@@ -67,11 +67,11 @@ class LiveParts:
 
 
 class Follower:
-    """What one page has, and what it gets next. All but `wake` is for the page server's thread.
+    """Tracks which parts one page has, and chooses the next ones. Only `wake` may be called in other threads.
 
     Args:
-        live: what it follows.
-        groups: of these only.
+        live: the parts.
+        groups: the groups to follow.
     """
 
     def __init__(self, live: LiveParts, groups: frozenset[str]):
@@ -79,7 +79,7 @@ class Follower:
         self._live = live
         self._prefixes = tuple(f"{group}/" for group in groups)
         self._has: dict[str, tuple[int, int]] = {}
-        """Number of the part it was sent last, and of the packet."""
+        """For each part, the version and the number of the packet that were last sent."""
         self._sent = self._drawn = 0
         self._is_gone = False
         self._loop = asyncio.get_running_loop()
@@ -87,18 +87,18 @@ class Follower:
         self._drawn_s = self._loop.time()
 
     def wake(self, group: str) -> None:
-        """Wake the follower because a group has changed; from any thread."""
+        """Wake the follower because a group has changed. Any thread may call this."""
         if group in self.groups:
             self._loop.call_soon_threadsafe(self._changed.set)
 
     def has_drawn(self) -> None:
-        """Note that one more packet has been drawn."""
+        """Record that the page has drawn one more packet."""
         self._drawn = min(self._sent, self._drawn + 1)
         self._drawn_s = self._loop.time()
         self._changed.set()
 
     def go(self) -> None:
-        """Send no more."""
+        """Stop sending."""
         self._is_gone = True
         self._changed.set()
 
@@ -123,7 +123,7 @@ class Follower:
         return None
 
     def packet(self) -> bytes | None:
-        """Return what has changed, or as much of it as one packet holds; None if nothing has."""
+        """Return a packet with changed parts, up to its maximum size; None if nothing has changed."""
         parts = self._live.parts
         nothing = (0, 0)
         changed = [
@@ -133,8 +133,8 @@ class Follower:
         ]
         if not changed:
             return None
-        # Small parts first, then those sent longest ago, so that each is sent in time. Among parts never
-        # sent, the last changed come first: the large map stays behind what moves.
+        # Small parts first, then those sent longest ago, so that each is sent in time. Of parts never sent,
+        # the most recently changed come first, so the large map does not delay moving parts.
         changed.sort(
             key=lambda one: (
                 len(one[1].data) > SMALL_BYTES,
@@ -150,7 +150,7 @@ class Follower:
                 break
             size += len(part.data)
             chosen.append((name, part))
-        # Without those that are no more.
+        # Without parts that no longer exist.
         self._has = {name: had for name, had in self._has.items() if name in parts}
         self._has |= {name: (part.number, self._sent) for name, part in chosen}
         head = json.dumps([[name, len(part.data)] for name, part in chosen]).encode()

@@ -1,4 +1,4 @@
-"""Connections on which pages follow live parts: packets one way; the other way, that each has been drawn."""
+"""Connections for live parts: the station sends packets, and pages report when they have drawn each."""
 
 import asyncio
 
@@ -8,11 +8,11 @@ from robbie_mp.station.gate import App
 from robbie_mp.station.live.parts import Follower, LiveParts
 
 PATH = "/live/"
-"""Of the connections; then come the groups that are followed: `/live/map+marks`."""
+"""Beginning of the connections' paths. The followed groups are next, such as `/live/map+marks`."""
 
 
 def with_live(app: App, live: LiveParts) -> App:
-    """Return an application that serves live parts, and for all else another one."""
+    """Return an application that serves live parts, and passes all other requests to another one."""
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket" and scope["path"].startswith(PATH):
@@ -24,8 +24,8 @@ def with_live(app: App, live: LiveParts) -> App:
 
 
 async def serve(live: LiveParts, groups: frozenset[str], receive: Receive, send: Send) -> None:
-    """Serve one page until it goes, or draws nothing any more."""
-    await receive()  # the connect, which is to be answered
+    """Serve one page until it closes or stops drawing."""
+    await receive()  # the connect message, which must be answered first
     await send({"type": "websocket.accept"})
     follower = Follower(live, groups)
     live.join(follower)

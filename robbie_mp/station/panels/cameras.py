@@ -24,18 +24,18 @@ if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
 
 REFRESH_S = 0.1
-"""Shortest time between two notices of a new image to a page."""
+"""Minimum time between two notifications of a new image to a page."""
 MAX_CAMERAS = 12
 FRESH_NS = 500_000_000
-"""Detections in an image that is older than the shown one by up to this are drawn, too."""
+"""Detections in an image are also drawn if it is older than the shown one by up to this time."""
 SILENT_AFTER_S = 2.0
-"""A working camera sends an image within this time."""
+"""Maximum time between two images of a working camera."""
 ADDRESS = "/pictures/camera/{name:path}"
 MAX_BOXES = 100
 
 
 class Box(NamedTuple):
-    """A rectangle, as shares of the image's width and height, and what is in it."""
+    """A rectangle, as shares of the image's width and height, and a label."""
 
     left: float
     top: float
@@ -45,7 +45,7 @@ class Box(NamedTuple):
 
 
 class DetectionBoxes(Element, component="detection_boxes.js"):
-    """Lies over a picture."""
+    """Draws boxes over a picture."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -81,7 +81,7 @@ class NewestImage(Element, component="newest_image.js"):
     """Shows a picture, and fetches the next one when it has this one.
 
     Args:
-        address: where pictures are.
+        address: address of the pictures.
         description: the alternative text.
     """
 
@@ -92,10 +92,10 @@ class NewestImage(Element, component="newest_image.js"):
         self.show(0)
 
     def show(self, count: int) -> None:
-        """Show the newest picture, if it is not shown already.
+        """Show the newest picture, unless it is shown already.
 
         Args:
-            count: number of the message that it is made of; 0: there is none.
+            count: number of the message from which it is made; 0: there is none.
         """
         if self._props.get("count") != count:
             self._props["count"] = count
@@ -127,7 +127,7 @@ class Camera:
 
 
 class CamerasPanel(Panel):
-    """A picture for each topic on which images come."""
+    """Shows a picture for each topic with images."""
 
     name = "cameras"
     title = "Cameras"
@@ -137,7 +137,7 @@ class CamerasPanel(Panel):
         super().__init__(station)
         self.cameras: dict[str, Camera] = {}
         self.detections: dict[str, Detection2DArray] = {}
-        """By the topic of the images."""
+        """Cameras by the topic of their images."""
         newest = MessageHandling.KEEP_ONLY_NEWEST
         station.subscribe(Image, self._on_image, newest)
         station.subscribe(CompressedImage, self._on_image, newest)
@@ -155,7 +155,7 @@ class CamerasPanel(Panel):
             self.cameras = {
                 **self.cameras,
                 name: camera,
-            }  # a new dict: pages read the old one
+            }  # a new dict, because pages read the old one
         camera.latest.put(image)
 
     def _on_detections(self, found: Detection2DArray) -> None:
@@ -168,7 +168,7 @@ class CamerasPanel(Panel):
         return camera.picture.answer() if camera else no_picture("there is no such camera")
 
     def build(self, page: Page) -> None:
-        """Make a card for each camera; more as they come."""
+        """Build a card for each camera, and add cards for new cameras."""
         hint = ui.label("no camera has sent an image yet").classes("text-grey")
         row = ui.row().classes("w-full gap-4")
         cards: dict[str, CameraCard] = {}
@@ -185,7 +185,7 @@ class CamerasPanel(Panel):
 
 
 class CameraCard:
-    """The picture of a camera, what was found in it, and the line below."""
+    """The picture of a camera, the detections in it, and the line below."""
 
     def __init__(self, name: str):
         ui.label(name).classes("font-bold")
@@ -197,7 +197,7 @@ class CameraCard:
         self._silent = ui.label("").classes("text-orange font-bold camera-silent")
 
     def show(self, camera: Camera, found: Detection2DArray | None) -> None:
-        """Show the newest image and what was found in it."""
+        """Show the newest image and the detections in it."""
         self._image.show(camera.latest.count)
         self._boxes.show(camera.boxes(found))
         self._text.set_text(camera.description)

@@ -1,6 +1,6 @@
-"""Virtual devices, set by hand: a battery's charge, a bumper that is pressed, a laser that fails.
+"""Virtual devices that you set by hand: a battery's charge, a pressed bumper, a failing laser.
 
-They obey settings whose names begin with `virtual_`, which only simulated devices have.
+They have settings whose names begin with `virtual_`. Only simulated devices have such settings.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from robbie_mp.station.settings_watch import Entry
 
 PREFIX = "virtual_"
 STEPS = 100
-"""From one end of a slider to the other."""
+"""Number of steps from one end of a slider to the other."""
 
 
 class DevicesPanel(Panel):
-    """What can be set of the virtual devices."""
+    """Shows and changes the settings of virtual devices."""
 
     name = "devices"
     title = "Virtual devices"
@@ -36,7 +36,7 @@ class DevicesPanel(Panel):
             self.station.settings_watch.tick()
 
     def found(self) -> dict[str, dict[str, Entry]]:
-        """Return the modules of virtual devices, and what can be set of each."""
+        """Return the modules of virtual devices, with the settings of each."""
         return {
             module: virtual
             for module, entries in self.station.settings_watch.changeable.items()
@@ -50,7 +50,7 @@ class DevicesPanel(Panel):
         }
 
     def build(self, page: Page) -> None:
-        """Make a card for each device, as soon as it is known which there are."""
+        """Build a card for each device, as soon as the devices are known."""
         hint = ui.label("this robot has no virtual devices").classes("text-grey")
         area = ui.row().classes("w-full gap-4")
         made: dict[str, Device] = {}
@@ -77,10 +77,10 @@ class Device:
     """One virtual device on one page.
 
     Args:
-        panel: knows what can be set.
-        page: observers only look.
-        module: its name.
-        entries: what can be set of it.
+        panel: holds the settings.
+        page: the page. Observers cannot change anything.
+        module: name of the device's module.
+        entries: settings of the device.
     """
 
     def __init__(self, panel: DevicesPanel, page: Page, module: str, entries: dict[str, Entry]):
@@ -93,14 +93,14 @@ class Device:
             }
 
     def update(self, entries: dict[str, Entry], status: str) -> None:
-        """Show what the device says of itself, and what has been set."""
+        """Show the device's status and its settings."""
         self._status.set_text(status)
         for name, control in self.controls.items():
             control.update(entries[name])
 
 
 class Control:
-    """What sets one thing of a device: a slider, a switch, or a choice, as its type wants it."""
+    """The element for one setting: a slider, a switch, or a choice, according to its type."""
 
     def __init__(self, change: Change, page: Page, key: str, entry: Entry):
         self._change = change
@@ -118,7 +118,7 @@ class Control:
             self._change.ask(json.dumps(value))
 
     def update(self, entry: Entry) -> None:
-        """Show what is set, if that is something else than before; and what was wrong."""
+        """Show the value if it has changed, and the error of the last change."""
         self._change.look()
         self._error.set_text(self._change.error)
         is_set = entry["value"] not in (None, [])
@@ -129,7 +129,7 @@ class Control:
 
 
 def has_control(outline: dict[str, Any]) -> bool:
-    """Whether there is an element for a type; all others are set as parameters."""
+    """Return whether there is an element for a type. Other settings are changed as parameters."""
     is_range = outline["minimum"] is not None and outline["maximum"] is not None
     return bool(outline["choices"]) or (not outline["is_list"] and (is_range or outline["kind"] == "bool"))
 
@@ -142,5 +142,5 @@ def _element_for(outline: dict[str, Any], ask: Callable[[Any], None]) -> ui.sele
         return ui.switch("on").on_value_change(lambda event: ask(event.value))
     low, high = outline["minimum"], outline["maximum"]
     slider = ui.slider(min=low, max=high, step=(high - low) / STEPS, value=low).props("label")
-    # "change" is when a hand lets go, and no new value.
+    # The event "change" means that the operator has released the slider, not that the value is new.
     return slider.on("change", lambda event: ask(event.args))

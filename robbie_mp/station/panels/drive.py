@@ -1,4 +1,4 @@
-"""Driving by hand: the robot moves only while the operator holds a control."""
+"""Manual driving: the robot moves only while the operator holds a control."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
 
 VALID_FOR = Duration.from_nanoseconds(220_000_000)
-"""The base brakes when no further command comes within this time, which is two heartbeats."""
+"""The base brakes when no further command arrives within this time, which is two heartbeats."""
 SILENT_AFTER_S = 1.0
-"""A working base publishes odometry within this time."""
+"""Maximum time between two odometry messages of a working base."""
 MANUAL_TOPIC = "manual"
 STYLE = """.drive-pad {position: relative; width: 18rem; height: 18rem; border-radius: 1rem;
   touch-action: none; background: #263238; border: 2px solid #607d8b; cursor: grab}
@@ -36,7 +36,7 @@ class DrivePad(Element, component="drive_pad.js"):
 
 
 class DrivePanel(Panel):
-    """Pad, keys and gamepad; speed limits; which page drives."""
+    """Shows pad, keys and gamepad, speed limits, and the page that drives."""
 
     name = "drive"
     title = "Drive"
@@ -47,7 +47,7 @@ class DrivePanel(Panel):
         self._odometry = station.newest(Odometry, "odom")
 
     def build(self, page: Page) -> None:
-        """Make the controls for operators, and the velocity for all."""
+        """Build the controls for operators, and the velocity for all visitors."""
         ui.add_css(STYLE)
         with ui.row().classes("gap-8 items-start"):
             if page.role is Role.OPERATOR:
@@ -70,7 +70,7 @@ class DriverControls:
     """The controls of one page.
 
     Args:
-        station: knows which page drives, and the speed limits.
+        station: holds the driving page and the speed limits.
         page: publishes the commands.
     """
 
@@ -132,7 +132,7 @@ class DriverControls:
 
 
 def checked(sent: Any) -> tuple[bool, bool, float, float, float] | None:
-    """Return what the pad has sent, with speeds from -1 to 1; None if it is malformed."""
+    """Return the command that the pad sent, with speeds from -1 to 1; None if it is malformed."""
     try:
         numbers = [float(sent[name]) for name in ("linear", "angular", "sent_s")]
     except (KeyError, TypeError, ValueError):

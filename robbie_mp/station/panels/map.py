@@ -1,4 +1,4 @@
-"""The map from above: robots, path, goal, frontiers, places and marks. Operators set goals on it."""
+"""The map from above, with robots, path, goal, frontiers, places and marks. Operators set goals on it."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
 TEXT_PERIOD_S = 0.2
 GROUP = "marks"
-"""Of live parts: the marks on the map."""
+"""Group of live parts with the marks on the map."""
 MAX_PATH_POINTS = 500
-"""Longer paths are drawn with every second, third … point."""
+"""Maximum number of points. Longer paths are drawn with every second, third … point."""
 MODES = {"": "Move map", "goal": "Set goal", "initial_pose": "Set pose"}
-"""What a press on the map does, by the topic on which it publishes."""
+"""The effect of a press on the map, by the topic on which it publishes."""
 PLACE_COLOUR = "#3949ab"
 
 
@@ -63,7 +63,7 @@ class MapPanel(Panel):
         self._way: tuple[int, bytes] = (0, b"[]")
 
     def build(self, page: Page) -> None:
-        """Make the map and its tools."""
+        """Build the map and its tools."""
         with ui.row().classes("items-center"):
             mode = ui.toggle(MODES, value="").props("id=map-mode")
             mode.set_visibility(page.role is Role.OPERATOR)
@@ -103,7 +103,7 @@ class MapPanel(Panel):
         page.every(TEXT_PERIOD_S, self.name, update)
 
     def tick(self) -> None:
-        """Put the newest marks, if any page shows them."""
+        """Update the marks, if any page shows them."""
         if self.station.live.is_wanted(GROUP):
             found = other_robots(self.station.scene, "map")
             self._others = [robot_mark(name, pose) for name, pose in found.items()]
@@ -116,7 +116,7 @@ class MapPanel(Panel):
         return self._way[1]
 
     def marks(self) -> dict[str, Any]:
-        """Return what is drawn on the map, without the path; m and rad, map frame."""
+        """Return the marks on the map, without the path; m and rad, map frame."""
         return {
             "robot": planar(self._pose.message),
             "goal": planar(self._goal.message),
@@ -127,7 +127,7 @@ class MapPanel(Panel):
         }
 
     def describe(self) -> str:
-        """Say in a line what is on the map."""
+        """Return a line that describes the map."""
         grid, path = self._grid.message, self._path.message
         info = grid.info if grid else None
         parts = [f"{info.width} x {info.height} cells of {info.resolution:.3g} m" if info else "no map yet"]
@@ -144,7 +144,7 @@ class MapPanel(Panel):
         return "; ".join([*parts, *(place.name for place in self.station.places_watch.places)])
 
     def _publish(self, page: Page, topic: str, x_m: float, y_m: float, yaw_rad: float | None) -> None:
-        if yaw_rad is None:  # not given: the direction from the robot to the goal
+        if yaw_rad is None:  # without a heading: the direction from the robot to the goal
             robot = planar(self._pose.message) or [x_m, y_m, 0.0]
             yaw_rad = math.atan2(y_m - robot[1], x_m - robot[0])
         pose = Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(yaw_rad))
@@ -153,7 +153,7 @@ class MapPanel(Panel):
 
 
 def way_points(path: Path | None) -> list[list[float]]:
-    """Return x and y (m) of the points of a path; a long path is thinned."""
+    """Return x and y (m) of the points of a path. Long paths are thinned."""
     poses = path.poses if path else []
     every = math.ceil(len(poses) / MAX_PATH_POINTS) or 1
     positions = [one.pose.position for one in (*poses[:-1:every], *poses[-1:])]
@@ -169,18 +169,18 @@ def frontier_marks(frontiers: Frontiers | None) -> list[list[float]]:
 
 
 def disc_of(mark: MapMark) -> dict[str, Any]:
-    """Return what is drawn of a panel's mark."""
+    """Return the drawing data of a panel's mark."""
     return {"x": mark.x, "y": mark.y, "name": mark.name, "colour": mark.colour}
 
 
 def place_mark(place: PointOfInterest) -> dict[str, Any]:
-    """Return what is drawn of a point of interest."""
+    """Return the drawing data of a point of interest."""
     position = place.pose.position
     return {"x": position.x, "y": position.y, "name": place.name, "colour": PLACE_COLOUR}
 
 
 def robot_mark(name: str, pose: RigidTransform) -> dict[str, Any]:
-    """Return what is drawn of another robot."""
+    """Return the drawing data of another robot."""
     x_m, y_m, _ = map(float, pose.translation)
     return {"name": name, "x": round(x_m, 3), "y": round(y_m, 3), "yaw": round(pose.yaw, 3)}
 
@@ -194,7 +194,7 @@ def planar(message: PoseStamped | None) -> list[float] | None:
 
 
 def checked(sent: Any) -> tuple[str, float, float, float | None] | None:
-    """Return a placement on the map: topic, x, y (m), heading (rad); None if it is malformed."""
+    """Return a placement on the map: topic, x, y (m), heading (rad), or None if it is malformed."""
     try:
         topic, yaw_rad = str(sent["what"]), sent["yaw_rad"]
         numbers = [float(sent["x_m"]), float(sent["y_m"]), 0.0 if yaw_rad is None else float(yaw_rad)]

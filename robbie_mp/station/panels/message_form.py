@@ -21,15 +21,15 @@ COUNT_PERIOD_S = 0.5
 
 
 class MessageForm:
-    """A choice of types, and a line for each field of the one that is chosen.
+    """A choice of types, and a line for each field of the chosen type.
 
     Sending at a rate repeats the message that the form described at the start. It ends when the page is
     closed or its connection is lost, and does not resume.
 
     Args:
-        station: knows words to offer.
-        types: to choose from.
-        page: where it is.
+        station: has suggestions for texts.
+        types: types to choose from.
+        page: the page of the form.
     """
 
     def __init__(self, station: StationContext, types: KnownTypes, page: Page):
@@ -39,7 +39,7 @@ class MessageForm:
         self._type: type[Message] | None = None
         self._inputs: dict[str, ui.input] = {}
         self._words = [*station.persons, *station.objects, *station.speech_commands]
-        """Offered where a text is wanted."""
+        """Suggestions for text fields."""
         with ui.row().classes("items-center"):
             kind = ui.select(types.names(), label="type", with_input=True, clearable=True)
             kind.props("for=compose-type").classes("w-96").on_value_change(
@@ -83,7 +83,7 @@ class MessageForm:
                 self._inputs[field.path] = line
 
     def _message(self) -> Message | None:
-        """Return the message that the form describes; None, with errors beside the fields, if it is none."""
+        """Return the message that the form describes; if it is invalid, show the errors and return None."""
         if self._type is None:
             self._result.set_text("choose a type first")
             return None
@@ -106,7 +106,7 @@ class MessageForm:
     def _publish(self, message: Message) -> bool:
         try:
             is_sent = self._page.publish(message, "the message", str(self._topic.value or ""))
-        except RobbieError as error:  # such as a topic whose name is too long
+        except RobbieError as error:  # for example, the name of the topic is too long
             self._topic.error = str(error)
             self._result.set_text("not sent: see the fields in red")
             return False
@@ -116,7 +116,7 @@ class MessageForm:
         return is_sent
 
     def _begin(self) -> None:
-        """Send the message again and again, if form and rate are well."""
+        """Send the message repeatedly, if form and rate are valid."""
         self._rate.error = None
         try:
             rate_hz = float(self._rate.value or "")

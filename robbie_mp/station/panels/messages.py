@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 TREE_REFRESH_S = 0.5
 MAX_WATCHES = 4
-"""Topics that all pages together can look into at the same time: a run has room for few tools."""
+"""Maximum number of topics that all pages together can show, because a run allows few tools."""
 
 
 class MessagesPanel(Panel):
-    """Table, tree and form."""
+    """Shows a table of topics, a tree of fields, and a form."""
 
     name = "messages"
     title = "Messages"
@@ -35,22 +35,22 @@ class MessagesPanel(Panel):
         super().__init__(station)
         self.types = types_of_run(station.known_run)
         self.watches: dict[str, TopicWatch] = {}
-        """By key of the page that looks."""
+        """Watched topics by the key of the page."""
 
     def tick(self) -> None:
-        """Leave topics that no page looks into any more."""
+        """Stop watching topics that no page shows any more."""
         for key in list(self.watches):
             page = self.station.pages.get(key)
             if page is None or page.tab != self.name:
                 self.watches.pop(key).close()
 
     def close(self) -> None:
-        """Leave all topics."""
+        """Stop watching all topics."""
         for watch in self.watches.values():
             watch.close()
 
     def build(self, page: Page) -> None:
-        """Make the three parts."""
+        """Build the three parts."""
         table = ui.table(
             columns=columns("type", "topic", "version", "messages", "Hz", "kB/s"), rows=[], row_key="key"
         )
@@ -72,7 +72,7 @@ class MessagesPanel(Panel):
         page.every(TREE_REFRESH_S, self.name, view.update)
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return a line for each channel."""
+        """Return a table row for each channel."""
         reading, rates = self.station.run_watch.reading, self.station.run_watch.rates
         found = []
         for channel in reading.channels if reading else ():
@@ -92,7 +92,7 @@ class MessagesPanel(Panel):
         return found
 
     def watch(self, key: str, channel: ChannelName) -> str:
-        """Let a page look into a channel; return the reason if it cannot, or ''."""
+        """Let a page watch a channel. Return '', or the reason why it cannot."""
         if key in self.watches:
             self.watches.pop(key).close()
         if len(self.watches) >= MAX_WATCHES:
@@ -113,7 +113,7 @@ class MessageView:
         self._shown = 0
 
     def choose(self, event: Any) -> None:
-        """Look into another channel."""
+        """Watch another channel."""
         parts = str(event.args).split("\n")
         if len(parts) != 3 or not parts[1].isdigit():
             return
@@ -128,10 +128,10 @@ class MessageView:
             self._title.set_text(problem or f"waits for a {self._chosen.type_name} …")
 
     async def update(self) -> None:
-        """Show the newest message, if it is not shown already; another thread decodes it."""
+        """Show the newest message, unless it is shown already. Another thread decodes it."""
         watch = self._panel.watches.get(self._page.key)
         if watch is None:
-            self._look()  # the visitor has come back to this tab
+            self._look()  # the visitor has returned to this tab
             return
         received = watch.newest
         if watch.error:

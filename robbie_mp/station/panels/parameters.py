@@ -1,4 +1,4 @@
-"""Settings of all modules; those that may be changed while the robot runs are changed here."""
+"""Shows the settings of all modules, and changes those that are changeable while the robot runs."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ class ParametersPanel(Panel):
         }
 
     def tick(self) -> None:
-        """Read what the modules have written down."""
+        """Read the settings that the modules have written to files."""
         if self.is_looked_at:
             self.station.settings_watch.tick()
 
     def build(self, page: Page) -> None:
-        """Make a list of the modules, as soon as it is known what they have."""
+        """Build a list of the modules, as soon as their settings are known."""
         fields: dict[tuple[str, str], Field] = {}
         made: dict[str, list[str]] = {}
         area = ui.column().classes("w-full")
@@ -75,13 +75,13 @@ class ParametersPanel(Panel):
 
 
 class Field:
-    """One setting that can be changed, on one page.
+    """One changeable setting on one page.
 
     Args:
-        change: asks for it.
-        page: observers only look.
-        module, name: which it is.
-        entry: what is known of it.
+        change: requests changes of it.
+        page: the page. Observers cannot change anything.
+        module, name: the setting.
+        entry: type, value and description of the setting.
     """
 
     def __init__(self, change: Change, page: Page, module: str, name: str, entry: Entry):
@@ -101,7 +101,7 @@ class Field:
                 ui.label(entry["type"]).classes("text-grey")
 
     def update(self, entry: Entry) -> None:
-        """Show the value, and what has become of a change."""
+        """Show the value, and the result of the last change."""
         changed = " (changed)" if entry["changed"] else ""
         self._value.set_text(f"{self._name}: {inline(entry['value'])}{changed}")
         if self._input is not None:

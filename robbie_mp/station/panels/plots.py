@@ -1,4 +1,4 @@
-"""Numbers of any messages, over time."""
+"""Plots numbers in any messages over time."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 PERIOD_S = 0.5
 SPACING_S = 0.1
 HISTORY = 600
-"""Values of a line: a minute, if they come as fast as they are kept."""
+"""Number of values of a line: those of one minute at the highest stored rate."""
 MAX_LINES = 8
-"""On a page."""
+"""Maximum number of lines on a page."""
 
 
 class PlotsPanel(Panel):
-    """Charts of chosen numbers."""
+    """Shows charts of chosen numbers."""
 
     name = "plots"
     title = "Plots"
@@ -42,7 +42,7 @@ class PlotsPanel(Panel):
         self._wishes: SimpleQueue[Line] = SimpleQueue()
 
     def tick(self) -> None:
-        """Subscribe to what pages have asked for."""
+        """Subscribe to the messages that pages have requested."""
         try:
             while True:
                 line = self._wishes.get_nowait()
@@ -54,7 +54,7 @@ class PlotsPanel(Panel):
             pass
 
     def channels(self) -> dict[str, tuple[str, str]]:
-        """Return type and topic of what is published, by what it is called here."""
+        """Return type and topic of all published channels, by their names in this panel."""
         reading = self.station.run_watch.reading
         return {
             f"{channel.topic or '(no topic)'}: {channel.type_name.replace('/msg/', '/')}": (
@@ -69,16 +69,16 @@ class PlotsPanel(Panel):
         """Return a type's class.
 
         Raises:
-            UnknownType, SchemaError: its description is not known, or not understood.
+            UnknownType, SchemaError: the type's description is unknown or invalid.
         """
         return self._known.get(name)
 
     def wish(self, line: Line) -> None:
-        """Have values come; from any thread."""
+        """Request the values of a line. Any thread may call this."""
         self._wishes.put(line)
 
     def build(self, page: Page) -> None:
-        """Make the choice of fields, and the chart."""
+        """Build the choice of fields, and the chart."""
         chart = PageChart(self)
         page.every(PERIOD_S, self.name, chart.update)
         ui.context.client.on_delete(chart.close)
@@ -89,7 +89,7 @@ class Line:
 
     Args:
         message_type, topic: the messages.
-        path: of the number.
+        path: path of the number.
 
     Raises:
         NoSuchNumber: there is no such number.
@@ -108,7 +108,7 @@ class Line:
         self._is_closed = False
 
     def listen(self, source: Latest[Message]) -> None:
-        """Take values from here on; in the module's thread."""
+        """Subscribe and take values from now on; called in the module's thread."""
         if not self._is_closed:
             self._source = source
             source.listen(self._take)
@@ -118,7 +118,7 @@ class Line:
             self._source.ignore(self._take)
             return
         if self._station.envelope.topic != self.topic:
-            return  # who subscribes to no topic gets those of all topics
+            return  # a subscription without a topic gets the messages of all topics
         value, now_s = self._read(message), time.time()
         self.newest = value
         if value is not None and not 0 <= now_s - self._kept_s < SPACING_S:
@@ -126,24 +126,24 @@ class Line:
             self.history.add(now_s, value)
 
     def close(self) -> None:
-        """Take no more; from any thread."""
+        """Stop taking values. Any thread may call this."""
         self._is_closed = True
 
     @property
     def text(self) -> str:
-        """Name and newest value, or what is wrong."""
+        """Name and newest value of the line, or its error."""
         return (
             f"{self.name}: {self.error or ('no value yet' if self.newest is None else f'{self.newest:.6g}')}"
         )
 
 
 class Choice:
-    """A text field with suggestions, which the browser itself shows.
+    """A text field with suggestions that the browser shows.
 
     Args:
-        label: what is to be chosen.
-        name: of the element.
-        on_change: called when something else has been chosen.
+        label: label of the field.
+        name: name of the element.
+        on_change: called when the choice has changed.
     """
 
     def __init__(self, label: str, name: str, on_change: Callable[[], None] | None = None):
@@ -153,11 +153,11 @@ class Choice:
 
     @property
     def text(self) -> str:
-        """What has been chosen."""
+        """The chosen text."""
         return str(self.input.value).strip()
 
     def offer(self, texts: Iterable[str]) -> None:
-        """Suggest these."""
+        """Set the suggestions."""
         self._offered.clear()
         with self._offered:
             for text in texts:
@@ -165,10 +165,10 @@ class Choice:
 
 
 class PageChart:
-    """The lines of one page, and how they are chosen.
+    """The lines of one page, and the fields to choose them.
 
     Args:
-        panel: finds the messages.
+        panel: source of the values.
     """
 
     def __init__(self, panel: PlotsPanel):
@@ -177,13 +177,13 @@ class PageChart:
         self._offered: list[str] = []
         with ui.row().classes("items-start"):
             self._channel = Choice("messages", "plot-channel", self._offer_fields)
-            self._path = Choice("field, as ranges[90]", "plot-field")
+            self._path = Choice("field, such as ranges[90]", "plot-field")
             ui.button("Plot", on_click=self._add).props("id=plot-add").classes("q-mt-sm")
         self._list = ui.column().classes("gap-0").props("id=plot-lines")
         self._chart = ui.echart(chart_options([]), renderer="svg").classes("w-full h-96")
 
     def update(self) -> None:
-        """Show the newest values, and offer what has come to be published."""
+        """Show the newest values, and suggest newly published channels."""
         offered = sorted(self._panel.channels())
         if offered != self._offered:
             self._offered = offered
@@ -194,7 +194,7 @@ class PageChart:
             self._fill()
 
     def close(self) -> None:
-        """Let go of all lines."""
+        """Release all lines."""
         for line in self._lines:
             line.close()
 
@@ -203,7 +203,7 @@ class PageChart:
         self._path.offer(numeric_paths(chosen[0]) if chosen else [])
 
     def _chosen(self) -> tuple[type[Message], str] | None:
-        """Return type and topic of the chosen messages; None, with an error beside the field, without any."""
+        """Return type and topic of the chosen messages; if there are none, show an error and return None."""
         found = self._panel.channels().get(self._channel.text)
         try:
             chosen = (self._panel.type_of(found[0]), found[1]) if found else None

@@ -1,4 +1,4 @@
-"""How a page changes a setting of a running module."""
+"""Changes a setting of a running module for a page."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ MAX_VALUE_CHARACTERS = 4096
 
 
 class Change:
-    """One setting on one page: requests changes, and knows the module's answer.
+    """One setting on one page: requests changes, and holds the module's answer.
 
     Args:
-        station: hears the answers.
-        page: publishes the request.
+        station: receives the answers.
+        page: publishes the requests.
         module, name: the setting.
 
     Attributes:
@@ -42,10 +42,10 @@ class Change:
         return self._request is not None
 
     def ask(self, value: str) -> None:
-        """Ask the module to change it.
+        """Request a change from the module.
 
         Args:
-            value: in YAML.
+            value: the new value in YAML.
         """
         self.error, self._request = "", None
         if len(value) > MAX_VALUE_CHARACTERS:
@@ -59,7 +59,7 @@ class Change:
             self.error = "not sent"
 
     def look(self) -> None:
-        """Take the module's answer, if it has come."""
+        """Process the module's answer, if it has arrived."""
         if self._request is None:
             return
         answer = self._station.settings_watch.take_answer(self._request)

@@ -1,4 +1,4 @@
-"""What can be said to the robot: the speech commands of the profile, and the persons and objects it knows."""
+"""The speech commands of the profile, and the persons and objects that the robot knows."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 TOPIC = "speech_command"
 MAX_HEARD = 20
-"""Number of commands that the panel remembers."""
+"""Maximum number of given commands that the panel shows."""
 MAX_COMMAND_CHARACTERS = 1000
 
 
 class SpeechPanel(Panel):
-    """Gives commands as if they had been spoken, and shows the commands that were given."""
+    """Gives commands as if they had been spoken, and shows the given commands."""
 
     name = "speech"
     title = "Speech"
@@ -41,14 +41,14 @@ class SpeechPanel(Panel):
 
     def _on_command(self, command: String) -> None:
         text = f"{self.station.envelope.sender}: {command.data[:MAX_COMMAND_CHARACTERS]}"
-        self.heard = deque((*self.heard, text), MAX_HEARD)  # a new deque: pages read the old one
+        self.heard = deque((*self.heard, text), MAX_HEARD)  # a new deque, because pages read the old one
 
     def say(self, page: Page, command: str) -> None:
-        """Give a command."""
+        """Publish a command."""
         page.publish(String(data=command[:MAX_COMMAND_CHARACTERS]), "the command", TOPIC)
 
     def build(self, page: Page) -> None:
-        """Make the commands, the names in the profile, and the list of given commands."""
+        """Build the commands, the names in the profile, and the list of given commands."""
         if page.role is Role.OPERATOR:
             with ui.row().props("id=speech-commands"):
                 for command in self.station.speech_commands:

@@ -1,4 +1,4 @@
-"""What every process does, costs and lacks: the columns of `robbie top`; and the machine as a whole."""
+"""Shows all processes, with the columns of `robbie top`, and the load of the machine."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
 
 HISTORY = 300
-"""Values in each chart, one a second."""
+"""Number of values in each chart, one per second."""
 SPARKS = 12
 LEAST_SCALE_PERCENT = 20.0
-"""The highest bar of a sparkline is the largest value, but at least this."""
+"""Minimum value of the highest bar of a sparkline. Otherwise it is the largest value."""
 TREND = "cpu% lately"
 GIGABYTE = 1e9
 Row = dict[str, Any]
@@ -48,7 +48,7 @@ class SystemPanel(Panel):
         self._trends: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=SPARKS))
 
     def tick(self) -> None:
-        """Describe the newest figures."""
+        """Return the newest figures as rows."""
         watch = self.station.run_watch
         reading, rates = watch.reading, watch.rates
         if reading is None or watch.count == self.count:
@@ -73,7 +73,7 @@ class SystemPanel(Panel):
         return cells | {"order": order | {TREND: sum(trend)}}
 
     def build(self, page: Page) -> None:
-        """Make buttons, table and charts."""
+        """Build buttons, table and charts."""
         totals = ui.label().classes("font-mono").props("id=totals")
         orders = Orders(self, page) if page.role is Role.OPERATOR else None
         headings = [column.heading for column in MODULE_COLUMNS]
@@ -108,11 +108,11 @@ class SystemPanel(Panel):
 
 
 class Orders:
-    """The buttons with which one page stops and starts modules. Each asks first.
+    """The buttons with which one page stops and starts modules. Each asks for confirmation.
 
     Args:
-        panel: of the station.
-        page: whose buttons they are.
+        panel: the panel.
+        page: the page of the buttons.
     """
 
     def __init__(self, panel: SystemPanel, page: Page):
@@ -137,7 +137,7 @@ class Orders:
         self.choose([])
 
     def choose(self, rows: Iterable[Row]) -> None:
-        """Turn to the module of a row, or to none."""
+        """Select the module of a row, or none."""
         self._module = next((str(row["module"]) for row in rows), "")
         self._chosen.set_text(self._module or "choose a row to restart, stop or start its module")
         for button in self._buttons:
@@ -154,14 +154,14 @@ class Orders:
             self._given.append(Order(self._panel.station.known_run.folder, self._action, self._module))
 
     def update(self) -> None:
-        """Tell what has become of the orders."""
+        """Show the results of the commands."""
         for order in [order for order in self._given if order.answer is not None]:
             self._given.remove(order)
             ui.notify(order.answer, type="negative" if order.is_refused else "positive", timeout=8000)
 
 
 def _column(heading: str, *, is_text: bool) -> dict[str, Any]:
-    """Describe a column; it is sorted by the values, not by how they are written."""
+    """Describe a column. It is sorted by the values, not by their texts."""
     key = json.dumps(heading)
     return {
         "name": heading,

@@ -1,4 +1,4 @@
-"""The log of all processes as it grows, and the reports of crashes."""
+"""Shows the log of all processes while it grows, and the crash reports."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 REFRESH_S = 0.5
 KEPT = 5000
-"""Entries that are searched; `robbie log` knows all."""
+"""Number of entries that are searched. `robbie log` searches all."""
 SHOWN = 200
-"""Lines on a page."""
+"""Maximum number of lines on a page."""
 MAX_REPORTS = 20
 COLOURS = {
     Kind.ERROR: "text-red-4 font-bold",
@@ -41,7 +41,7 @@ SHOWN_AT_FIRST = [Kind.ERROR, Kind.WARNING, Kind.INFO]
 
 
 class TracePanel(Panel):
-    """The trace, with a filter, and the reports of crashes."""
+    """Shows the trace with a filter, and the crash reports."""
 
     name = "trace"
     title = "Trace"
@@ -57,12 +57,14 @@ class TracePanel(Panel):
         self._next_s = 0.0
 
     def tick(self) -> None:
-        """Read what is new, for all pages, if any is open."""
+        """Read new entries for all pages, if any is open."""
         if not self.station.pages or time.monotonic() < self._next_s:
             return
         self._next_s = time.monotonic() + REFRESH_S
         if new := self._follower.read_new():
-            self.entries = deque((*self.entries, *new), KEPT)  # another one, for pages look at it meanwhile
+            self.entries = deque(
+                (*self.entries, *new), KEPT
+            )  # a new one, because pages read the old one meanwhile
             self.modules = module_names(self.station.output_directory)
         files = report_files(trace_folder(self.station.output_directory), None)
         if files != self._report_files:
@@ -70,7 +72,7 @@ class TracePanel(Panel):
             self.reports = crash_reports(self.station.output_directory, newest=MAX_REPORTS)
 
     def build(self, page: Page) -> None:
-        """Make filter, lines and reports."""
+        """Build filter, lines and reports."""
         with ui.row().classes("items-center"):
             kinds = ui.select([str(kind) for kind in Kind], multiple=True, label="kinds")
             kinds.set_value([str(kind) for kind in SHOWN_AT_FIRST])
@@ -104,11 +106,11 @@ class TracePanel(Panel):
 
 
 class RecordedKinds:
-    """Which kinds are recorded of the module whose entries are shown; operators choose others.
+    """Shows the kinds that the trace records of the chosen module. Operators can change them.
 
     Args:
-        run_folder: of the run.
-        page: observers only look.
+        run_folder: folder of the run.
+        page: the page. Observers cannot change anything.
     """
 
     def __init__(self, run_folder: Path, page: Page):
@@ -128,7 +130,7 @@ class RecordedKinds:
             self._order = Order(self._run_folder, "record", self._module or None, kinds=kinds)
 
     def update(self, module: str) -> None:
-        """Show what is recorded of a module, '': of any, unless that is just being changed."""
+        """Show the kinds recorded of a module ('': of all), unless they are just being changed."""
         if self._order is not None and self._order.answer is None:
             return
         if self._order is not None:
@@ -145,12 +147,12 @@ class RecordedKinds:
 
 
 class Filter:
-    """What entries a page wants.
+    """The filter of a page.
 
     Args:
-        kinds: of these kinds.
-        module: of this module; '' of all.
-        text: with this in it, in capitals or not.
+        kinds: only these kinds.
+        module: only this module; '': all.
+        text: only entries that contain this text, in upper or lower case.
     """
 
     def __init__(self, kinds: Iterable[str], module: str, text: str):
@@ -162,7 +164,7 @@ class Filter:
     __hash__ = None  # type: ignore[assignment]
 
     def passes(self, entry: Entry) -> bool:
-        """Whether an entry is wanted."""
+        """Return whether an entry passes the filter."""
         kinds, module, text = self._wanted
         return (
             entry.kind in kinds
@@ -172,17 +174,17 @@ class Filter:
 
 
 class Shown:
-    """What a page shows already."""
+    """The entries that a page shows already."""
 
     def __init__(self) -> None:
         self.filter: Filter | None = None
         self.number = 0
-        """Of the newest entry that was looked at."""
+        """Number of the newest entry that was checked."""
         self.reports: list[CrashReport] | None = None
 
 
 def newest(entries: deque[Entry], wanted: Filter, after: int) -> list[Entry]:
-    """Return the newest entries that are wanted and come after a number, the oldest first."""
+    """Return the newest entries after a number that pass the filter, the oldest first."""
     found: list[Entry] = []
     for entry in reversed(entries):
         if entry.number <= after or len(found) == SHOWN:
@@ -193,7 +195,7 @@ def newest(entries: deque[Entry], wanted: Filter, after: int) -> list[Entry]:
 
 
 def line_of(entry: Entry) -> str:
-    """Return an entry as text, with its time by the robot's clock."""
+    """Return an entry as text, with its time on the robot's clock."""
     stamp = time.strftime("%H:%M:%S", time.localtime(entry.time_s))
     milliseconds = int(entry.time_s * 1000) % 1000
     head = f"{stamp}.{milliseconds:03d} {entry.module}#{entry.incarnation} {entry.kind} {entry.text}"
@@ -201,7 +203,7 @@ def line_of(entry: Entry) -> str:
 
 
 def build_reports(reports: list[CrashReport]) -> None:
-    """Make what opens to the report of each crash, the newest first."""
+    """Build an expandable element for the report of each crash, the newest first."""
     for report in reversed(reports):
         title = f"crash of {report.module}, start {report.incarnation}: {report.reason}"
         with ui.expansion(title, icon="heart_broken").classes("w-full"):

@@ -1,4 +1,4 @@
-"""The robot, its map and what its sensors see, in three dimensions."""
+"""Shows the robot, its map and its sensor data in three dimensions."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
 
 GROUP = "view"
-"""Of live parts: what moves."""
+"""Group of live parts that move."""
 PERIOD_S = 0.2
-"""Between updates of the objects and of the line of text."""
+"""Time between updates of the objects and of the line of text."""
 FRAMES_PER_S = 20
 BEHIND_AND_ABOVE_M = (-3.0, 0.0, 3.0)
-"""Where the camera is at first, from the robot."""
+"""Initial position of the camera relative to the robot."""
 
 
 class ViewPanel(Panel):
@@ -41,13 +41,13 @@ class ViewPanel(Panel):
             self._model_url = app.add_static_file(local_file=station.robot_model, url_path=url)
 
     def tick(self) -> None:
-        """Put the newest surroundings, if any page shows them."""
+        """Update the surroundings, if any page shows them."""
         if self.station.live.is_wanted(GROUP):
             self.surroundings = self._surveyor.look()
             self.station.live.put(GROUP, self.surroundings.parts())
 
     def build(self, page: Page) -> None:
-        """Make the scene."""
+        """Build the scene."""
         with ui.row().classes("items-center gap-6"):
             follows = ui.switch("follow the robot", value=True).props("id=view-follow")
             names = ui.switch("frame names").props("id=view-names")
@@ -69,7 +69,7 @@ class ViewPanel(Panel):
 
 
 def in_words(now: Surroundings) -> str:
-    """Say where the robot is, and how much else there is to be seen."""
+    """Return a line with the robot's position and the number of other objects."""
     if now.robot is None:
         where = "nobody has said where the robot is"
     else:

@@ -1,1 +1,1 @@
-"""What the 3-D view shows: computed once for all pages, and drawn by three.js in the browser."""
+"""The contents of the 3-D view: computed once for all pages, and drawn by three.js in the browser."""

@@ -1,4 +1,4 @@
-"""The objects of one page's 3-D view: which there are, for the page's own script moves them."""
+"""Creates the objects of one page's 3-D view. The page's own script moves them."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ LABEL = "color: white; font-size: 0.75rem; text-shadow: 0 0 3px black"
 
 
 class Moving(Element, component="moving.js", esm=SCRIPTS):
-    """Holds a scene, moves its nodes as the robot does, and draws points, path and map there."""
+    """Holds a scene, moves its nodes with the robot, and draws points, path and map."""
 
     def __init__(self) -> None:
         super().__init__()
         self.follow(True)
 
     def move_in(self, scene: ui.scene) -> None:
-        """Say which scene it is."""
+        """Set the scene."""
         self._props["scene"] = scene.id
         self.update()
 
     def follow(self, wanted: bool) -> None:
-        """Have the camera move with the robot, or stay where a hand moves it."""
+        """Let the camera follow the robot, or stay where the visitor moves it."""
         self._props["follows"] = wanted
         self.update()
 
 
 class Drawing:
-    """Draws surroundings in a scene, and changes only what has changed.
+    """Draws surroundings in a scene, and updates only changed objects.
 
     Args:
-        scene: where.
+        scene: the scene.
         robot_size_m: length, width and height of the robot's body.
-        model_url: where there is a better shape of the robot; '': nowhere.
+        model_url: address of a model of the robot; '': draw a box.
     """
 
     def __init__(self, scene: ui.scene, robot_size_m: Sequence[float], model_url: str = ""):
@@ -56,7 +56,7 @@ class Drawing:
         self._places: dict[SeenPlace, Object3D] = {}
 
     def show(self, now: Surroundings, *, names: bool) -> None:
-        """Draw; with the names of frames and their axes if they are wanted."""
+        """Draw the surroundings, with names and axes of the frames if they are wanted."""
         is_other_tree = any(now.nodes.get(name, ("",))[0] != was for name, was in self._parents.items())
         if is_other_tree or now.world != self._world:
             self._begin_anew(now.world)
@@ -79,7 +79,7 @@ class Drawing:
     def _begin_anew(self, world: str) -> None:
         for name, parent in self._parents.items():
             if parent == self._world:
-                self._nodes[name].delete()  # with all that hangs on it
+                self._nodes[name].delete()  # with its whole subtree
         self._nodes, self._parents, self._labels = {}, {}, {}
         self._world = world
 
@@ -92,7 +92,7 @@ class Drawing:
         self._nodes[name], self._parents[name] = node, parent
 
     def _body(self, name: str) -> None:
-        """Draw what sits at a node, as far as its name tells."""
+        """Draw the object at a node, if the node's name determines one."""
         robot, _, kind = name.rpartition("/")
         if kind == BASE:
             self._robot()

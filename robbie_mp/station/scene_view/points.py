@@ -1,4 +1,4 @@
-"""Points of laser scans and point clouds: in the frame of the map, thinned, and packed for the browser."""
+"""Transforms points of scans and clouds to the map frame, thins them, and packs them for the browser."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 
 STEP_M = 0.01
-"""Resolution of what is sent; with 16 bits it reaches as far as 327 m."""
+"""Resolution of sent points. With 16 bits, they reach as far as 327 m."""
 COORDINATES = ("x", "y", "z")
 CODES = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8"}
 
 
 def scan_points(scan: LaserScan) -> NDArray[np.float64]:
-    """Return where the rays end that hit something: (N, 3), m, the scanner's frame."""
+    """Return the ends of rays that hit something: (N, 3), m, the scanner's frame."""
     ranges = np.asarray(scan.ranges, np.float64)
     hit = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges < scan.range_max)
     angles = scan.angle_min + scan.angle_increment * np.flatnonzero(hit)
@@ -33,7 +33,7 @@ def scan_points(scan: LaserScan) -> NDArray[np.float64]:
 
 
 def cloud_points(cloud: PointCloud2, limit: int) -> NDArray[np.float64]:
-    """Return a cloud's points, evenly thinned: (N <= limit, 3), m, its frame; none if it is malformed."""
+    """Return a cloud's points, thinned evenly: (N <= limit, 3), m, its frame; none if it is malformed."""
     nothing = np.zeros((0, 3))
     fields = {field.name: field for field in cloud.fields}
     used = [fields[name] for name in COORDINATES if name in fields]
@@ -59,24 +59,24 @@ def cloud_points(cloud: PointCloud2, limit: int) -> NDArray[np.float64]:
 
 
 def packed(points: NDArray[np.float64]) -> bytes:
-    """Return points (N, 3), m, as the page's script reads them: in steps, 16 bits each."""
+    """Return points (N, 3), m, in the form that the page's script reads: steps of 16 bits each."""
     return np.clip(np.rint(points / STEP_M), -32768, 32767).astype("<i2").tobytes()
 
 
 MAX_POINTS = 10_000
-"""In one picture, of all scans and clouds together."""
+"""Maximum number of points in one picture, of all scans and clouds together."""
 MAX_SOURCES = 4
-"""Scanners, and as many sources of clouds."""
+"""Maximum number of scanners, and also of sources of clouds."""
 TYPES: tuple[type[LaserScan] | type[PointCloud2], ...] = (LaserScan, PointCloud2)
 PoseAt = Callable[[str, int], RigidTransform | None]
-"""The pose of a frame at a time (ns); None if it is not known."""
+"""Return the pose of a frame at a time (ns), or None if it is unknown."""
 
 
 class Source:
     """The points of the newest message on one topic.
 
     Args:
-        latest: has it.
+        latest: holder of the newest message.
     """
 
     def __init__(self, latest: Latest[Any]):
@@ -86,14 +86,14 @@ class Source:
         self.count = 0
 
     def look(self, pose_at: PoseAt, world: str, limit: int) -> None:
-        """Pack the points of the newest message, thinned to a limit, if it is a new one."""
+        """Pack the points of the newest message, thinned to a limit, if the message is new."""
         message: LaserScan | PointCloud2 | None = self._latest.message
         seen = (self._latest.count, world, limit)
         if message is None or seen == self._seen:
             return
         pose = pose_at(message.header.frame_id, message.header.stamp.nanoseconds)
         if pose is None:
-            points: NDArray[np.float64] = np.zeros((0, 3))  # and look again
+            points: NDArray[np.float64] = np.zeros((0, 3))  # try again later
         else:
             self._seen = seen
             found = scan_points(message) if isinstance(message, LaserScan) else cloud_points(message, limit)
@@ -102,7 +102,7 @@ class Source:
 
 
 class PointSources:
-    """All scanners and sources of clouds, each on its own, so that none takes the place of another."""
+    """All scanners and sources of clouds. Each is separate, so that none replaces another."""
 
     def __init__(self, station: StationContext):
         self._station = station
@@ -117,7 +117,7 @@ class PointSources:
 
     @property
     def count(self) -> int:
-        """How many points that were."""
+        """Number of these points."""
         return sum(source.count for source in self._sources.values())
 
     def _find(self) -> None:

@@ -1,4 +1,4 @@
-"""The robot, other robots and what is around them at one moment, in the frame of the map."""
+"""The robot, other robots and their surroundings at one time, in the map frame."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ MAX_ROBOTS = 32
 
 
 def other_robots(scene: SceneGraphListener, world: str) -> dict[str, RigidTransform]:
-    """Return the newest poses of other robots, X_WB, by their names, as far as they are known.
+    """Return the newest known poses of other robots, X_WB, by their names.
 
     Args:
-        scene: the scene graph; asked in the thread that keeps it up to date.
+        scene: the scene graph; used in the thread that updates it.
         world: the frame W.
     """
     names = [node.name for node in scene.graph if node.name.endswith(f"/{BASE}")]
@@ -44,7 +44,7 @@ PATH_HEIGHT_M = 0.02
 
 
 class SeenPlace(NamedTuple):
-    """What is drawn of a point of interest; m, map frame."""
+    """The drawing data of a point of interest; m, map frame."""
 
     name: str
     x: float
@@ -54,27 +54,27 @@ class SeenPlace(NamedTuple):
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What there is to be drawn."""
+    """Everything that is drawn."""
 
     world: str
-    """The frame of points and path, and the root of the nodes."""
+    """Frame of points and path, and root of the nodes."""
     nodes: dict[str, tuple[str, RigidTransform]]
-    """Parent, and X_PN, of all whose place is known, parents first."""
+    """Parent and X_PN of all nodes with a known pose, parents first."""
     robot: RigidTransform | None
-    """X_WB."""
+    """Pose of the robot, X_WB."""
     points: dict[str, bytes]
-    """Of each source, packed, as all points here."""
+    """Packed points of each source."""
     count: int
-    """Of the points."""
+    """Number of points."""
     path: bytes
     marks: dict[str, tuple[MapMark, ...]]
-    """What panels mark, by the titles of the sources."""
+    """Marks of panels, by the titles of the sources."""
     others: dict[str, RigidTransform]
     """Poses of other robots by their names, X_WB."""
     places: tuple[SeenPlace, ...]
 
     def parts(self) -> dict[str, bytes]:
-        """Return what moves, as the page's script draws it."""
+        """Return the moving parts in the form that the page's script draws."""
         robot = None if self.robot is None else _rounded(self.robot)
         poses = {"robot": robot, "nodes": {name: _rounded(pose) for name, (_, pose) in self.nodes.items()}}
         return {"poses": json.dumps(poses).encode(), "path": self.path, **self.points}
@@ -85,10 +85,10 @@ def _rounded(pose: RigidTransform) -> list[float]:
 
 
 class Surveyor:
-    """Puts together what the modules say; lives in the station's thread.
+    """Combines the messages of the modules. Used in the station's thread.
 
     Args:
-        station: hears them.
+        station: receives the messages.
     """
 
     def __init__(self, station: StationContext):
@@ -98,7 +98,7 @@ class Surveyor:
         self._sources = PointSources(station)
 
     def look(self) -> Surroundings:
-        """Tell how everything is now."""
+        """Return the present surroundings."""
         graph = self._station.scene.graph
         world = MAP
         if MAP not in graph and BASE in graph:
@@ -127,7 +127,7 @@ class Surveyor:
             try:
                 return scene.pose(world, frame, time_ns)
             except (TooNew, TooOld):
-                return scene.pose(world, frame)  # better than nothing, for eyes
+                return scene.pose(world, frame)  # good enough for a picture
         except SceneGraphError:
             return None
 
