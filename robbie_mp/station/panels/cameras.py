@@ -152,10 +152,8 @@ class CamerasPanel(Panel):
             if len(self.cameras) >= MAX_CAMERAS:
                 return
             camera = Camera()
-            self.cameras = {
-                **self.cameras,
-                name: camera,
-            }  # a new dict, because pages read the old one
+            # A new dict, because pages read the old one.
+            self.cameras = {**self.cameras, name: camera}
         camera.latest.put(image)
 
     def _on_detections(self, found: Detection2DArray) -> None:

@@ -62,9 +62,8 @@ class TracePanel(Panel):
             return
         self._next_s = time.monotonic() + REFRESH_S
         if new := self._follower.read_new():
-            self.entries = deque(
-                (*self.entries, *new), KEPT
-            )  # a new one, because pages read the old one meanwhile
+            # A new deque, because pages read the old one meanwhile.
+            self.entries = deque((*self.entries, *new), KEPT)
             self.modules = module_names(self.station.output_directory)
         files = report_files(trace_folder(self.station.output_directory), None)
         if files != self._report_files:
