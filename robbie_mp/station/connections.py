@@ -146,7 +146,7 @@ class _Counted(asyncio.Protocol):
 
     Args:
         rooms: where the connection is counted.
-        more: as uvicorn has it.
+        more: the arguments of the protocol of uvicorn.
     """
 
     def __init__(self, rooms: Connections, **more: Any):
@@ -155,19 +155,19 @@ class _Counted(asyncio.Protocol):
         self._connection: Connection | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Count it."""
+        """Count the connection."""
         super().connection_made(transport)
         self._connection = self._rooms.enter(transport)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget it."""
+        """Stop counting the connection."""
         if self._connection is not None:
             self._rooms.leave(self._connection)
         super().connection_lost(exc)
 
 
 class BoundedHttp(_Counted, H11Protocol):
-    """A counted connection on which every request must be complete within a limit."""
+    """A counted connection on which every request must be complete within a time limit."""
 
     def __init__(self, rooms: Connections, **more: Any):
         super().__init__(rooms, **more)
