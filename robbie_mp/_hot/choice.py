@@ -35,12 +35,15 @@ class Native(Protocol):
     MessageCodec: "type[written_in_c.MessageCodec]"
     RingWriter: "type[written_in_c.RingWriter]"
     RingReader: "type[written_in_c.RingReader]"
+    NumberRingWriter: "type[written_in_c.NumberRingWriter]"
     NumberRingReader: "type[written_in_c.NumberRingReader]"
     Lock: "type[written_in_c.Lock]"
     Endpoint: "type[written_in_c.Endpoint]"
     Block: "type[written_in_c.Block]"
     KeptBlocks: "type[written_in_c.KeptBlocks]"
     Publisher: "type[written_in_c.Publisher]"
+    FreeRows: "type[written_in_c.FreeRows]"
+    Books: "type[written_in_c.Books]"
 
 
 def native() -> Native | None:

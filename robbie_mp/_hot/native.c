@@ -63,6 +63,7 @@ static int add_all(PyObject *module)
         add_constants,
         add_ring_types,
         add_wakeup_types,
+        add_books_types,
         add_message_types,
         add_lock_type,
         add_endpoint_type,

@@ -34,6 +34,7 @@ void raise_forked_process(void);
 /* Each adds its types and functions to the module; 0, or -1 with an exception set. */
 int add_ring_types(PyObject *module);
 int add_wakeup_types(PyObject *module);
+int add_books_types(PyObject *module);
 int add_message_types(PyObject *module);
 int add_lock_type(PyObject *module);
 int add_endpoint_type(PyObject *module);

@@ -3,8 +3,8 @@
 What is declared here is listed in `Native` of `choice.py` as well.
 """
 
-from collections import deque
-from collections.abc import Callable, Iterable
+from collections import OrderedDict, deque
+from collections.abc import Callable, Iterable, MutableSequence
 from typing import Any
 
 from robbie_mp.transport.records import Delivery, Outbound
@@ -149,3 +149,92 @@ class Publisher:
     ) -> None: ...
     def publish(self, message: object, topic: str, /) -> int | None: ...
     def close(self) -> None: ...
+
+class FreeRows(list[int]):
+    """As much of a list as the ledger uses: a stack of row numbers, at first all of them.
+
+    Args:
+        count: rows of the table.
+    """
+
+    def __init__(self, count: int) -> None: ...
+
+class References(OrderedDict[int, int]):
+    """As much of an ordered dict as the core uses; made by `Books.references`."""
+
+class Subscription:
+    """Holds the attributes of a subscription of the core that C uses; likewise the next three classes."""
+
+class Channel: ...
+class Link: ...
+class Slot: ...
+
+class Books:
+    """What the core knows besides its tables, and the hot path over both.
+
+    Args:
+        words: the core segment.
+        handles_at: where its table of handles begins; likewise of references.
+        references_at: where its table of references begins.
+        subscriptions: rows of its table of subscriptions.
+        free_handles: free rows of the table of handles.
+        free_references: free rows of the table of references.
+        holders: of each handle: how many references are left.
+        message_bytes: size of the largest valid message.
+    """
+
+    def __init__(
+        self,
+        words: Words,
+        handles_at: int,
+        references_at: int,
+        subscriptions: int,
+        free_handles: FreeRows,
+        free_references: FreeRows,
+        holders: MutableSequence[int],
+        message_bytes: int,
+    ) -> None: ...
+    def set_slots(self, slots: tuple[Any, ...], /) -> None:
+        """Set the slots of the run, in order; once."""
+    def enter(self, subscription: Any, /) -> None:
+        """Enter a subscription under its row."""
+    def references(self) -> References:
+        """Make a collection of references; a reference is in at most one of them."""
+    def outdate(self, slot: Any, /) -> None:
+        """Note that the figures of a slot must be written again."""
+    def note_post(self, link: Any, /) -> None:
+        """Have a link be woken, for it has been sent records."""
+    def post(self) -> None:
+        """Wake the links that have been sent records."""
+    def write_figures(self) -> None:
+        """Write the figures that have changed."""
+    def somebody_waits(self) -> bool:
+        """Whether messages wait for a module."""
+    left: int | None
+    """Records of the turn that follow the one that Python must handle; None: the ring is corrupt."""
+    is_unfinished: bool
+    """Whether any ring has more records than the last round handled."""
+
+    def set_links(self, links: tuple[Any, ...], /) -> None:
+        """Set the links that are connected; between rounds."""
+    def serve_round(self, records_per_turn: int, is_special: object, /) -> Any:
+        """Begin a round over the rings, or go on with it.
+
+        Args:
+            records_per_turn: most records of one module that are handled in its turn.
+            is_special: see `serve`.
+
+        Returns:
+            A link of which Python must handle the next record; None: the round is over.
+        """
+    def serve(self, link: Any, records: int, is_special: object, /) -> int:
+        """Handle the next records of a link, up to the first that is not common.
+
+        Args:
+            link: the module.
+            records: how many there are.
+            is_special: whether a dead publisher has live messages, or a module waits for freed blocks.
+
+        Returns:
+            How many were handled.
+        """

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable
 from fnmatch import translate
 
+from robbie_mp.core.books import Books
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.layout import MAX_PATTERNS
@@ -112,11 +113,14 @@ class Directory:
 
     Args:
         tables: the core's tables.
+        books: makes the channels and subscriptions.
         tools: slots of attached tools, whose closed subscriptions are forgotten.
     """
 
-    def __init__(self, tables: CoreTables, tools: frozenset[int] = frozenset()):
+    def __init__(self, tables: CoreTables, books: Books, tools: frozenset[int] = frozenset()):
         self._tables = tables
+        self._books = books
+        self._new_channel, self._new_subscription = books.of(Channel), books.of(Subscription)
         self._tools = tools
         self._channels: dict[ChannelName, Channel] = {}
         self.subscriptions: list[Subscription] = []
@@ -126,9 +130,9 @@ class Directory:
     def _read_subscriptions(self) -> None:
         for row in self._tables.subscriptions():
             at = self._tables.subscription(row.index)
-            entry = Subscription(row.index, at, row.slot, row.name, row.handling)
+            entry = self._new_subscription(row.index, at, row.slot, row.name, row.handling)
             entry.is_open = row.state == ROW_OPEN
-            self.subscriptions.append(entry)
+            self._enter(entry)
 
     def _read_channels(self) -> None:
         for row in self._tables.channels():
@@ -161,7 +165,7 @@ class Directory:
         return self._add_channel(index, name)
 
     def _add_channel(self, index: int, name: ChannelName) -> Channel:
-        channel = self._channels[name] = Channel(index, self._tables.channel(index), name)
+        channel = self._channels[name] = self._new_channel(index, self._tables.channel(index), name)
         for entry in self.subscriptions:
             _connect(channel, entry)
         return channel
@@ -199,9 +203,13 @@ class Directory:
         index = self._free_row(name)
         is_reused = index < len(self.subscriptions)
         self._tables.subscription_row(index).write(slot, name, handling, is_reused=is_reused)
-        entry = Subscription(index, self._tables.subscription(index), slot, name, handling)
-        self.subscriptions[index : index + 1] = [entry]
+        entry = self._new_subscription(index, self._tables.subscription(index), slot, name, handling)
+        self._enter(entry)
         return entry
+
+    def _enter(self, entry: Subscription) -> None:
+        self.subscriptions[entry.index : entry.index + 1] = [entry]
+        self._books.enter(entry)
 
     def _patterns(self, slot: int) -> list[Subscription]:
         """Return the open subscriptions of a module that are by patterns."""

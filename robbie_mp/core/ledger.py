@@ -7,7 +7,7 @@ the step has not happened.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, MutableSequence, Sequence
 from enum import IntEnum
 from itertools import compress
 from typing import NamedTuple
@@ -97,10 +97,11 @@ class Ledger:
         self._free_handles = list(range(tables.sizes.handles - 1, -1, -1))
         """Rows; the last one is taken next."""
         self._free_references = list(range(tables.sizes.references - 1, -1, -1))
-        self._handles: list[Handle] = [Handle(0, 0, 0, 0, 0, 0, 0)] * tables.sizes.handles
-        self.handle = self._handles.__getitem__
-        self._holders = [0] * tables.sizes.handles
-        self._references: list[tuple[int, int, Subscription] | None] = [None] * tables.sizes.references
+        self._handles: MutableSequence[Handle] = [Handle(0, 0, 0, 0, 0, 0, 0)] * tables.sizes.handles
+        self.handle: Callable[[int], Handle] = self._handles.__getitem__
+        self._holders: MutableSequence[int] = [0] * tables.sizes.handles
+        self._references: MutableSequence[tuple[int, int, Subscription] | None]
+        self._references = [None] * tables.sizes.references
 
     def has_room(self, references: int) -> bool:
         """Whether there is a row for a message, and rows for this number of references to it."""
@@ -287,14 +288,14 @@ class Ledger:
         """Take over the live messages of a dead core, by the index of their rows."""
         for index, handle in found.items():
             self._handles[index] = handle
-        self._free_handles[:] = [row for row in self._free_handles if row not in found]
+        _take_out(self._free_handles, found)
 
     def adopt_references(self, found: Mapping[int, tuple[int, int, Subscription]]) -> None:
         """Take over a dead core's references (sequence, handle, subscription), by the index of their rows."""
         for index, reference in found.items():
             self._references[index] = reference
             self._holders[reference[1]] += 1
-        self._free_references[:] = [row for row in self._free_references if row not in found]
+        _take_out(self._free_references, found)
 
     def is_live(self, handle: int) -> bool:
         """Whether a row of the table of handles has a message."""
@@ -307,3 +308,11 @@ class Ledger:
     def was_claimed(self, subscription: Subscription, sequence: int) -> bool:
         """Whether a subscription has had its reference to the message of this sequence."""
         return self._words[subscription.at + layout.SUBSCRIPTION_LAST_SEQUENCE] >= sequence
+
+
+def _take_out(free: list[int], rows: Container[int]) -> None:
+    """Take rows out of those that are free."""
+    left = [row for row in free if row not in rows]
+    free.clear()
+    for row in left:
+        free.append(row)

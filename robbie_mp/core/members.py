@@ -1,16 +1,17 @@
 """The modules that the core is connected with: their slots, and the core's ends of their rings."""
 
-from collections import OrderedDict, deque
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, MutableSequence, Sequence
 from dataclasses import dataclass
 from itertools import compress
 from operator import itemgetter, ne
 
+from robbie_mp.core.books import Books
 from robbie_mp.core.directory import Channel, TableFull
 from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.records import Inbound, MessageHandling
-from robbie_mp.transport.ring import NumberRingWriter, RingCorrupt, RingPlace, RingReader, RingWriter
+from robbie_mp.transport.ring import RingCorrupt, RingPlace
 from robbie_mp.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.transport.tables import DeclarationRow
 from robbie_mp.transport.words import Words, new_fence
@@ -65,36 +66,44 @@ class LinkMemory:
 class Link:
     """One incarnation of a module, as the core sees it."""
 
-    def __init__(self, slot: int, memory: LinkMemory, ring_records: int, credit: int, windows: Sequence[int]):
+    def __init__(
+        self,
+        slot: int,
+        memory: LinkMemory,
+        ring_records: int,
+        credit: int,
+        windows: MutableSequence[int],
+        books: Books,
+    ):
         self.slot = slot
         self.incarnation = memory.incarnation
         self.source = layout.pack_source(slot, 0, memory.incarnation)
         self.out_words = memory.out_words
         self.in_words = memory.in_words
         self.wake = memory.wake
-        self.close = memory.close
+        self._unmap = memory.close
         out, into = memory.out_words, memory.in_words
-        self.outbound = RingReader(
+        self.outbound = books.reader(
             RingPlace(out, layout.OUT_HEAD, layout.OUT_RING, ring_records, into, layout.IN_OUTBOUND_TAIL)
         )
         capacity = layout.inbound_records(credit)
         tail_at = layout.OUT_INBOUND_TAIL
-        self.inbound = RingWriter(RingPlace(into, layout.IN_HEAD, layout.IN_RING, capacity, out, tail_at))
+        self.inbound = books.writer(RingPlace(into, layout.IN_HEAD, layout.IN_RING, capacity, out, tail_at))
         freed_at = layout.IN_RING + capacity * layout.RECORD_WORDS
         freed_records = layout.FREED_RECORDS
         tail_at = layout.OUT_FREED_TAIL
-        self.freed = NumberRingWriter(
+        self.freed = books.number_writer(
             RingPlace(into, layout.IN_FREED_HEAD, freed_at, freed_records, out, tail_at)
         )
         self.channels: dict[int, Channel] = {}
         """By the module's declaration number; always set as a whole."""
-        self.pushed: dict[int, int] = {}
+        self.pushed = books.references()
         """References that it has been sent and has not handled yet, and the record that brought each."""
         self.windows = windows
         """Most bytes of these, by the slot of their publisher."""
-        self.in_flight = [0] * len(windows)
+        self.in_flight = books.numbers([0] * len(windows))
         """Bytes of these now, by the slot of their publisher."""
-        self.pinned: dict[int, int] = {}
+        self.pinned = books.references()
         """References that it has handled, but whose memory it still uses; the values mean nothing."""
         self.notices: deque[tuple[Inbound, int, int, int]] = deque()
         self._fence = new_fence()
@@ -107,6 +116,12 @@ class Link:
         """It broke the protocol or is dead, so no more of its records are handled."""
         self._want_release = into[layout.IN_WANT_RELEASE]
         self._first_record = self.outbound.tail
+
+    def close(self) -> None:
+        """Unmap its memory."""
+        for end in (self.outbound, self.inbound, self.freed):
+            end.close()
+        self._unmap()
 
     def is_repeated(self) -> bool:
         """Whether the record being handled may have been handled before, by a core that died over it."""
@@ -151,16 +166,16 @@ class Link:
 class Slot:
     """A module through all its incarnations, and its waiting messages. Its counters are in the tables."""
 
-    def __init__(self, index: int, at: int, queue_messages: int, queue_bytes: int, credit: int):
+    def __init__(self, index: int, at: int, queue_messages: int, queue_bytes: int, credit: int, books: Books):
         self.index = index
         self.at = at
         self.queue_messages = queue_messages
         self.queue_bytes = queue_bytes
         self.credit = credit
-        self.waiting: OrderedDict[int, int] = OrderedDict()
+        self.waiting = books.queue()
         """References in the order of their sequence, each with the size of its message in bytes."""
         self.waiting_bytes = 0
-        self.windows: list[int] = []
+        self.windows: MutableSequence[int] = []
         """Most bytes of each publisher that the module may have and not have handled yet; see `Router`."""
         self.link: Link | None = None
 
@@ -183,6 +198,7 @@ class Members:
         limits: bounds of the rings.
         open_memory: maps the memory of one incarnation of a module.
         report: called with a line for each fault.
+        books: makes the links.
     """
 
     def __init__(
@@ -192,10 +208,13 @@ class Members:
         limits: RouterLimits,
         open_memory: Callable[[int, int], LinkMemory],
         report: Callable[[str], None],
+        books: Books,
     ):
         self._words = words
         self._slots = slots
         self._limits = limits
+        self._books = books
+        self._new_link = books.of(Link)
         self._open_memory = open_memory
         self._report = report
         self.links: tuple[Link, ...] = ()
@@ -218,7 +237,9 @@ class Members:
             self._accuse(slot, incarnation, str(error))
             return
         known_slot = self._slots[slot]
-        link = Link(slot, memory, self._limits.ring_records, known_slot.credit, known_slot.windows)
+        link = self._new_link(
+            slot, memory, self._limits.ring_records, known_slot.credit, known_slot.windows, self._books
+        )
         known_slot.link = link
         self._set_links((*self.links, link))
         self._words[known_slot.at + layout.PUBLISHER_LINKED] = incarnation

@@ -9,7 +9,8 @@ from types import FrameType
 
 from robbie_mp._hot.choice import Native
 from robbie_mp.core.members import SUPERVISOR_SLOT, LinkMemory, RouterLimits
-from robbie_mp.core.router import Router, SlotLimits
+from robbie_mp.core.native_router import make_router
+from robbie_mp.core.router import SlotLimits
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.layout import HotPath, SegmentKind
 from robbie_mp.transport.run_memory import IncarnationMemory, RingSizes, attach_wakeup
@@ -49,10 +50,12 @@ class CoreProcess:
         self._words = self._segment.words
         self._wakeup = attach_wakeup(run_id, self._segment, native)
         self._wakeup.spin_s = spin_s
-        self._words[layout.CORE_HOT_PATH] = HotPath.PYTHON
+        in_c = native is not None and not lockstep
+        self._words[layout.CORE_HOT_PATH] = HotPath.C if in_c else HotPath.PYTHON
         self._stopping = False
         self._wakeups = 0
-        self._router = Router(
+        self._router = make_router(
+            native,
             CoreTables.attach(self._words),
             RouterLimits(sizes.records, sizes.credit, message_bytes),
             slots,

@@ -38,7 +38,9 @@ class Queues:
         self.holds_posts = False
         """Whether more messages are about to follow, so that one post may wake a module for all of them."""
         self.to_post: dict[Link, None] = {}
-        """Modules that have been sent records and have not been woken yet, in that order."""
+        """Modules that have been sent records and have not been woken yet; `note_post` is bound to it."""
+        self.note_post: Callable[[Link], None] = self.to_post.setdefault
+        """Have a module be woken, for it has been sent records."""
         self._outdated: dict[Slot, None] = {}
         """Modules whose figures must be written again; `outdate` is bound to it."""
         self.outdate: Callable[[Slot], None] = self._outdated.setdefault
@@ -56,7 +58,7 @@ class Queues:
         ):
             self._push(subscription, reference, handle, link)
             if self.holds_posts:
-                self.to_post[link] = None
+                self.note_post(link)
             else:
                 link.wake()
         else:
@@ -101,7 +103,7 @@ class Queues:
             self._push(subscription, reference, handle, link)
             sent = True
         if sent:
-            self.to_post[link] = None
+            self.note_post(link)
 
     def _may_follow(self, subscription: Subscription, handle: Handle, link: Link) -> bool:
         """Whether a module that has messages may be sent one more, by their number and their bytes.
@@ -145,7 +147,7 @@ class Queues:
         return any(map(_waiting, self._slots))
 
     def post(self) -> None:
-        """Wake the modules that have been sent records."""
+        """Wake the modules that have been sent records, in that order."""
         for link in self.to_post:
             link.wake()
         self.to_post.clear()
@@ -245,7 +247,7 @@ class LockstepQueues(Queues):
         _, handle, subscription = self._ledger.reference(reference)
         self.remove(slot, reference)
         self._push(subscription, reference, self._ledger.handle(handle), link)
-        self.to_post[link] = None
+        self.note_post(link)
         self.outdate(slot)
 
     def _next_sequence(self, slot: Slot) -> int:

@@ -7,6 +7,7 @@ This is plain code over shared words, without system calls, so that tests can st
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from robbie_mp.core.books import Books
 from robbie_mp.core.declarations import Declarations
 from robbie_mp.core.directory import Directory
 from robbie_mp.core.flow import FreedBlocks, MessageFlow, RoomMaker
@@ -84,28 +85,17 @@ class Router:
         self._words = tables.words
         self._report = report
         tools = frozenset(index for index, bound in enumerate(slots) if bound.is_tool)
-        self._directory = Directory(tables, tools)
-        self._ledger = Ledger(tables)
-        self._slots = [
-            Slot(
-                index,
-                tables.publisher(index),
-                bound.queue_messages,
-                bound.queue_bytes,
-                limits.credit if bound.credit is None else bound.credit,
-            )
-            for index, bound in enumerate(slots)
-        ]
-        for slot, bound in zip(self._slots, slots, strict=True):
-            shares = (other.memory_bytes // IN_FLIGHT_SHARE for other in slots)
-            slot.windows = [min(bound.in_flight_bytes, share) for share in shares]
+        self._books = self._make_books(tables, limits)
+        self._slots = self._make_slots(tables, limits, slots)
+        self._directory = Directory(tables, self._books, tools)
+        self._ledger = self._make_ledger(tables)
         self._lockstep = lockstep
         self._queues = (
             LockstepQueues(self._words, self._ledger, self._slots, tools | {SUPERVISOR_SLOT})
             if lockstep
-            else Queues(self._words, self._ledger, self._slots)
+            else self._make_queues()
         )
-        self._members = Members(self._words, self._slots, limits, connect, report)
+        self._members = Members(self._words, self._slots, limits, connect, report, self._books)
         self._blocks = FreedBlocks(self._words, self._ledger, self._slots, self._members)
         self._ledger.give_back = self._blocks.give_back
         declarations = Declarations(self._words, self._slots, self._ledger, self._directory, self._queues)
@@ -125,6 +115,33 @@ class Router:
             Outbound.WAIT_FREED: self._blocks.on_wait_freed,
             Outbound.MAKE_ROOM: RoomMaker(self._ledger, self._queues, self._slots).on_make_room,
         }
+
+    # -- the parts that C may take the place of; see `native_router` ----------------------------------------
+
+    def _make_books(self, _tables: CoreTables, _limits: RouterLimits) -> Books:
+        return Books()
+
+    def _make_slots(
+        self, tables: CoreTables, limits: RouterLimits, bounds: Sequence[SlotLimits]
+    ) -> Sequence[Slot]:
+        books, new_slot = self._books, self._books.of(Slot)
+        made = []
+        for index, bound in enumerate(bounds):
+            credit = limits.credit if bound.credit is None else bound.credit
+            at = tables.publisher(index)
+            slot = new_slot(index, at, bound.queue_messages, bound.queue_bytes, credit, books)
+            shares = (other.memory_bytes // IN_FLIGHT_SHARE for other in bounds)
+            slot.windows = books.numbers(min(bound.in_flight_bytes, share) for share in shares)
+            made.append(slot)
+        return made
+
+    def _make_ledger(self, tables: CoreTables) -> Ledger:
+        return Ledger(tables)
+
+    def _make_queues(self) -> Queues:
+        return Queues(self._words, self._ledger, self._slots)
+
+    # -- modules come and go, as told by the caller ----------------------------------------------------------
 
     def module_up(self, slot: int, incarnation: int) -> None:
         """Connect with a new incarnation of a module."""
@@ -219,11 +236,17 @@ class Router:
             if link.out_words[layout.OUT_AWAITS_SETTLED]:
                 link.wake()
 
-    def _receive(self, link: Link, records: int) -> None:
-        """Handle the next records of a module."""
+    def _receive(self, link: Link, records: int, more: int = 0) -> None:
+        """Handle the next records of a module.
+
+        Args:
+            link: the module.
+            records: how many to handle.
+            more: how many are to be handled after them, in the same turn.
+        """
         outbound, slot = link.outbound, self._slots[link.slot]
         queues = self._queues
-        for left in range(records - 1, -1, -1):
+        for left in range(records + more - 1, more - 1, -1):
             queues.holds_posts = left != 0
             record = outbound.peek()
             kind = record[0]
@@ -238,7 +261,7 @@ class Router:
             else:
                 raise ProtocolViolation(f"record of unknown kind {kind}")
             outbound.take()
-        if queues.to_post:
+        if queues.to_post and not more:
             queues.post()
 
     # -- modules come and go -----------------------------------------------------------------------------
@@ -269,12 +292,15 @@ class Router:
         self._members.disconnect(link)
         self._blocks.forget(link)
         begun = link.out_words[layout.OUT_INBOUND_TAIL]
-        for reference, record in reversed(list(link.pushed.items())):
+        pushed = list(link.pushed.items())
+        link.pushed.clear()  # a reference that is put back waits
+        for reference, record in reversed(pushed):
             if record < begun:
                 self._ledger.finish(reference, Outcome.LOST)
             else:
                 self._queues.put_back(slot, reference)
         for reference in link.pinned:
             self._ledger.close_reference(reference)
+        link.pinned.clear()
         self._queues.outdate(slot)
         link.close()

@@ -66,6 +66,9 @@ class RingWriter:
         self._words[self._head_at] = head
         self.head = head
 
+    def close(self) -> None:
+        """Let go of the memory, which only the ends in C hold."""
+
 
 class RingReader:
     """The reading end."""
@@ -139,6 +142,9 @@ class RingReader:
         self.tail = self._tail_words[self._tail_at] = tail + 1
         return record
 
+    def close(self) -> None:
+        """Let go of the memory, which only the ends in C hold."""
+
 
 class NumberRingWriter:
     """A ring of single numbers, such as freed blocks: the writing end.
@@ -160,6 +166,9 @@ class NumberRingWriter:
         self._fence()
         self.head += 1
         self._words[self._head_at] = self.head
+
+    def close(self) -> None:
+        """Let go of the memory, which only the ends in C hold."""
 
 
 class NumberRingReader:

@@ -17,7 +17,8 @@ import pytest
 
 from robbie_mp import Message, MessageHandling
 from robbie_mp.core.members import LinkMemory, RouterLimits
-from robbie_mp.core.router import Router, SlotLimits
+from robbie_mp.core.native_router import make_router
+from robbie_mp.core.router import SlotLimits
 from robbie_mp.messages import DriveCommand, Image
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.inbox import Inbox
@@ -35,7 +36,9 @@ from tests._support.implementations import Native
 RUN_ID = f"test{os.getpid()}"
 RING_RECORDS = 256
 CREDIT = 64
-OURS = ("Publisher.publish", "Endpoint.take", "Endpoint.give_back")
+OURS = (
+    "Publisher.publish", "Endpoint.take", "Endpoint.give_back", "Books.serve_round", "Books.somebody_waits",
+)  # fmt: skip
 SUPERVISOR, PUBLISHER, SUBSCRIBER = 0, 1, 2
 
 
@@ -56,7 +59,7 @@ class Chain:
         bounds = [SlotLimits(1000, 1 << 30)] * 3
         self.out = [zeros(layout.out_words(RING_RECORDS)) for _ in bounds]
         self.into = [zeros(layout.in_words(CREDIT)) for _ in bounds]
-        self.core = Router(tables, limits, bounds, self._connect, print)
+        self.core = make_router(native, tables, limits, bounds, self._connect, print)
         ends = [self._endpoint(slot) for slot in range(3)]
         make_folder(RUN_ID)
         blocks = make_block_store(
@@ -170,9 +173,9 @@ def test_message_takes_few_calls(chain: Chain) -> None:
     handling, _ = calls_of(lambda: chain.inbox.handle(delivery))
     releasing, _ = calls_of(chain.core.run_round)
     assert publishing <= (13 if chain.native is None else 3)
-    assert routing <= 24
+    assert routing <= (24 if chain.native is None else 2), "the post is two calls of the test"
     assert handling <= 10
-    assert releasing <= 20
+    assert releasing <= (20 if chain.native is None else 0)
 
 
 def test_array_is_copied_once_on_its_way(chain: Chain) -> None:

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 from robbie_mp import MessageHandling
 from robbie_mp.core.members import LinkMemory, RouterLimits
+from robbie_mp.core.native_router import make_router
 from robbie_mp.core.router import Router, SlotLimits
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block
@@ -154,7 +155,9 @@ class SimulatedRun:
         self.run_core()
 
     def _make_core(self) -> Router:
-        return Router(
+        native: Any = self.memory.native
+        return make_router(
+            native,
             CoreTables.attach(self.memory.map(self.words, self.fuse, "core", self.log)),
             RouterLimits(RING_RECORDS, CREDIT, message_bytes=1 << 20),
             self.limits,

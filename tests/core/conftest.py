@@ -1,0 +1,28 @@
+"""Fixtures of the core's tests."""
+
+import pytest
+
+from tests.core._support.simulated_run import SimulatedRun
+from tests.hot._support.memory import FusedMemory
+from tests.hot.conftest import built, compiler_command
+
+__all__ = ["built", "compiler_command"]
+
+ONLY_IN_PYTHON = ("test_lockstep", "test_recovery_mutations")
+"""Lockstep is never in C; what is broken on purpose is Python."""
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Play every test of the core twice."""
+    if metafunc.module.__name__.rpartition(".")[2] not in ONLY_IN_PYTHON:
+        metafunc.fixturenames.append("hot_path")
+        metafunc.parametrize("hot_path", ["Python", "C"], indirect=True)
+
+
+@pytest.fixture
+def hot_path(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All simulated runs of a test use the hot path in this language."""
+    if request.param == "C":
+        monkeypatch.setattr(
+            SimulatedRun, "memory", FusedMemory(request.getfixturevalue("built"), with_c=True)
+        )
