@@ -6,6 +6,7 @@ from pathlib import Path
 from types import ModuleType
 
 from robbie_mp.core import directory, ledger, router
+from robbie_mp.module import outbox, pins
 from robbie_mp.transport import allocator, blocks, histogram, layout, records, tables, words
 
 HEADER = Path(__file__).parents[1] / "robbie_mp" / "_hot" / "layout.h"
@@ -18,6 +19,8 @@ SINGLE = {
     ledger: ("Outcome", "NO_RECORD"),
     router: ("RECORDS_PER_TURN", "IN_FLIGHT_SHARE"),
     directory: ("MAX_INTERVAL_US",),
+    outbox: ("MAX_IN_FLIGHT", "MAX_READY_BLOCK_BYTES"),
+    pins: ("MAX_PINNED", "PINNED_SHARE"),
 }
 MAX_INT = (1 << 31) - 1
 """A constant of an enum in C is an int."""

@@ -44,6 +44,10 @@ class Native(Protocol):
     Publisher: "type[written_in_c.Publisher]"
     FreeRows: "type[written_in_c.FreeRows]"
     Books: "type[written_in_c.Books]"
+    MappedSegment: "type[written_in_c.MappedSegment]"
+    Unreferenced: "type[written_in_c.Unreferenced]"
+    Pins: "type[written_in_c.Pins]"
+    Subscriber: "type[written_in_c.Subscriber]"
 
 
 def native() -> Native | None:

@@ -69,6 +69,8 @@ static int add_all(PyObject *module)
         add_endpoint_type,
         add_block_types,
         add_publisher_type,
+        add_pin_types,
+        add_subscriber_type,
     };
     for (size_t index = 0; index < sizeof(add) / sizeof(add[0]); index++)
         if (add[index](module) != 0)

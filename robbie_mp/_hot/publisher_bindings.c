@@ -4,9 +4,6 @@
 #include "message_codec.h"
 #include "clock.h"
 
-enum { MAX_READY_BLOCK_BYTES = 4096 }; /* see outbox.py */
-static const Py_ssize_t MAX_IN_FLIGHT = MAX_OUTSTANDING * 7 / 8;
-
 struct publisher_object {
     PyObject_HEAD
     struct endpoint_object *endpoint;

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from robbie_mp._hot.choice import Native
 from robbie_mp.errors import RobbieError
+from robbie_mp.module.pins import Pins
 from robbie_mp.module.subscriptions import Subscription, Subscriptions
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import LEAD_BYTES
@@ -16,19 +18,7 @@ from robbie_mp.transport.endpoint import Endpoint
 from robbie_mp.transport.records import Delivery, Inbound
 from robbie_mp.transport.tables import ChannelName
 from robbie_mp.transport.views import SegmentViews
-from robbie_mp.transport.words import Words
-
-_SOURCE_OF_INCARNATION = layout.SOURCE_OF_INCARNATION
-MAX_PINNED = 256
-"""Most messages of one publisher that a module pins; its handlers get copies of further ones."""
-PINNED_SHARE = 8
-"""Beyond its first message, a module pins at most an eighth of what the publisher has free. So n modules that
-keep all they can leave the publisher 8 / (8 + n) of its memory.
-
-A limit relative to the free memory needs no knowledge of the other modules, and always leaves some memory:
-Choudhury and Hahne, Dynamic queue length thresholds for shared-memory packet switches, IEEE/ACM Transactions
-on Networking 6(2), 1998.
-"""
+from robbie_mp.transport.words import WORD_MAX, Words
 
 
 class DamagedMessage(RobbieError, ValueError):
@@ -43,6 +33,7 @@ class Inbox:
         views: maps of the publishers' memory.
         words: the module's out segment, for the counters.
         channel_name: returns type, version and topic of a channel's messages.
+        native: what is written in C, which endpoint and views use as well; None: Python does it.
     """
 
     def __init__(
@@ -51,6 +42,7 @@ class Inbox:
         views: SegmentViews,
         words: Words,
         channel_name: Callable[[int], ChannelName],
+        native: Native | None = None,
     ):
         self._endpoint = endpoint
         self._views = views
@@ -59,15 +51,19 @@ class Inbox:
         self._channel_name = channel_name
         self.subscriptions = Subscriptions(self._request, self.name_current)
         self._by_number = self.subscriptions.by_number
-        self._pinned: dict[int, tuple[weakref.ref[Any], Delivery]] = {}
-        self._unreferenced: deque[int] = deque()
+        unreferenced: Any = deque() if native is None else native.Unreferenced()
+        self._unreferenced: deque[int] = unreferenced
         """References to messages that nothing refers to any more; filled by finalizers, in any thread."""
-        self._pinned_of: dict[int, _Pinned] = {}
-        """What is pinned of each publisher's incarnation, by the common part of its sources."""
-        self._pinned_bytes = 0
-        self._handled = 0
+        pins: Any = Pins(words) if native is None else native.Pins(words)
+        self._pins: Pins = pins
         self._copied = 0
-        self.current: Delivery | None = None
+        self._current: Delivery | None = None
+        self._native: Any = None
+        """Takes and handles what is of the common form; None, or its answer None: Python does it."""
+        if native is not None:
+            self._native = native.Subscriber(
+                endpoint.native, words, views.mapped, self._by_number, unreferenced, pins, RobbieError
+            )
         self.before_release: Callable[[], None] | None = None
         """Called when a message has been handled, before other processes can see that it was."""
 
@@ -75,6 +71,25 @@ class Inbox:
         handler = subscription.handler
         handler_name = getattr(handler, "__qualname__", type(handler).__qualname__)
         return self._endpoint.subscribe(*subscription.name, subscription.handling, handler_name)
+
+    @property
+    def current(self) -> Delivery | None:
+        """The message that is being handled."""
+        if self._current is None and self._native is not None:
+            current: Delivery | None = self._native.current
+            return current
+        return self._current
+
+    def handle_next(self) -> bool | None:
+        """Take and handle a message in C, with all that the runner does for it.
+
+        Returns:
+            False if there is none; None if it is not of the common form: then call `take` and `handle`.
+        """
+        if self._native is None or self.before_release is not None:
+            return None
+        handled: bool | None = self._native.handle_next(self)
+        return handled
 
     def take(self) -> Delivery | None:
         """Take the next message to handle; None if there is none."""
@@ -89,7 +104,7 @@ class Inbox:
 
     def handle(self, delivery: Delivery) -> None:
         """Run the handler of a message; then release the message, or pin it while anything refers to it."""
-        self.current = delivery
+        self._current = delivery
         _, _, decoder, handler = self._by_number[delivery.declaration]
         pin: weakref.ref[Any] | None = None
         try:
@@ -98,7 +113,7 @@ class Inbox:
                 raise DamagedMessage(
                     f"message {delivery.sequence} lies beyond the end of its publisher's memory"
                 )
-            if decoder.has_views and not (self._pinned_of and self._pins_too_much(delivery)):
+            if decoder.has_views and (not self._pins or self._may_pin(delivery)):
                 whole = np.frombuffer(view, np.uint8)
                 unreferenced, reference = self._unreferenced, delivery.reference
                 pin = weakref.ref(whole, lambda _: unreferenced.append(reference))
@@ -109,23 +124,31 @@ class Inbox:
             else:
                 message = decoder.decode(view)
         except RobbieError as error:
-            self._log.error(
-                "a message was lost: %s", str(error)
-            )  # the error itself would hold frames and views
+            self.tell_lost(error)
         else:
             handler(message)
             del message
-        self.current = None
-        self._handled += 1
-        self._words[layout.OUT_HANDLED] = self._handled
+        self._current = None
+        self._words[layout.OUT_HANDLED] = self._words[layout.OUT_HANDLED] + 1 & WORD_MAX
         if self.before_release is not None:
             self.before_release()
         if pin is None or self._is_unreferenced(delivery.reference):
-            self._endpoint.release(delivery)
+            self.release(delivery)
         else:
-            self._pinned[delivery.reference] = (pin, delivery)
-            self._count_pinned(delivery, 1)
-            self._endpoint.done(delivery)
+            self._pins.add(delivery, pin)
+            self.done(delivery)
+
+    def release(self, delivery: Delivery) -> None:
+        """Tell the core that a message was handled and its memory is no longer in use."""
+        self._endpoint.release(delivery)
+
+    def done(self, delivery: Delivery) -> None:
+        """Tell the core that a message was handled, but its memory is still in use."""
+        self._endpoint.done(delivery)
+
+    def tell_lost(self, error: RobbieError) -> None:
+        """Log why a message was lost."""
+        self._log.error("a message was lost: %s", str(error))  # the error itself would hold frames and views
 
     def name_current(self) -> ChannelName:
         """Return type, version and topic of the message being handled.
@@ -133,9 +156,10 @@ class Inbox:
         Raises:
             LookupError: no message is being handled.
         """
-        if self.current is None:
+        current = self.current
+        if current is None:
             raise LookupError("a message has a name only while it is being handled")
-        return self._channel_name(self.current.channel)
+        return self._channel_name(current.channel)
 
     def _is_unreferenced(self, reference: int) -> bool:
         """Check the finalizer's list, not the weak reference, which is dead before the finalizer has run."""
@@ -149,17 +173,17 @@ class Inbox:
         """Release the messages that a handler kept and nothing refers to any more."""
         unreferenced = self._unreferenced
         while unreferenced:
-            _, delivery = self._pinned.pop(unreferenced.popleft())
-            self._count_pinned(delivery, -1)
-            self._endpoint.release(delivery)
+            self._endpoint.release(self._pins.remove(unreferenced.popleft()))
 
-    def _pins_too_much(self, delivery: Delivery) -> bool:
-        """Whether this module has reached its limit of pinned messages or bytes of a publisher."""
-        pinned = self._pinned_of.get(delivery.source & _SOURCE_OF_INCARNATION)
-        if pinned is None:
-            return False
-        free_bytes = self._views.free_bytes(delivery.source)
-        return pinned.messages >= MAX_PINNED or PINNED_SHARE * (pinned.bytes + delivery.size) > free_bytes
+    def close(self) -> None:
+        """Let go of the memory; nothing may be handled any more."""
+        if self._native is not None:
+            self._native.close()
+        self._pins.close()
+
+    def _may_pin(self, delivery: Delivery) -> bool:
+        """Whether this module's limits leave room for a message that it might pin."""
+        return self._pins.have_room_for(delivery, self._views.free_bytes(delivery.source))
 
     def _copy(self, view: memoryview) -> memoryview:
         """Copy a message out of its publisher's memory, with the same alignment of its body."""
@@ -169,25 +193,3 @@ class Inbox:
         copy[:] = view
         copy.flags.writeable = False
         return copy.data
-
-    def _count_pinned(self, delivery: Delivery, change: int) -> None:
-        """Count a message that is now pinned (1), or no longer (-1)."""
-        publisher = delivery.source & _SOURCE_OF_INCARNATION
-        pinned = self._pinned_of.setdefault(publisher, _Pinned())
-        pinned.messages += change
-        pinned.bytes += change * delivery.size
-        if not pinned.messages:
-            del self._pinned_of[publisher]
-        self._pinned_bytes += change * delivery.size
-        self._words[layout.OUT_PINNED] = len(self._pinned)
-        self._words[layout.OUT_PINNED_BYTES] = self._pinned_bytes
-
-
-class _Pinned:
-    """What a module pins of one incarnation of a publisher."""
-
-    __slots__ = ("bytes", "messages")
-
-    def __init__(self) -> None:
-        self.messages = 0
-        self.bytes = 0

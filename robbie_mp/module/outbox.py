@@ -23,14 +23,14 @@ from robbie_mp.transport.endpoint import Endpoint
 from robbie_mp.transport.tables import ChannelName
 from robbie_mp.transport.words import WORD_MAX, Words
 
-_MAX_IN_FLIGHT = layout.MAX_OUTSTANDING * 7 // 8
+MAX_IN_FLIGHT = layout.MAX_OUTSTANDING * 7 // 8
 _TARGET_IN_FLIGHT = layout.MAX_OUTSTANDING * 3 // 4
 """With more than the former in flight, the core is asked to drop waiting old messages, down to the latter."""
 _MIN_REQUEST_INTERVAL_NS = 10_000_000
 """Least time between two such requests: subscribers hold the messages that the core could not drop."""
 _MIN_AGE_TO_DROP_NS = 50_000_000
 """A younger message is not dropped: its subscriber may be about to take it, as in a burst."""
-_MAX_READY_BLOCK_BYTES = 4096
+MAX_READY_BLOCK_BYTES = 4096
 """For messages up to this size a block is kept ready; for larger ones, writing costs more than allocating."""
 
 
@@ -266,12 +266,12 @@ class Outbox:
     def _prepare_next(self, size: int) -> None:
         """Prepare the block for the next message of a size while the core routes this message."""
         blocks = self._blocks
-        if size > _MAX_READY_BLOCK_BYTES:
+        if size > MAX_READY_BLOCK_BYTES:
             self.collect_freed()
         elif not blocks.has_kept(size):
             self.collect_freed()
             blocks.keep_one(size)
-        if blocks.taken_bytes + size > blocks.ample_bytes or len(blocks.taken) > _MAX_IN_FLIGHT:
+        if blocks.taken_bytes + size > blocks.ample_bytes or len(blocks.taken) > MAX_IN_FLIGHT:
             self.collect_freed()
             self._make_room(min(blocks.room_bytes - block_bytes(size), blocks.enough_bytes))
 

@@ -121,17 +121,19 @@ class ModuleRunner:
 
     def _turn(self) -> None:
         """Handle at most one message and run at most one tick, or wait for either."""
-        inbox = self._inbox
-        delivery = inbox.take()
-        if delivery is not None:
-            self._handle(delivery)
-            if self._ends:
-                return
+        was_one = self._inbox.handle_next()
+        if was_one is None:
+            delivery = self._inbox.take()
+            was_one = delivery is not None
+            if delivery is not None:
+                self._handle(delivery)
+        if was_one and self._ends:
+            return
         if self._ticks.are_due():
             self._begin(Activity.TICK)
             self._ticks.run()
             self._idle()
-        elif delivery is None:
+        elif not was_one:
             self._wait()
 
     def _handle(self, delivery: Delivery) -> None:

@@ -69,7 +69,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     outbox = Outbox(endpoint, blocks, words, SystemClock(), native)
     core = core_segment.words
     channel_name = ChannelNames(core)
-    inbox = Inbox(endpoint, make_views(plan.run_id), words, channel_name)
+    inbox = Inbox(endpoint, make_views(plan.run_id, native), words, channel_name, native)
     board = Board(Segment.attach(names.board(plan.run_id), SegmentKind.BOARD).words)
     if (process_bytes := planned.memory.process_bytes) is not None:
         resource.setrlimit(resource.RLIMIT_AS, (process_bytes, process_bytes))

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.transport.layout import HISTOGRAM_BUCKETS, HISTOGRAM_WORDS
-from robbie_mp.transport.words import Words
+from robbie_mp.transport.layout import HISTOGRAM_WORDS
+from robbie_mp.transport.words import WORD_MAX, Words
 
 SUM_NS = 0
 MAX_NS = 1
@@ -36,41 +36,35 @@ class WorkFigures:
         at: first of their `2 * HISTOGRAM_WORDS` words.
     """
 
-    __slots__ = ("_at", "_took", "_took_max", "_took_sum", "_waited", "_waited_max", "_waited_sum", "_words")
+    __slots__ = ("_at", "_words")
 
     def __init__(self, words: Words, at: int):
         self._words = words
         self._at = at
-        # These are the counts; shared memory has a copy, so that a wild pointer cannot make this fail.
-        self._waited = [0] * HISTOGRAM_BUCKETS
-        self._took = [0] * HISTOGRAM_BUCKETS
-        self._waited_sum = self._waited_max = 0
-        self._took_sum = self._took_max = 0
 
     def record(self, waited_ns: int, took_ns: int) -> None:
-        """Count one piece of work. It is called for each message, so it is one function without calls."""
+        """Count one piece of work. It is called for each message, so it is one function without calls.
+
+        Whatever a wild pointer has written into the words, this does not fail: sums are taken modulo 2^64.
+        """
         words, at = self._words, self._at
         if not 0 <= waited_ns <= MAX_TIME_NS:  # another process says when it was published
             waited_ns = 0 if waited_ns < 0 else MAX_TIME_NS
         units = waited_ns >> 6
         shift = units.bit_length() - 5
-        bucket = (shift << 4) + (units >> shift) if shift > 0 else units
-        counts = self._waited
-        counts[bucket] = words[at + 2 + bucket] = counts[bucket] + 1
-        self._waited_sum = words[at] = self._waited_sum + waited_ns
-        if waited_ns > self._waited_max:
-            self._waited_max = words[at + 1] = waited_ns
+        bucket = at + 2 + ((shift << 4) + (units >> shift) if shift > 0 else units)
+        words[bucket] = words[bucket] + 1 & WORD_MAX
+        words[at] = words[at] + waited_ns & WORD_MAX
+        words[at + 1] = max(words[at + 1], waited_ns)
 
         took_ns = min(took_ns, MAX_TIME_NS)
         at += HISTOGRAM_WORDS
         units = took_ns >> 6
         shift = units.bit_length() - 5
-        bucket = (shift << 4) + (units >> shift) if shift > 0 else units
-        counts = self._took
-        counts[bucket] = words[at + 2 + bucket] = counts[bucket] + 1
-        self._took_sum = words[at] = self._took_sum + took_ns
-        if took_ns > self._took_max:
-            self._took_max = words[at + 1] = took_ns
+        bucket = at + 2 + ((shift << 4) + (units >> shift) if shift > 0 else units)
+        words[bucket] = words[bucket] + 1 & WORD_MAX
+        words[at] = words[at] + took_ns & WORD_MAX
+        words[at + 1] = max(words[at + 1], took_ns)
 
 
 @dataclass(frozen=True)

@@ -143,10 +143,10 @@ def make_block_store(
     return BlockStore(create, segment_bytes, limit_bytes, native)
 
 
-def make_views(run_id: str) -> SegmentViews:
-    """Make the map of other modules' messages."""
+def make_views(run_id: str, native: Native | None = None) -> SegmentViews:
+    """Make the map of other modules' messages; `native` is what is written in C, None: Python does it."""
 
     def attach(slot: int, incarnation: int, number: int) -> Segment:
         return Segment.attach(names.data(run_id, slot, incarnation, number), SegmentKind.DATA)
 
-    return SegmentViews(attach)
+    return SegmentViews(attach, native)

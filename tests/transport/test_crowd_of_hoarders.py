@@ -9,8 +9,9 @@ import pytest
 from robbie_mp import MessageHandling
 from robbie_mp.messages import Image
 from robbie_mp.module.clock import SystemClock
-from robbie_mp.module.inbox import PINNED_SHARE, Inbox
+from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
+from robbie_mp.module.pins import PINNED_SHARE
 from robbie_mp.observe.channels import ChannelNames
 from robbie_mp.supervisor.memory import unlink_data_segments
 from robbie_mp.transport import layout

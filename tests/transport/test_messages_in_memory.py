@@ -1,21 +1,28 @@
 """Typed messages from outbox to inbox through a real data segment and a core, in one process."""
 
 import gc
+import os
 import sys
 import threading
 import weakref
 from array import array
 from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from pickle import PickleBuffer
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from robbie_mp import Header, MessageHandling, Time
-from robbie_mp.messages import FieldError, Image
+from robbie_mp.linux.forks import ForkedProcess
+from robbie_mp.messages import FieldError, Image, Imu
 from robbie_mp.module import outbox as outbox_module
 from robbie_mp.module.bus import PublishAfterStop
-from robbie_mp.module.inbox import MAX_PINNED, PINNED_SHARE, Inbox
+from robbie_mp.module.envelope import EncodedMessage
+from robbie_mp.module.inbox import Inbox
+from robbie_mp.module.pins import MAX_PINNED, PINNED_SHARE
 from robbie_mp.module.subscriptions import SubscribedTwice
 from robbie_mp.supervisor.memory import unlink_data_segments
 from robbie_mp.transport import layout
@@ -135,7 +142,7 @@ def test_threads_publish_at_the_same_time_and_nothing_is_lost_or_doubled(pair: P
     sys.setswitchinterval(1e-6)
 
     def publish(thread: int) -> None:
-        for number in range(100):
+        for number in range(30):
             image = Image(
                 header=Header(stamp=Time(sec=number)), width=thread, data=np.zeros(number, np.uint8)
             )
@@ -149,10 +156,10 @@ def test_threads_publish_at_the_same_time_and_nothing_is_lost_or_doubled(pair: P
         pair.pass_on()
     sys.setswitchinterval(before)
     pair.pass_on()
-    assert sorted(seen) == [(thread, number) for thread in range(4) for number in range(100)]
+    assert sorted(seen) == [(thread, number) for thread in range(4) for number in range(30)]
     for thread in range(4):
-        assert [number for of, number in seen if of == thread] == list(range(100))
-    assert pair.sender_words[layout.OUT_PUBLISHED] == 400
+        assert [number for of, number in seen if of == thread] == list(range(30))
+    assert pair.sender_words[layout.OUT_PUBLISHED] == 120
     assert pair.outbox.outstanding == 0
 
 
@@ -408,3 +415,156 @@ def test_core_that_is_away_is_not_asked_for_room_more_often_than_its_ring_holds(
     assert not pair.outbox._endpoint._backlog
     pair.pass_on()
     assert pair.run.reports == []
+
+
+@pytest.mark.parametrize(
+    "derive",
+    [
+        lambda data: data,
+        lambda data: data[10:20][::2],
+        lambda data: data.reshape(10, 100).T,
+        lambda data: data.view(np.int8),
+        lambda data: data.data,
+        lambda data: memoryview(data)[5:10].cast("B"),
+        lambda data: np.frombuffer(data[3:], np.uint8),
+        lambda data: np.asarray(memoryview(data.data)),
+        iter,
+        lambda data: PickleBuffer(data[1:]),
+        lambda data: data.base,
+        lambda data: np.lib.stride_tricks.as_strided(data, (4, 2), (2, 1)),
+        lambda data: weakref.ref(data)(),
+    ],
+)
+def test_message_is_pinned_as_long_as_any_view_of_it_lives(
+    pair: Pair, derive: Callable[[Any], object]
+) -> None:
+    kept: list[object] = []
+    pair.on_image = lambda image: kept.append(derive(image.data))
+    pair.outbox.publish(picture(7), "")
+    pair.pass_on()
+    assert pair.outbox.outstanding == 1
+    assert pair.receiver_words[layout.OUT_PINNED] == 1
+    thread = threading.Thread(target=kept.clear)
+    thread.start()
+    thread.join()
+    pair.pass_on()
+    pair.inbox.release_unreferenced()
+    pair.run.run_core()
+    assert pair.outbox.outstanding == 0
+    assert pair.receiver_words[layout.OUT_PINNED] == pair.receiver_words[layout.OUT_PINNED_BYTES] == 0
+
+
+def test_bytes_of_a_message_are_pinned_as_long_as_they_are_kept(pair: Pair) -> None:
+    kept: list[EncodedMessage] = []
+    pair.inbox.subscriptions.subscribe_encoded("sensor_msgs/msg/*", kept.append, "other")
+    pair.run.run_core()
+    for _ in range(2):
+        assert pair.outbox.publish(picture(7), "other")
+        pair.pass_on()
+    assert [message.type_name for message in kept] == ["sensor_msgs/msg/Image"] * 2
+    assert kept[0].data == kept[1].data == picture(7).encode()
+    assert kept[0].data.readonly
+    assert pair.outbox.outstanding == 2
+    kept.clear()
+    pair.inbox.release_unreferenced()
+    pair.run.run_core()
+    assert pair.outbox.outstanding == 0
+
+
+def test_kept_array_stays_though_its_publisher_dies_and_the_maps_are_closed(pair: Pair) -> None:
+    kept: list[np.ndarray] = []
+    pair.on_image = lambda image: kept.append(image.data)
+    pair.outbox.publish(picture(7), "")
+    pair.pass_on()
+    pair.views.close()
+    assert mapped_data_segments(1)
+    assert kept[0].tolist() == [7] * 1000
+    kept.clear()
+    assert mapped_data_segments(0)
+
+
+def mapped_data_segments(count: int) -> bool:
+    """Whether the subscriber maps so many of the publisher's segments, which maps them itself once."""
+    gc.collect()
+    lines = Path("/proc/self/maps").read_text().splitlines()
+    return sum(f"robbie-{RUN_ID}/data" in line and " r--s " in line for line in lines) == count
+
+
+def test_what_a_handler_raises_leaves_nothing_pinned_or_mapped(pair: Pair) -> None:
+    def fail(image: Image) -> None:
+        raise KeyError(image.data[0])
+
+    pair.on_image = fail
+    for _ in range(2):
+        pair.outbox.publish(picture(7), "")
+        pair.run.run_core()
+        with pytest.raises(KeyError):
+            pair.handle_next()
+        assert pair.inbox.current is not None, "what was being handled can be told"
+    assert pair.receiver_words[layout.OUT_HANDLED] == pair.receiver_words[layout.OUT_PINNED] == 0
+    pair.views.close()
+    assert mapped_data_segments(0)
+
+
+def test_message_has_a_name_only_while_it_is_handled(pair: Pair) -> None:
+    names: list[str] = []
+    pair.on_image = lambda _image: names.append(pair.inbox.name_current().topic)
+    for topic in ("left", "right", "left"):
+        pair.outbox.publish(picture(7), topic)
+        pair.pass_on()
+    assert names == ["left", "right", "left"]
+    assert pair.inbox.current is None
+    with pytest.raises(LookupError):
+        pair.inbox.name_current()
+
+
+def test_handler_can_subscribe_publish_and_look_at_its_message(pair: Pair) -> None:
+    seen: list[int] = []
+
+    def answer(image: Image) -> None:
+        current = pair.inbox.current
+        assert current is not None
+        seen.append(current.sequence)
+        if len(seen) == 1:
+            pair.inbox.subscriptions.subscribe(
+                Imu, lambda imu: seen.append(-1), MessageHandling.ALWAYS_DELIVER, ""
+            )
+            pair.run.run_core()
+            assert pair.outbox.publish(Imu(), "")
+
+    pair.on_image = answer
+    pair.outbox.publish(picture(7), "")
+    pair.pass_on()
+    pair.outbox.publish(picture(8), "")
+    pair.pass_on()
+    assert seen == [1, -1, 3]
+
+
+def test_inbox_that_was_closed_handles_nothing(pair: Pair) -> None:
+    pair.outbox.publish(picture(7), "")
+    pair.run.run_core()
+    pair.inbox.close()
+    assert pair.inbox.handle_next() is None
+
+
+def test_message_handled_in_a_forked_process_is_not_counted(pair: Pair) -> None:
+    """A handler forks, and returns in both processes."""
+    pids: list[int] = []
+
+    def fork(_image: Image) -> None:
+        pids.append(os.fork())
+
+    pair.on_image = fork
+    pair.outbox.publish(picture(7), "")
+    pair.run.run_core()
+    try:
+        pair.handle_next()
+    except BaseException as error:
+        os._exit(42 if pids == [0] and isinstance(error, (ForkedProcess, ValueError)) else 1)
+    if pids == [0]:
+        os._exit(2)
+    _, status = os.waitpid(pids[0], 0)
+    assert os.waitstatus_to_exitcode(status) == 42
+    assert pair.receiver_words[layout.OUT_HANDLED] == 1
+    pair.run.run_core()
+    assert pair.outbox.outstanding == 0

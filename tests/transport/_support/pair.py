@@ -29,9 +29,9 @@ class Pair:
         make_folder(RUN_ID)
         blocks = make_block_store(RUN_ID, 1, 1, segment_bytes=1 << 16, limit_bytes=1 << 21, native=native)
         self.outbox = Outbox(sender.endpoint, blocks, sender.out, SystemClock(), native)
-        self.views = make_views(RUN_ID)
+        self.views = make_views(RUN_ID, native)
         self.channel_name = ChannelNames(self.run.words)
-        self.inbox = Inbox(receiver.endpoint, self.views, receiver.out, self.channel_name)
+        self.inbox = Inbox(receiver.endpoint, self.views, receiver.out, self.channel_name, native)
         self.on_image: Callable[[Image], None] = lambda _image: None
         self.inbox.subscriptions.subscribe(Image, self._handle, MessageHandling.ALWAYS_DELIVER, "")
         sender.ready()
@@ -41,10 +41,19 @@ class Pair:
     def pass_on(self) -> None:
         """Let the core route and the subscriber handle everything."""
         self.run.run_core()
-        while (delivery := self.inbox.take()) is not None:
-            self.inbox.handle(delivery)
+        while self.handle_next():
             self.inbox.release_unreferenced()
             self.run.run_core()
+
+    def handle_next(self) -> bool:
+        """Let the subscriber handle a message, as its runner does; False if there is none."""
+        was_one = self.inbox.handle_next()
+        if was_one is None:
+            delivery = self.inbox.take()
+            was_one = delivery is not None
+            if delivery is not None:
+                self.inbox.handle(delivery)
+        return was_one
 
     def _handle(self, image: Image) -> None:
         self.on_image(image)
@@ -52,6 +61,7 @@ class Pair:
     def close(self) -> None:
         self.on_image = lambda _image: None
         self.outbox.close()
+        self.inbox.close()
         self.views.close()
         vars(self).clear()  # this pair is a cycle, which would unmap what it still maps only when collected
         remove_names(RUN_ID)
