@@ -16,11 +16,11 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from PIL import Image
-from playwright.sync_api import Page, ViewportSize
+from playwright.sync_api import Browser, Page, ViewportSize
 
-from robbie_mp.cli.runs import live_runs
 from robbie_mp.observe import RunObserver
 from robbie_mp.run.operator_link import read_link
+from robbie_mp.run.run_directory import KnownRun, list_runs
 from robbie_mp.transport.segment import SegmentMissing
 from tools.operator_trials.chromium import chromium
 
@@ -56,15 +56,22 @@ def main() -> None:
         os.environ["XDG_RUNTIME_DIR"] = f"{folder}/runtime"
         settings = [word for setting in SETTINGS for word in ("--set", setting)]
         with running("run", "rescue", *settings, output=f"{folder}/rescue"):
-            page = browser.new_page(viewport=SIZE)
+            page = new_page(browser)
             page.goto(wait_for(address))
             with recording(f"{folder}/log"):
                 take_panels(page)
         play = ("play", f"{folder}/log", "virtual-playback", "--set", "operator.port=0", "--rate", "0.5")
         with running(*play, output=f"{folder}/play"):
-            page = browser.new_page(viewport=SIZE)
+            page = new_page(browser)
             page.goto(wait_for(address))
             take_playback(page)
+
+
+def new_page(browser: Browser) -> Page:
+    """Open a page that waits long enough for a robot that uses all processors."""
+    page = browser.new_page(viewport=SIZE)
+    page.set_default_timeout(1000 * LIMIT_S)
+    return page
 
 
 @contextmanager
@@ -81,7 +88,8 @@ def running(*words: str, output: str) -> Iterator[None]:
 @contextmanager
 def recording(folder: str) -> Iterator[None]:
     """Record the running robot, without its images."""
-    words = ["record", "--exclude", "sensor_msgs/msg/Image", "--output", folder]
+    (run,) = own_runs()
+    words = ["record", "--run", run.run_id, "--exclude", "sensor_msgs/msg/Image", "--output", folder]
     process = subprocess.Popen([*ROBBIE, *words], stdout=subprocess.DEVNULL)
     try:
         yield
@@ -90,14 +98,19 @@ def recording(folder: str) -> Iterator[None]:
         process.wait(60)
 
 
+def own_runs() -> list[KnownRun]:
+    """Return the live runs of this program, not those of the same user elsewhere on the machine."""
+    return [run for run in list_runs([Path(os.environ["XDG_RUNTIME_DIR"], "robbie")]) if run.is_live]
+
+
 def address() -> str:
     """Return the link to the page, or '' while there is none."""
-    return next((link for run in live_runs() if (link := read_link(run.folder))), "")
+    return next((link for run in own_runs() if (link := read_link(run.folder))), "")
 
 
 def status(module: str) -> tuple[int, str]:
     """Return the pid and status line of a module, or 0 and '' while it does not run."""
-    for run in live_runs():
+    for run in own_runs():
         with suppress(SegmentMissing), closing(RunObserver(run.run_id)) as observer:
             for figures in observer.modules():
                 if figures.name == module:
@@ -126,14 +139,14 @@ def take_panels(page: Page) -> None:
     turn_to(page, "cameras")
     box, is_seen = page.locator(".detection-boxes > div"), False
     while not is_seen:  # it must also be there after the picture
-        box.first.wait_for(timeout=1000 * LIMIT_S)
+        box.first.wait_for()
         take(page, "cameras", settled_s=0.0)
         is_seen = box.first.is_visible()
     turn_to(page, "map")
     for _ in range(VICTIMS_BEFORE):
-        page.wait_for_selector(QUESTION, timeout=1000 * LIMIT_S)
+        page.wait_for_selector(QUESTION)
         answer(page)
-    page.wait_for_selector(QUESTION, timeout=1000 * LIMIT_S)
+    page.wait_for_selector(QUESTION)
     take(page, "map")
     answer(page)
     os.kill(status(CRASHES)[0], signal.SIGSEGV)
@@ -168,7 +181,7 @@ def answer(page: Page) -> None:
 def take_playback(page: Page) -> None:
     """Take a picture of the playback beside virtual devices."""
     page.click("#tab-devices")
-    page.wait_for_selector("#playback-events [data-at]", timeout=1000 * LIMIT_S)
+    page.wait_for_selector("#playback-events [data-at]")
     page.wait_for_selector("#device-bumper")
     take(page, "playback")
 

@@ -1,4 +1,4 @@
-"""Takes the pictures of `robbie top` in docs/images: `python -m tools.top_pictures`, in half a minute.
+"""Takes the pictures of `robbie top` in docs/images: `python -m tools.top_pictures`, in about half a minute.
 
 The tool runs the demo, aborts a module to have a crash report, and presses the keys of each view.
 """
@@ -11,11 +11,16 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from typing import TypeVar
 
 from robbie_mp.cli.top_program.feed import RunFeed
 from robbie_mp.cli.top_program.program import TopProgram
+from robbie_mp.observe import RunReading
+from robbie_mp.run.run_directory import list_runs
+from robbie_mp.supervisor.states import ChildState, state_name
 
 FOLDER = Path("docs/images")
 SIZE = (110, 30)
@@ -28,9 +33,12 @@ VIEWS = {
 }
 """Keys that lead to each view from the previous one. The details are those of the aborted module."""
 ABORTED = "laser"
-WARM_UP_S = 12.0
-AFTER_ABORT_S = 6.0
+WARM_UP_S = 5.0
+AFTER_ABORT_S = 4.0
+LIMIT_S = 120.0
 INTERVAL_S = 0.5
+
+T = TypeVar("T")
 
 
 def main() -> None:
@@ -43,13 +51,33 @@ def main() -> None:
             [*ROBBIE, "run", "demo", "--quiet", "--output", f"{folder}/output"], stdout=subprocess.DEVNULL
         )
         try:
-            time.sleep(WARM_UP_S)
-            run_id = next(Path(runtime, "robbie").iterdir()).name
-            with closing(RunFeed(run_id)) as feed:
+            (run, *_) = wait_for(lambda: list_runs([runtime / "robbie"]))
+            with closing(RunFeed(run.run_id)) as feed:
+                wait_for(lambda: all_run(feed.poll().reading))
+                time.sleep(WARM_UP_S)
                 asyncio.run(_take_all(feed))
         finally:
             demo.send_signal(signal.SIGINT)
             demo.wait(60)
+
+
+def wait_for(condition: Callable[[], T]) -> T:
+    """Wait until something is there, and return it."""
+    until_s = time.monotonic() + LIMIT_S
+    while not (found := condition()):
+        if time.monotonic() > until_s:
+            raise SystemExit(f"the demo did not start within {LIMIT_S:g} s")
+        time.sleep(INTERVAL_S)
+    return found
+
+
+def all_run(reading: RunReading | None, restarts: int = 0) -> bool:
+    """Return whether all modules run, after this number of restarts in total."""
+    return (
+        reading is not None
+        and all(state_name(module.state) == ChildState.RUNNING for module in reading.modules)
+        and sum(module.restarts for module in reading.modules) >= restarts
+    )
 
 
 async def _take_all(feed: RunFeed) -> None:
@@ -60,6 +88,8 @@ async def _take_all(feed: RunFeed) -> None:
         if module is None:
             raise SystemExit("the demo did not start in time")
         os.kill(module.pid, signal.SIGABRT)
+        while not all_run(app.snapshot.reading, restarts=1):
+            await asyncio.sleep(INTERVAL_S)
         await asyncio.sleep(AFTER_ABORT_S)
         for view, keys in VIEWS.items():
             await pilot.press(*keys)

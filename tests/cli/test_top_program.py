@@ -168,6 +168,15 @@ def test_details_show_times_counters_log_and_the_last_crash(tmp_path: Path) -> N
     play(feed, script, size=(120, 50))
 
 
+def test_program_that_ends_while_details_are_shown_is_quiet() -> None:
+    async def script(pilot: Pilot[None]) -> None:
+        await pilot.press("enter")
+        await pilot.app.screen.query("#details").remove()  # as at the end, while the timer still runs
+        await look(pilot)
+
+    play(PlayedFeed(), script)
+
+
 @pytest.mark.parametrize(("key", "command"), [("r", "restart"), ("x", "stop")])
 def test_module_is_restarted_or_stopped_only_after_a_confirmation(
     key: str, command: str, monkeypatch: pytest.MonkeyPatch

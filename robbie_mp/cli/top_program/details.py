@@ -60,8 +60,8 @@ class Details(Screen[None]):
 
     def show(self, shown: Snapshot) -> None:
         """Show the present figures."""
-        if shown.reading is None:
-            return
+        if shown.reading is None or not self.query("#details"):
+            return  # there is no run, or the program is ending and has removed its widgets
         row = next(
             (one for one in module_rows(shown.reading, shown.rates) if one.figures.name == self.module), None
         )
