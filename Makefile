@@ -27,7 +27,7 @@ test-slow: .venv/dev
 
 # The tests of the hot path, of which there are two forms, with the one in Python.
 test-pure: .venv/dev
-	ROBBIE_PURE_PYTHON=1 .venv/bin/python -m pytest -q -m 'not slow' $(PARALLEL) tests/core tests/transport
+	ROBBIE_PURE_PYTHON=1 .venv/bin/python -m pytest -q -m 'not slow' $(PARALLEL) tests/core tests/messages tests/transport
 
 lint: .venv/dev
 	.venv/bin/ruff check .

@@ -52,10 +52,9 @@ static PyObject *rounded_to_float32(PyObject *value, double number)
     return PyFloat_FromDouble(rounded); /* also of a NaN, which equals nothing */
 }
 
+/* Whatever Python's struct takes for a float. */
 static PyObject *fit_float(PyObject *value, char code)
 {
-    if (!PyFloat_Check(value) && !PyLong_CheckExact(value))
-        return NULL;
     double number = PyFloat_AsDouble(value);
     if (number == -1.0 && PyErr_Occurred())
         return NULL;
@@ -64,16 +63,29 @@ static PyObject *fit_float(PyObject *value, char code)
     return PyFloat_CheckExact(value) ? Py_NewRef(value) : PyFloat_FromDouble(number);
 }
 
+/* An integer that is exactly an `int`, of whatever Python's struct takes for one; NULL: of something else. */
+static PyObject *exact_integer(PyObject *value)
+{
+    if (PyLong_CheckExact(value))
+        return Py_NewRef(value);
+    if (PyLong_Check(value))
+        return PyLong_Type.tp_as_number->nb_int(value);
+    PyObject *number = PyIndex_Check(value) ? PyNumber_Index(value) : NULL;
+    if (number != NULL && !PyLong_CheckExact(number))
+        Py_CLEAR(number);
+    return number;
+}
+
 static PyObject *fit_primitive(const struct message_field *field, PyObject *value)
 {
-    bool fits;
     if (field->code == 'd' || field->code == 'f')
         return fit_float(value, field->code);
     if (field->code == '?')
-        fits = value == Py_True || value == Py_False;
-    else
-        fits = PyLong_CheckExact(value) && fits_integer(value, field->code);
-    return fits ? Py_NewRef(value) : NULL;
+        return value == Py_True || value == Py_False ? Py_NewRef(value) : NULL;
+    PyObject *number = exact_integer(value);
+    if (number != NULL && !fits_integer(number, field->code))
+        Py_CLEAR(number);
+    return number;
 }
 
 static bool fits_text(PyObject *value, Py_ssize_t max_length)

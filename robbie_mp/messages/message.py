@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
+from inspect import Parameter, Signature
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self, TypeVar, cast, dataclass_transform
 
 import numpy as np
@@ -85,6 +86,18 @@ class MessageType(type):
                 if function not in namespace and (function != "__new__" or "__init__" not in namespace):
                     codec.install(function)
         return cast("MessageType", made)
+
+    @property
+    def __signature__(cls) -> Signature:
+        """What the constructor takes, for `help` and `inspect.signature`, whatever creates the messages."""
+        if cls is Message:
+            raise AttributeError("any fields")
+        return Signature(
+            [
+                Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default)
+                for field in fields_of(cast("type[Message]", cls))
+            ]
+        )
 
 
 class Message(metaclass=MessageType):

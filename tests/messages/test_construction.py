@@ -1,6 +1,7 @@
 """A message that exists can be encoded: what does not fit is refused where it is given."""
 
 import copy
+import inspect
 import math
 import pickle
 
@@ -39,6 +40,11 @@ def test_what_is_left_out_has_its_default() -> None:
     assert (scan.angle_min, len(scan.ranges), scan.ranges.dtype) == (0.0, 0, np.dtype(np.float32))
     assert Pose().orientation.w == 1.0
     assert len(Imu().orientation_covariance) == 9
+
+
+def test_help_shows_the_fields() -> None:
+    assert str(inspect.signature(Quaternion)) == "(*, x=0.0, y=0.0, z=0.0, w=1.0)"
+    assert str(inspect.signature(Message)) == "(**fields: 'Any') -> 'Self'"
 
 
 def test_a_message_is_immutable() -> None:

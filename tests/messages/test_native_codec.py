@@ -6,6 +6,7 @@ import sys
 import tracemalloc
 from collections.abc import Callable
 from contextlib import suppress
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,25 @@ pytestmark = pytest.mark.skipif(native() is None, reason=f"the module written in
 ANY_TYPE = st.sampled_from(TYPES) | definitions().map(
     lambda text: message_type_from_schema("random_msgs/msg/Main", text)
 )
+
+
+class Level(IntEnum):
+    HIGH = 3
+
+
+class Percent:
+    """Something with a value, such as a quantity of a library."""
+
+    def __init__(self, value: Any):
+        self.value = value
+
+    def __float__(self) -> Any:
+        return self.value / 100
+
+    def __index__(self) -> Any:
+        return self.value
+
+
 ODD: list[Any] = [
     None, True, False, 0, 1, -1, 127, 128, 255, 256, 2**15, 2**31, 2**32, 2**63 - 1, 2**63, 2**64 - 1,
     2**64, -(2**63), 10**400, 0.5, 1e300, -0.0, float("nan"), float("inf"), 1j, np.float64(1.5),
