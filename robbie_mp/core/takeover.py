@@ -282,6 +282,7 @@ class Takeover:
                     self._queues.pump(slot, slot.link)
                 slot.link.wake()
             self._queues.outdate(slot)
+        self._queues.post()
         self._queues.write_figures()
         for link in self._members.links:
             self._blocks.await_total(link, link.out_words[layout.OUT_AWAITED_FREED])

@@ -25,7 +25,7 @@ def built(
 ) -> ModuleType:
     """The test build of the hot path; kept between sessions as long as its sources are the same."""
     assert compiler_command
-    cache = pytestconfig.cache
+    cache = getattr(pytestconfig, "cache", None)
     return fused_module(tmp_path_factory.mktemp("hot") if cache is None else Path(cache.mkdir("hot")))
 
 

@@ -8,7 +8,7 @@ import pytest
 from tests.hot._support.build import HOT, compile_c
 
 SOURCES = sorted([*HOT.glob("*.c"), *HOT.glob("*.h")])
-BELOW_PYTHON = ("ring.c",)
+BELOW_PYTHON = ("ring.c", "books.c", "router.c", "endpoint.c", "wakeup.c", "clock.c")
 """What knows nothing of Python, so that it runs under sanitizers and fuzzers."""
 OTHER_STORES = re.compile(
     r"\batomic_(?!thread_fence)\w+|\b__(atomic|sync)_|[.>]\s*atomic\b|\bvolatile\b|(?<!sizeof)\(\s*shared_word\s*\)|\basm\b"
@@ -58,6 +58,6 @@ def test_lower_layer_knows_nothing_of_python(name: str, compiler_command: list[s
     listed = tmp_path / "included"
     compile_c(compiler_command, listed, [HOT / name], "-MM")
     included = set(re.findall(r"[\w.]+\.h", listed.read_text()))
-    assert "words.h" in included
+    assert included
     for path in (HOT / each for each in (name, *included)):
         assert "Python.h" not in without_comments(path)

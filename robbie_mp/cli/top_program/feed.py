@@ -29,7 +29,7 @@ class Watching(Enum):
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The data that the program shows at one time."""
+    """What the program shows at one moment."""
 
     watching: Watching
     runs: tuple[KnownRun, ...]

@@ -20,7 +20,7 @@ Row_contra = TypeVar("Row_contra", contravariant=True)
 
 
 class Column(Protocol[Row_contra]):
-    """The interface of a column."""
+    """What a column must provide."""
 
     @property
     def heading(self) -> str:

@@ -49,25 +49,26 @@ def compile_c(command: Sequence[str], target: Path, sources: Sequence[Path], *op
     assert done.returncode == 0, f"{shlex.join(line)}\n{done.stderr}"
 
 
-def fused_module(folder: Path, *options: str) -> ModuleType:
+def fused_module(folder: Path, *options: str, hot: Path = HOT) -> ModuleType:
     """Return the hot path with a fuse in every store, built into a folder unless it is there already.
 
     Args:
         folder: where it is kept.
         options: further options of the compiler, such as those of a sanitizer.
+        hot: where the sources are.
     """
     command = compiler()
     assert command is not None
-    sources = [*sorted(HOT.glob("*.c")), HERE / "fuse.c"]
-    texts = b"".join(path.read_bytes() for path in (*sources, *sorted(HOT.glob("*.h")), Path(__file__)))
+    sources = [*sorted(hot.glob("*.c")), HERE / "fuse.c"]
+    texts = b"".join(path.read_bytes() for path in (*sources, *sorted(hot.glob("*.h")), Path(__file__)))
     made_with = f"{sysconfig.get_config_var('SOABI')} {command} {options}"
     name = hashlib.sha256(texts + made_with.encode()).hexdigest()[:16]
     built = folder / f"native-{name}.so"
     if not built.exists():
         being_built = folder / f"{name}-{os.getpid()}.so"
-        include = f"-I{sysconfig.get_paths()['include']}"
+        include = f"-I{hot}", f"-I{sysconfig.get_paths()['include']}"
         compile_c(
-            command, being_built, sources, "-O1", "-fPIC", "-shared", "-DROBBIE_FUSE", include, *options
+            command, being_built, sources, "-O1", "-fPIC", "-shared", "-DROBBIE_FUSE", *include, *options
         )
         being_built.rename(built)
     loader = importlib.machinery.ExtensionFileLoader("native", str(built))

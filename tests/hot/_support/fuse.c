@@ -36,6 +36,7 @@ struct region {
     uint64_t *stored;
     Py_ssize_t count;
     uint32_t number;
+    uint64_t traces; /* how many had begun when it was made */
     Fuse *fuse;         /* of the one process that stores here; NULL: nobody counts */
     PyObject *on_store; /* None, or told index, old and new value of each store before it */
     Py_ssize_t users;
@@ -44,6 +45,7 @@ struct region {
 
 static struct region *regions;
 static uint32_t next_number;
+static uint64_t traces;
 static struct way_out *innermost;
 static Fuse *died_of;
 static unsigned long long unguarded; /* stores where nobody had said MAY_DIE */
@@ -267,6 +269,7 @@ static PyObject *words_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
         Py_FatalError("no memory for words");
     region->count = count;
     region->number = next_number++;
+    region->traces = traces;
     region->on_store = Py_NewRef(Py_None);
     region->next = regions;
     if (regions != NULL)
@@ -440,6 +443,7 @@ static PyObject *begin_trace(PyObject *module, PyObject *unused)
     trace.count = 0;
     trace.is_on = true;
     next_number = 0;
+    traces++;
     Py_RETURN_NONE;
 }
 
@@ -478,10 +482,14 @@ static PyObject *unguarded_stores(PyObject *module, PyObject *unused)
 static PyObject *stray_words(PyObject *module, PyObject *unused)
 {
     (void)module, (void)unused;
-    for (struct region *region = regions; region != NULL; region = region->next)
-        for (Py_ssize_t index = 0; index < region->count; index++)
-            if (load(region->words + index) != region->stored[index])
-                return Py_BuildValue("[(In)]", (unsigned int)region->number, index);
+    for (struct region *region = regions; region != NULL; region = region->next) {
+        Py_ssize_t index = 0;
+        if (region->traces != traces || memcmp(region->words, region->stored, (size_t)region->count * sizeof *region->stored) == 0)
+            continue;
+        while (load(region->words + index) == region->stored[index])
+            index++;
+        return Py_BuildValue("[(In)]", (unsigned int)region->number, index);
+    }
     return PyList_New(0);
 }
 
@@ -489,7 +497,8 @@ static PyMethodDef functions[] = {
     {"begin_trace", begin_trace, METH_NOARGS, "Write down all stores from now on; words are numbered from 0."},
     {"end_trace", end_trace, METH_NOARGS, "Return the stores: words, index (4 bytes each) and value (8)."},
     {"note_wake", note_wake, METH_O, "Write down that somebody was woken."},
-    {"stray_words", stray_words, METH_NOARGS, "Return the first word that was not stored through `store`, if any."},
+    {"stray_words", stray_words, METH_NOARGS,
+     "Return the first word, of those made since the trace began, that was stored beside `store`."},
     {"unguarded_stores", unguarded_stores, METH_NOARGS, "Count the stores of C that no MAY_DIE covered."},
     {NULL},
 };

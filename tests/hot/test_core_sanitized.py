@@ -1,0 +1,26 @@
+"""The core and the modules' ends in C, with their bindings, under Address- and UndefinedBehaviorSanitizer.
+
+Histories, robots whose core dies, and hostile modules are played in an interpreter of its own; by hand more:
+
+    python -m tests.hot._support.under_asan FOLDER FIRST COUNT
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.hot._support.under_asan import environment
+
+HISTORIES = 20
+
+
+@pytest.mark.slow
+def test_sanitizers_find_nothing_in_the_core(compiler_command: list[str], tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.hot._support.under_asan", tmp_path, "0", str(HISTORIES)],
+        env=environment(compiler_command), capture_output=True, text=True, check=False, timeout=115,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "nothing to report" in done.stdout

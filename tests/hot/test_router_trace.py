@@ -1,0 +1,108 @@
+"""Whatever happens in a run, the router in C makes the same stores as Python, in the same order.
+
+A history is drawn from its number, which a failure names. With `--exhaustive` a million are played.
+"""
+
+import shutil
+from collections.abc import Callable
+from itertools import islice
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from robbie_mp.core import router
+from tests.core._support.history import History
+from tests.core.test_crash_points import SCENARIOS, SETTINGS, play
+from tests.hot._support.build import HOT, fused_module
+from tests.hot._support.histories import crowd, history
+from tests.hot._support.trace import difference
+from tools.fuzz_core.attack import Attack
+from tools.fuzz_core.plain import inputs
+
+HISTORIES = 200
+MANY_HISTORIES = 10_000
+ALL_HISTORIES = 1_000_000
+HOSTILE_MODULES = 150
+EACH = 17
+"""Of the fuzzer's inputs one in so many is played: they begin with similar ones."""
+
+
+PLANTED = {
+    "a message is committed before it is written": (
+        "    store(row + HANDLE_RECORD, record);\n    store(row + HANDLE_SEQUENCE, message->sequence);",
+        "    store(row + HANDLE_SEQUENCE, message->sequence);\n    store(row + HANDLE_RECORD, record);",
+    ),
+    "a reference is counted before it is committed": (
+        "    store(reference_row(books, reference) + REFERENCE_STATE, outcome | nth << 8); /* commits */\n"
+        "    store(counted, nth);",
+        "    store(counted, nth);\n"
+        "    store(reference_row(books, reference) + REFERENCE_STATE, outcome | nth << 8);",
+    ),
+    "a row that is used again is not marked": ("    store(row + HANDLE_RECORD, NO_RECORD);", ""),
+    "a block is given back although its row is not free yet": (
+        "    store(row + HANDLE_SEQUENCE, 0);\n    books->free_handles", "    books->free_handles",
+    ),
+}  # fmt: skip
+
+
+def attack(data: bytes) -> Attack:
+    played = Attack(data)
+    played.run()
+    return played
+
+
+def compare_all(built: ModuleType, numbers: range) -> None:
+    for number in numbers:
+        drawn = crowd if number % 4 == 3 else history
+        found = difference(built, lambda drawn=drawn, number=number: drawn(number))
+        assert not found, f"{drawn.__name__}({number}):\n{found}"
+    print(f"{len(numbers)} histories, the same stores")
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=["roomy", "short queues", "small tables"])
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_scenario_is_stored_alike(
+    built: ModuleType, scenario: Callable[[History], None], settings: dict[str, int]
+) -> None:
+    for deaths in ((), (50,), (200, 100)):
+        assert difference(built, lambda deaths=deaths: play(scenario, settings, deaths)) == ""
+
+
+@pytest.mark.parametrize("at_once", [1, 3])
+def test_turn_of_few_records_is_stored_alike(
+    built: ModuleType, at_once: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(router, "RECORDS_PER_TURN", at_once)
+    compare_all(built, range(50))
+
+
+def test_histories_are_stored_alike(built: ModuleType) -> None:
+    compare_all(built, range(HISTORIES))
+
+
+def test_hostile_modules_are_handled_alike(built: ModuleType) -> None:
+    """The inputs of a fuzzer: every kind of record with odd words in each column, and mutations."""
+    for number, data in enumerate(islice(inputs(seed=7), 0, HOSTILE_MODULES * EACH, EACH)):
+        found = difference(built, lambda data=data: attack(data))
+        assert not found, f"input {number * EACH} of seed 7:\n{found}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("defect", PLANTED)
+def test_store_out_of_order_is_noticed(defect: str, compiler_command: list[str], tmp_path: Path) -> None:
+    assert compiler_command
+    old, new = PLANTED[defect]
+    shutil.copytree(HOT, tmp_path / "hot")
+    router = tmp_path / "hot" / "router.c"
+    text = router.read_text()
+    assert text.count(old) == 1, "router.c reads otherwise now; plant this defect anew"
+    router.write_text(text.replace(old, new))
+    built = fused_module(tmp_path, "-O0", hot=tmp_path / "hot")
+    assert any(difference(built, lambda number=number: history(number)) for number in range(20))
+
+
+@pytest.mark.slow
+def test_many_histories_are_stored_alike(built: ModuleType, pytestconfig: pytest.Config) -> None:
+    last = ALL_HISTORIES if pytestconfig.getoption("--exhaustive") else MANY_HISTORIES
+    compare_all(built, range(HISTORIES, last))
