@@ -4,9 +4,9 @@ import pytest
 
 from tests.core._support.simulated_run import SimulatedRun
 from tests.hot._support.memory import FusedMemory
-from tests.hot.conftest import built, compiler_command
+from tests.hot.conftest import built, compiler_command, kept_builds
 
-__all__ = ["built", "compiler_command"]
+__all__ = ["built", "compiler_command", "kept_builds"]
 
 ONLY_IN_PYTHON = ("test_lockstep", "test_recovery_mutations")
 """Lockstep is never in C; what is broken on purpose is Python."""

@@ -5,9 +5,7 @@ from types import ModuleType
 
 import pytest
 
-from tests.core._support.simulated_run import SimulatedRun
 from tests.hot._support.build import compiler, fused_module
-from tests.hot._support.memory import FusedMemory
 
 
 @pytest.fixture(scope="session")
@@ -20,16 +18,14 @@ def compiler_command() -> list[str]:
 
 
 @pytest.fixture(scope="session")
-def built(
-    compiler_command: list[str], pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory
-) -> ModuleType:
-    """The test build of the hot path; kept between sessions as long as its sources are the same."""
-    assert compiler_command
+def kept_builds(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder for builds, which are kept between sessions as long as their sources are the same."""
     cache = getattr(pytestconfig, "cache", None)
-    return fused_module(tmp_path_factory.mktemp("hot") if cache is None else Path(cache.mkdir("hot")))
+    return tmp_path_factory.mktemp("hot") if cache is None else Path(cache.mkdir("hot"))
 
 
-@pytest.fixture
-def runs_in_c(built: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All simulated runs of a test use the hot path in C."""
-    monkeypatch.setattr(SimulatedRun, "memory", FusedMemory(built, with_c=True))
+@pytest.fixture(scope="session")
+def built(compiler_command: list[str], kept_builds: Path) -> ModuleType:
+    """The test build of the hot path."""
+    assert compiler_command
+    return fused_module(kept_builds)

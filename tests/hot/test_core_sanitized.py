@@ -17,10 +17,11 @@ HISTORIES = 20
 
 
 @pytest.mark.slow
-def test_sanitizers_find_nothing_in_the_core(compiler_command: list[str], tmp_path: Path) -> None:
+@pytest.mark.timeout(600)
+def test_sanitizers_find_nothing_in_the_core(compiler_command: list[str], kept_builds: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "tests.hot._support.under_asan", tmp_path, "0", str(HISTORIES)],
-        env=environment(compiler_command), capture_output=True, text=True, check=False, timeout=115,
+        [sys.executable, "-m", "tests.hot._support.under_asan", kept_builds, "0", str(HISTORIES)],
+        env=environment(compiler_command), capture_output=True, text=True, check=False, timeout=590,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     assert "nothing to report" in done.stdout

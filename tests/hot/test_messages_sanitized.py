@@ -20,20 +20,22 @@ def run(command: list[str], folder: Path, *arguments: str) -> str:
         capture_output=True,
         text=True,
         check=False,
-        timeout=600,
+        timeout=590,
     )
     assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr[-5000:]}"
     return done.stdout
 
 
-def test_sanitizers_find_nothing_in_the_codec(compiler_command: list[str], tmp_path: Path) -> None:
-    assert "nothing to report" in run(compiler_command, tmp_path, "1", "2000")
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_sanitizers_find_nothing_in_the_codec(compiler_command: list[str], kept_builds: Path) -> None:
+    assert "nothing to report" in run(compiler_command, kept_builds, "1", "2000")
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_sanitizers_find_nothing_in_the_tests_of_messages(
-    compiler_command: list[str], tmp_path: Path
+    compiler_command: list[str], kept_builds: Path
 ) -> None:
-    said = run(compiler_command, tmp_path, "2", "50000", *TESTS)
+    said = run(compiler_command, kept_builds, "2", "50000", *TESTS)
     assert "nothing to report" in said and " passed" in said

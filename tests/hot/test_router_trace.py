@@ -5,6 +5,7 @@ A history is drawn from its number, which a failure names. With `--exhaustive` a
 
 import shutil
 from collections.abc import Callable
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from types import ModuleType
@@ -54,9 +55,9 @@ def attack(data: bytes) -> Attack:
 
 def compare_all(built: ModuleType, numbers: range) -> None:
     for number in numbers:
-        drawn = crowd if number % 4 == 3 else history
-        found = difference(built, lambda drawn=drawn, number=number: drawn(number))
-        assert not found, f"{drawn.__name__}({number}):\n{found}"
+        drawn: Callable[[int], object] = crowd if number % 4 == 3 else history
+        found = difference(built, partial(drawn, number))
+        assert not found, f"{drawn}({number}):\n{found}"
     print(f"{len(numbers)} histories, the same stores")
 
 
@@ -66,7 +67,7 @@ def test_scenario_is_stored_alike(
     built: ModuleType, scenario: Callable[[History], None], settings: dict[str, int]
 ) -> None:
     for deaths in ((), (50,), (200, 100)):
-        assert difference(built, lambda deaths=deaths: play(scenario, settings, deaths)) == ""
+        assert difference(built, partial(play, scenario, settings, deaths)) == ""
 
 
 @pytest.mark.parametrize("at_once", [1, 3])
@@ -84,7 +85,7 @@ def test_histories_are_stored_alike(built: ModuleType) -> None:
 def test_hostile_modules_are_handled_alike(built: ModuleType) -> None:
     """The inputs of a fuzzer: every kind of record with odd words in each column, and mutations."""
     for number, data in enumerate(islice(inputs(seed=7), 0, HOSTILE_MODULES * EACH, EACH)):
-        found = difference(built, lambda data=data: attack(data))
+        found = difference(built, partial(attack, data))
         assert not found, f"input {number * EACH} of seed 7:\n{found}"
 
 
@@ -99,7 +100,7 @@ def test_store_out_of_order_is_noticed(defect: str, compiler_command: list[str],
     assert text.count(old) == 1, "router.c reads otherwise now; plant this defect anew"
     router.write_text(text.replace(old, new))
     built = fused_module(tmp_path, "-O0", hot=tmp_path / "hot")
-    assert any(difference(built, lambda number=number: history(number)) for number in range(20))
+    assert any(difference(built, partial(history, number)) for number in range(20))
 
 
 @pytest.mark.slow
