@@ -59,7 +59,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     native = choice.native()
     memory = IncarnationMemory.attach_as_module(plan.run_id, slot, incarnation, native)
     words = memory.out.words
-    words[layout.OUT_HOT_PATH] = HotPath.PYTHON
+    words[layout.OUT_HOT_PATH] = HotPath.PYTHON if native is None else HotPath.C
     core_segment = Segment.attach(names.core(plan.run_id), SegmentKind.CORE)
     core_wakeup = attach_wakeup(plan.run_id, core_segment, native)
     endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post, native)

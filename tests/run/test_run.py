@@ -8,7 +8,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from robbie_mp._hot.choice import PURE_PYTHON
+from robbie_mp._hot.choice import PURE_PYTHON, why_not
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.reader import last_entries
 from tests._support.robot import Ended, Robot, is_running, kill, wait_until
@@ -71,6 +71,15 @@ def test_run_with_the_hot_path_in_python_says_so_once_and_in_its_figures(
             "the hot path runs in Python, which is slower: ROBBIE_PURE_PYTHON=1 is set; unset it to use C",
         )
     ]
+
+
+@pytest.mark.skipif(why_not() != "", reason=f"NOT TESTED: {why_not()}")
+def test_core_and_modules_run_in_c_where_it_is_built(robot: Robot) -> None:
+    robot.write_profile(COUNTING)
+    ended = robot.run()
+    assert {ended.modules[name]["hot_path"] for name in ("listener", "counter", "core")} == {"C"}
+    said = [entry for entry in last_entries(robot.output, "supervisor", 1000) if "hot path" in entry.text]
+    assert [(entry.kind, entry.text) for entry in said] == [(Kind.INFO, "the hot path runs in C")]
 
 
 def test_array_seen_by_publisher_and_two_subscribers_is_one_piece_of_memory(robot: Robot) -> None:
