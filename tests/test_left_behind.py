@@ -142,3 +142,15 @@ def test_semaphore_thread_descriptor_and_child_are_found(left_behind_check: Chec
     found = str(failure.value)
     for what in ("'process'", "forgotten thread", semaphore.name, f"of {PROJECT}"):
         assert what in found
+
+
+def test_memory_named_after_a_process_of_others_is_ignored(left_behind_check: Check) -> None:
+    """Unit tests make memory without a board, and map nothing of it for a moment."""
+    own_letters = "".join(chr(ord("a") + int(digit)) for digit in str(os.getpid()))
+    folders = [SHARED_MEMORY / f"robbie-{own_letters}{pid}" for pid in (1, os.getpid())]
+    with contextlib.ExitStack() as stack, pytest.raises(AssertionError) as failure, left_behind_check():
+        for folder in folders:
+            folder.mkdir()
+            stack.callback(folder.rmdir)
+    assert folders[0].name + "'" not in str(failure.value)
+    assert folders[1].name in str(failure.value)

@@ -61,6 +61,11 @@ class Session:
         owner = ProcessIdentity(words[HEADER_CREATOR_PID], words[HEADER_CREATOR_START])
         return self.owns(owner.pid) if owner.is_alive else None
 
+    def is_named_after_others(self, run_id: str) -> bool:
+        """Whether a unit test of others made this memory: they name it after their process, as `test1234`."""
+        named = re.fullmatch(r"[a-z]+([0-9]+)", run_id)
+        return named is not None and self.owns(int(named[1])) is False
+
     def is_mapped_by_others(self, run_id: str) -> bool:
         """Whether others, and nobody of this session, use memory that has no supervisor, as unit tests do.
 
@@ -90,7 +95,9 @@ class OthersRuns:
         asked = {
             run_id
             for run_id in run_ids - seen
-            if self.session.owns_run(run_id) is False or self.session.is_mapped_by_others(run_id)
+            if self.session.owns_run(run_id) is False
+            or self.session.is_named_after_others(run_id)
+            or self.session.is_mapped_by_others(run_id)
         }
         return asked | (run_ids & seen)
 
