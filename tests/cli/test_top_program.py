@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from textual.pilot import Pilot
+from textual.widgets._footer import FooterKey
 
 from robbie_mp.cli.top_program import program as program_module
 from robbie_mp.cli.top_program.feed import Watching
@@ -28,7 +29,8 @@ def play(feed: PlayedFeed, script: Script, size: tuple[int, int] = (80, 24)) -> 
     async def run_it() -> None:
         app = TopProgram(feed, 3600.0)  # type: ignore[arg-type]
         async with app.run_test(size=size, notifications=True) as pilot:
-            await pilot.pause()
+            while not app.screen.query(FooterKey):  # the footer gets its keys later than the rest is drawn
+                await pilot.pause()
             await script(pilot)
 
     asyncio.run(run_it())
