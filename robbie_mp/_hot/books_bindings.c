@@ -6,7 +6,9 @@
 #include "books_bindings.h"
 #include "ring_bindings.h"
 #include "wakeup_bindings.h"
+#include <errno.h>
 #include <structmember.h>
+#include <time.h>
 
 /* -- helpers ------------------------------------------------------------------------------------------------ */
 
@@ -1139,6 +1141,24 @@ static PyObject *books_set_links(PyObject *self, PyObject *links)
     Py_RETURN_NONE;
 }
 
+/* Begin a round or go on with it; a link of which Python must handle a record, or NULL when it is over. */
+static struct link *go_on(struct books_object *object, uint64_t records_per_turn)
+{
+    if (object->links_in_round == NULL) {
+        begin_round(&object->router);
+        object->links_in_round = Py_NewRef(object->links);
+    }
+    struct link *link = serve_round(&object->router, records_per_turn);
+    if (link == NULL)
+        Py_CLEAR(object->links_in_round);
+    return link;
+}
+
+static PyObject *object_of(struct link *link)
+{
+    return link == NULL ? NULL : (PyObject *)((char *)link - offsetof(struct link_object, link));
+}
+
 static PyObject *books_serve_round(PyObject *self, PyObject *const *arguments, Py_ssize_t count)
 {
     struct books_object *object = books_of(self);
@@ -1154,18 +1174,60 @@ static PyObject *books_serve_round(PyObject *self, PyObject *const *arguments, P
         Py_RETURN_NONE;
     object->router.is_special = is_special;
     MAY_DIE(return NULL);
-    if (object->links_in_round == NULL) {
-        begin_round(&object->router);
-        object->links_in_round = Py_NewRef(object->links);
-    }
-    struct link *link = serve_round(&object->router, records_per_turn);
-    if (link == NULL)
-        Py_CLEAR(object->links_in_round);
-    if (PyErr_Occurred())
+    struct link *link = go_on(object, records_per_turn);
+    return PyErr_Occurred() ? NULL : or_none(object_of(link));
+}
+
+static uint64_t monotonic_ns(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (uint64_t)now.tv_sec * 1000000000 + (uint64_t)now.tv_nsec;
+}
+
+/* Wait for a post without the GIL; 0, or the error's number. */
+static int wait_for_post(struct books *books, struct wakeup *wakeup, uint64_t timeout_ns)
+{
+    int error;
+    shared_word *wakeups = books->words + CORE_WAKEUPS;
+    store(wakeups, load(wakeups) + 1);
+    Py_BEGIN_ALLOW_THREADS
+    error = wakeup_wait(wakeup, (int64_t)timeout_ns);
+    Py_END_ALLOW_THREADS
+    store(books->words + CORE_HEARTBEAT_NS, monotonic_ns());
+    return error;
+}
+
+static PyObject *books_work(PyObject *self, PyObject *const *arguments, Py_ssize_t count)
+{
+    struct books_object *object = books_of(self);
+    uint64_t records_per_turn, heartbeat_ns;
+    struct wakeup *wakeup = count == 3 ? wakeup_of(arguments[0]) : NULL;
+    if (wakeup == NULL || wakeup->semaphore == NULL || object->links == NULL) {
+        PyErr_SetString(PyExc_TypeError, "expected the post of a semaphore in C, and the links to be set");
         return NULL;
-    if (link == NULL)
-        Py_RETURN_NONE;
-    return Py_NewRef((PyObject *)((char *)link - offsetof(struct link_object, link)));
+    }
+    if (!read_number(arguments[1], &records_per_turn) || !read_number(arguments[2], &heartbeat_ns))
+        return NULL;
+    object->router.is_special = false;
+    MAY_DIE(return NULL);
+    uint64_t end_ns = monotonic_ns() + heartbeat_ns;
+    do {
+        int error = wait_for_post(&object->books, wakeup, heartbeat_ns);
+        if (error == ETIMEDOUT || error == EINTR)
+            break;
+        if (error != 0) {
+            errno = error;
+            return PyErr_SetFromErrno(PyExc_OSError);
+        }
+        struct link *link = go_on(object, records_per_turn);
+        if (PyErr_Occurred())
+            return NULL;
+        if (link != NULL)
+            return Py_NewRef(object_of(link));
+    } while (object->router.round.unfinished_count == 0 && !somebody_waits(&object->books) &&
+             monotonic_ns() < end_ns);
+    Py_RETURN_NONE;
 }
 
 static PyObject *get_left(PyObject *self, void *Py_UNUSED(closure))
@@ -1199,6 +1261,8 @@ static PyMethodDef books_methods[] = {
     {"post", books_post, METH_NOARGS, "Wake the links that have been sent records."},
     {"write_figures", books_write_figures, METH_NOARGS, "Write the figures that have changed."},
     {"somebody_waits", books_somebody_waits, METH_NOARGS, "Whether messages wait for a module."},
+    {"work", (PyCFunction)(void (*)(void))books_work, METH_FASTCALL,
+     "Wait for posts and handle what is common, until Python must do something."},
     {"serve", (PyCFunction)(void (*)(void))books_serve, METH_FASTCALL,
      "Handle the next records of a link as far as they are common; return how many were."},
     {NULL, NULL, 0, NULL},

@@ -227,6 +227,19 @@ class Books:
         Returns:
             A link of which Python must handle the next record; None: the round is over.
         """
+    def work(self, post: Callable[[], None], records_per_turn: int, heartbeat_ns: int, /) -> Any:
+        """Wait for posts and handle what is common, again and again, until Python must do something.
+
+        This returns after a signal, and at the latest some `heartbeat_ns` after the last post.
+
+        Args:
+            post: that of the core's own semaphore in C.
+            records_per_turn: see `serve_round`.
+            heartbeat_ns: longest wait; after this time it also returns between two rounds.
+
+        Returns:
+            A link as from `serve_round`, or None.
+        """
     def serve(self, link: Any, records: int, is_special: object, /) -> int:
         """Handle the next records of a link, up to the first that is not common.
 

@@ -267,11 +267,37 @@ class NativeRouter(Router):
         if links is not self._links_in_c:
             in_c.set_links(links)
             self._links_in_c = links
-        while True:
-            link = in_c.serve_round(router.RECORDS_PER_TURN, blocks.dead_sources or blocks.waits)
-            if link is None:
-                return in_c.is_unfinished
+        link = in_c.serve_round(router.RECORDS_PER_TURN, blocks.dead_sources or blocks.waits)
+        if link is not None:
+            self._finish_round(link)
+        return in_c.is_unfinished
+
+    def _finish_round(self, link: Link | None) -> None:
+        """Handle the records of a round that are not common, and have C handle the others.
+
+        Args:
+            link: to the module whose record is next; None: the round is over.
+        """
+        in_c, blocks = self._in_c, self._blocks
+        while link is not None:
             self._handle_next(link, in_c.left)
+            link = in_c.serve_round(router.RECORDS_PER_TURN, blocks.dead_sources or blocks.waits)
+
+    def work_alone(self, post: Callable[[], None], timeout_s: float) -> bool:
+        """Wait for posts and have C handle what is common, until Python must do something.
+
+        Args:
+            post: that of the core's own semaphore in C.
+            timeout_s: how long to wait for a post; this is also the longest time without a look at signals.
+
+        Returns:
+            False, at once, if Python must look after something in each round.
+        """
+        blocks, members = self._blocks, self._members
+        if self._wanting or members.have_notices or blocks.dead_sources or blocks.waits:
+            return False
+        self._finish_round(self._in_c.work(post, router.RECORDS_PER_TURN, int(timeout_s * 1e9)))
+        return True
 
     def _handle_next(self, link: Link, left: int | None) -> None:
         """Handle the next record of a module, which is not common.

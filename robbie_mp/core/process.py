@@ -5,11 +5,12 @@ import logging
 import signal
 import time
 from collections.abc import Sequence
+from functools import partial
 from types import FrameType
 
 from robbie_mp._hot.choice import Native
 from robbie_mp.core.members import SUPERVISOR_SLOT, LinkMemory, RouterLimits
-from robbie_mp.core.native_router import make_router
+from robbie_mp.core.native_router import NativeRouter, make_router
 from robbie_mp.core.router import SlotLimits
 from robbie_mp.transport import layout, names
 from robbie_mp.transport.layout import HotPath, SegmentKind
@@ -53,7 +54,6 @@ class CoreProcess:
         in_c = native is not None and not lockstep
         self._words[layout.CORE_HOT_PATH] = HotPath.C if in_c else HotPath.PYTHON
         self._stopping = False
-        self._wakeups = 0
         self._router = make_router(
             native,
             CoreTables.attach(self._words),
@@ -70,15 +70,25 @@ class CoreProcess:
         self._router.recover()
         self._router.module_up(SUPERVISOR_SLOT, 1)
         gc.freeze()  # imported objects stay, so the garbage collector need not visit them again
-        router, words, wait = self._router, self._words, self._wakeup.wait
-        run_round = router.run_round
+        router, words = self._router, self._words
+        run_round, sleep = router.run_round, self._sleep
+        if isinstance(router, NativeRouter) and not self._wakeup.spin_s:
+            sleep = partial(self._work_alone, router)
         while not self._stopping:
             words[layout.CORE_HEARTBEAT_NS] = time.monotonic_ns()  # here, as it never sleeps in a flood
             # One look is enough: a module that writes later also posts later, which ends the wait at once.
             if run_round() or router.before_sleep():
                 continue
-            self._wakeups = words[layout.CORE_WAKEUPS] = self._wakeups + 1
-            wait(HEARTBEAT_S)
+            sleep()
+
+    def _sleep(self) -> None:
+        words = self._words
+        words[layout.CORE_WAKEUPS] = words[layout.CORE_WAKEUPS] + 1
+        self._wakeup.wait(HEARTBEAT_S)
+
+    def _work_alone(self, router: NativeRouter) -> None:
+        if not router.work_alone(self._wakeup.post, HEARTBEAT_S):
+            self._sleep()
 
     def _on_terminate(self, _signal: int, _frame: FrameType | None) -> None:
         self._stopping = True

@@ -8,13 +8,13 @@ from tests.hot.conftest import built, compiler_command, kept_builds
 
 __all__ = ["built", "compiler_command", "kept_builds"]
 
-ONLY_IN_PYTHON = ("test_lockstep", "test_recovery_mutations")
-"""Lockstep is never in C; what is broken on purpose is Python."""
+ONCE = ("test_lockstep", "test_recovery_mutations", "test_working_alone")
+"""Lockstep is never in C, what is broken on purpose is Python, and only C works alone."""
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Play every test of the core twice."""
-    if metafunc.module.__name__.rpartition(".")[2] not in ONLY_IN_PYTHON:
+    if metafunc.module.__name__.rpartition(".")[2] not in ONCE:
         metafunc.fixturenames.append("hot_path")
         metafunc.parametrize("hot_path", ["Python", "C"], indirect=True)
 

@@ -58,7 +58,7 @@ class Chain:
         self.out = [zeros(layout.out_words(RING_RECORDS)) for _ in bounds]
         self.into = [zeros(layout.in_words(CREDIT)) for _ in bounds]
         self.core = make_router(native, tables, limits, bounds, self._connect, print)
-        ends = [self._endpoint(slot) for slot in range(3)]
+        self.ends = ends = [self._endpoint(slot) for slot in range(3)]
         make_folder(RUN_ID)
         blocks = make_block_store(
             RUN_ID, PUBLISHER, 1, segment_bytes=1 << 20, limit_bytes=1 << 26, native=native
