@@ -1,6 +1,8 @@
 """Typed messages from outbox to inbox through a real data segment and a core, in one process."""
 
+import contextlib
 import gc
+import logging
 import os
 import sys
 import threading
@@ -28,6 +30,7 @@ from robbie_mp.supervisor.memory import unlink_data_segments
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import MessageTooLarge
 from robbie_mp.transport.segment import SegmentMissing
+from tests._support.growth import blocks_kept
 from tests.transport._support.pair import RUN_ID, Pair, picture
 
 
@@ -568,3 +571,49 @@ def test_message_handled_in_a_forked_process_is_not_counted(pair: Pair) -> None:
     assert pair.receiver_words[layout.OUT_HANDLED] == 1
     pair.run.run_core()
     assert pair.outbox.outstanding == 0
+
+
+def test_messages_leave_nothing_behind_in_a_module(pair: Pair) -> None:
+    kept = deque[object](maxlen=2)
+    pair.on_image = lambda image: kept.append(image.data[1:])
+    message = picture(7)
+    pair.inbox.subscriptions.subscribe_encoded("sensor_msgs/msg/*", kept.append, "encoded")
+    pair.run.run_core()
+
+    def pass_on() -> None:
+        pair.outbox.publish(message, "")
+        pair.outbox.publish(message, "encoded")
+        pair.pass_on()
+
+    for _ in range(20):
+        pass_on()
+    assert blocks_kept(pass_on, 200) < 1
+    kept.clear()
+
+
+def test_failures_leave_nothing_behind_in_a_module(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_image: Image) -> None:
+        raise KeyError
+
+    pair.on_image = fail
+    monkeypatch.setattr(logging.getLogger("robbie.receive"), "disabled", True)
+    wrong = Image()
+    object.__setattr__(wrong, "data", "no array")
+
+    def try_all() -> None:
+        with contextlib.suppress(FieldError):
+            pair.outbox.publish(wrong, "")
+        assert pair.outbox.publish_encoded("sensor_msgs/msg/Image", 1, b"\0\1\0\0short", "")
+        pair.pass_on()
+        pair.outbox.publish(picture(1), "")
+        pair.run.run_core()
+        with contextlib.suppress(KeyError):
+            pair.handle_next()
+        delivery = pair.inbox.current
+        assert delivery is not None
+        pair.inbox.release(delivery)
+        pair.run.run_core()
+
+    for _ in range(20):
+        try_all()
+    assert blocks_kept(try_all, 100) < 2
