@@ -55,7 +55,8 @@ class WorkFigures:
         bucket = at + 2 + ((shift << 4) + (units >> shift) if shift > 0 else units)
         words[bucket] = words[bucket] + 1 & WORD_MAX
         words[at] = words[at] + waited_ns & WORD_MAX
-        words[at + 1] = max(words[at + 1], waited_ns)
+        if waited_ns > words[at + 1]:  # noqa: PLR1730 (it would store the maximum again and again)
+            words[at + 1] = waited_ns
 
         took_ns = min(took_ns, MAX_TIME_NS)
         at += HISTOGRAM_WORDS
@@ -64,7 +65,8 @@ class WorkFigures:
         bucket = at + 2 + ((shift << 4) + (units >> shift) if shift > 0 else units)
         words[bucket] = words[bucket] + 1 & WORD_MAX
         words[at] = words[at] + took_ns & WORD_MAX
-        words[at + 1] = max(words[at + 1], took_ns)
+        if took_ns > words[at + 1]:  # noqa: PLR1730 (it would store the maximum again and again)
+            words[at + 1] = took_ns
 
 
 @dataclass(frozen=True)

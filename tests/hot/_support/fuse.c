@@ -3,6 +3,7 @@
  * Python and C store into `Words` through the same `before_store`, so that their stores are comparable. Each
  * words object has one writing process, hence one fuse. A copy of all that was stored tells whether anything
  * was stored in another way. */
+#include "clock.h"
 #include "native.h"
 #include <stdlib.h>
 #include <string.h>
@@ -493,7 +494,30 @@ static PyObject *stray_words(PyObject *module, PyObject *unused)
     return PyList_New(0);
 }
 
+/* The clock of the test build: each look turns it by a prime number of ns. */
+static uint64_t clock_ns;
+
+uint64_t monotonic_ns(void)
+{
+    return clock_ns += 1000003;
+}
+
+static PyObject *tick(PyObject *module, PyObject *unused)
+{
+    (void)module, (void)unused;
+    return PyLong_FromUnsignedLongLong(monotonic_ns());
+}
+
+static PyObject *set_clock(PyObject *module, PyObject *ns)
+{
+    (void)module;
+    clock_ns = PyLong_AsUnsignedLongLong(ns);
+    return PyErr_Occurred() ? NULL : Py_NewRef(Py_None);
+}
+
 static PyMethodDef functions[] = {
+    {"tick", tick, METH_NOARGS, "Look at the clock of C, which goes on with each look."},
+    {"set_clock", set_clock, METH_O, "Set the clock of C."},
     {"begin_trace", begin_trace, METH_NOARGS, "Write down all stores from now on; words are numbered from 0."},
     {"end_trace", end_trace, METH_NOARGS, "Return the stores: words, index (4 bytes each) and value (8)."},
     {"note_wake", note_wake, METH_O, "Write down that somebody was woken."},

@@ -1,0 +1,114 @@
+"""A publisher and a subscriber over the test build's memory: in C, or in Python with the same clock."""
+
+import os
+from collections.abc import Callable
+from itertools import count
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from robbie_mp import Array, Message, MessageHandling, int32, uint8
+from robbie_mp.messages import message as message_module
+from robbie_mp.module.inbox import Inbox
+from robbie_mp.module.outbox import Outbox
+from robbie_mp.module.runner import ModuleRunner
+from robbie_mp.observe.channels import ChannelNames
+from robbie_mp.transport.run_memory import make_block_store, make_views
+from robbie_mp.transport.shared_folder import make_folder, remove_names
+from tests.core._support.simulated_run import SimulatedRun
+
+PUBLISHER, SUBSCRIBER = 1, 2
+LIMIT_BYTES = 1 << 18
+TOPICS = ("", "left", "right")
+
+_runs = count()
+
+
+def parcel_class(built: ModuleType) -> type[Message]:
+    """Return a class of messages whose codec is that of the test build."""
+    before = message_module._NATIVE
+    message_module._NATIVE = built
+    try:
+
+        class Parcel(Message, name="test_msgs/msg/Parcel", version=1):
+            number: int32
+            data: Array[uint8]
+
+    finally:
+        message_module._NATIVE = before
+    return Parcel
+
+
+class Exchange:
+    """What a test does with both modules, step by step; the subscriber keeps arrays if it is told to.
+
+    Args:
+        built: the test build.
+        parcel: the class of the messages.
+    """
+
+    def __init__(self, built: ModuleType, parcel: Any):
+        native = SimulatedRun.memory.native
+        built.set_clock(0)
+        self.run_id = f"test{os.getpid()}x{next(_runs)}"
+        self.parcel = parcel
+        self.kept: list[Any] = []
+        self.keeps: Callable[[Any], object] | None = None
+        self.run = SimulatedRun(queue_messages=100, handles=300)
+        sender, receiver = self.run.start(PUBLISHER), self.run.start(SUBSCRIBER)
+        make_folder(self.run_id)
+        blocks = make_block_store(self.run_id, PUBLISHER, 1, 1 << 14, LIMIT_BYTES, native)
+        clock: Any = SimpleNamespace(monotonic_ns=built.tick)
+        self.outbox = Outbox(sender.endpoint, blocks, sender.out, clock, native)
+        self.views = make_views(self.run_id, native)
+        self.inbox = Inbox(receiver.endpoint, self.views, receiver.out, ChannelNames(self.run.words), native)
+        for topic in TOPICS[:2]:
+            self.inbox.subscriptions.subscribe(parcel, self._handle, MessageHandling.ALWAYS_DELIVER, topic)
+        idle: Any = SimpleNamespace(are_due=lambda: False, wait_s=lambda: 0.0)
+        never: Any = SimpleNamespace(wait=lambda _timeout_s: False)
+        module: Any = SimpleNamespace(stop_requested=False, period_s=None)
+        self.runner = ModuleRunner(
+            module, receiver.endpoint, self.inbox, self.outbox, never, receiver.out, bool, module, idle, bool
+        )
+        sender.ready()
+        receiver.ready()
+        self.run.run_core()
+
+    def _handle(self, parcel: Any) -> None:
+        if self.keeps is not None:
+            self.kept.append(self.keeps(parcel.data))
+
+    def publish(self, topic: int, size: int) -> None:
+        self.outbox.publish(self.parcel(number=size, data=np.zeros(size, np.uint8)), TOPICS[topic])
+
+    def publish_damaged(self) -> None:
+        self.outbox.publish_encoded("test_msgs/msg/Parcel", 1, b"\0\1\0\0no parcel", "")
+
+    def take_turns(self, turns: int) -> None:
+        for _ in range(turns):
+            self.runner._turn()
+
+    def keep(self, how: int) -> None:
+        self.keeps = (None, lambda data: data, lambda data: data[1:], bytes)[how]
+
+    def drop(self, number: int) -> None:
+        if self.kept:
+            del self.kept[number % len(self.kept)]
+
+    def core(self) -> None:
+        self.run.run_core()
+
+    def outstanding(self) -> None:
+        assert self.outbox.outstanding >= 0
+
+    def restart_core(self) -> None:
+        self.run.restart_core()
+
+    def close(self) -> None:
+        self.kept.clear()
+        self.keeps = None
+        self.outbox.close()
+        self.inbox.close()
+        self.views.close()
+        remove_names(self.run_id)

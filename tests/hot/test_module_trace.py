@@ -1,0 +1,90 @@
+"""Whatever a module publishes, handles and keeps, C makes the same stores as Python, in the same order."""
+
+import time
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robbie_mp.module.inbox import Inbox
+from robbie_mp.module.outbox import Outbox
+from tests.hot._support.exchange import Exchange, parcel_class
+from tests.hot._support.trace import difference, played
+
+Step = tuple[str, tuple[int, ...]]
+
+SIZE = st.sampled_from([0, 1, 60, 61, 5000, 40_000])
+SIMPLE = ("core", "core", "outstanding", "publish_damaged", "restart_core")
+STEP = st.one_of(
+    st.tuples(
+        st.just("publish"), st.tuples(st.integers(0, 2), st.sampled_from([0, 1, 60, 61, 5000, 40_000]))
+    ),
+    st.tuples(st.just("take_turns"), st.tuples(st.integers(1, 6))),
+    st.tuples(st.just("keep"), st.tuples(st.integers(0, 3))),
+    st.tuples(st.just("drop"), st.tuples(st.integers(0, 9))),
+    st.tuples(
+        st.sampled_from(["core", "core", "outstanding", "publish_damaged", "restart_core"]), st.just(())
+    ),
+)
+
+
+@pytest.fixture(scope="module")
+def parcel(built: ModuleType) -> Any:
+    return parcel_class(built)
+
+
+def play(built: ModuleType, parcel: Any, steps: list[Step]) -> Exchange:
+    exchange = Exchange(built, parcel)
+    try:
+        for name, arguments in steps:
+            getattr(exchange, name)(*arguments)
+        exchange.core()
+    finally:
+        exchange.close()
+    return exchange
+
+
+def compare(built: ModuleType, parcel: Any, steps: list[Step]) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(time, "monotonic_ns", built.tick)
+        found = difference(built, lambda: play(built, parcel, steps))
+    assert found == "", found
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(STEP, max_size=60))
+def test_modules_store_alike(built: ModuleType, parcel: Any, steps: list[Step]) -> None:
+    compare(built, parcel, steps)
+
+
+def test_c_really_publishes_and_handles(
+    built: ModuleType, parcel: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise Python would be compared with itself."""
+    in_python: list[str] = []
+
+    def noted(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
+        def note(*arguments: Any) -> Any:
+            in_python.append(name)
+            return method(*arguments)
+
+        return note
+
+    monkeypatch.setattr(time, "monotonic_ns", built.tick)
+    monkeypatch.setattr(Outbox, "_hand_over", noted("publish", Outbox._hand_over))
+    monkeypatch.setattr(Inbox, "handle", noted("handle", Inbox.handle))
+    steps = [("publish", (1, 60)), ("core", ()), ("take_turns", (2,)), ("core", ())] * 10
+    played(built, lambda: play(built, parcel, steps), with_c=True)
+    assert sorted(in_python) == ["handle", "publish"], "each first one: declared, mapped"
+
+
+@pytest.mark.parametrize("size", [0, 60, 5000])
+@pytest.mark.parametrize("keep", [0, 1, 3])
+def test_every_step_of_a_message_is_stored_alike(
+    built: ModuleType, parcel: Any, size: int, keep: int
+) -> None:
+    message: list[Step] = [("publish", (1, size)), ("core", ()), ("take_turns", (2,)), ("core", ())]
+    compare(built, parcel, [("keep", (keep,)), *message * 5, ("drop", (0,)), *message * 3])
