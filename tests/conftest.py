@@ -32,7 +32,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.fixture(autouse=True, scope="session")
 def bytecode_is_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Let the many interpreters that tests start find compiled code, wherever nobody may write any."""
+    """Let the many interpreters that tests start find compiled code, even on read-only folders."""
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
         patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.mktemp("bytecode")))
@@ -48,7 +48,7 @@ def robot(tmp_path: Path) -> Iterator[Robot]:
 
 @pytest.fixture
 def disk() -> Iterator[LoopDisk]:
-    """A disk that may be frozen; a process that writes to it then cannot even be killed."""
+    """A disk that can be frozen. A process that writes to a frozen disk cannot even be killed."""
     try:
         made = LoopDisk().__enter__()
     except NoLoopDisk as error:
@@ -61,7 +61,7 @@ def disk() -> Iterator[LoopDisk]:
 
 @pytest.fixture(scope="session")
 def others_runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[OthersRuns]:
-    """Mark the processes that tests start, and have the runs of others on this machine written down."""
+    """Mark the processes that tests start, and record the runs of others on this machine."""
     session = Session(os.getpid(), f"{os.getpid()}-{time.monotonic_ns()}")
     seen = tmp_path_factory.mktemp("others_runs") / "seen"
     with pytest.MonkeyPatch.context() as patch, watched(session, seen):

@@ -1,4 +1,4 @@
-"""The author's interface: one import, and nothing that a restart of the core would wait for."""
+"""The author's interface: one import, without imports that would delay a restart of the core."""
 
 import ast
 import subprocess

@@ -1,4 +1,4 @@
-"""The check that fails what leaves something behind fails it, and nobody else's test."""
+"""The check for leftovers fails the test that leaves something behind, and no other test."""
 
 import contextlib
 import itertools

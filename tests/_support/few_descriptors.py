@@ -1,4 +1,4 @@
-"""A process that has hardly any descriptors left."""
+"""Runs a test in a process with almost no free descriptors."""
 
 import os
 import resource

@@ -1,4 +1,4 @@
-"""What a process holds, counted in pieces rather than bytes: a leak of one a time is seen, a page is not."""
+"""Counts what a process holds in pieces rather than bytes, so that a leak of one piece is visible."""
 
 import os
 import sys
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def blocks_kept(action: Callable[[], object], times: int) -> float:
-    """Return how many allocated blocks each call of an action leaves behind, after as many to warm up.
+    """Return how many allocated blocks each call of an action leaves behind, after as many calls to warm up.
 
     Counted are those of this process's Python, objects kept for reuse included.
     """

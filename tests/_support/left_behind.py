@@ -22,10 +22,10 @@ def leaving_nothing_behind(others_runs: OthersRuns) -> Iterator[None]:
     deadline = time.monotonic() + GRACE_S
     after = Holdings()
     while (extra := after.beyond(before, others_runs)) and time.monotonic() < deadline:
-        time.sleep(0.01)  # what is just ending may end; this waits for a condition, not for an effect
+        time.sleep(0.01)  # let processes that are just ending end; this waits for a condition
         names = after.names
         after = Holdings()
-        after.names &= names  # others make new ones all the time, some of which have no owner yet
+        after.names &= names  # other sessions make new names all the time, some of which have no owner yet
     for process in _children() - before.processes:
         process.kill()
     assert not extra, f"left behind: {extra}"
@@ -70,7 +70,7 @@ def _children() -> set[psutil.Process]:
     try:
         os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
     except ChildProcessError:
-        return set()  # there are none, which is known without looking at all processes of the machine
+        return set()  # there are none, so there is no need to read the whole process table
     return set(psutil.Process().children(recursive=True))
 
 

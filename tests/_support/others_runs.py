@@ -1,9 +1,9 @@
-"""Tells the runs of this test session from those of others on the same machine, by their names in /dev/shm.
+"""Distinguishes the runs of this test session from others on the machine, by their names in /dev/shm.
 
 A run belongs to the process that made it. A process belongs to a session if it descends from it, or if it
-started with `VARIABLE` set to the session's mark, which orphans keep. An owner can be asked only while it
-lives. So each session has a process that looks at all runs from time to time and writes down those of others.
-It is no child of the session, because tests count those. A run whose owner is not known counts as the
+started with `VARIABLE` set to the session's mark, which orphans keep. An owner can be identified only while
+it lives. So each session has a process that checks all runs from time to time and records those of others. It
+is not a child of the session, because tests count children. A run with an unknown owner counts as the
 session's.
 """
 
@@ -33,7 +33,7 @@ VARIABLE = "ROBBIE_TEST_SESSION"
 
 @dataclass(frozen=True)
 class Session:
-    """A process that runs tests, and what the processes it started have in their environment."""
+    """A process that runs tests, and the mark in the environment of the processes that it starts."""
 
     pid: int
     mark: str
@@ -49,7 +49,7 @@ class Session:
             return None
         if self.pid in family or f"{VARIABLE}={self.mark}".encode() in environment.split(b"\0"):
             return True
-        return False if environment else None  # a process that is ending has none any more
+        return False if environment else None  # a process that is ending no longer has one
 
     def owns_run(self, run_id: str) -> bool | None:
         """Whether the process that made a run is of this session; None if no such process lives."""
@@ -104,7 +104,7 @@ class OthersRuns:
 
 @contextmanager
 def watched(session: Session, seen: Path) -> Iterator[None]:
-    """Have the runs of others written down in a file, until the session's process ends."""
+    """Record the runs of others in a file, until the session's process ends."""
     seen.touch()
     words = [sys.executable, "-m", __name__, str(session.pid), session.mark, str(seen)]
     with subprocess.Popen(
@@ -126,7 +126,7 @@ def run_id_of(name: str) -> str:
 
 
 def watch(session: Session, seen: Path) -> None:
-    """Write down the runs of others until the session's process or the file is gone."""
+    """Record the runs of others until the session's process ends or the file is removed."""
     stat = read_stat(session.pid)
     tests = ProcessIdentity(session.pid, stat.start_ticks if stat else 0)
     judged: set[str] = set()
@@ -139,11 +139,11 @@ def watch(session: Session, seen: Path) -> None:
                 judged.add(run_id)
             if is_ours is False:
                 _add_line(seen, run_id)
-        time.sleep(LOOK_PERIOD_S)  # nothing tells of a new name, and this is no test
+        time.sleep(LOOK_PERIOD_S)  # there is no notification of new names, and this is not a test
 
 
 def _add_line(path: Path, text: str) -> None:
-    """Add a line to a file that exists, in one piece."""
+    """Append a line to an existing file with one write."""
     with contextlib.suppress(FileNotFoundError):
         fd = os.open(path, os.O_WRONLY | os.O_APPEND)
         os.write(fd, f"{text}\n".encode())

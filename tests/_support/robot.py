@@ -1,4 +1,4 @@
-"""Runs small robots as a user does: a workspace, a profile, and the command line in a process of its own."""
+"""Runs small robots as a user does: a workspace, a profile, and the command line in a separate process."""
 
 import json
 import os
@@ -31,7 +31,7 @@ COMMAND = [
     "own = runs.base_folders()[:1]; runs.base_folders = lambda: own; "
     "from robbie_mp.cli import main; sys.exit(main())",
 ]
-"""The command line; it does not see what else the same user runs on this machine, in /tmp/robbie-UID."""
+"""The command line. It does not see other runs of the same user on this machine, in /tmp/robbie-UID."""
 LIMIT_S = 100.0
 
 
@@ -51,13 +51,13 @@ class Robot:
         (self.folder / "profiles" / f"{name}.yaml").write_text(text)
 
     def write_secret(self, name: str, text: str) -> None:
-        """Write a file that is the user's alone."""
+        """Write a file that only the user can read."""
         path = self.folder / name
         path.touch(mode=0o600)
         path.write_text(f"{text}\n")
 
     def command(self, *arguments: str) -> subprocess.CompletedProcess[str]:
-        """Run a command to its end."""
+        """Run a command until it ends."""
         return subprocess.run(
             [*COMMAND, *arguments],
             cwd=self.folder,
@@ -87,16 +87,16 @@ class Robot:
         return process
 
     def run(self, *arguments: str, profile: str = "robot") -> "Ended":
-        """Run to the end."""
+        """Run until the run ends."""
         return Ended.wait_for(self.start(*arguments, profile=profile))
 
     def known_run(self) -> KnownRun:
-        """The one run there is."""
+        """The only run."""
         (run,) = live_runs()
         return run
 
     def top(self) -> dict[str, dict[str, Any]]:
-        """Figures of the modules of the one run there is, by name; empty while there is none."""
+        """Figures of the modules of the only run, by name; empty while there is none."""
         runs = live_runs()
         if len(runs) != 1:
             return {}
@@ -117,16 +117,16 @@ class Robot:
         raise TimeoutError(f"the condition was not met; last figures: {figures}")
 
     def journal(self, name: str) -> list[int]:
-        """What a module of the zoo has written down."""
+        """The journal of a module of the zoo."""
         file = self.output / f"{name}.journal"
         return [int(line) for line in file.read_text().split()] if file.exists() else []
 
     def log(self, name: str) -> str:
-        """All that a process has said."""
+        """The whole output of a process."""
         return "\n".join(line for entry in entries(self.output, [name]) for line in entry.lines())
 
     def close(self) -> None:
-        """End whatever still runs."""
+        """End all processes that still run."""
         for process in self._started:
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)

@@ -1,4 +1,4 @@
-"""Well and ill behaved modules for tests; copied into each test's workspace."""
+"""Modules for tests that behave well or badly; copied into each test's workspace."""
 
 import json
 import logging
@@ -14,7 +14,7 @@ from robbie_mp.messages import DriveCommand, EmergencyStop, Image, ModuleState
 
 
 class Journal(Module):
-    """Writes numbers into a file, one line each, that survive whatever happens to the process."""
+    """Writes numbers into a file, one per line, which survive the death of the process."""
 
     def note(self, number: int) -> None:
         with open(self.output_directory / f"{self.name}.journal", "a") as journal:
@@ -22,7 +22,7 @@ class Journal(Module):
 
 
 class Counter(Journal):
-    """Publishes so many numbered messages as fast as they are handled, then ends."""
+    """Publishes a number of numbered messages as fast as they are handled, then ends."""
 
     count: int = setting(100, "messages")
     limit: int = setting(50, "messages on their way at once")
@@ -64,7 +64,7 @@ class Listener(Journal):
 
 
 class PatternListener(Journal):
-    """Journals the number of every message on the topic of wheels, which it takes as its bytes."""
+    """Journals the number of every encoded message on the topic of the wheels."""
 
     patience_s = 0.1
 
@@ -82,7 +82,7 @@ class Idle(Module):
 
 
 class Camera(Module):
-    """Publishes one loaned image whose pages it tells by where they are mapped."""
+    """Publishes one loaned image, and journals where its pages are mapped."""
 
     period_s = 0.05
 
@@ -98,7 +98,7 @@ class Camera(Module):
 
 
 class Viewer(Module):
-    """Says where an image's pages are, and whether they can be written."""
+    """Journals where an image's pages are, and whether they are writable."""
 
     def setup(self) -> None:
         self.subscribe(Image, self.on_image)
@@ -135,7 +135,7 @@ def where(array: np.ndarray) -> dict[str, object]:
 
 
 class CrashInSetup(Module):
-    """Never gets ready."""
+    """Never becomes ready."""
 
     def setup(self) -> None:
         raise RuntimeError("the device is not there")
@@ -173,7 +173,7 @@ class WrongField(Module):
 
 
 class CrashWithThread(Module):
-    """Crashes while a thread of it runs on."""
+    """Crashes while one of its threads still runs."""
 
     period_s = 0.05
 
@@ -183,13 +183,13 @@ class CrashWithThread(Module):
 
 
 class NeverTicks(Module):
-    """Has a period that cannot be."""
+    """Has an impossible period."""
 
     period_s = 0.0
 
 
 class NotText(Module):
-    """Says a text that cannot be written as UTF-8 wherever a module may say something."""
+    """Uses a text that cannot be encoded in UTF-8 wherever a module can use a text."""
 
     period_s = 0.01
     topic: bool = setting(False, "also publishes on a topic of that name")
@@ -207,7 +207,7 @@ class NotText(Module):
 
 
 class Computing(Journal):
-    """Journals with how many threads its numerical libraries compute: as it is told, and as it is."""
+    """Journals the requested and the actual number of threads of its numerical libraries."""
 
     def setup(self) -> None:
         self.note(int(os.environ["OMP_NUM_THREADS"]))
@@ -215,7 +215,7 @@ class Computing(Journal):
 
 
 class StateWatcher(Journal):
-    """Journals every change of state that it is told: the restarts of the module it watches."""
+    """Journals every change of state of the module that it watches."""
 
     def setup(self) -> None:
         self.subscribe(ModuleState, self.on_state)
@@ -226,7 +226,7 @@ class StateWatcher(Journal):
 
 
 class Holder(Journal):
-    """Keeps every image it gets, and lets go of all when it has three."""
+    """Keeps every image it gets, and releases all when it has three."""
 
     def setup(self) -> None:
         self.kept: list[np.ndarray] = []
@@ -238,7 +238,7 @@ class Holder(Journal):
 
 
 class Flood(Module):
-    """Publishes as much as it can."""
+    """Publishes as many messages as possible."""
 
     period_s = 0.001
 
@@ -248,7 +248,7 @@ class Flood(Module):
 
 
 class Pulse(Journal):
-    """Publishes numbered messages at a steady rate, whoever listens; journals how many when it is stopped."""
+    """Publishes numbered messages at a constant rate; journals their number when it is stopped."""
 
     period_s: float = setting(0.02, "between bursts")
     burst: int = setting(10, "messages in each")
@@ -267,7 +267,7 @@ class Pulse(Journal):
 
 
 class Tunable(Journal):
-    """Has a setting that may be changed while it runs; journals each value it takes into use."""
+    """Has a changeable setting, and journals each value that it applies."""
 
     gain: int = setting(1, "how much", minimum=0, maximum=100, changeable=True)
 
@@ -295,7 +295,7 @@ class Ticker(Journal):
 
 
 class Sleeper(Ticker):
-    """Ticks only after it has heard something."""
+    """Ticks only after it has received a message."""
 
     period_s = None  # type: ignore[assignment]
 
@@ -308,7 +308,7 @@ class Sleeper(Ticker):
 
 
 class Relay(Module):
-    """Sends on what it hears, with its own name, at its own time."""
+    """Forwards received messages with its own name, at its own time."""
 
     def setup(self) -> None:
         self.subscribe(DriveCommand, self.on_command, topic="")
@@ -324,7 +324,7 @@ class Relay(Module):
 
 
 class Chronicle(Module):
-    """Writes down all it hears, in order, and when; may kill its first incarnation at a line."""
+    """Records all received messages in order, with times; may kill its first incarnation at a line."""
 
     die_at: int = setting(-1, "the line at which the first incarnation kills itself")
     period_s: float = setting(0.3, "between lines of its own")
@@ -372,7 +372,7 @@ class StandingBase(Module):
 
 
 class LateSource(Module):
-    """Would turn the run's clock, but never gets so far."""
+    """Is the run's clock source, but never sets the clock."""
 
     def setup(self) -> None:
         while True:

@@ -1,4 +1,4 @@
-"""Tools that attach to a run are killed, stopped and come at bad times; no module loses a message."""
+"""Tools are killed, stopped and attach at bad times, and no module loses a message."""
 
 import json
 import os
@@ -33,11 +33,11 @@ tools: {count: 1, messages: 40}
 """
 TOOL = "~tool1"
 EACH = 60
-"""Messages that show that all is well again."""
+"""Number of messages that show that the tool works again."""
 
 
 class Echo:
-    """`robbie echo` in a process of its own, printing into a file."""
+    """`robbie echo` in a separate process that prints into a file."""
 
     def __init__(self, folder: Path, run_id: str, name: str):
         self.output = folder / f"{name}.jsonl"
@@ -47,7 +47,7 @@ class Echo:
             self.process = subprocess.Popen(command, stdout=output, stderr=notes)
 
     def numbers(self) -> list[int]:
-        """What it has printed; a line that is just being written is left out."""
+        """The complete lines that it has printed."""
         whole, _, _ = self.output.read_text().rpartition("\n")
         return [json.loads(line)["message"]["header"]["stamp"]["sec"] for line in whole.splitlines()]
 
@@ -57,7 +57,7 @@ class Echo:
         wait_until(lambda: len(self.numbers()) >= before + EACH)
 
     def printed_and_missed(self) -> tuple[int, int]:
-        """What it says at its end."""
+        """Its output at the end."""
         printed, missed = self.notes.read_text().splitlines()[-1].strip("()").split(", ")
         return int(printed.removeprefix("printed ")), int(missed.removeprefix("missed "))
 
@@ -73,7 +73,7 @@ def echoes() -> Iterator[list[Echo]]:
 
 
 def let_all_be_handled(robot: Robot) -> None:
-    """End the flood first: a module that is stopped handles no more, however far it is behind."""
+    """End the flood first, because a stopped module does not handle the messages that still wait."""
     control(robot.known_run().folder, "stop", "pulse")
     published = robot.top()["pulse"]["published"]
     robot.until(
@@ -140,7 +140,7 @@ def test_modules_lose_no_message_while_tools_attach_detach_die_and_stall(
     assert listener["dropped"] == listener["lost"] == 0
     assert TOOL not in ended.modules
 
-    # What echo has printed is in order and true to the gaps that it tells of.
+    # The printed messages are in order, and the gaps are those that echo reports.
     for echo in (killed, watching):
         assert echo.numbers() == sorted(set(echo.numbers()))
     numbers = watching.numbers()
@@ -152,7 +152,7 @@ def test_modules_lose_no_message_while_tools_attach_detach_die_and_stall(
 
 
 def attach(run: KnownRun, purpose: str) -> Tool:
-    """Attach as soon as there is a place: that of a tool which has left is taken back a little later."""
+    """Attach as soon as a slot is free: that of a detached tool is reclaimed a little later."""
     found: list[Tool] = []
 
     def is_attached() -> bool:
@@ -165,7 +165,7 @@ def attach(run: KnownRun, purpose: str) -> Tool:
 
 
 def take_one_by_pattern(run: KnownRun) -> Received:
-    """Attach and take a message; again if this process stood still for so long that it was detached."""
+    """Attach and take a message; repeat if this process stood still and was detached."""
     while True:
         with closing(attach(run, "a tool that takes what it finds")) as curious:
             curious.subscribe_encoded("*/Drive*", "wh*")
@@ -179,7 +179,7 @@ def take_one_by_pattern(run: KnownRun) -> Received:
 
 
 def names_of(run: KnownRun) -> set[str]:
-    """What a run has in /dev/shm."""
+    """The names of a run in /dev/shm."""
     return {str(path) for path in Path("/dev/shm").rglob("*") if run.run_id in str(path)}
 
 
@@ -210,9 +210,9 @@ def test_stalled_or_misbehaving_tool_is_detached_and_leaves_nothing(robot: Robot
     still.ready()
     robot.until(lambda modules: "~tool2" not in modules)
     with pytest.raises(Detached):
-        still.take()  # though its ring is full of messages: their memory is used again
+        still.take()  # even though its ring is full of messages: their memory is used again
     with pytest.raises(Detached, match="it has not taken its messages for 1 s"):
-        still.wait_for(lambda: False, 20.0)  # it is told why a little after its row has gone
+        still.wait_for(lambda: False, 20.0)  # it learns the reason a little after its row is withdrawn
     still.close()
     idle.wait(0.01)
     assert TOOL in robot.top()
@@ -220,7 +220,7 @@ def test_stalled_or_misbehaving_tool_is_detached_and_leaves_nothing(robot: Robot
     robot.until(lambda modules: TOOL not in modules)
 
     hostile = attach(run, "a hostile tool")
-    hostile._endpoint.send(Outbound.MODULE_GONE, 1)  # which is the supervisor's to say
+    hostile._endpoint.send(Outbound.MODULE_GONE, 1)  # which only the supervisor can report
     with pytest.raises(Detached, match="a hostile tool: the core refused its records"):
         hostile.wait_for(lambda: False, 20.0)
     hostile.close()

@@ -1,4 +1,4 @@
-"""A module that joins a run from outside hears, speaks, ticks, and comes back when it was detached."""
+"""A module that runs as a tool handles, publishes, ticks, and attaches again after a detach."""
 
 import os
 import signal
@@ -31,7 +31,7 @@ TOOL = "~tool1"
 
 
 class Visitor(Module):
-    """Stops the base as soon as it hears the pulse, and stands still once."""
+    """Stops the base as soon as it receives the pulse, and stands still once."""
 
     period_s = 0.01
     is_detached: ClassVar[Callable[[], bool]]
@@ -106,7 +106,7 @@ def test_module_run_as_a_tool_handles_publishes_ticks_and_reattaches(
 
 
 class Lost:
-    """A lease that is over, in a run that is over."""
+    """An ended lease in an ended run."""
 
     outstanding = 0
     is_attached = False

@@ -1,4 +1,4 @@
-"""Which messages are recorded, and which of them are said to be missing."""
+"""The messages that are recorded, and those that are reported as missing."""
 
 import pytest
 

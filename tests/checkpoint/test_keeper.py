@@ -1,4 +1,4 @@
-"""What one incarnation of a module leaves for the next, in the same run and in the next one."""
+"""The checkpoint that one incarnation leaves for the next, in the same run and in the next one."""
 
 import logging
 import os
@@ -48,7 +48,7 @@ def on_disk(path: Path) -> Any:
 
 
 class SlowDisk:
-    """A disk that takes its time: a write ends only after `release`."""
+    """A slow disk: a write ends only after `release`."""
 
     def __init__(self) -> None:
         self.began = threading.Event()

@@ -1,4 +1,4 @@
-"""Whatever a process is killed at, the checkpoint before, or the one it stored, is there and whole."""
+"""After a kill at any point, the previous checkpoint or the new one is present and complete."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 SCENARIOS = {"first": 60, "second": 60, "third": 30, "larger": 60, "smaller": 30, "at random": 40}
-"""The least number of deaths, so that a scenario that kills nobody is no success."""
+"""Minimum number of deaths, so that a scenario without kills is not a success."""
 PROJECT = Path(__file__).parents[2]
 
 

@@ -1,4 +1,4 @@
-"""TAB behind a command, as bash asks for it; and what holds for the whole command line."""
+"""Completion in bash, and properties of the whole command line."""
 
 import argparse
 import os
@@ -59,7 +59,7 @@ def test_script_for_each_shell_names_the_program(shell: str, capsys: pytest.Capt
 
 
 def leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-    """The commands that do something."""
+    """All commands without subcommands."""
     actions = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
     if not actions:
         yield parser

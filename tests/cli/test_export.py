@@ -1,4 +1,4 @@
-"""`robbie export`, `diff` and the imports: a log in other forms, and two logs side by side."""
+"""`robbie export`, `diff` and the imports."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""`robbie info` and `robbie log-repair`: what is in a log, as other readers see it too."""
+"""`robbie info` and `robbie log-repair`, compared with other readers."""
 
 import fcntl
 import json

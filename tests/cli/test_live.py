@@ -1,4 +1,4 @@
-"""Commands that look into a run or speak to it, all on one robot."""
+"""Commands that read a run or send messages to it, all on one robot."""
 
 import json
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ modules:
 
 
 class Person:
-    """Types commands and reads what they say."""
+    """Types commands and reads their output."""
 
     def __init__(self, robot: Robot, run_id: str, capsys: pytest.CaptureFixture[str]):
         self.robot = robot

@@ -1,4 +1,4 @@
-"""What `robbie play` makes of its options."""
+"""How `robbie play` translates its options."""
 
 import math
 from pathlib import Path

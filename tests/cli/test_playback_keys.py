@@ -1,4 +1,4 @@
-"""What keys mean to a playback."""
+"""The keys of `robbie playback keys`."""
 
 import math
 

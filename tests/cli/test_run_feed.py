@@ -1,4 +1,4 @@
-"""What the program watches: the run that is meant, to its end, and the next one."""
+"""The run that `robbie top` shows: the chosen one until its end, then the next one."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""A terminal that is stopped, or gone, is no business of the robot's."""
+"""A stopped or closed terminal does not affect the robot."""
 
 import os
 import pty
@@ -16,7 +16,7 @@ from robbie_mp.trace.kinds import Kind
 
 LINES = QUEUED_LINES + 3000
 LONG = "x" * 200
-"""So many of these are more than a pipe or a terminal takes while nobody reads."""
+"""A number of lines that exceeds the buffer of a pipe or terminal without a reader."""
 
 
 def line(text: str) -> Entry:

@@ -1,4 +1,4 @@
-"""`robbie top` as a command: where it ends, and what it says then."""
+"""`robbie top` as a command: when it ends, and its messages."""
 
 import contextlib
 import os
@@ -69,7 +69,7 @@ def test_on_a_terminal_it_waits_for_a_run_until_q() -> None:
             while b"no such run" not in seen:
                 seen += os.read(controller, 1 << 16)
             os.write(controller, b"q")
-            with contextlib.suppress(OSError):  # nobody has the terminal open any more
+            with contextlib.suppress(OSError):  # no process has the terminal open any more
                 while os.read(controller, 1 << 16):
                     pass
             assert process.wait(30) == 0

@@ -1,4 +1,4 @@
-"""The program `robbie top`, its views and its keys, on a terminal that is none."""
+"""The program `robbie top`, its views and its keys, on a simulated terminal."""
 
 import asyncio
 import html

@@ -1,4 +1,4 @@
-"""What is in the wheel is enough: installed alone into an empty environment, far from any checkout."""
+"""The wheel is complete: installed alone into an empty environment, outside any checkout."""
 
 import json
 import os

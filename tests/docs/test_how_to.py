@@ -1,4 +1,4 @@
-"""The modules of docs/how-to.md do what it says."""
+"""The modules in docs/how-to.md work as described."""
 
 import os
 import subprocess
@@ -140,7 +140,7 @@ with ModuleHarness(run("processes")["CornerModule"]) as harness:
 
 
 def test_module_publishes_results_of_its_worker_processes(tmp_path: Path) -> None:
-    """In a process of its own, for multiprocessing leaves one behind for as long as its user lives."""
+    """Run in a separate process, because multiprocessing leaves a process behind while its user lives."""
     (tmp_path / "workers").mkdir()
     (tmp_path / "workers" / "__init__.py").write_text("")
     (tmp_path / "workers" / "my_corners.py").write_text(

@@ -1,4 +1,4 @@
-"""What docs/logs.md shows does what the page says."""
+"""The examples in docs/logs.md work as described."""
 
 import re
 import shlex

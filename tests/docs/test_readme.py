@@ -1,4 +1,4 @@
-"""The module of README.md does what it says."""
+"""The module in README.md works as described."""
 
 from pathlib import Path
 from typing import Any

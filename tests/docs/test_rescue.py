@@ -1,4 +1,4 @@
-"""The state machine of docs/rescue.md does what the page says."""
+"""The state machine in docs/rescue.md works as described."""
 
 from typing import Any
 

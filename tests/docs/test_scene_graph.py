@@ -1,4 +1,4 @@
-"""The examples of docs/scene-graph.md do what it says."""
+"""The examples in docs/scene-graph.md work as described."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""What docs/simulation.md shows works, and its table names the modules of the profile `simulation`."""
+"""The examples in docs/simulation.md work, and its table names the modules of the profile `simulation`."""
 
 import re
 from pathlib import Path

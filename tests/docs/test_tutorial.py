@@ -1,4 +1,4 @@
-"""What docs/tutorial.md says is done, word for word, and what it shows is seen; numbers may differ."""
+"""Follows docs/tutorial.md word for word, and compares the shown output; numbers may differ."""
 
 import json
 import os
@@ -35,7 +35,7 @@ def shape(text: str) -> str:
 
 
 class Reader:
-    """Somebody with two terminals who does what the tutorial says."""
+    """A reader with two terminals who follows the tutorial."""
 
     def __init__(self, folder: Path):
         self.folder = folder

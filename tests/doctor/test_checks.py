@@ -1,4 +1,4 @@
-"""Each check is shown machines that are well, that could be better, and on which no robot would run."""
+"""Each check judges machines that are suitable, that could be better, and on which no robot can run."""
 
 import resource
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""What is looked at is this machine, and what a profile needs is what its run then takes."""
+"""The examination checks this machine, and a profile's needs are those of its run."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""A module that forks keeps its place in the run, and what it forks has none."""
+"""A module that forks keeps its place in the run; the forked process has none."""
 
 import json
 
@@ -153,5 +153,5 @@ def test_fork_that_fails_is_told_apart_from_the_module(robot: Robot) -> None:
 
 
 def test_forked_process_ends_by_the_signal_that_asks_it_to(robot: Robot) -> None:
-    """As `Process.terminate` and pools ask; the handler of the module is for the module."""
+    """As `Process.terminate` and pools require; the module's signal handler must not apply."""
     assert run(robot, "terminate")["status"] == "ended by -15"

@@ -1,4 +1,4 @@
-"""What /proc tells of this process's own children."""
+"""The children of this process as listed in /proc."""
 
 import os
 import subprocess
@@ -42,7 +42,7 @@ def test_children_of_every_thread_are_listed_even_dead_ones() -> None:
 def test_children_are_found_without_the_kernels_child_lists(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """CONFIG_PROC_CHILDREN is a choice of who builds the kernel."""
+    """Kernels may be built without CONFIG_PROC_CHILDREN."""
 
     def refuse(path: str, *arguments: object) -> object:
         if path.endswith("/children"):

@@ -1,4 +1,4 @@
-"""A module that takes and sends bytes, tested without any process."""
+"""A module that receives and publishes encoded messages, tested without processes."""
 
 import pytest
 
@@ -11,7 +11,7 @@ SECRET = b"\x00\x01\x00\x00\x07"
 
 
 class Mirror(Module):
-    """Sends everything back that is not about driving, and notes what passes."""
+    """Publishes all messages again that are not about driving, and records them."""
 
     def setup(self) -> None:
         self.came: list[tuple[str, Envelope]] = []

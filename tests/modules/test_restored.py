@@ -1,4 +1,4 @@
-"""Stock modules that were killed go on where their last checkpoint is."""
+"""Killed stock modules continue from their last checkpoint."""
 
 import json
 from pathlib import Path
@@ -171,7 +171,7 @@ def test_restarted_base_finds_the_robot_where_it_is() -> None:
 
 
 def see(harness: ModuleHarness[Exploration], x_m: float, known_m: float = 5.0) -> None:
-    """A room of 5 m around the origin, of which so much is known, and the robot in it."""
+    """A room of 5 m around the origin with a known part, and the robot in it."""
     info = MapMetaData(resolution=0.05, width=100, height=100, origin=pose(-2.5, -2.5, 0.0))
     cells = np.full((100, 100), -1, np.int8)
     cells[: round(known_m / 0.05)] = 0

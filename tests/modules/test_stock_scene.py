@@ -1,4 +1,4 @@
-"""The stock robot's scene graph says of its devices what they say themselves."""
+"""The stock robot's scene graph agrees with the frames of its devices."""
 
 import math
 from pathlib import Path

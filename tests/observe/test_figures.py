@@ -1,4 +1,4 @@
-"""Figures of `robbie top`, against other sources, under a load that is known: one run shows it all."""
+"""Figures of `robbie top` compared with other sources, in one run under a known load."""
 
 import math
 from bisect import bisect_right

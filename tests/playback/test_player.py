@@ -1,4 +1,4 @@
-"""Which message is played when, on a clock that is turned by hand."""
+"""The order and times of played messages, on a clock that the test sets."""
 
 from collections.abc import Iterator
 from itertools import pairwise

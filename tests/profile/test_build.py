@@ -1,4 +1,4 @@
-"""A merged tree becomes a profile; everything that is wrong with it is said with file and line."""
+"""A merged tree becomes a profile. All errors in it are reported with file and line."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Wrong dependencies are said with file and line."""
+"""Invalid dependencies are reported with file and line."""
 
 import pytest
 from hypothesis import given

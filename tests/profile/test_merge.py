@@ -1,4 +1,4 @@
-"""Parents, null, overrides: which value wins, and where it came from."""
+"""Parents, null and overrides: which value wins, and its origin."""
 
 import pytest
 

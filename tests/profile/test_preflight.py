@@ -1,4 +1,4 @@
-"""Classes and settings are checked without harm: what the profile gets wrong is told from what code does."""
+"""Classes and settings are checked safely, and errors of the profile are distinguished from failing code."""
 
 import json
 import os
@@ -187,7 +187,7 @@ def test_failing_code_is_left_to_the_supervisor(robot: Robot, code: str, failure
         "bad": failure,
         "worse": failure,
     }
-    assert findings.settings.keys() == {"before", "after"}  # nobody takes {} for settings that were checked
+    assert findings.settings.keys() == {"before", "after"}  # {} must not be mistaken for checked settings
 
 
 def test_bug_in_a_class_check_counts_as_failing_code(mapper: Robot) -> None:
@@ -249,7 +249,7 @@ def test_by_default_classes_must_be_modules(robot: Robot) -> None:
 
 
 class ScriptedChecks:
-    """In place of checking processes: each one says what the script has for it."""
+    """Replaces the checking processes: each one returns what the script contains for it."""
 
     def __init__(self, *rounds: list[dict[str, object]]) -> None:
         self.rounds = list(rounds)

@@ -1,4 +1,4 @@
-"""Code that hangs, prints, forks or kills harms neither the check of a profile nor who asked for it."""
+"""Code that hangs, prints, forks or kills affects neither the check of a profile nor its caller."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Whatever is written in a profile or on the command line: a profile or a ProfileError, nothing else."""
+"""Any input in a profile or on the command line gives a profile or a ProfileError."""
 
 import tempfile
 from pathlib import Path

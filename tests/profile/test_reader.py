@@ -1,4 +1,4 @@
-"""YAML becomes values with places, and every kind of broken YAML an error with its line."""
+"""YAML becomes values with lines, and every kind of broken YAML an error with its line."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`robbie profile show`: what it prints is the profile, and each value says where it is from."""
+"""`robbie profile show` prints the profile, with the origin of each value."""
 
 import json
 import os

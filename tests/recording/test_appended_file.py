@@ -1,4 +1,4 @@
-"""A file holds what was appended, whatever the pieces; an append that fails leaves no trace."""
+"""A file contains the appended data, in any pieces; a failed append leaves no trace."""
 
 import os
 import resource

@@ -1,4 +1,4 @@
-"""Two logs are equal, or it is said which messages differ, which are missing, and where the first differs."""
+"""Two logs are equal, or the different and missing messages and the first difference are reported."""
 
 from collections.abc import Sequence
 from pathlib import Path

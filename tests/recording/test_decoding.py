@@ -1,4 +1,4 @@
-"""What a log has of a message becomes the class that the program has, or the reason why not is said."""
+"""A logged message becomes the program's class, or the reason why not is reported."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a log of Robbie's holds beyond what MCAP says."""
+"""The parts of a Robbie log that MCAP does not define."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Logs of other formats become logs of ours: messages, types and times as they were."""
+"""Logs of other formats are converted to ours, with the same messages, types and times."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Recordings: read by others as they were written, and whole whatever the disk does."""
+"""Recordings are read by other programs unchanged, and stay complete in spite of disk errors."""
 
 import json
 import resource

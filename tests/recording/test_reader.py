@@ -1,4 +1,4 @@
-"""A log is read in file order, from where it is asked for, and as far as it is whole."""
+"""A log is read in file order, from a given place, as far as it is intact."""
 
 from pathlib import Path
 from typing import Any, BinaryIO

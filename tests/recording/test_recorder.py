@@ -1,4 +1,4 @@
-"""Messages wait in memory for the disk, within a bound; whoever records them never waits."""
+"""Messages wait in memory for the disk, within a bound; the recording thread never waits."""
 
 import logging
 import threading
@@ -107,7 +107,7 @@ def test_full_disk_is_an_error_and_recording_goes_on_when_there_is_room_again(
 
 
 def test_message_that_comes_right_before_the_end_while_the_disk_syncs_is_recorded(tmp_path: Path) -> None:
-    """A full chunk was written; while the disk syncs it, the robot says its last word and is stopped."""
+    """A full chunk was written. While the disk syncs it, the robot publishes its last message and stops."""
     limits = BufferLimits(chunk_bytes=1000, buffer_bytes=5000, close_after_s=0.5)
 
     recorder: Recorder
@@ -160,7 +160,7 @@ def test_each_snapshot_is_a_whole_part_as_soon_as_it_is_written(tmp_path: Path) 
 
 
 class Clock:
-    """The machine's clock, turned by hand."""
+    """The machine's clock, set by the test."""
 
     def __init__(self) -> None:
         self.now_ns = 0

@@ -1,4 +1,4 @@
-"""A repair gives a valid file with every message of every whole chunk, or fails and leaves none."""
+"""A repair gives a valid file with every message of every complete chunk, or fails and leaves none."""
 
 import errno
 import os

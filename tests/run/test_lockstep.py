@@ -1,4 +1,4 @@
-"""In lockstep a run goes the same way every time: bit for bit, whatever the machine does and whoever dies."""
+"""In lockstep, a run takes the same course every time, bit for bit, under load and in spite of deaths."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""A subscriber that stands still or hoards costs the others none of their messages, with all defaults."""
+"""With the defaults, a stopped or hoarding subscriber costs the others no messages."""
 
 import os
 import signal
@@ -55,7 +55,7 @@ modules:
   camera: {class: "zoo.camera:Camera"}
 """
 IMAGES = 120
-"""Almost three times as many as the camera's memory holds, and taken before anybody is restarted as hung."""
+"""Almost three times the capacity of the camera's memory, taken before a module is restarted as hung."""
 
 
 def taken(figures: dict[str, Any]) -> int:

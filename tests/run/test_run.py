@@ -1,4 +1,4 @@
-"""Whole runs: what a robot's owner relies on."""
+"""Whole runs: the promises that a robot's owner relies on."""
 
 import json
 import os

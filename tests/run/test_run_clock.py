@@ -1,4 +1,4 @@
-"""A run's time goes as its one writer says; it goes back only by jumps that are counted."""
+"""A run's time follows its only writer; it goes back only by counted jumps."""
 
 import math
 from collections.abc import Iterator
@@ -140,7 +140,7 @@ def test_past_that_is_written_over_while_it_is_looked_up_is_looked_up_again(
 def test_who_was_told_a_time_is_never_told_an_earlier_one_when_the_clock_is_stopped(
     clocks: tuple[ClockWriter, RunClock, list[int]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Somebody reads the clock between the writer's look at the machine's clock and its row."""
+    """A reader reads the clock between the writer's reading of the machine's clock and its row."""
     writer, clock, machine_ns = clocks
     writer.play(BEGIN_NS)
     write, told = writer._rows.write, []

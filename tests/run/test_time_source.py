@@ -1,4 +1,4 @@
-"""Modules wait for the run's time; who turns its clock may take long, or never come so far."""
+"""Modules wait for the run's time; its source may take long, or never set it."""
 
 import time
 

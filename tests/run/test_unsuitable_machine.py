@@ -1,4 +1,4 @@
-"""A Python of 32 bits stores a word in two halves: nothing may run there, and nothing may attach."""
+"""A 32-bit Python stores a word in two halves, so no run and no tool may start there."""
 
 import os
 import sys

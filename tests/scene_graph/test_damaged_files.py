@@ -1,4 +1,4 @@
-"""However a scene file is damaged, it is read or refused with a SceneFileError that names a place in it."""
+"""A damaged scene file is read, or refused with a SceneFileError that names a place in it."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Questions to a scene graph, and what it says when it cannot answer them."""
+"""Look-ups in a scene graph, and its errors."""
 
 import math
 

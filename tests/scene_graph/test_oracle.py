@@ -1,4 +1,4 @@
-"""Poses are those of pytransform3d, to 1e-9."""
+"""Poses agree with those of pytransform3d to 1e-9."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""Scene files in YAML: what they say, and what is said about wrong ones."""
+"""Scene files in YAML, and the errors of invalid ones."""
 
 import math
 from pathlib import Path

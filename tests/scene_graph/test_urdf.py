@@ -1,4 +1,4 @@
-"""URDFs: the same tree as pytransform3d reads, and what is said about wrong ones."""
+"""URDFs give the same tree as pytransform3d, and invalid ones give errors."""
 
 import warnings
 from pathlib import Path

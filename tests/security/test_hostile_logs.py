@@ -1,4 +1,4 @@
-"""Small files made to take all memory, or for ever: refused in time, with what, where and the limit."""
+"""Small files that would take all memory or endless time are refused quickly, with the place and limit."""
 
 import os
 import signal
@@ -36,7 +36,7 @@ from tests.security._support.hostile_logs import (
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
 LIMIT_S = 120.0
 ADDRESS_SPACE_BYTES = 4 * GIGABYTE
-"""So a bomb that goes off cannot take the machine with it."""
+"""Limit of memory, so that a successful attack does not affect the machine."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What a robot writes can be read by its user alone, and nobody else can put a checkpoint in its place."""
+"""Only the robot's user can read its files, and other users cannot replace a checkpoint."""
 
 import os
 import stat
@@ -51,7 +51,7 @@ def test_everything_that_a_run_writes_is_closed_to_others(robot: Robot) -> None:
     names = {path.name for root in written for path in root.rglob("*")}
     assert {"summary.json", "trace.html", "keeper.jsonl", "keeper.checkpoint", "crashes"} <= names
     assert any(name.endswith(".mcap") for name in names)
-    # What a module writes by itself is up to it; nobody else can enter the folder.
+    # Files that a module writes itself have its own modes, but other users cannot enter the folder.
     found = [text for text in open_to_others(*written) if "hash.txt" not in text]
     assert [*in_run_folder, *found] == []
 

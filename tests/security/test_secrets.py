@@ -1,4 +1,4 @@
-"""A secret setting is known to its module, and stands nowhere else."""
+"""Only its module knows a secret setting; it appears nowhere else."""
 
 import hashlib
 import json

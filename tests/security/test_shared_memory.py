@@ -1,4 +1,4 @@
-"""Another user takes, forges and spoils names in shared memory; a robot does not care."""
+"""Another user takes, forges and damages names in shared memory, without effect on a robot."""
 
 import os
 import secrets

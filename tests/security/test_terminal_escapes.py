@@ -1,4 +1,4 @@
-"""Hostile names, texts and files: nothing that a terminal obeys comes through any command."""
+"""No command passes control characters of hostile names, texts or files on to a terminal."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""The message logger in a run: what is in the log, what is said to be missing, and what kills leave of it."""
+"""The message logger in a run: contents of the log, reported losses, and logs after kills."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""A log played into a robot whose modules are processes, steered and killed on the way."""
+"""A log is played into a robot of processes; the playback is controlled and killed."""
 
 import os
 import pty

@@ -1,4 +1,4 @@
-"""What is wrong with a log, or with playing it into a robot, is said before anything starts."""
+"""Problems of a log, or of playing it into a robot, are reported before anything starts."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""How much of a log may be on its way at once."""
+"""Limits of the messages of a log in flight."""
 
 from collections.abc import Iterator
 from types import SimpleNamespace

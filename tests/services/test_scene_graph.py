@@ -1,4 +1,4 @@
-"""The service moves the graph as messages say, and tells everybody; a listener knows what it tells."""
+"""The service moves the graph according to messages and publishes it; a listener follows it."""
 
 import logging
 import math

@@ -1,4 +1,4 @@
-"""Nobody steers the robot who should not: tokens, sessions, origins, and one driver at a time."""
+"""Only authorized visitors steer the robot: tokens, sessions, origins, and one driver at a time."""
 
 import asyncio
 import logging

@@ -1,4 +1,4 @@
-"""Forms for message types: what fits is sent, and what does not is said of the field it is in."""
+"""Forms for message types: valid input is sent, and errors are reported at their fields."""
 
 import numpy as np
 import pytest

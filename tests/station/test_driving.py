@@ -1,4 +1,4 @@
-"""The robot moves while a control is held on the page, and stands whatever becomes of page or server."""
+"""The robot moves while a control is held on the page, and stops when the page or server fails."""
 
 import os
 import signal

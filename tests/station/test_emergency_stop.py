@@ -1,4 +1,4 @@
-"""The emergency stop on the page: in reach whatever is open, and never said to be what it is not."""
+"""The emergency stop on the page is always reachable, and its shown state is never wrong."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""How old something is, is said only if that is longer than it may be."""
+"""The age of a message is shown only if it exceeds its maximum."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What waits for a page is bounded, however slow its browser: it gets the newest, or is disconnected."""
+"""Data waiting for a page is bounded: a slow browser gets the newest state, or is disconnected."""
 
 import asyncio
 import errno

@@ -1,4 +1,4 @@
-"""The map's tiles: put together they are the map, and only those are drawn anew that have changed."""
+"""The map's tiles together equal the map, and only changed tiles are drawn again."""
 
 import io
 import json

@@ -12,7 +12,7 @@ SECOND = 1_000_000_000
 
 
 def changes() -> Callable[[String], str | None]:
-    """Return a reader that tells of each text that is another one than before."""
+    """Return a reader that reports each text that differs from the previous one."""
     said = [""]
 
     def describe(text: String) -> str | None:

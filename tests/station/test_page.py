@@ -1,4 +1,4 @@
-"""The page in a real browser: what it shows is so, and what is pressed happens."""
+"""The page in a real browser shows the true state, and its buttons work."""
 
 import pytest
 
@@ -51,7 +51,7 @@ def test_page_shows_the_processes_and_the_emergency_stop_reaches_the_base_and_la
         page.click("#release-emergency-stop")
         page.click("#confirm-release")
         page.wait_for_selector("#emergency-stop-state:has-text('ready')")
-        # When it is pressed, not when it is let go.
+        # On the press, not on the release.
         page.hover("#emergency-stop")
         page.mouse.down()
         page.wait_for_selector("#emergency-stop-state:has-text('STOPPED')")

@@ -1,4 +1,4 @@
-"""What panels make of what they get: the trace, messages as trees, goals and paths."""
+"""How panels process their data: the trace, messages as trees, goals and paths."""
 
 from collections import deque
 

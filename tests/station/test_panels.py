@@ -1,4 +1,4 @@
-"""Each panel shows what the robot has, and what is said there reaches the robot; in a real browser."""
+"""In a real browser, each panel shows the robot's data, and its messages reach the robot."""
 
 import io
 from pathlib import Path
@@ -53,7 +53,7 @@ def told(robot: Robot) -> "Told":
 
 
 class Told:
-    """What the robot has been told."""
+    """The messages that the robot received."""
 
     def __init__(self, robot: Robot):
         self._file = robot.output / "told.txt"

@@ -1,4 +1,4 @@
-"""Images as browsers take them, and what cannot be shown."""
+"""Images in forms that browsers can show, and images that cannot be shown."""
 
 import io
 

@@ -1,4 +1,4 @@
-"""What 3-D view, plots, parameters and the table of processes show is so, and what is pressed happens."""
+"""3-D view, plots, parameters and process table show the true state, and their buttons work."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Commands from outside: done, refused in words, and never in the way of the tree."""
+"""Commands from outside are carried out or refused with a reason, and never block the tree."""
 
 import json
 import logging
@@ -93,7 +93,7 @@ def answer(connection: socket.socket) -> dict[str, str]:
 
 
 def refusal(tmp_path: Path, request: bytes) -> str:
-    """What a running tree says to a request; it must go on running."""
+    """Return the reply of a running tree to a request. The tree must keep running."""
     run = Controlled(tmp_path, core(), animal(zoo.works))
     said: list[dict[str, str]] = []
 

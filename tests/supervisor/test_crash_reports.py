@@ -1,4 +1,4 @@
-"""Which ends are crashes, and what a dead module's memory says, whatever it holds."""
+"""Which ends are crashes, and the evidence in a dead module's memory, with any contents."""
 
 from array import array
 from collections.abc import Callable
@@ -52,7 +52,7 @@ def test_unexpected_end_is_a_crash(
 
 
 class Remains:
-    """What a dead module and its core have left."""
+    """The memory of a dead module and its core."""
 
     def __init__(self) -> None:
         sizes = TableSizes(2, 3, 4, 5, 6)

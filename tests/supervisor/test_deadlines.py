@@ -1,4 +1,4 @@
-"""Which time counts against a deadline, and when a child is hung. Waiting for a processor does not count."""
+"""The time that counts against a deadline, and hung children. Waiting for a processor does not count."""
 
 import os
 from pathlib import Path

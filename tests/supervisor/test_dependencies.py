@@ -1,4 +1,4 @@
-"""Who is restarted with whom."""
+"""Which modules are restarted together."""
 
 import os
 import signal

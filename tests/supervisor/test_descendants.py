@@ -1,4 +1,4 @@
-"""Whatever a child forks ends with it, and nobody else's children are touched."""
+"""The forks of a child end with it, and no other processes are affected."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""The loop calls what is due, and nothing else."""
+"""The loop makes exactly the calls that are due."""
 
 import os
 import signal

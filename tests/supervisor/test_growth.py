@@ -1,4 +1,4 @@
-"""What a run holds after many restarts, and what becomes of it when the core refuses the supervisor."""
+"""The resources of a run after many restarts, and after the core has refused the supervisor."""
 
 import dataclasses
 import gc

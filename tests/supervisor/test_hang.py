@@ -1,4 +1,4 @@
-"""What becomes of a child that hangs, and of one that only seems to."""
+"""The treatment of a hanging child, and of one that only seems to hang."""
 
 import contextlib
 import dataclasses

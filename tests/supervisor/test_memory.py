@@ -1,4 +1,4 @@
-"""What the supervisor does with the memory of everyone in a run."""
+"""How the supervisor manages the memory of all processes of a run."""
 
 import os
 from collections.abc import Iterator

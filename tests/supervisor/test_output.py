@@ -1,4 +1,4 @@
-"""What children print: complete when it is reasonable, bounded and counted when it is not."""
+"""The output of children: complete up to a limit, bounded and counted beyond it."""
 
 import itertools
 import os

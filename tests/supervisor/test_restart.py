@@ -1,4 +1,4 @@
-"""The restart budget over any history, on a clock of the test's own."""
+"""The restart budget over any history, on a clock that the test sets."""
 
 from hypothesis import given
 from hypothesis import strategies as st

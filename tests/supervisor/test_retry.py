@@ -1,4 +1,4 @@
-"""A module that is FAILED because its device is away: it is tried again, slowly, and shown as FAILED."""
+"""A module that is FAILED because its device is away is retried slowly, and is shown as FAILED."""
 
 import dataclasses
 from pathlib import Path

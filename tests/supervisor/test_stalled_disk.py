@@ -1,4 +1,4 @@
-"""A disk that takes nothing any more holds up nobody: not the supervisor, no module that prints, no stop."""
+"""A stalled disk delays neither the supervisor, nor modules that print, nor a stop."""
 
 import itertools
 import os
@@ -34,7 +34,7 @@ modules:
 
 
 class Stall(Protocol):
-    """A way to have a run's disk take nothing."""
+    """A way to stall the disk of a run."""
 
     folder: Path
 
@@ -44,7 +44,7 @@ class Stall(Protocol):
 
 
 class StoppedWriter:
-    """What there is where no disk can be frozen: the process that writes stands still."""
+    """The alternative if no disk can be frozen: the writer process is stopped."""
 
     def __init__(self, folder: Path):
         self.folder = folder

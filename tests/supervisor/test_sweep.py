@@ -1,4 +1,4 @@
-"""A sweep removes what is dead and nothing else, also when several go on at once."""
+"""A sweep removes dead runs and nothing else, even if several run at once."""
 
 import os
 import struct

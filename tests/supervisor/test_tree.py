@@ -1,4 +1,4 @@
-"""Each misbehaving child is treated right, and the run ends with the right exit code."""
+"""Each misbehaving child is treated correctly, and the run ends with the right exit code."""
 
 import os
 import signal

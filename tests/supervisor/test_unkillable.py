@@ -1,4 +1,4 @@
-"""Processes that SIGKILL does not end: they are waited for, nobody else waits, and then all is as always."""
+"""Processes that SIGKILL does not end delay no other process, and are handled normally when they end."""
 
 import dataclasses
 import itertools
@@ -35,7 +35,7 @@ def soon_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def sigkill_is_lost(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
-    """Have SIGKILL of the supervisor end nobody, until the returned function is called."""
+    """Let the supervisor's SIGKILL have no effect until the returned function is called."""
     monkeypatch.setattr(ChildProcess, "kill", lambda self: None)
     return monkeypatch.undo
 

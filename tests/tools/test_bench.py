@@ -1,4 +1,4 @@
-"""The benchmarks with tiny counts: what they measure, and what they say of those they cannot measure."""
+"""The benchmarks with tiny counts: their measurements, and their reports of absent contenders."""
 
 import json
 import os

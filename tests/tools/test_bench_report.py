@@ -1,4 +1,4 @@
-"""Tables, goals and the page of benchmarks, from results that are made up."""
+"""Tables, goals and the page of benchmarks, from invented results."""
 
 import json
 import subprocess
@@ -129,7 +129,7 @@ def test_page_and_picture_are_written_from_stored_results(tmp_path: Path) -> Non
     (tmp_path / "benchmarks.md").write_text(f"{report.BEGIN}\n{report.END}\n")
     kept = tmp_path / "results.json"
     kept.write_text(json.dumps(RUN | {"results": [LATENCY, rates]}))
-    # In a process of its own: matplotlib keeps fonts open.
+    # In a separate process, because matplotlib keeps fonts open.
     command = [sys.executable, "-m", "tools.bench", "--read", str(kept), "--report", str(tmp_path)]
     subprocess.run(command, check=True)
     assert "flat out" in (tmp_path / "benchmarks.md").read_text()

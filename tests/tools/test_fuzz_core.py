@@ -1,4 +1,4 @@
-"""The fuzzer finds checks that were taken out of the core, and says what it found and where it is kept."""
+"""The fuzzer finds checks that were removed from the core, and reports and keeps its findings."""
 
 import inspect
 import sys
@@ -18,7 +18,7 @@ from tools.fuzz_core.plain import Hang, finding, inputs
 from tools.fuzz_core.steps import STEP_BYTES, Do, decode, encode, step
 
 MOST = 1500
-"""Inputs that a defect may take to be found."""
+"""Maximum number of inputs until a defect is found."""
 MOST_OF_WHAT_IS_SOUND = 300
 PLANTED: dict[str, tuple[type, str, str, str]] = {
     "a message in another's name": (MessageFlow, "on_publish", "!= link.source", "== None"),
@@ -52,7 +52,7 @@ PLANTED: dict[str, tuple[type, str, str, str]] = {
 
 
 def plant(defect: str, patch: pytest.MonkeyPatch) -> None:
-    """Take a check out of the core."""
+    """Remove a check from the core."""
     owner, name, old, new = PLANTED[defect]
     source = textwrap.dedent(inspect.getsource(getattr(owner, name)))
     assert source.count(old) == 1, f"{owner.__name__}.{name} reads otherwise now; plant this defect anew"

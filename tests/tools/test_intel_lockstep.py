@@ -1,4 +1,4 @@
-"""What decides whether runs in lockstep were the same."""
+"""The comparison of runs in lockstep."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What decides whether the Intel run has borne its kills."""
+"""The verdict on the Intel run with kills."""
 
 import dataclasses
 

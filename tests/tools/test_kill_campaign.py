@@ -1,4 +1,4 @@
-"""The kill campaign in short, and that its verdict can fail."""
+"""A short kill campaign, and a proof that its verdict can fail."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""What the measurement of the logger's load makes of its sessions, and that a session is as it says."""
+"""The evaluation of the measurement of the logger's load, and one session."""
 
 from tools.logger_load.__main__ import as_table, ratios_to_without
 from tools.logger_load.measure import PAIRS, PATIENT, WITHOUT, Result, measure, profile

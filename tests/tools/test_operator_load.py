@@ -1,4 +1,4 @@
-"""What the measurement of the operator's page makes of its sessions, and that a session is as it says."""
+"""The evaluation of the measurement of the operator's page, and one session."""
 
 import socket
 from contextlib import closing

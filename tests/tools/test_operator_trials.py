@@ -1,4 +1,4 @@
-"""What the operator trials read from the base's witness."""
+"""How the operator trials read the file of the base's witness."""
 
 from pathlib import Path
 

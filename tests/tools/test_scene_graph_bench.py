@@ -1,4 +1,4 @@
-"""The benchmark of the scene graph measures what it says."""
+"""The benchmark of the scene graph measures the described worlds."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""The measurement of seeks finds out where they lead."""
+"""The measurement of seeks checks that they reach the right place."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The metric gives what one works out by hand, and the published figures for the Intel log."""
+"""The metric agrees with manual computations, and with the published figures for the Intel log."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""What the soak makes of its samples."""
+"""How the soak test evaluates its samples."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Log records reach the supervisor whole, never wait for it, and are not believed blindly."""
+"""Log records reach the supervisor complete, never block a child, and are not trusted."""
 
 import json
 import logging

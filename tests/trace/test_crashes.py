@@ -1,4 +1,4 @@
-"""One live robot whose modules end in every bad way: the last words and the reason are there each time."""
+"""One live robot whose modules end in every bad way: the last output and the reason are always recorded."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""The page of a trace in a real browser: fast, harmless, and whole whatever happened to its writer."""
+"""The page of a trace in a real browser is fast, safe, and complete even if its writer was killed."""
 
 import json
 import shutil

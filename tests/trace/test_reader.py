@@ -1,4 +1,4 @@
-"""What the files of a trace say, in the right order, however they are cut."""
+"""The files of a trace are read in the right order, even if they are cut."""
 
 import random
 from pathlib import Path

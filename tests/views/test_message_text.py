@@ -1,4 +1,4 @@
-"""Messages as text, and what people write made messages."""
+"""Conversion of messages to text, and of typed text to messages."""
 
 import json
 import math

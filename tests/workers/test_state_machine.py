@@ -1,4 +1,4 @@
-"""A state machine goes only where its declaration allows."""
+"""A state machine makes only declared transitions."""
 
 from collections.abc import Sequence
 from enum import Enum, StrEnum, auto

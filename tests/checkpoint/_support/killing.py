@@ -1,8 +1,8 @@
 """Really kills processes while they store: before each line in turn, and at any moment.
 
-Runs by itself, as `python -m tests.checkpoint._support.killing SCENARIO`, because it forks and a test's
-process has threads. An AssertionError says after which death a checkpoint was lost; else it prints the number
-of deaths.
+Runs in a separate process, as `python -m tests.checkpoint._support.killing SCENARIO`, because it forks and a
+test's process has threads. An AssertionError names the death after which a checkpoint was lost. Otherwise, it
+prints the number of deaths.
 """
 
 import os
@@ -28,7 +28,7 @@ from robbie_mp.transport.segment import unlink_segment
 from robbie_mp.transport.shared_folder import make_folder, remove_names
 
 TRACED = ("robbie_mp/checkpoint/", "robbie_mp/transport/segment.py")
-RUN = f"test{os.getpid()}"  # no id that a run can have: a `robbie run` elsewhere would sweep it as dead
+RUN = f"test{os.getpid()}"  # not a possible id of a run: another `robbie run` would sweep it as dead
 LIMIT_BYTES = 64 << 20
 RANDOM_DEATHS = 40
 LONGEST_LIFE_S = 0.02
@@ -38,7 +38,7 @@ Action = Callable[[], None]
 
 
 def dies_before_line(number: int, prepare: Callable[[], Action]) -> bool:
-    """Run an action in a process that is killed before that many lines of it; False if it ended before."""
+    """Run an action in a process that is killed before a given line; False if the action ended before."""
     pid = os.fork()
     if pid == 0:
         _run_and_die(number, prepare)
@@ -103,7 +103,7 @@ def state_of(number: int, size: int) -> dict[str, Any]:
 
 
 def number_in(state: Any) -> int:
-    """The number of a state; it must be all of one piece."""
+    """Return the number of a state, all parts of which must belong together."""
     assert (state["array"] == state["number"]).all(), "half of one checkpoint, half of another"
     assert state["name"] == f"checkpoint {state['number']}"
     return int(state["number"])
@@ -134,7 +134,7 @@ def forget() -> None:
 
 
 def buffers_at_every_line(sizes: list[int]) -> int:
-    """Kill the writer of the last of these states; its successor must find that one or the one before."""
+    """Kill the writer of the last of these states. Its successor must find that state or the previous one."""
     before, number = sizes[:-1], len(sizes)
 
     def last() -> Action:
@@ -160,7 +160,7 @@ def buffers_at_every_line(sizes: list[int]) -> int:
 
 
 def buffers_at_random() -> int:
-    """Kill writers that store one large state after the other; none that was stored may be lost."""
+    """Kill writers that store one large state after another. No stored state may be lost."""
     with tempfile.TemporaryFile() as stored:
 
         def store_repeatedly(has_stored: Action) -> None:
@@ -168,7 +168,7 @@ def buffers_at_random() -> int:
                 number = dying.found
                 while True:
                     number += 1
-                    dying.save(number, 200_000 + number * 1000)  # it grows now and then
+                    dying.save(number, 200_000 + number * 1000)  # it grows from time to time
                     os.pwrite(stored.fileno(), number.to_bytes(8, "little"), 0)
                     has_stored()
 
@@ -186,7 +186,7 @@ def buffers_at_random() -> int:
 
 
 def file_at_every_line(folder: Path) -> int:
-    """Kill the writer of a file; there must be the old one or the new one."""
+    """Kill the writer of a file. Either the old file or the new one must remain."""
     path = folder / "new" / "folders" / "module.checkpoint"
     deaths = {}
     for number in (1, 2):
@@ -207,7 +207,7 @@ def file_at_every_line(folder: Path) -> int:
 
 
 def file_at_random(folder: Path) -> int:
-    """Kill writers of large files; there must always be one that is whole, and never an older one."""
+    """Kill writers of large files. There must always be a complete file, and never an older one."""
     path = folder / "module.checkpoint"
     newest = 0
 

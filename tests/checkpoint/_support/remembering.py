@@ -1,4 +1,4 @@
-"""A module for whole runs: it counts its own ticks and remembers, over deaths, how far it has come."""
+"""A module for whole runs that counts its ticks over all its incarnations."""
 
 import os
 import signal

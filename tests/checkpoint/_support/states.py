@@ -1,4 +1,4 @@
-"""States for tests, and whether two of them are the same: equal, of the same types, to the last bit."""
+"""States for tests, and a comparison: equal values of the same types, to the last bit."""
 
 import math
 from typing import Any

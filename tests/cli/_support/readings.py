@@ -1,4 +1,4 @@
-"""Readings of runs that never were."""
+"""Invented readings of runs."""
 
 import dataclasses
 from collections.abc import Callable
@@ -33,7 +33,7 @@ def histogram(count: int) -> Histogram:
 
 
 def module(name: str, **known: object) -> ModuleFigures:
-    """A module of which nothing is known but this."""
+    """A module with default figures, except those given."""
     empty: dict[object, object] = {str: "", int: 0, float: 0.0}
     values = {field.name: empty.get(field.type, ()) for field in dataclasses.fields(ModuleFigures)}
     work = WorkHistograms(*(histogram(5) for _ in range(4)))

@@ -1,4 +1,4 @@
-"""A laser that speaks SCIP 2.0 on a pseudo-terminal; after the specification, without the driver's code."""
+"""A laser with SCIP 2.0 on a pseudo-terminal, written from the specification, without the driver's code."""
 
 import os
 import select
@@ -30,7 +30,7 @@ def three_characters(value: int) -> str:
 
 
 def sweep(request: str, millimetres: list[int], status: str = "99") -> str:
-    """What the laser sends for a sweep."""
+    """Return the laser's bytes for a sweep."""
     data = "".join(three_characters(value) for value in millimetres)
     blocks = [data[begin : begin + 64] for begin in range(0, len(data), 64)]
     lines = [request, summed(status)]

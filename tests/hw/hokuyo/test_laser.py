@@ -1,4 +1,4 @@
-"""The driver of Hokuyo's lasers understands what they send, and notices what they may not send."""
+"""The driver of Hokuyo's lasers understands valid data and detects invalid data."""
 
 import math
 import time

@@ -1,4 +1,4 @@
-"""Rays and clearances in an arena are those of analytic geometry."""
+"""Rays and clearances in an arena agree with analytic geometry."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Arenas are read from YAML, and what is wrong with a file is told with its line."""
+"""Arenas are read from YAML, and errors are reported with their line."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The simulated battery gives as much energy as is taken from it, and no more than it has."""
+"""The simulated battery conserves energy and charge."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The simulated bumper feels what the robot touches, and on which side."""
+"""The simulated bumper detects contacts and their side."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The simulated camera sees known points of the arena where projective geometry says."""
+"""The simulated camera shows known points of the arena where projective geometry puts them."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The simulated drive obeys, within its limits, as long as commands come, and stops at walls."""
+"""The simulated drive follows commands within its limits while they are valid, and stops at walls."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Random arenas are arenas: closed, all reachable, every victim to be looked at."""
+"""Random arenas are valid: closed, completely reachable, and every victim can be viewed."""
 
 import math
 from pathlib import Path

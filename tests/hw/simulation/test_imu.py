@@ -1,4 +1,4 @@
-"""The simulated IMU feels the motion that physics says, with noise and bias of the declared size."""
+"""The simulated IMU measures the physical motion, with noise and bias of the declared size."""
 
 import math
 from collections.abc import Iterable

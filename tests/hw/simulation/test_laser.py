@@ -1,4 +1,4 @@
-"""The simulated laser measures the arena from where it was placed, with honest noise."""
+"""The simulated laser measures the arena from its place, with noise of the declared size."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The simulated pan-tilt unit gets where it is told, at its rate and within its limits."""
+"""The simulated pan-tilt unit moves to its target at its rate and within its limits."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The modules of the simulated devices say what their devices say, in ROS's messages."""
+"""The modules of the simulated devices publish the data of their devices as ROS messages."""
 
 import math
 from collections.abc import Iterator
@@ -68,7 +68,7 @@ def drive(base: ModuleHarness[SimulatedBase], seconds: float, linear: float, ang
 
 
 def tell(base: ModuleHarness[SimulatedBase], *devices: ModuleHarness[Any]) -> Odometry:
-    """Pass on what the base has told of the world; returns the newest truth."""
+    """Pass on the base's messages about the world. Return the newest true state."""
     told = [entry for entry in base.published if entry.topic == "ground_truth"]
     base.published.clear()
     for message, topic in told:

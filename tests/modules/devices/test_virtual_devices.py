@@ -1,4 +1,4 @@
-"""What somebody sets by hand of a simulated device is what it says from then on."""
+"""A simulated device reports the values that you set by hand."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The module of the mission: what it hears becomes goals and directions, and at the end a report."""
+"""The module of the mission turns messages into goals and directions, and writes a report at the end."""
 
 import csv
 import json
@@ -51,7 +51,7 @@ START = (1.0, 0.8, 0.5)
 
 
 class Robot:
-    """What the module's robot tells it; navigation reaches each goal at once."""
+    """The messages of the module's robot. Navigation reaches each goal at once."""
 
     def __init__(self, harness: ModuleHarness[RescueMission]) -> None:
         self.harness = harness

@@ -48,7 +48,7 @@ OPTICAL = Quaternion(x=-0.5, y=0.5, z=-0.5, w=0.5)
 
 
 class Watching:
-    """What the module's robot tells it: all frames are those of the arena."""
+    """The messages of the module's robot. All frames are those of the arena."""
 
     def __init__(self, harness: ModuleHarness[Victims]) -> None:
         self.harness = harness

@@ -1,4 +1,4 @@
-"""A load of which everything is known: these modules keep books of their own, to compare others' with."""
+"""A known load: these modules keep their own counters, for comparison with others."""
 
 import itertools
 import json
@@ -11,7 +11,7 @@ from robbie_mp.messages import DriveCommand, LaserScan, SystemProfile
 from robbie_mp.transport.histogram import WorkFigures
 
 RECORDED: dict[int, list[tuple[int, int]]] = {}
-"""What was put into each pair of histograms: the very numbers."""
+"""The exact numbers that were put into each pair of histograms."""
 _record = WorkFigures.record
 
 
@@ -24,7 +24,7 @@ WorkFigures.record = _record_and_remember  # type: ignore[method-assign,assignme
 
 
 class Bookkeeper(Module):
-    """Writes its books when it is stopped."""
+    """Writes its counters to a file when it is stopped."""
 
     def books(self) -> dict[str, object]:
         return {}
@@ -37,7 +37,7 @@ class Bookkeeper(Module):
 
 
 class Talker(Bookkeeper):
-    """Publishes bursts of scans until it has published so many."""
+    """Publishes a number of scans in bursts."""
 
     period_s = 0.05
     count: int = setting(1000, "scans")
@@ -58,7 +58,7 @@ class Talker(Bookkeeper):
 
 
 class Hearer(Bookkeeper):
-    """Handles the scans of one talker; some take longer, in a way that is known."""
+    """Handles the scans of one talker; some take longer by a known time."""
 
     topic: str = setting("", "whom to hear")
     work_s: float = setting(0.0, "time that every handler takes")
@@ -87,7 +87,7 @@ class Hearer(Bookkeeper):
 
 
 class Reporter(Bookkeeper):
-    """Writes down what the profiler says."""
+    """Records the profiler's messages."""
 
     def setup(self) -> None:
         self.said: list[dict[str, object]] = []

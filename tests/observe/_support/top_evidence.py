@@ -1,4 +1,4 @@
-"""One run under a known load, with what other sources saw of it beside what `robbie top` shows."""
+"""One run under a known load: the figures of `robbie top` and of other sources."""
 
 import csv
 import json
@@ -52,11 +52,11 @@ QUIET_S = 3.0
 
 @dataclass
 class Evidence:
-    """What was read while the run went on, and what its modules wrote at the end."""
+    """The readings during the run, and the files that its modules wrote at the end."""
 
     begun: RunReading
     loaded: dict[str, Any]
-    """Of `top --json` under load, and what psutil said before and after it."""
+    """Output of `top --json` under load, with the figures of psutil before and after it."""
     psutil_before: dict[int, dict[str, Any]]
     psutil_after: dict[int, dict[str, Any]]
     processors: list[list[float]]
@@ -66,12 +66,12 @@ class Evidence:
     maps: list[str]
     hung: dict[str, Any]
     while_core_died: list[int] = field(default_factory=list)
-    """How many modules each look showed."""
+    """Number of modules in each reading."""
     calls: dict[str, list[float]] = field(default_factory=dict)
-    """System calls of the core and a module for each message: without, and with somebody who watches."""
+    """System calls of the core and a module for each message: without and with an observer."""
     recorder_exit_code: int | None = None
     recorded: list[dict[str, str]] = field(default_factory=list)
-    """Of `top --csv`, which ran from under load to the end of the run."""
+    """Output of `top --csv`, which ran from the load to the end of the run."""
     books: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def module(self, name: str, of: str = "final") -> dict[str, Any]:
@@ -202,7 +202,7 @@ def strace(now: RunReading, name: str) -> "subprocess.Popen[str]":
 
 
 def while_core_dies(run_id: str) -> list[int]:
-    """Look again and again while the core is killed and restarted."""
+    """Read repeatedly while the core is killed and restarted."""
     shown: list[int] = []
     with closing(RunFeed(run_id)) as feed:
         first = feed.poll()

@@ -1,4 +1,4 @@
-"""Stand-ins for what a player is joined to: they write down what they are told."""
+"""Replacements for the objects that a player uses. They record all calls."""
 
 from robbie_mp.module.clock import ManualClock
 from robbie_mp.playback.log_time import LogTime
@@ -42,7 +42,7 @@ class RunClockRecorder:
 
 
 class OutletRecorder:
-    """Keeps what was sent, and at which time of the run's clock; messages stay on their way if told so."""
+    """Records the sent messages with the run's time. Messages stay in flight if the test wants that."""
 
     def __init__(self, clock: RunClockRecorder, real: ManualClock):
         self._clock = clock
@@ -88,7 +88,7 @@ class OutletRecorder:
 
 
 class PlayerRig:
-    """A player of a log with everything that it is joined to."""
+    """A player of a log with all objects that it uses."""
 
     def __init__(
         self,

@@ -25,7 +25,7 @@ def poses(draw: st.DrawFn) -> RigidTransform:
 
 @st.composite
 def trees(draw: st.DrawFn) -> list[Node]:
-    """One tree of up to 12 nodes, each hung on one of those before it."""
+    """One tree of up to 12 nodes; the parent of each is one of the earlier nodes."""
     nodes = [Node("n0")]
     for number in range(1, draw(st.integers(2, 12))):
         parent = f"n{draw(st.integers(0, number - 1))}"

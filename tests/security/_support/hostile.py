@@ -1,4 +1,4 @@
-"""What an attacker writes into names, and how to see whether it has reached a terminal."""
+"""An attacker's texts, and checks whether they reach a terminal."""
 
 import unicodedata
 

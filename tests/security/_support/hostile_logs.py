@@ -1,4 +1,4 @@
-"""Logs that are small, and large when they are read."""
+"""Small logs that become large when they are read."""
 
 import struct
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""Modules that say hostile things wherever a module can say anything; copied into a workspace."""
+"""Modules that use hostile texts wherever a module can use a text; copied into a workspace."""
 
 import os
 import sys
@@ -16,7 +16,7 @@ class Odd(Message, name="zoo_msgs/msg/Odd", version=1):
 
 
 class Hostile(Module):
-    """Says it in topics, types, messages, its status, its settings, its log, and on its outputs."""
+    """Uses the text in topics, types, messages, its status, its settings, its log, and its output."""
 
     period_s = 0.05
     greeting: str = setting(HOSTILE, "what it says: " + HOSTILE, changeable=True)
@@ -40,7 +40,7 @@ class Hostile(Module):
 
 
 class Listener(Module):
-    """Hears it."""
+    """Receives the messages."""
 
     def setup(self) -> None:
         """Subscribe."""
@@ -52,7 +52,7 @@ class Listener(Module):
 
 
 class Crasher(Module):
-    """Dies with it as its last words."""
+    """Dies with the text in its last output."""
 
     period_s = 0.05
 

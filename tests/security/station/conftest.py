@@ -92,7 +92,7 @@ def nothing_left_behind() -> None:
 def shared_station(
     tmp_path_factory: pytest.TempPathFactory, left_behind_check: Callable[[], AbstractContextManager[None]]
 ) -> Iterator[Station]:
-    """One robot for all attacks of a file: what one of them did to it, the next one meets."""
+    """One robot for all attacks in a file, so the effects of one attack remain for the next."""
     with left_behind_check(), robot_in(tmp_path_factory.mktemp("security")) as robot:
         for source in SOURCES:
             (robot.folder / "zoo" / source.name).write_text(source.read_text())
@@ -110,6 +110,6 @@ def shared_station(
 
 @pytest.fixture
 def station(shared_station: Station) -> Station:
-    """The robot, of which nobody remembers what it heard before this test."""
+    """The robot, without the messages that it received before this test."""
     shared_station.forget()
     return shared_station

@@ -1,4 +1,4 @@
-"""Who only opens connections, or asks slowly, keeps nobody out and takes nothing that the station needs."""
+"""Clients that only open connections, or send slowly, lock nobody out and exhaust no resources."""
 
 import os
 import socket

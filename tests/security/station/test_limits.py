@@ -1,4 +1,4 @@
-"""What a visitor can make the station do, keep and write has limits; other sites cannot show its page."""
+"""Limits on what visitors can make the station do, store and write; other sites cannot show its page."""
 
 import uuid
 from concurrent.futures import ThreadPoolExecutor

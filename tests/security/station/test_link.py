@@ -1,4 +1,4 @@
-"""Without a token in the profile a station makes one, which nobody but the run's user gets to see."""
+"""Without a token in the profile, a station makes one that only the run's user can read."""
 
 import stat
 from pathlib import Path

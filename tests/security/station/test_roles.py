@@ -1,4 +1,4 @@
-"""An observer sees everything and steers nothing, whatever his program sends, but for the emergency stop."""
+"""An observer sees everything and steers nothing except the emergency stop, whatever events are sent."""
 
 import uuid
 from dataclasses import replace
@@ -62,7 +62,7 @@ def test_observer_cannot_release_the_emergency_stop(station: Station) -> None:
 
 
 def test_operator_can_do_what_an_observer_cannot(station: Station) -> None:
-    """That the others are refused is worth something only if these very events work for an operator."""
+    """The refusals in the other tests mean something only if the same events work for an operator."""
     operator = station.operator()
     document = operator.open()
     with operator.connect(document.query) as page:

@@ -1,4 +1,4 @@
-"""Copied into the workspace of tests: a robot that stands still, whose every value the test knows."""
+"""Copied into the workspace of tests: a robot that stands still and whose values are all known."""
 
 import numpy as np
 
@@ -70,7 +70,7 @@ def found() -> Detection2DArray:
 
 
 class Fragile(Module):
-    """Breaks at the wish for it."""
+    """Crashes on request."""
 
     def setup(self) -> None:
         self.subscribe(Wish, self.on_wish, topic="wishes")
@@ -81,7 +81,7 @@ class Fragile(Module):
 
 
 class KnownRobot(Module):
-    """Shows all this again and again, and writes down what it is told."""
+    """Publishes all of this repeatedly, and records the messages it receives."""
 
     period_s = 0.1
 

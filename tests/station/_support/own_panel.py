@@ -1,4 +1,4 @@
-"""Copied into the workspace of tests: a panel that the framework does not know."""
+"""Copied into the workspace of tests: a panel that is not part of the framework."""
 
 from nicegui import ui
 

@@ -1,11 +1,11 @@
-"""Copied into the workspace of tests: what the base did, as the base itself says."""
+"""Copied into the workspace of tests: records what the base reports."""
 
 from robbie_mp import Module
 from robbie_mp.messages import DriveCommand, Odometry
 
 
 class Witness(Module):
-    """Writes down each command by hand, and each odometry: time (s), place (m), speed (m/s)."""
+    """Records each manual command and each odometry message: time (s), place (m), speed (m/s)."""
 
     def setup(self) -> None:
         self.file = (self.output_directory / "witness.txt").open("a")

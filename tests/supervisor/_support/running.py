@@ -1,4 +1,4 @@
-"""Runs a tree of zoo animals in the test's own process and follows a scenario while it runs."""
+"""Runs a process tree of zoo children in the test's own process, with a scenario."""
 
 import dataclasses
 import os
@@ -30,7 +30,7 @@ Scenario = Generator[Callable[[], bool], None, None]
 
 
 class FolderIncarnations:
-    """A memory side without memory: readiness is a file; every call is noted, and its order is checked."""
+    """Incarnations without memory: readiness is a file; every call is recorded, and its order is checked."""
 
     def __init__(self, folder: Path):
         self.folder = folder
@@ -112,7 +112,7 @@ class FolderIncarnations:
 
 
 class Run:
-    """One tree, with all that can be asked of it afterwards."""
+    """One tree, with everything that a test can check afterwards."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""A supervisor in a process of its own: `supervise.py BASE FOLDER TERMINAL|- BEHAVIOUR...`.
+"""A supervisor in a separate process: `supervise.py BASE FOLDER TERMINAL|- BEHAVIOUR...`.
 
 It makes a run directory and a name in shared memory, prints the run id when all children run, and supervises.
 """

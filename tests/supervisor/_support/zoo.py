@@ -1,8 +1,8 @@
-"""Children that behave in one way each; run as a script: `zoo.py BEHAVIOUR FOLDER PARENT_PID`.
+"""Children with one behaviour each; run as a script: `zoo.py BEHAVIOUR FOLDER PARENT_PID`.
 
-`zoo.py spare:BEHAVIOUR …` is a spare that behaves so when it is needed, `zoo.py broken_spare …` is of no use.
+`zoo.py spare:BEHAVIOUR …` is a spare with that behaviour; `zoo.py broken_spare …` is a spare that fails.
 
-A child says that it is ready, and whom it forked, by files in FOLDER, named after itself and its incarnation.
+A child reports its readiness and its forks by files in FOLDER, which are named after it and its incarnation.
 """
 
 import faulthandler
@@ -18,7 +18,7 @@ from robbie_mp.supervisor.assignment import wait_for_assignment
 
 
 class Animal:
-    """What every behaviour can do."""
+    """Functions common to all behaviours."""
 
     def __init__(self, folder: Path, name: str, incarnation: int):
         self.folder = folder

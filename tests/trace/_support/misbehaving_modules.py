@@ -1,4 +1,4 @@
-"""Modules that end in every bad way there is; copied into a test's workspace."""
+"""Modules that end in every bad way; copied into a test's workspace."""
 
 import ctypes
 import os

@@ -1,4 +1,4 @@
-"""Frontiers are found, ways to them are planned, and goals that cannot be had are given up."""
+"""Frontiers are found, paths to them are planned, and unreachable goals are given up."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The exploring task: what it does when inputs come, age, or when nothing helps."""
+"""The exploration task, with fresh and outdated inputs, and when recoveries fail."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Finding robots that know nothing but the map."""
+"""Localization of robots that know only the map."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Poses that go leave what was known through them."""
+"""Removed poses pass their information on to others."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""The mapper is better than its odometry, keeps within its limits, and goes on from a checkpoint."""
+"""The mapper is better than its odometry, respects its limits, and continues from a checkpoint."""
 
 from copy import deepcopy
 from typing import Any

@@ -1,4 +1,4 @@
-"""The grid says what was seen, forgets what is taken back, and does not outgrow its limit."""
+"""The grid shows what was seen, can remove sweeps, and does not exceed its limit."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A sweep is found where it was taken."""
+"""Matching finds the pose at which a sweep was taken."""
 
 import numpy as np
 import pytest

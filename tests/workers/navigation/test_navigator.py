@@ -1,4 +1,4 @@
-"""Driving to goals: around what is in the way, and what becomes of goals that cannot be reached."""
+"""Driving to goals, around obstacles, and the treatment of unreachable goals."""
 
 from collections.abc import Sequence
 from dataclasses import replace

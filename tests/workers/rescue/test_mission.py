@@ -1,4 +1,4 @@
-"""The mission decides what to do next, and comes home before it is too late."""
+"""The mission decides what to do next, and returns home in time."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The operator starts, pauses, aborts the mission and calls the robot home; what does not fit is refused."""
+"""The operator starts, pauses and aborts the mission and calls the robot home; invalid orders are refused."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Walls count as searched only where the camera has seen well that no victim is on them."""
+"""Walls count as searched only where the camera has seen them well."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Views of victims are fused, and asked about only when they are known well."""
+"""Views of victims are fused, and the operator is asked only about victims that are known well."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The question about a victim: it stays the same one under the operator's finger, and so does the answer."""
+"""The question about a victim does not change while the operator presses a button."""
 
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -91,7 +91,7 @@ def question_under_the_finger_stays(page: Page, robot: Robot, tool: Tool) -> Non
 
 
 def press_for_the_question_before_does_not_answer_the_next(page: Page, robot: Robot, tool: Tool) -> None:
-    """Press at the very moment in which the next question takes the place of the one that was meant."""
+    """Press at the moment at which the next question replaces the intended one."""
     before = shown(page)
     page.wait_for_selector("#victim-no:enabled")
     page.evaluate(

@@ -1,4 +1,4 @@
-"""Visits an operator station as a program that nobody of ours wrote: it sends what it likes."""
+"""Visits an operator station as an attacker's program, which can send anything."""
 
 import ast
 import http.client

@@ -1,4 +1,4 @@
-"""Copied into the workspace of tests: writes down everything that anybody tells the robot by the page."""
+"""Copied into the workspace of tests: records all messages that come from the page."""
 
 import json
 
@@ -29,7 +29,7 @@ SOURCES = (
 
 
 class Listener(Module):
-    """Hears what comes from the operator station."""
+    """Receives all messages from the operator station."""
 
     def setup(self) -> None:
         self.file = (self.output_directory / "heard.txt").open("a")

@@ -8,7 +8,7 @@ from robbie_mp.messages import Image, Point, Pose, PoseStamped
 
 
 class Rescuer(Module):
-    """Asks about a victim until it is answered; writes down answers and orders."""
+    """Asks about a victim until it is answered; records answers and orders."""
 
     period_s = 0.1
 
@@ -47,7 +47,7 @@ class Rescuer(Module):
         print("answer", answer.id, answer.answer, file=self.file, flush=True)
 
     def on_order(self, order: MissionOrder) -> None:
-        """Pause; refuse everything else, and say so."""
+        """Pause; refuse all other orders and publish the refusal."""
         refusal = "" if order.order == MissionOrder.PAUSE else f"no {order.order} today"
         orders = np.array([MissionOrder.START, MissionOrder.RETURN, MissionOrder.ABORT], np.uint8)
         self.mission = MissionStatus(state="PAUSE", text="stands", orders=orders, refusal=refusal)

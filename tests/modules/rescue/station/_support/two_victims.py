@@ -1,4 +1,4 @@
-"""Copied into the workspace of tests: a robot that asks about two victims at once, tells of them in turn."""
+"""Copied into the workspace of tests: a robot that asks about two victims at the same time."""
 
 from modules.rescue.messages import VictimConfirmation, VictimFound
 from robbie_mp import Module
@@ -6,7 +6,7 @@ from robbie_mp.messages import String
 
 
 class TwoVictims(Module):
-    """Withdraws the questions that it is told to, and writes down the answers."""
+    """Withdraws the named questions, and records the answers."""
 
     period_s = 0.05
 
@@ -19,7 +19,7 @@ class TwoVictims(Module):
         self.subscribe(VictimConfirmation, self.on_answer)
 
     def on_order(self, order: String) -> None:
-        """Ask about these from here on; about none: say nothing any more."""
+        """Ask about these victims from now on; without any, publish nothing."""
         self.is_silent = not order.data
         self.asked = {number: str(number) in order.data.split() for number in self.asked}
 
