@@ -127,9 +127,14 @@ int free_block(struct kept_blocks_object *self, uint64_t number)
         return -1;
     struct block_object *block = (struct block_object *)PyDict_GetItemWithError(self->taken, key);
     int failed = 0;
-    if (block != NULL && Py_IS_TYPE(block, &block_type) && (failed = keep(self, block)) == 0) {
-        self->taken_bytes -= block->capacity;
+    if (block != NULL && Py_IS_TYPE(block, &block_type)) {
+        Py_INCREF(block); /* keeping it may run a garbage collection */
         failed = PyDict_DelItem(self->taken, key);
+        if (!failed) {
+            self->taken_bytes -= block->capacity;
+            failed = keep(self, block);
+        }
+        Py_DECREF(block);
     }
     Py_DECREF(key);
     return failed || PyErr_Occurred() ? -1 : 0;

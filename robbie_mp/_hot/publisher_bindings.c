@@ -4,6 +4,8 @@
 #include "message_codec.h"
 #include "clock.h"
 
+enum { MAX_COLLECTED = 512 }; /* freed blocks at a time; Python collects the others */
+
 struct publisher_object {
     PyObject_HEAD
     struct endpoint_object *endpoint;
@@ -80,14 +82,20 @@ static int collect_freed(struct publisher_object *self)
     const uint64_t count = ring_waiting(freed);
     if (count > freed->place.capacity || PyObject_Size(self->unreferenced) != 0)
         return 0;
-    for (uint64_t index = 0; index < count; index++)
-        if (free_block(self->blocks, number_ring_at(freed, index)) != 0)
-            return -1;
-    if (count != 0) {
+    /* They are taken before they are freed: freeing may make a list, hence run a garbage collection, hence any
+     * Python code, which may collect the freed blocks as well. */
+    uint64_t numbers[MAX_COLLECTED];
+    const uint64_t taken = count < MAX_COLLECTED ? count : MAX_COLLECTED;
+    for (uint64_t index = 0; index < taken; index++)
+        numbers[index] = number_ring_at(freed, index);
+    if (taken != 0) {
         MAY_DIE(return -1);
-        number_ring_take(freed, count);
+        number_ring_take(freed, taken);
     }
-    return 1;
+    for (uint64_t index = 0; index < taken; index++)
+        if (free_block(self->blocks, numbers[index]) != 0)
+            return -1;
+    return taken == count;
 }
 
 /* Prepare the next block while the core routes this message; as `collect_freed`. */
@@ -114,17 +122,20 @@ struct prepared_message {
 };
 
 /* Encode a message; 1, 0 if this is not mine, -1 with an exception. Nothing is changed, so that Python can do
- * whatever is not of the common form. No Python code runs here, so no other thread comes in between. */
+ * whatever is not of the common form. Looking up the channel may run Python code, hence another thread: of a
+ * topic that is no plain string, or of a garbage collection. What comes after it runs none. */
 static int prepare(struct publisher_object *self, PyObject *message, PyObject *topic,
                    struct prepared_message *prepared)
 {
     struct message_codec *codec = codec_of(Py_TYPE(message));
-    if (codec == NULL || !codec->is_described || !endpoint_is_mine(self->endpoint) ||
-        !endpoint_may_publish(&self->endpoint->endpoint) || PyDict_GET_SIZE(self->blocks->taken) >= MAX_OUTSTANDING)
+    if (codec == NULL || !codec->is_described)
         return PyErr_Occurred() ? -1 : 0;
     const int found = find_declaration(self, message, topic, &prepared->declaration);
     if (found <= 0)
         return found;
+    if (self->words.words == NULL || !endpoint_is_mine(self->endpoint) ||
+        !endpoint_may_publish(&self->endpoint->endpoint) || PyDict_GET_SIZE(self->blocks->taken) >= MAX_OUTSTANDING)
+        return PyErr_Occurred() ? -1 : 0;
     const Py_ssize_t size = codec_size(codec, message);
     if (size < 0 || (prepared->list = kept_for(self->blocks, (uint64_t)size)) == NULL)
         return PyErr_Occurred() ? -1 : 0;

@@ -286,7 +286,7 @@ static PyObject *handle_next(struct subscriber_object *self, PyObject *inbox)
     if (message.bytes == NULL)
         return NULL;
     Py_INCREF(message.subscription);
-    done = begin(self, &message);
+    done = check_own(self) < 0 ? -1 : begin(self, &message);
     if (done > 0)
         done = run_handler(self, inbox, &message);
     if (done > 0)

@@ -22,7 +22,7 @@ from tools.fuzz_core.attack import Attack
 from tools.fuzz_core.plain import inputs
 
 HISTORIES = 200
-MANY_HISTORIES = 10_000
+MANY_HISTORIES = 8_000
 ALL_HISTORIES = 1_000_000
 HOSTILE_MODULES = 150
 EACH = 17
