@@ -10,7 +10,7 @@ PARALLEL := --numprocesses 2 --dist loadfile
 # What the installation compiles: a change of it, or of what is installed, installs again.
 INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/_hot/*.[ch])
 
-.PHONY: demo test test-all test-slow test-pure lint types docs bench clean
+.PHONY: demo test test-all test-slow test-pure test-arm64 lint types docs bench clean
 
 demo: .venv/robot
 	$(ROBBIE) run demo
@@ -28,6 +28,10 @@ test-slow: .venv/dev
 # The tests of the hot path, of which there are two forms, with the one in Python.
 test-pure: .venv/dev
 	ROBBIE_PURE_PYTHON=1 .venv/bin/python -m pytest -q -m 'not slow' $(PARALLEL) tests/core tests/messages tests/transport
+
+# The tests of the hot path and of messages on an emulated ARM machine: see tools/arm64/run.
+test-arm64:
+	tools/arm64/run
 
 lint: .venv/dev
 	.venv/bin/ruff check .

@@ -45,7 +45,7 @@ def latency(options: Options) -> list[Result]:
     often = Work("", Path(), count=options.messages(3000, 500), rate_hz=1000.0, warm_up=100)
     works = {"1 kHz": often}
     if not options.quick:
-        works["30 Hz"] = replace(often, count=options.messages(120, 120), rate_hz=30.0, warm_up=5)
+        works["30 Hz"] = replace(often, count=max(1, often.count * 30 // 1000), rate_hz=30.0, warm_up=5)
         if may_run_at(REALTIME_PRIORITY):
             works["1 kHz at SCHED_FIFO"] = replace(often, realtime_priority=REALTIME_PRIORITY)
     results = []
