@@ -15,11 +15,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
+from robbie_mp._hot.sources import digest
+
 HOT = Path(__file__).parents[3] / "robbie_mp" / "_hot"
 HERE = Path(__file__).parent
 PROGRAMS = HERE.parent / "programs"
 C_STANDARD = "-std=c11"
-COMPILE_S = 100
+COMPILE_S = 300
 
 
 def compiler() -> list[str] | None:
@@ -67,9 +69,8 @@ def fused_module(folder: Path, *options: str, hot: Path = HOT) -> ModuleType:
     if not built.exists():
         being_built = folder / f"{name}-{os.getpid()}.so"
         include = f"-I{hot}", f"-I{sysconfig.get_paths()['include']}"
-        compile_c(
-            command, being_built, sources, "-O1", "-fPIC", "-shared", "-DROBBIE_FUSE", *include, *options
-        )
+        defined = "-DROBBIE_FUSE", f'-DROBBIE_SOURCES="{digest(hot)}"'
+        compile_c(command, being_built, sources, "-O1", "-fPIC", "-shared", *defined, *include, *options)
         being_built.rename(built)
     loader = importlib.machinery.ExtensionFileLoader("native", str(built))
     spec = importlib.util.spec_from_file_location("native", built, loader=loader)

@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp import _hot
-from robbie_mp._hot.sources import digest
-from tests.hot._support.build import HOT, fused_module
+from tests.hot._support.build import fused_module
 from tests.hot._support.under_asan import SANITIZERS
 
 MESSAGES = Path(__file__).parents[2] / "messages"
@@ -22,7 +21,7 @@ MESSAGES = Path(__file__).parents[2] / "messages"
 def main() -> None:
     """Let the message classes use that build, and run everything."""
     folder, seed, count = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
-    module = fused_module(folder, *SANITIZERS, f'-DROBBIE_SOURCES="{digest(HOT)}"')
+    module = fused_module(folder, *SANITIZERS)
     sys.modules["robbie_mp._hot.native"] = module
     _hot.native = module
     from robbie_mp.messages.message import _NATIVE  # noqa: PLC0415 (chosen at import)
