@@ -33,7 +33,7 @@ from tools.kill_campaign.robot import REPOSITORY, Robot, RobotTrouble
 
 DATA = REPOSITORY.parent / "shared" / "data"
 RUN_LIMIT_S = 1800.0
-GOES_ON = re.compile(r"goes on after (\d+) odometry messages and (\d+) scans")
+CONTINUES = re.compile(r"continuing after (\d+) odometry messages and (\d+) scans")
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def play(folder: Path, log: Path, kill_at: int = 0) -> Outcome:
         raise RobotTrouble(f"a run has failed: {summary['reason']}")
     mapping = next(module for module in summary["modules"] if module["name"] == "mapping")
     counted = json.loads((robot.output / "mapping.json").read_text())
-    told = GOES_ON.search((robot.output / "log" / "mapping.jsonl").read_text())
+    told = CONTINUES.search((robot.output / "log" / "mapping.jsonl").read_text())
     return Outcome(
         duration_s=round(time.monotonic() - began_s, 1),
         trajectory=(robot.output / "trajectory.txt").read_bytes(),

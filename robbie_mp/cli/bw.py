@@ -18,7 +18,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "bw",
         "print the bandwidth of messages",
         "Print every second how many bytes of a message type were published. The figures come from the "
-        "core's counters: no message is missed, and it costs the robot nothing.",
+        "core's counters: they miss no message and cost the robot nothing.",
         ["robbie bw Image", "robbie bw PointCloud2 --once --json"],
     )
     add_type_argument(parser)

@@ -108,7 +108,7 @@ class _Echo:
         self._next_say_s = 0.0
 
     def print_all(self, stream: MessageStream) -> int:
-        """Print what comes; return the exit code."""
+        """Print messages as they arrive. Return the exit code."""
         try:
             for received in stream:
                 self._print(received)

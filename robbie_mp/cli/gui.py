@@ -105,7 +105,7 @@ def _announce(station: "OperatorStation") -> None:
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, object]:
-    """Return what is given of the station's settings.
+    """Return the settings of the station given on the command line.
 
     Raises:
         ProfileError: one is no YAML, or has no value.

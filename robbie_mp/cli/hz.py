@@ -18,7 +18,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "hz",
         "print the rate of messages",
         "Print every second how many messages of a type were published, and how regularly. The figures come "
-        "from the core's counters: no message is missed, and it costs the robot nothing.",
+        "from the core's counters: they miss no message and cost the robot nothing.",
         ["robbie hz LaserScan", "robbie hz Odometry --topic wheels --every 10 --once --json"],
     )
     add_type_argument(parser)

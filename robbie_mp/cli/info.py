@@ -1,4 +1,4 @@
-"""`robbie info LOG...`: what is in a log, without reading all of it."""
+"""`robbie info LOG...`: describes a log without reading all of it."""
 
 import argparse
 import json
@@ -27,7 +27,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "info",
-        "show what is in a log",
+        "show the contents of a log",
         "Show how long a log is, which run it is from, and which messages are in it. A truncated log is "
         "read as far as it is intact; `robbie log-repair` repairs it.",
         ["robbie info logs/monday", "robbie info logs/monday/monday_0000.mcap --json"],
@@ -51,7 +51,7 @@ def info(arguments: argparse.Namespace) -> int:
 
 
 def print_log(path: Path) -> None:
-    """Print what is in a log."""
+    """Print the description of a log."""
     _print(_describe(path, READ_LIMITS))
 
 
@@ -93,7 +93,7 @@ def _lines(info: LogInfo) -> list[tuple[str, str | Text]]:
 
 def _state(info: LogInfo) -> Text:
     if info.is_being_written:
-        return Text("still being written; this is what is complete so far", "yellow")
+        return Text("still being written; this is the complete part so far", "yellow")
     if not info.damage:
         return Text("complete")
     advice = f"; `robbie log-repair {info.path}` repairs it"

@@ -46,7 +46,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def list_what(arguments: argparse.Namespace) -> int:
-    """Print what was asked for."""
+    """Print the requested list."""
     if arguments.what == "runs":
         return _list_runs(arguments.json)
     rows = TABLES[arguments.what](choose_run(arguments.run))

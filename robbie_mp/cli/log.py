@@ -84,7 +84,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def log(arguments: argparse.Namespace) -> int:
-    """Show a trace, or change what is recorded."""
+    """Show a trace, or change the recorded kinds."""
     if arguments.record is not None:
         run = choose_run(arguments.run)
         print(control(run.folder, "record", arguments.module, kinds=sorted(arguments.record)))

@@ -45,7 +45,7 @@ def progress_bar(text: str) -> Iterator[Progress]:
     """Show a progress bar on a terminal; yield the function that updates it.
 
     Args:
-        text: what the command is doing.
+        text: a description of the command's activity.
     """
     if not sys.stderr.isatty():
         yield lambda _done, _all: None

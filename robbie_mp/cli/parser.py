@@ -14,7 +14,7 @@ class Parser(argparse.ArgumentParser):
     """An argument parser that reports an error on one line."""
 
     def error(self, message: str) -> NoReturn:
-        """Print what is wrong and how to get help, and exit."""
+        """Print the error and how to get help, and exit."""
         self.exit(BAD_USAGE, f"{self.prog}: {message}; see `{self.prog} --help`\n")
 
 

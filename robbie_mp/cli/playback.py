@@ -90,7 +90,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def steer(arguments: argparse.Namespace) -> int:
-    """Give an order, and print the state of the playback after it."""
+    """Give a command, and print the state of the playback after it."""
     state = give_order(choose_run(arguments.run), arguments.order, getattr(arguments, "value", 0.0))
     print(describe_playback(state))
     return 0

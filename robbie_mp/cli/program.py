@@ -43,7 +43,7 @@ COMMANDS = (
     "new",
     "completion",
 )
-"""In the order in which help lists them."""
+"""The commands, in the order in which help lists them."""
 
 FAILED = 1
 INTERRUPTED = 130
@@ -102,7 +102,7 @@ def _parser(first: Sequence[str]) -> argparse.ArgumentParser:
     """Return a parser with only the command that is called, or with all of them."""
     parser = Parser(
         prog="robbie",
-        description="Run a robot, each of whose modules is a process of its own, and inspect it.",
+        description="Run a robot whose modules are separate processes, and inspect it.",
         epilog="`robbie COMMAND --help` explains a command.",
     )
     parser.add_argument("--version", action="version", version=f"robbie {installed_version()}")

@@ -1,4 +1,4 @@
-"""How often messages come and how much they are, from the core's own counters: what `hz` and `bw` print."""
+"""The rates of messages and bytes that `hz` and `bw` print, from the core's counters."""
 
 import argparse
 import json

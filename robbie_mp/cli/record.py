@@ -93,7 +93,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def record(arguments: argparse.Namespace) -> int:
-    """Record, and print what is in the log."""
+    """Record, and print a description of the log."""
     run = choose_run(arguments.run)
     folder = arguments.output or Path(f"{datetime.now():%Y%m%d-%H%M%S}-{run.run_id}")
     if folder.exists():
@@ -115,7 +115,7 @@ def record(arguments: argparse.Namespace) -> int:
 def _record(
     run: KnownRun, recorded: RecordedRun, selection: Selection, folder: Path, arguments: argparse.Namespace
 ) -> None:
-    """Record until the run ends, the time is over, or a signal comes."""
+    """Record until the run ends, the time has passed, or a signal arrives."""
     subscriptions = [ChannelName(pair.type, ANY_VERSION, pair.topic) for pair in selection.pairs]
     stream = MessageStream(run, subscriptions, f"robbie record into {folder.name}")
     session = RecordingSession(

@@ -49,7 +49,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 
 def add_output_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of commands that run a robot: where it writes, and what is printed."""
+    """Add the options of commands that run a robot: output directory and printed output."""
     parser.add_argument(
         "--output", type=Path, metavar="DIR", help="folder for results and logs (output/PROFILE/TIME)"
     )

@@ -38,9 +38,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         subparsers,
         "top",
         "show what each process of a run is doing",
-        "Show modules, messages, and which module talks to which, live on a terminal. The figures come from "
-        "shared memory: this costs the robot nothing, and works while the core is down. The bottom line "
-        "lists the keys.",
+        "Show modules, messages, and the publishers and subscribers of each topic, live on a terminal. The "
+        "figures come from shared memory: this costs the robot nothing, and works while the core is down. "
+        "The bottom line lists the keys.",
         (
             "robbie top",
             "robbie top --once",

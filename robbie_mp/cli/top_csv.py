@@ -39,7 +39,7 @@ def record(run: KnownRun, path: str, interval_s: float, *, once: bool = False) -
     Args:
         run: which run.
         path: of the file, which is overwritten; '-' for standard output.
-        interval_s: time between two lines of a process; what they tell of is the time between them.
+        interval_s: time between two lines of a process; they describe the time between them.
         once: end after the first interval.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The channels in the core's tables: their names, and the count of what has passed through each.
+"""The channels in the core's tables: their names, and the count of messages routed through each.
 
 Reading them costs the robot nothing.
 """

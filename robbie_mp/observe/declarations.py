@@ -33,7 +33,7 @@ class Declaration:
 
 
 def read_declarations(run_id: str) -> list[Declaration]:
-    """Return what all live modules of a run have declared so far, in start order.
+    """Return the declarations of all live modules of a run so far, in start order.
 
     Raises:
         SegmentMissing: the run does not exist.

@@ -47,7 +47,7 @@ class WorkHistograms:
     latency: Histogram
     """From the publication of a message to the start of its handling by the subscriber."""
     handler: Histogram
-    """For one message: to decode it, run its handler, and release it."""
+    """Time for one message: to decode it, run its handler, and release it."""
     lateness: Histogram
     """From the moment a tick is due to its start: the jitter of an active module."""
     tick: Histogram
@@ -149,7 +149,7 @@ class ChannelFigures:
 
 @dataclass(frozen=True)
 class CoreFigures:
-    """What the core reports about itself."""
+    """The core's figures of itself."""
 
     routed: int
     wakeups: int
@@ -216,7 +216,7 @@ class RunReading:
     """Unix time."""
     core: CoreFigures
     modules: tuple[ModuleFigures, ...]
-    """In start order; the supervisor comes first, the core last."""
+    """All processes in start order: the supervisor is first, the core last."""
     channels: tuple[ChannelFigures, ...]
     segments: tuple[SegmentFigures, ...]
     machine: MachineReading

@@ -78,9 +78,9 @@ class RunObserver:
         )
 
     def modules(self) -> list[ModuleFigures]:
-        """Return the figures of all modules in start order; the supervisor comes first, the core last.
+        """Return the figures of all processes in start order: the supervisor is first, the core last.
 
-        Tools that are attached now come right before the core.
+        Attached tools are right before the core.
         """
         subscriptions = self._subscriptions()
         messages, sizes = self._outstanding()

@@ -2,7 +2,7 @@
 
 Writing tens of MB a second through the cache stalls a small machine: on a virtual one with 2 cores, at 62 MB
 a second, one wake-up in a thousand of a thread with real-time priority came 9 ms late; with direct writes, in
-pieces of 256 kB, 0.2 ms. Direct writes (open(2), O_DIRECT) come in whole aligned blocks; what is left at the
+pieces of 256 kB, 0.2 ms. Direct writes (open(2), O_DIRECT) come in whole aligned blocks; the rest at the
 end of the file, less than one block, goes through the cache.
 """
 

@@ -16,7 +16,7 @@ _CONTENT_HEAD_BYTES = RECORD_HEAD.size - 9  # without opcode and length
 _MESSAGE = int(Opcode.MESSAGE)
 _pack = RECORD_HEAD.pack
 ZSTD_LEVEL = 1
-"""Compression level: a robot has little time for it."""
+"""Compression level; low, because a robot has little time for it."""
 
 
 class Chunk:

@@ -72,7 +72,7 @@ class Conversion:
 
 @contextlib.contextmanager
 def converted_log(target: Path, source: Path) -> Iterator[Conversion]:
-    """Make a log of what is added inside this context; if that fails, no log is left.
+    """Make a log of the messages added inside this context. If that fails, no log is left.
 
     Args:
         target: the new file.

@@ -39,7 +39,7 @@ class DiskBudget:
         self._others_bytes = 0
 
     def look(self, own: Path) -> None:
-        """Look for other parts, beside the one that will be written."""
+        """Find the other parts, besides the one that will be written."""
         self._others = deque(sorted(part for part in self._parts() if part.path != own))
         self._others_bytes = sum(part.bytes for part in self._others)
 

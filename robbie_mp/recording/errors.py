@@ -36,7 +36,7 @@ class LogNotWritten(LogError, OSError):
 
 
 class RepairFailed(LogError, RuntimeError):
-    """The result of a repair is not what it should be."""
+    """The result of a repair is wrong."""
 
 
 class BagUnreadable(LogError, ValueError):

@@ -147,7 +147,7 @@ def describe(log: Log) -> LogInfo:
 
 
 def part_data(part: LogPart) -> dict[str, Any]:
-    """Return what is printed about one file."""
+    """Return the printed description of one file."""
     contents = part.contents
     return {
         "path": str(part.path),

@@ -126,7 +126,7 @@ class LogWriter:
         return part
 
     def sync(self) -> None:
-        """Force to disk what was written, and the counts of missing messages."""
+        """Force all written data to disk, and the counts of missing messages."""
         part = self._part
         if part is None:
             return

@@ -123,7 +123,7 @@ def read_attachment(data: bytes) -> Attachment:
     attachment: Attachment = parse(Attachment, data)
     checksum = int.from_bytes(data[-4:], "little")
     if checksum and zlib.crc32(data[:-4]) != checksum:
-        raise LogDamaged(f"the attachment {attachment.name!r} has another checksum than it says")
+        raise LogDamaged(f"the attachment {attachment.name!r} does not match its checksum")
     return attachment
 
 
@@ -144,9 +144,9 @@ def chunk_data(chunk: Chunk, limits: ReadLimits = READ_LIMITS) -> bytes:
     except (zstandard.ZstdError, RuntimeError, ValueError, EOFError, MemoryError) as error:
         raise LogDamaged(f"a chunk cannot be decompressed: {error}") from error
     if len(data) != size:
-        raise LogDamaged(f"a chunk holds {len(data)} bytes, not {size} as it says")
+        raise LogDamaged(f"a chunk has {len(data)} bytes instead of the stated {size}")
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-        raise LogDamaged("a chunk has another checksum than it says")
+        raise LogDamaged("a chunk does not match its checksum")
     return data
 
 

@@ -172,7 +172,7 @@ class PartWriter:
         self._metadata_indexes.append(MetadataIndex(offset=at, length=len(record), name=name))
 
     def sync(self) -> None:
-        """Force to disk what was written.
+        """Force all written data to disk.
 
         Raises:
             OSError: the sync failed; it is then unknown what the disk has kept since the last sync.

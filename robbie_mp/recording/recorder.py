@@ -110,7 +110,7 @@ class Recorder:
         return self._queue.kept_s()
 
     def write_kept(self) -> None:
-        """Write what was only kept until now, as a separate part."""
+        """Write the messages kept so far as a separate part."""
         self._queue.write_kept()
 
     def close(self) -> None:
@@ -132,7 +132,7 @@ class Recorder:
             self._log.exception("the log cannot be written")
 
     def _turn(self) -> bool:
-        """Write a chunk, or sync what was written; False at the end."""
+        """Write a chunk, or sync the written data. Return False at the end."""
         queue, keeps = self._queue, bool(self._limits.keep_s)
         had_ended = queue.ended  # it may end during the disk sync, just after one more message arrived
         chunk = queue.take(self._sync_due_ns)

@@ -84,14 +84,12 @@ def _write_and_check(part: LogPart, file: BinaryIO, target: Path, progress: Prog
     except (McapError, ValueError, LookupError) as error:
         raise RepairFailed(f"{target} was written, but cannot be read: {error!r}; it was removed") from error
     if found.state() != written.state():
-        raise RepairFailed(
-            f"{target} does not hold what was written to it; it was removed. Is the disk well?"
-        )
+        raise RepairFailed(f"{target} does not contain the written data; it was removed. Check the disk")
     return Repair(target, found.count, list(part.contents.damage))
 
 
 class _Digest:
-    """Counts and hashes messages, to compare two sequences of them."""
+    """Counts and hashes messages, in order to compare two sequences of them."""
 
     def __init__(self, progress: Callable[[int], None]):
         self.count = 0

@@ -1,4 +1,4 @@
-"""Reads a log file from its start if it has no summary, and finds whatever is whole in it."""
+"""Reads a log file without a summary from its start, and finds everything intact in it."""
 
 import re
 import struct
@@ -87,7 +87,7 @@ class _Scan:
                 following = self._next_chunk(offset + 1)
                 if self._search_bytes < 0:
                     self._found.damage.append(
-                        "too many places look like chunks and are none; the search ended"
+                        "too many places look like chunks but are not; the search ended"
                     )
                 if following is None:
                     break
@@ -100,9 +100,11 @@ class _Scan:
         """Note messages of unknown channels, and messages that the summary counts but the file lacks."""
         expected, count = self._known.message_count, self._found.message_count
         if self._strangers:
-            self._found.damage.append(f"{self._strangers} messages are of channels whose description is lost")
+            self._found.damage.append(
+                f"{self._strangers} messages belong to channels whose description is lost"
+            )
         elif self._known.counts and expected != count and not self._found.damage:
-            self._found.damage.append(f"the summary tells of {expected} messages, there are {count}")
+            self._found.damage.append(f"the summary counts {expected} messages, but there are {count}")
 
     def _take(self, frame: Frame) -> bool:
         """Process a record; return whether the data end with it."""

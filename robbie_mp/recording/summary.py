@@ -71,7 +71,7 @@ def _summary(file: BinaryIO, size: int, limits: ReadLimits) -> tuple[int, bytes]
         raise LogDamaged(f"the summary cannot begin at byte {footer.summary_start}")
     data = content(file, Frame(Opcode.FOOTER, footer.summary_start, end - footer.summary_start), limits)
     if footer.summary_crc and zlib.crc32(data + tail[: FOOTER_BYTES - 4]) != footer.summary_crc:
-        raise LogDamaged("the summary has another checksum than it says")
+        raise LogDamaged("the summary does not match its checksum")
     return footer.summary_start, data
 
 

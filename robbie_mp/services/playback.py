@@ -81,13 +81,15 @@ class Playback(ClockSource):
             length_s = (log.end_ns - log.start_ns) / 1e9
             start_s, end_s = settings["start_s"], settings["end_s"]
             if start_s > length_s:
-                raise SettingError(f"start_s is {start_s:g}, but {log.path} has {length_s:g} s", "start_s")
+                raise SettingError(
+                    f"start_s is {start_s:g}, but {log.path} has only {length_s:g} s", "start_s"
+                )
             if end_s is not None and end_s < start_s:
                 raise SettingError(f"end_s is {end_s:g}, which is before start_s ({start_s:g})", "end_s")
             if not selection.of_topics(log.channels, settings["topics"]):
                 names = ", ".join(sorted(set(map(channel_name, log.channels)))) or "nothing"
-                wanted = f"fits {', '.join(settings['topics'])}" if settings["topics"] else "can be played"
-                raise SettingError(f"{log.path} has nothing that {wanted}; it has {names}", "topics")
+                wanted = f"matches {', '.join(settings['topics'])}" if settings["topics"] else "can be played"
+                raise SettingError(f"{log.path} has no channel that {wanted}; it has {names}", "topics")
 
     @classmethod
     def further_types(cls, settings: dict[str, Any], others: Collection[str]) -> Iterable[TypeDescription]:

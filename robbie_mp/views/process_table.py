@@ -418,4 +418,4 @@ def graph(reading: RunReading, rates: RunRates | None) -> Text:
     for row in unheard:
         names = one_line(", ".join(name for name, _ in row.talk.subscribers))
         lines.append(Text.assemble(("nobody", "dim"), f" ─ {row.name} ─▶ {names}"))
-    return Text("\n").join(lines) if lines else Text("nobody talks", "dim")
+    return Text("\n").join(lines) if lines else Text("no module publishes or subscribes", "dim")

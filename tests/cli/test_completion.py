@@ -45,7 +45,7 @@ def robbie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ("typed", "offered"),
     [("robbie ec", {"echo"}), ("robbie run r", {"robot"}), ("robbie pub --ra", {"--rate"})],
 )
-def test_bash_completes(robbie: Path, typed: str, offered: set[str]) -> None:
+def test_bash_completion_works(robbie: Path, typed: str, offered: set[str]) -> None:
     asked = subprocess.run(
         ["bash", "-c", ASK, "bash", typed], capture_output=True, text=True, timeout=60, check=True
     )
@@ -82,7 +82,7 @@ def test_usage_error_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert said == "robbie echo: the following arguments are required: TYPE; see `robbie echo --help`\n"
 
 
-def test_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         main(["--version"])
     assert end.value.code == 0
@@ -96,7 +96,7 @@ def test_commands_are_loaded_one_by_one() -> None:
 
 
 @pytest.mark.parametrize("variable", ["NO_COLOR", "NOTHING"])
-def test_no_color_is_heeded_on_a_terminal(robbie: Path, variable: str) -> None:
+def test_no_color_is_respected_on_a_terminal(robbie: Path, variable: str) -> None:
     terminal, end = pty.openpty()
     environment = {**os.environ, variable: "1", "TERM": "xterm-256color"}
     with os.fdopen(end, "wb") as output:

@@ -40,7 +40,7 @@ def test_csv_has_a_line_for_each_message_and_a_column_for_each_number(log: Path)
         assert [row["child_frame_id"] for row in csv.DictReader(file)][:2] == ["base 1", "base 4"]
 
 
-def test_numpy_files_hold_the_same(log: Path) -> None:
+def test_numpy_files_have_the_same_values(log: Path) -> None:
     with LogFile(Path("b.mcap")) as file:
         for number in range(3):
             file.add(scan(number, rays=number), "scan", time_ns=START_NS + number)
@@ -80,7 +80,7 @@ def test_pattern_that_matches_nothing_is_a_warning(log: Path, capsys: pytest.Cap
     assert "no topic matches 'lidar'" in capsys.readouterr().err
 
 
-def test_what_cannot_be_read_is_left_out_with_a_warning(
+def test_unreadable_messages_are_skipped_with_a_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -121,7 +121,7 @@ def test_diff_prints_how_channels_differ(log: Path, capsys: pytest.CaptureFixtur
     }
 
 
-def test_damaged_logs_are_compared_and_exported_as_far_as_they_are_whole(
+def test_intact_parts_of_damaged_logs_are_compared_and_exported(
     log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Path("cut.mcap").write_bytes(log.read_bytes()[:-6000])
@@ -131,7 +131,7 @@ def test_damaged_logs_are_compared_and_exported_as_far_as_they_are_whole(
     assert "only the intact part was exported" in capsys.readouterr().err
 
 
-def test_imports_say_what_they_made(
+def test_imports_report_their_results(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -146,7 +146,7 @@ def test_imports_say_what_they_made(
     assert json.loads(capsys.readouterr().out)[0]["messages"] == 3
 
 
-def test_a_terminal_sees_how_far_it_is(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_is_shown_on_a_terminal(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     controller, terminal = pty.openpty()
     with os.fdopen(terminal, "w") as stderr, os.fdopen(controller, "rb"):
         monkeypatch.setattr("sys.stderr", stderr)
@@ -167,7 +167,7 @@ def test_a_terminal_sees_how_far_it_is(log: Path, monkeypatch: pytest.MonkeyPatc
         (["import-rosbag", "a.clf", "b.mcap"], "a.clf cannot be read as a bag of ROS"),
     ],
 )
-def test_bad_input_is_an_error_of_one_line(
+def test_bad_input_is_a_one_line_error(
     log: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], what: str
 ) -> None:
     Path("a.clf").write_text(CARMEN)

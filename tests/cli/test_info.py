@@ -48,7 +48,7 @@ def test_info_agrees_with_the_summary_that_mcap_reads(log: Path, capsys: pytest.
     assert ours["is_complete"] and ours["library"] == "robbie-mp test"
 
 
-def test_info_for_people_has_the_same_figures(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_printed_info_has_the_same_figures(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", str(log)]) == 0
     shown = capsys.readouterr().out
     for text in ("31", "3.000 s", "0123abcd, profile demo, on h", "complete", "compression none"):
@@ -57,7 +57,7 @@ def test_info_for_people_has_the_same_figures(log: Path, capsys: pytest.CaptureF
     assert line.split() == ["laser/front", "sensor_msgs/msg/LaserScan", "1", "laser", "11", "3.7", "2"]
 
 
-def test_parts_are_told_together_and_each(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_parts_are_described_together_and_separately(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copy(log, log.with_name("run_0001.mcap"))
     (ours,) = told(capsys, log.parent)
     assert ours["messages"] == 62 and [part["messages"] for part in ours["parts"]] == [31, 31]
@@ -66,7 +66,7 @@ def test_parts_are_told_together_and_each(log: Path, capsys: pytest.CaptureFixtu
     assert "run_0001.mcap" in capsys.readouterr().out
 
 
-def test_of_a_cut_log_info_says_what_to_do_and_repair_does_it(
+def test_info_on_a_cut_log_advises_the_repair_which_works(
     log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copy(log, log.with_name("run_0001.mcap"))
@@ -89,7 +89,7 @@ def test_of_a_cut_log_info_says_what_to_do_and_repair_does_it(
     assert "all parts" in capsys.readouterr().out
 
 
-def test_a_log_that_is_being_written_is_told_from_one_that_was_cut(
+def test_log_being_written_is_distinguished_from_a_cut_one(
     log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log.write_bytes(log.read_bytes()[:-6000])
@@ -104,7 +104,7 @@ def test_a_log_that_is_being_written_is_told_from_one_that_was_cut(
     assert main(["log-repair", str(log)]) == 0
 
 
-def test_repair_that_fails_its_check_is_no_success(
+def test_repair_that_fails_its_check_is_a_failure(
     log: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fail(*_: object) -> None:
@@ -132,7 +132,7 @@ def test_repair_that_fails_its_check_is_no_success(
         (["log-repair", "folder", "-o", "b.mcap"], "folder is a folder"),
     ],
 )
-def test_bad_input_is_an_error_of_one_line(
+def test_bad_input_is_a_one_line_error(
     log: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -47,7 +47,7 @@ def person(robot: Robot, capsys: pytest.CaptureFixture[str]) -> Iterator[Person]
     yield Person(robot, run.run_id, capsys)
 
 
-def test_everything_a_person_asks_of_a_run(person: Person, tmp_path: Path) -> None:
+def test_all_commands_on_a_live_run_work(person: Person, tmp_path: Path) -> None:
     lists_what_there_is(person)
     echoes(person)
     measures_rates(person)

@@ -53,19 +53,21 @@ def test_newest_run_is_shown_in_order_with_more_lines_indented(
     assert shown(capsys, str(output)) == lines
 
 
-def test_kinds_modules_and_number_are_chosen(output: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_entries_can_be_chosen_by_kind_module_and_number(
+    output: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     [line] = shown(capsys, "--kind", "error,warning", "--module", "mapping")
     assert line.endswith("mapping#0 warning no \\x1b[2Jmap")
     assert [line.split()[-1] for line in shown(capsys, "--kind", "info", "--last", "2")] == ["28", "29"]
     assert shown(capsys, "--kind", "error", "--module", "mapping") == []
 
 
-def test_json_is_the_entries_themselves(output: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_output_is_the_entries(output: Path, capsys: pytest.CaptureFixture[str]) -> None:
     entries = [Entry.from_line(line.encode()) for line in shown(capsys, "--json", "--kind", "error")]
     assert [entry and entry.text for entry in entries] == ["bad\nscan"]
 
 
-def test_following_a_run_that_is_over_shows_its_end_and_ends(
+def test_following_an_ended_run_shows_its_end_and_ends(
     output: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(log, "POLL_S", 0.0)
@@ -74,7 +76,7 @@ def test_following_a_run_that_is_over_shows_its_end_and_ends(
     assert len(shown(capsys, "--follow", str(output))) == log.FOLLOWED_LINES + 3
 
 
-def test_colours_are_for_terminals_only_and_only_if_wanted(
+def test_colours_are_used_only_on_terminals_and_if_wanted(
     output: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plain = shown(capsys)
@@ -87,7 +89,7 @@ def test_colours_are_for_terminals_only_and_only_if_wanted(
     assert shown(capsys) == plain
 
 
-def test_whom_nobody_knows_and_what_is_no_run_is_said(
+def test_unknown_modules_and_invalid_run_folders_are_reported(
     output: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     assert main(["log", "--module", "lazer"]) == 1

@@ -52,5 +52,5 @@ def test_last_crash_is_the_newest_report(written: Path) -> None:
     assert log.crash[-1].strip() == "the stack"
 
 
-def test_module_without_any_log_has_neither(tmp_path: Path) -> None:
+def test_module_without_a_log_has_neither_lines_nor_crash(tmp_path: Path) -> None:
     assert read_module_log(tmp_path, "laser", 5).lines == ()

@@ -11,7 +11,7 @@ from robbie_mp.cli.new import make_workspace
 from tests.docs._support.pages import ROOT
 
 
-def test_no_placeholder_is_left(tmp_path: Path) -> None:
+def test_no_placeholder_remains(tmp_path: Path) -> None:
     made = make_workspace(tmp_path / "My 2nd-Robot")
     assert all("{{" not in file.read_text() for file in made)
     assert (
@@ -19,7 +19,7 @@ def test_no_placeholder_is_left(tmp_path: Path) -> None:
     )
 
 
-def test_made_code_is_as_clean_as_ours(tmp_path: Path) -> None:
+def test_generated_code_passes_our_checks(tmp_path: Path) -> None:
     make_workspace(tmp_path / "robot")
     config = ["--no-cache", "--config", str(ROOT / "pyproject.toml")]
     check = subprocess.run(

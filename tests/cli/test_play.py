@@ -32,7 +32,7 @@ def test_options_are_settings_of_the_playback(log: Path) -> None:
     ]  # fmt: skip
 
 
-def test_what_is_not_given_is_left_to_the_profile_and_alone_a_log_plays_in_real_time(log: Path) -> None:
+def test_options_not_given_keep_the_profiles_values_or_real_time(log: Path) -> None:
     settings = _settings(_parser(["play"]).parse_args(["play", str(log)]))
     assert settings == {"file": str(log)}
     alone = _alone(settings)
@@ -48,7 +48,7 @@ def test_impossible_rates_are_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize("profile", ["demo-playback", "mapping-playback"])
-def test_stock_profiles_that_play_have_a_playback_that_turns_the_clock(profile: str) -> None:
+def test_stock_playback_profiles_have_a_playback_that_controls_the_clock(profile: str) -> None:
     loaded = load_profile(profile, PROJECT)
     names = [module.name for module in loaded.modules]
     assert sorted(names) == ["mapping", "playback"]

@@ -32,13 +32,13 @@ def state(at_s: float, rate: float = 1.0, *, paused: bool = False) -> PlaybackSt
         (b"m", state(3), ("rate", math.inf)),
     ],
 )
-def test_key_gives_an_order(key: bytes, now: PlaybackState, order: tuple[str, float]) -> None:
+def test_keys_give_commands(key: bytes, now: PlaybackState, order: tuple[str, float]) -> None:
     given = order_of(key, now)
     assert given is not None
     assert given.command == order[0]
     assert given.value == pytest.approx(order[1])
 
 
-def test_keys_without_meaning_give_none_and_arrows_are_one_key() -> None:
+def test_other_keys_give_no_command_and_an_arrow_is_one_key() -> None:
     assert order_of(b"x", state(3)) is None
     assert KEY.findall(b" " + LEFT + b"q\xff") == [b" ", LEFT, b"q", b"\xff"]

@@ -47,7 +47,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
     assert not made.open, "a run is still mapped"
 
 
-def test_only_run_is_watched_as_soon_as_it_is_there(machine: Machine) -> None:
+def test_single_run_is_watched_as_soon_as_it_exists(machine: Machine) -> None:
     feed = RunFeed()
     assert feed.poll().watching is Watching.NOTHING
     machine.live = [run()]
@@ -76,7 +76,7 @@ def test_run_that_has_ended_stays_in_view_until_the_next_one(machine: Machine) -
     feed.close()
 
 
-def test_of_several_runs_the_user_chooses(machine: Machine) -> None:
+def test_user_chooses_among_several_runs(machine: Machine) -> None:
     machine.live = [run(), run("99999999")]
     feed = RunFeed()
     assert feed.poll().watching is Watching.SEVERAL
@@ -89,7 +89,7 @@ def test_of_several_runs_the_user_chooses(machine: Machine) -> None:
     feed.close()
 
 
-def test_run_that_was_asked_for_is_watched_beside_others(machine: Machine) -> None:
+def test_requested_run_is_watched_even_if_there_are_others(machine: Machine) -> None:
     machine.live = [run(), run("99999999")]
     feed = RunFeed("99")
     assert feed.poll().run == machine.live[1]

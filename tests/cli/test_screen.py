@@ -34,7 +34,7 @@ def read_all(fd: int) -> str:
         return file.read().decode()
 
 
-def test_lines_come_out_in_their_order(tmp_path: Path) -> None:
+def test_lines_are_printed_in_order(tmp_path: Path) -> None:
     reader, writer = os.pipe()
     with RunScreen(quiet=False, fd=writer) as screen:
         for number in range(100):
@@ -48,7 +48,7 @@ def test_lines_come_out_in_their_order(tmp_path: Path) -> None:
     assert screen.dropped == 0
 
 
-def test_quiet_screen_shows_only_what_went_wrong() -> None:
+def test_quiet_screen_shows_only_failures() -> None:
     reader, writer = os.pipe()
     with RunScreen(quiet=True, fd=writer) as screen:
         screen.listener.entry(line("hello"))
@@ -58,7 +58,7 @@ def test_quiet_screen_shows_only_what_went_wrong() -> None:
     assert shown == ["laser: FAILED (exit code 1)", "[laser] Traceback", "[laser] boom"]
 
 
-def test_blocked_reader_stalls_nobody_and_what_is_missing_is_counted() -> None:
+def test_blocked_reader_blocks_nothing_and_missing_lines_are_counted() -> None:
     reader, writer = os.pipe()
     begin_s = time.monotonic()
     with RunScreen(quiet=False, fd=writer) as screen:
@@ -83,7 +83,7 @@ def running(name: str) -> StateChange:
 
 
 @pytest.mark.parametrize("is_terminal", [True, False])
-def test_link_with_its_token_is_shown_to_a_terminal_only(
+def test_link_with_its_token_is_printed_only_to_a_terminal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_terminal: bool
 ) -> None:
     link = "http://127.0.0.1:8080/login?token=a-secret"
@@ -106,7 +106,7 @@ def test_link_with_its_token_is_shown_to_a_terminal_only(
     assert shown.count("robbie gui --link") == int(not is_terminal)
 
 
-def test_stopped_terminal_does_not_stop_the_end_of_the_run() -> None:
+def test_stopped_terminal_does_not_delay_the_end_of_the_run() -> None:
     controller, terminal = pty.openpty()
     begin_s = time.monotonic()
     with RunScreen(quiet=False, fd=terminal) as screen:
@@ -119,7 +119,7 @@ def test_stopped_terminal_does_not_stop_the_end_of_the_run() -> None:
     assert not screen._thread.is_alive()
 
 
-def test_closed_pipe_ends_the_show_and_nothing_else() -> None:
+def test_closed_pipe_ends_only_the_output() -> None:
     reader, writer = os.pipe()
     os.close(reader)
     with RunScreen(quiet=False, fd=writer) as screen:

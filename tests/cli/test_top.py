@@ -23,12 +23,12 @@ def no_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("option", ["--once", "--json", "--csv=-"])
-def test_without_a_run_it_says_so(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_run_is_reported(option: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["top", option]) == 1
     assert capsys.readouterr().err == "no run on this machine; start one with `robbie run PROFILE`\n"
 
 
-def test_without_the_library_it_says_what_to_do(
+def test_missing_library_is_reported_with_advice(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name in [name for name in sys.modules if name.startswith("robbie_mp.cli.top_program")]:
@@ -41,24 +41,24 @@ def test_without_the_library_it_says_what_to_do(
     assert "--json" in said
 
 
-def test_figures_need_no_library_of_the_terminal() -> None:
+def test_printed_figures_do_not_need_textual() -> None:
     code = "import sys; import robbie_mp.cli.top; sys.exit('textual' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
 
 
-def test_without_a_terminal_it_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_terminal_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["top"]) == 1
     assert "needs a terminal" in capsys.readouterr().err
 
 
-def test_senseless_interval_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_interval_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as error:
         main(["top", "--once", "--interval", "-1"])
     assert error.value.code == 2
     assert "expected a time in s; got -1" in capsys.readouterr().err
 
 
-def test_on_a_terminal_it_waits_for_a_run_until_q() -> None:
+def test_top_waits_for_a_run_until_q_is_pressed() -> None:
     controller, terminal = pty.openpty()
     with subprocess.Popen(
         [*COMMAND, "top", "--run", "none"], stdin=terminal, stdout=terminal, stderr=terminal, cwd=ROOT

@@ -62,7 +62,7 @@ async def look(pilot: Pilot[None]) -> None:
     await pilot.pause()
 
 
-def test_80_columns_show_the_modules_and_all_keys() -> None:
+def test_terminal_of_80_columns_shows_the_modules_and_all_keys() -> None:
     async def script(pilot: Pilot[None]) -> None:
         text = shown(pilot)
         assert "0a1b2c3d demo" in text
@@ -92,7 +92,7 @@ def test_each_view_has_its_key() -> None:
     play(PlayedFeed(), script, size=(130, 24))
 
 
-def test_rows_are_sorted_by_the_column_that_was_chosen() -> None:
+def test_rows_are_sorted_by_the_chosen_column() -> None:
     async def script(pilot: Pilot[None]) -> None:
         assert order(pilot, "laser", "mapping", "core") == ["laser", "mapping", "core"]
         await pilot.press("s")
@@ -119,7 +119,7 @@ def test_cursor_stays_on_its_module_while_rows_move() -> None:
     play(PlayedFeed(), script)
 
 
-def test_filter_shows_only_what_contains_it() -> None:
+def test_filter_shows_only_rows_that_contain_it() -> None:
     async def script(pilot: Pilot[None]) -> None:
         await pilot.press("slash", *"MAP")
         assert "laser" not in shown(pilot)
@@ -132,7 +132,7 @@ def test_filter_shows_only_what_contains_it() -> None:
     play(PlayedFeed(), script)
 
 
-def test_held_figures_stand_still() -> None:
+def test_frozen_figures_do_not_change() -> None:
     feed = PlayedFeed()
 
     async def script(pilot: Pilot[None]) -> None:
@@ -147,7 +147,7 @@ def test_held_figures_stand_still() -> None:
     play(feed, script)
 
 
-def test_details_show_times_books_log_and_the_last_crash(tmp_path: Path) -> None:
+def test_details_show_times_counters_log_and_the_last_crash(tmp_path: Path) -> None:
     (tmp_path / "log").mkdir()
     crash = entry(1, "ZeroDivisionError", "log", level="CRITICAL", traceback=TRACEBACK)
     write(tmp_path, crash, entry(2, "laser works again"))
@@ -180,7 +180,7 @@ def test_program_that_ends_while_details_are_shown_is_quiet() -> None:
 
 
 @pytest.mark.parametrize(("key", "command"), [("r", "restart"), ("x", "stop")])
-def test_module_is_restarted_or_stopped_only_after_a_yes(
+def test_module_is_restarted_or_stopped_only_after_a_confirmation(
     key: str, command: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said: list[tuple[str, str]] = []
@@ -220,7 +220,7 @@ def test_refusal_of_the_supervisor_is_shown(monkeypatch: pytest.MonkeyPatch) -> 
     play(PlayedFeed(), script)
 
 
-def test_supervisor_itself_is_not_to_be_restarted() -> None:
+def test_supervisor_cannot_be_restarted() -> None:
     async def script(pilot: Pilot[None]) -> None:
         await pilot.press("r")
         assert "supervisor cannot be told" in shown(pilot)
@@ -229,7 +229,7 @@ def test_supervisor_itself_is_not_to_be_restarted() -> None:
     play(PlayedFeed(), script)
 
 
-def test_hung_handler_is_named_wherever_the_cursor_is() -> None:
+def test_hung_handler_is_named_for_any_cursor_position() -> None:
     feed = PlayedFeed()
     since = {"activity": "handler", "handler": "Mapping.on_scan", "busy_since_ns": 98 * SECOND_NS}
     feed.modules = lambda at_s: (laser(at_s), mapping(at_s, **since))
@@ -241,7 +241,7 @@ def test_hung_handler_is_named_wherever_the_cursor_is() -> None:
     play(feed, script)
 
 
-def test_module_that_waits_for_its_restart_says_why() -> None:
+def test_module_that_waits_for_its_restart_shows_the_reason() -> None:
     feed = PlayedFeed()
     feed.modules = lambda at_s: (mapping(at_s, state=BACKOFF, pid=0, work=None, reason="killed by SIGSEGV"),)
 
@@ -253,7 +253,7 @@ def test_module_that_waits_for_its_restart_says_why() -> None:
     play(feed, script)
 
 
-def test_core_that_is_silent_is_an_alarm() -> None:
+def test_silent_core_is_an_alarm() -> None:
     feed = PlayedFeed()
     feed.heartbeat_s = 98.0
 
@@ -266,7 +266,7 @@ def test_core_that_is_silent_is_an_alarm() -> None:
     play(feed, script)
 
 
-def test_it_waits_for_a_run_and_says_when_it_has_ended() -> None:
+def test_top_waits_for_a_run_and_shows_its_end() -> None:
     feed = PlayedFeed()
     feed.watching = Watching.NOTHING
     feed.runs = ()
@@ -297,7 +297,7 @@ def test_several_runs_are_listed_to_choose_from() -> None:
     play(feed, script)
 
 
-def test_no_color_is_obeyed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_color_is_respected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
     feed = PlayedFeed()
 
@@ -310,7 +310,7 @@ def test_no_color_is_obeyed(monkeypatch: pytest.MonkeyPatch) -> None:
     play(feed, script)
 
 
-def test_q_ends_it() -> None:
+def test_key_q_ends_the_program() -> None:
     async def script(pilot: Pilot[None]) -> None:
         await pilot.press("q")
         assert pilot.app.return_code == 0

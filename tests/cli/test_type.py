@@ -20,7 +20,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_own_type_of_a_workspace_is_shown(workspace: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_type_of_a_workspace_is_shown(workspace: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["type", "show", "ProcessorLoad", "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)
     assert shown["name"] == "mouse/msg/ProcessorLoad"

@@ -67,13 +67,13 @@ def test_counters_are_those_of_the_modules_themselves(evidence: Evidence) -> Non
         assert (module["waiting"], module["left"], module["lost"], module["refused"]) == (0, 0, 0, 0)
 
 
-def test_queue_that_overflowed_shows_its_limit_and_peak(evidence: Evidence) -> None:
+def test_overflowing_queue_shows_its_limit_and_peak(evidence: Evidence) -> None:
     slow = evidence.module("slow")
     assert slow["queue_messages"] == slow["waiting_peak"] == QUEUE
     assert slow["dropped"] > 0
 
 
-def test_channels_have_the_messages_and_bytes_that_were_published(evidence: Evidence) -> None:
+def test_channels_count_published_messages_and_bytes(evidence: Evidence) -> None:
     size = LaserScan(ranges=np.zeros(64, np.float32)).encoded_size()
     found = [one for one in evidence.final["channels"] if one["type_name"] == LaserScan.type_name]
     assert len(found) == PAIRS
@@ -105,7 +105,7 @@ def test_p99_and_all_other_times_are_within_the_stated_error(evidence: Evidence)
                 assert abs(found[part] - true_s) <= RELATIVE_ERROR * true_s + ABSOLUTE_ERROR_S
 
 
-def test_handler_times_are_those_that_the_modules_measured_and_the_load_that_they_have(
+def test_handler_times_and_load_agree_with_the_modules_own_measurements(
     evidence: Evidence,
 ) -> None:
     for name in HEARERS:
@@ -116,7 +116,7 @@ def test_handler_times_are_those_that_the_modules_measured_and_the_load_that_the
         assert found["p50_s"] <= (1 + 2 * RELATIVE_ERROR) * quantile_s(own_ns, 0.5) + 0.002
 
 
-def test_rates_under_load_are_those_at_which_the_modules_published(evidence: Evidence) -> None:
+def test_rates_under_load_agree_with_the_publishers(evidence: Evidence) -> None:
     loaded = evidence.loaded
     interval_s = loaded["interval_s"]
     end_s = datetime.fromisoformat(loaded["time"]).timestamp()
@@ -136,7 +136,7 @@ def test_rates_under_load_are_those_at_which_the_modules_published(evidence: Evi
     assert loaded["routed_hz"] > 200, "that was no load"
 
 
-def test_jitter_is_that_of_the_messages_times(evidence: Evidence) -> None:
+def test_jitter_agrees_with_the_messages_times(evidence: Evidence) -> None:
     rates = rates_between(evidence.begun, evidence.ended)
     for number in range(PAIRS - 2):
         key = (LaserScan.type_name, LaserScan.version, f"talker{number}")
@@ -148,7 +148,7 @@ def test_jitter_is_that_of_the_messages_times(evidence: Evidence) -> None:
         assert 0 < age_s < (evidence.ended.at_ns - stamps[-1]) / 1e9
 
 
-def test_processor_memory_and_threads_are_those_that_psutil_sees(evidence: Evidence) -> None:
+def test_processor_time_memory_and_threads_agree_with_psutil(evidence: Evidence) -> None:
     for module in evidence.loaded["modules"]:
         before, after = evidence.psutil_before[module["pid"]], evidence.psutil_after[module["pid"]]
         assert before["cpu_s"] - CLOCK_TICK_S <= module["cpu_s"] <= after["cpu_s"] + CLOCK_TICK_S
@@ -170,7 +170,7 @@ def test_processor_memory_and_threads_are_those_that_psutil_sees(evidence: Evide
     assert evidence.loaded["machine"]["shared_memory_total_bytes"] == psutil.disk_usage("/dev/shm").total
 
 
-def test_profiler_tells_the_same_as_a_message(evidence: Evidence) -> None:
+def test_profiler_publishes_the_same_figures(evidence: Evidence) -> None:
     said = evidence.books["reporter"]["said"]
     assert len(said) > 5
     for before, now in pairwise(said):
@@ -213,25 +213,25 @@ def test_segments_are_those_in_dev_shm(evidence: Evidence) -> None:
             assert module["segment_bytes"] == sum(own)
 
 
-def test_hung_module_names_its_handler_and_since_when_before_the_watchdog_acts(evidence: Evidence) -> None:
+def test_hung_module_shows_its_handler_and_duration_before_the_watchdog_acts(evidence: Evidence) -> None:
     hanger = evidence.module("hanger", "hung")
     assert hanger["state"] == "RUNNING"
     assert (hanger["activity"], hanger["handler"]) == ("handler", "Hanger.on_command")
     assert hanger["busy_s"] > 1.0
 
 
-def test_every_look_shows_all_modules_while_the_core_dies_and_is_restarted(evidence: Evidence) -> None:
+def test_every_reading_has_all_modules_while_the_core_restarts(evidence: Evidence) -> None:
     assert set(evidence.while_core_died) == {len(MODULES) + 2}
 
 
-def test_whoever_watches_can_write_nothing_and_wake_nobody(evidence: Evidence) -> None:
+def test_observers_can_neither_write_nor_wake_a_process(evidence: Evidence) -> None:
     assert len(evidence.maps) >= len(MODULES)
     for line in evidence.maps:
         assert line.split()[1] == "r--s"
         assert "sem." not in line
 
 
-def test_whoever_watches_costs_core_and_modules_no_system_call(evidence: Evidence) -> None:
+def test_observers_cost_core_and_modules_no_system_call(evidence: Evidence) -> None:
     if not evidence.calls or any(math.isnan(count) for pair in evidence.calls.values() for count in pair):
         pytest.skip("there is no strace here, or it may not look")
     for name, (unwatched, watched) in evidence.calls.items():

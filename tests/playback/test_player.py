@@ -30,7 +30,7 @@ def lateness_s(rig: PlayerRig) -> list[float]:
 
 
 @pytest.mark.parametrize("rate", [1.0, 4.0, 0.5])
-def test_messages_come_at_their_time_whatever_the_rate(log: Log, rate: float) -> None:
+def test_messages_are_sent_at_their_time_at_any_rate(log: Log, rate: float) -> None:
     rig = PlayerRig(log, rate)
     rig.run(LENGTH_S / rate + 0.1)
     assert rig.outlet.numbers == ALL
@@ -39,14 +39,14 @@ def test_messages_come_at_their_time_whatever_the_rate(log: Log, rate: float) ->
     assert rig.clock.now_ns() >= log.end_ns
 
 
-def test_without_a_rate_all_come_at_once_each_at_its_own_time(log: Log) -> None:
+def test_messages_without_a_rate_are_sent_at_once_each_at_its_own_time(log: Log) -> None:
     rig = PlayerRig(log, None)
     rig.player.play()
     assert rig.outlet.numbers == ALL
     assert lateness_s(rig) == [0.0] * COUNT
 
 
-def test_pause_stops_messages_and_clock_and_resume_goes_on_there(log: Log) -> None:
+def test_pause_stops_messages_and_clock_and_resume_continues(log: Log) -> None:
     rig = PlayerRig(log)
     rig.run(1.0)
     rig.player.control("pause", 0)
@@ -68,7 +68,7 @@ def test_step_plays_exactly_one_message_and_the_clock_shows_its_time(log: Log) -
         assert rig.clock.now_ns() == START_NS + (number - 1) * STEP_NS
 
 
-def test_step_pauses_what_plays(log: Log) -> None:
+def test_step_pauses_a_running_playback(log: Log) -> None:
     rig = PlayerRig(log)
     rig.run(0.55)
     rig.player.control("step", 0)
@@ -77,7 +77,7 @@ def test_step_pauses_what_plays(log: Log) -> None:
     assert rig.time.paused
 
 
-def test_seek_is_announced_and_the_next_message_is_the_first_from_there(log: Log) -> None:
+def test_seek_is_announced_and_continues_with_the_first_message_there(log: Log) -> None:
     rig = PlayerRig(log)
     rig.run(0.55)
     rig.player.control("seek", 3.05)
@@ -106,7 +106,7 @@ def test_jump_waits_until_everything_sent_was_handled(log: Log) -> None:
     assert len(rig.outlet.jumps) == 1
 
 
-def test_loop_begins_again_and_says_so(log: Log) -> None:
+def test_loop_starts_again_and_announces_a_jump(log: Log) -> None:
     rig = PlayerRig(log, 10.0, loop=True)
     rig.run(LENGTH_S / 10 * 2.5)
     assert rig.outlet.numbers[: COUNT + 5] == ALL + ALL[:5]
@@ -125,7 +125,7 @@ def test_paused_loop_stays_at_the_end_until_it_is_stepped(log: Log) -> None:
     assert rig.outlet.numbers == [*ALL, 1]
 
 
-def test_full_run_holds_messages_and_clock_and_nothing_is_lost(log: Log) -> None:
+def test_full_run_stops_messages_and_clock_and_nothing_is_lost(log: Log) -> None:
     rig = PlayerRig(log)
     rig.outlet.room = 0
     rig.run(3.0)
@@ -139,7 +139,7 @@ def test_full_run_holds_messages_and_clock_and_nothing_is_lost(log: Log) -> None
     assert rig.outlet.numbers == ALL
 
 
-def test_rate_changes_while_it_plays(log: Log) -> None:
+def test_rate_can_change_during_playback(log: Log) -> None:
     rig = PlayerRig(log)
     rig.run(1.0)
     rig.player.control("rate", 2.0)
@@ -163,7 +163,7 @@ def test_rate_changes_while_it_plays(log: Log) -> None:
         ("", 0.0, "expected"),
     ],
 )
-def test_what_cannot_be_done_is_refused_and_changes_nothing(
+def test_impossible_command_is_refused_and_changes_nothing(
     log: Log, command: str, value: float, said: str
 ) -> None:
     rig = PlayerRig(log)
@@ -209,7 +209,7 @@ def test_step_in_lockstep_grants_the_ticks_before_the_message_and_then_waits(log
     assert [tick.due_ns - START_NS for tick, _ in rig.outlet.ticked] == [0, TICK_NS // 2]
 
 
-def test_lockstep_waits_for_what_a_tick_has_caused(log: Log) -> None:
+def test_lockstep_waits_for_everything_a_tick_caused(log: Log) -> None:
     rig = with_ticks(log, None)
     rig.outlet.room = 0
     rig.run(0.1)
@@ -226,7 +226,7 @@ ORDERS = st.one_of(
 
 @settings(max_examples=40, deadline=None)
 @given(orders=st.lists(st.tuples(ORDERS, st.floats(0, 0.5), st.booleans()), max_size=12), loop=st.booleans())
-def test_clock_goes_back_at_announced_jumps_alone_and_messages_stay_in_order(
+def test_clock_goes_back_only_at_announced_jumps_and_messages_stay_in_order(
     log: Log, orders: list[tuple[tuple[str, float], float, bool]], loop: bool
 ) -> None:
     rig = PlayerRig(log, loop=loop)  # whose clock fails if it is set back otherwise

@@ -26,7 +26,7 @@ def content(size: int, seed: int) -> bytes:
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.lists(SIZES, max_size=4), max_size=8))
-def test_file_is_what_was_appended(appends: list[list[int]]) -> None:
+def test_file_contains_the_appended_data(appends: list[list[int]]) -> None:
     with tempfile.TemporaryDirectory(dir=Path.cwd()) as folder:  # on a disk: /tmp may be in memory
         path, expected, seed = Path(folder) / "file", b"", 0
         file = AppendedFile(path)
@@ -41,7 +41,7 @@ def test_file_is_what_was_appended(appends: list[list[int]]) -> None:
 
 
 @pytest.mark.parametrize("room", [1, BLOCK_BYTES - 1, BLOCK_BYTES, PIECE_BYTES, PIECE_BYTES + 4097])
-def test_append_that_does_not_fit_is_taken_back_and_the_next_one_fits(tmp_path: Path, room: int) -> None:
+def test_append_that_does_not_fit_is_undone_and_a_smaller_one_succeeds(tmp_path: Path, room: int) -> None:
     path = tmp_path / "file"
     file = AppendedFile(path)
     first = content(5000, 1)
@@ -62,9 +62,7 @@ def test_append_that_does_not_fit_is_taken_back_and_the_next_one_fits(tmp_path: 
     assert path.read_bytes() == first + second
 
 
-def test_where_there_are_no_direct_writes_the_cache_is_used(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_page_cache_is_used_without_direct_writes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     ordinary = os.open
 
     def refuse(path: Path, flags: int, mode: int = 0o777) -> int:

@@ -28,7 +28,7 @@ def written(tmp_path: Path, text: str | bytes) -> Path:
     return path
 
 
-def test_records_come_in_recording_order_with_every_field(tmp_path: Path) -> None:
+def test_records_are_in_recording_order_with_every_field(tmp_path: Path) -> None:
     log = CarmenLog(written(tmp_path, GOOD))
     first, sweep, last = log
     assert first == OdometryRecord(1.5, -2.5, 0.5, 0.3, -0.1, 976052857.33, 0.25)
@@ -42,14 +42,14 @@ def test_records_come_in_recording_order_with_every_field(tmp_path: Path) -> Non
     assert log.broken_lines == 0
 
 
-def test_check_counts_what_is_there(tmp_path: Path) -> None:
+def test_check_counts_the_records(tmp_path: Path) -> None:
     assert CarmenLog(written(tmp_path, GOOD)).check() == {"odometry": 2, "laser": 1}
 
 
 @pytest.mark.parametrize(
     ("beams", "degrees_apart"), [(180, 1.0), (181, 1.0), (360, 0.5), (361, 0.5), (90, 2.0), (721, 0.25)]
 )
-def test_beams_begin_at_minus_90_degrees_and_are_as_far_apart_as_the_scanner_has_them(
+def test_beams_begin_at_minus_90_degrees_with_the_scanners_increment(
     beams: int, degrees_apart: float
 ) -> None:
     first, increment = beam_angles(beams)
@@ -74,7 +74,7 @@ def test_beams_begin_at_minus_90_degrees_and_are_as_far_apart_as_the_scanner_has
         ("ODOM \ufffd 2 3 0 0 0 1 host 1", "is not a number"),
     ],
 )
-def test_a_broken_line_is_named_with_file_line_and_reason(tmp_path: Path, line: str, what: str) -> None:
+def test_broken_line_is_reported_with_file_line_and_reason(tmp_path: Path, line: str, what: str) -> None:
     path = written(tmp_path, GOOD + line + "\n" + GOOD)
     with pytest.raises(BrokenLine) as error:
         CarmenLog(path).check()
@@ -90,7 +90,7 @@ def test_broken_lines_are_skipped_and_counted_on_request(tmp_path: Path) -> None
 
 
 @given(st.binary(max_size=300), st.integers(0, len(GOOD)))
-def test_whatever_the_bytes_records_or_a_broken_line_result(
+def test_any_bytes_give_records_or_a_broken_line(
     tmp_path_factory: pytest.TempPathFactory, junk: bytes, place: int
 ) -> None:
     text = GOOD.encode()
@@ -104,13 +104,13 @@ def test_whatever_the_bytes_records_or_a_broken_line_result(
     assert CarmenLog(path, skip_broken=True).check()["odometry"] <= 8
 
 
-def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
+def test_missing_file_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         CarmenLog(tmp_path / "none.clf").check()
 
 
 @pytest.mark.skipif(not INTEL.exists(), reason=f"the Intel log is not at {INTEL}")
-def test_the_intel_log_is_read_whole() -> None:
+def test_intel_log_is_read_completely() -> None:
     log = CarmenLog(INTEL)
     assert log.check() == {"odometry": 14541, "laser": 910}
     sweep = next(record for record in log if isinstance(record, LaserRecord))

@@ -34,7 +34,7 @@ def figures(one: ChannelComparison) -> tuple[int, int, int, int]:
     return one.equal, one.different, one.only_in_a, one.only_in_b
 
 
-def test_a_log_is_equal_to_itself(tmp_path: Path) -> None:
+def test_log_is_equal_to_itself(tmp_path: Path) -> None:
     path = write_log(tmp_path / "a.mcap")
     with open_log(path) as a, open_log(path) as b:
         found = compare(a, b)
@@ -42,14 +42,14 @@ def test_a_log_is_equal_to_itself(tmp_path: Path) -> None:
     assert [one.equal for one in found] == [10, 10, 10]
 
 
-def test_exactly_the_one_lost_message_is_found(tmp_path: Path) -> None:
+def test_exactly_one_lost_message_is_found(tmp_path: Path) -> None:
     scans = [scan(number) for number in range(20)]
     one = compared(tmp_path, scans, [*scans[:7], *scans[8:]])
     assert figures(one) == (19, 0, 1, 0) and not one.is_equal and one.first is None
     assert figures(compared(tmp_path, scans[1:], scans)) == (19, 0, 0, 1)
 
 
-def test_the_first_different_field_is_named_with_both_values(tmp_path: Path) -> None:
+def test_first_different_field_is_reported_with_both_values(tmp_path: Path) -> None:
     scans = [scan(number) for number in range(6)]
     other = scan(99, rays=8)
     one = compared(tmp_path, scans, [*scans[:3], other, scans[4], other])
@@ -88,7 +88,7 @@ def test_fields_are_named_by_their_paths(
         (b"\0\1\0\0", b"\0\1\0\0\0\0\0\0", "", ("byte 4 of 4", "byte 4 of 8")),
     ],
 )
-def test_what_is_equal_as_a_number_or_has_no_field_is_different_all_the_same(
+def test_different_bytes_of_equal_values_count_as_different(
     tmp_path: Path, a: bytes, b: bytes, field: str, texts: tuple[str, str]
 ) -> None:
     for name, data in (("a", a), ("b", b)):
@@ -114,7 +114,7 @@ def test_stamps_are_ignored_on_request_and_nothing_else(tmp_path: Path) -> None:
         assert one.first is not None and "stamp" not in one.first.field
 
 
-def test_channels_that_only_one_log_has_are_told(tmp_path: Path) -> None:
+def test_channels_that_only_one_log_has_are_reported(tmp_path: Path) -> None:
     for name in ("a", "b"):
         with LogFile(tmp_path / f"{name}.mcap") as file:
             file.add(scan(1), "both")
@@ -126,7 +126,7 @@ def test_channels_that_only_one_log_has_are_told(tmp_path: Path) -> None:
 
 
 @given(SEQUENCES, SEQUENCES)
-def test_alignment_covers_both_sequences_and_finds_as_much_in_common_as_there_is(
+def test_alignment_covers_both_sequences_and_finds_the_longest_common_part(
     a: list[int], b: list[int]
 ) -> None:
     spans = list(align(a, b))
@@ -150,7 +150,7 @@ def longest_common(a: list[int], b: list[int]) -> int:
     return lengths[-1][-1]
 
 
-def test_sequences_with_too_little_in_common_are_compared_place_by_place(
+def test_sequences_with_too_little_in_common_are_compared_by_position(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(alignment, "EDIT_LIMIT", 3)

@@ -47,11 +47,11 @@ def decoded(folder: Path, written: Message, *types: type[Message]) -> Message:
         return decoder.decode(logged)
 
 
-def test_message_of_version_1_becomes_version_3_by_the_declared_steps(tmp_path: Path) -> None:
+def test_message_of_version_1_is_upgraded_to_version_3(tmp_path: Path) -> None:
     assert decoded(tmp_path, ChargeThen(percent=50), ChargeNow) == ChargeNow(ratio=0.5, cells=6)
 
 
-def test_missing_step_is_named_with_type_and_versions(tmp_path: Path) -> None:
+def test_missing_step_is_reported_with_type_and_versions(tmp_path: Path) -> None:
     with pytest.raises(VersionError, match=r"team_msgs/msg/Charge: version 1 cannot become 3: .* 2 to 3"):
         decoded(tmp_path, ChargeThen(percent=50), ChargeWithoutStep)
 
@@ -61,7 +61,7 @@ def test_newer_version_than_ours_is_an_error(tmp_path: Path) -> None:
         decoded(tmp_path, ChargeNow(ratio=0.5, cells=6), ChargeThen)
 
 
-def test_unknown_type_is_read_by_the_schema_in_the_log(tmp_path: Path) -> None:
+def test_unknown_type_is_read_with_the_schema_in_the_log(tmp_path: Path) -> None:
     message: Any = decoded(tmp_path, ChargeNow(ratio=0.5, cells=6))
     assert (message.ratio, message.cells, message.version) == (0.5, 6, 3)
 
@@ -74,7 +74,7 @@ def test_stock_types_are_known_without_being_named(tmp_path: Path) -> None:
     assert isinstance(message, LaserScan) and message == scan(7)
 
 
-def test_of_foreign_messages_the_layout_tells_the_version(tmp_path: Path) -> None:
+def test_version_of_foreign_messages_follows_from_their_layout(tmp_path: Path) -> None:
     now, then = ChargeNow(ratio=0.5, cells=6), ChargeThen(percent=50)
     with LogFile(tmp_path / "a.mcap") as file:
         for number, message in enumerate((now, then)):
@@ -95,7 +95,7 @@ def test_of_foreign_messages_the_layout_tells_the_version(tmp_path: Path) -> Non
         ("cdr", b"wstring x", SchemaError, "wstring is not supported"),
     ],
 )
-def test_what_cannot_be_decoded_is_said(
+def test_undecodable_messages_are_reported(
     tmp_path: Path, encoding: str, schema: bytes, error: type[Exception], what: str
 ) -> None:
     with LogFile(tmp_path / "a.mcap") as file:

@@ -18,7 +18,7 @@ from robbie_mp.recording.format import (
 SCAN = ChannelKey("sensor_msgs/msg/LaserScan", 1, "front", "laser")
 
 
-def test_topic_of_a_channel_is_its_own_or_the_last_part_of_its_type() -> None:
+def test_channel_without_a_topic_is_named_after_its_type() -> None:
     names = TopicNames()
     assert names.of(SCAN) == "/front"
     assert names.of(SCAN._replace(topic="")) == "/LaserScan"
@@ -31,13 +31,13 @@ def test_two_types_never_share_a_topic_and_two_senders_of_one_type_do() -> None:
     assert names.of(SCAN._replace(type_name="b_msgs/msg/Echo")) == "/front/b_msgs/msg/Echo"
 
 
-def test_counts_are_read_as_they_were_written() -> None:
+def test_written_counts_are_read_back() -> None:
     counts = {SCAN: ChannelCount(17, 3), SCAN._replace(topic='"', sender=""): ChannelCount(0, 1)}
     assert counts_from_metadata(counts_metadata(counts.items())) == counts
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "{}", '[{"type": "a"}]', "7", '[{"type": 0, "version": null}]'])
-def test_record_that_holds_no_counts_is_a_value_error(text: str) -> None:
+def test_record_without_counts_is_a_value_error(text: str) -> None:
     try:
         assert counts_from_metadata({"channels": text}) == {}
     except ValueError:
@@ -45,7 +45,7 @@ def test_record_that_holds_no_counts_is_a_value_error(text: str) -> None:
     assert text == "{}"
 
 
-def test_run_metadata_is_read_as_it_was_written_and_gaps_stay_empty() -> None:
+def test_written_run_metadata_is_read_back_and_missing_fields_are_empty() -> None:
     run = RunMetadata("ab", "demo", "lisa", "0.1", "3.11", 4, 99, 10**18, "system", "modules: {}\n")
     assert RunMetadata.from_metadata(run.as_metadata()) == run
     assert RunMetadata.from_metadata({"part": "x"}).part == 0

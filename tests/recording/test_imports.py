@@ -40,7 +40,7 @@ def read(path: Path) -> list[LoggedMessage]:
         return list(log.messages())
 
 
-def test_a_carmen_log_becomes_odometry_scans_and_the_place_of_the_laser(tmp_path: Path) -> None:
+def test_carmen_log_becomes_odometry_scans_and_the_lasers_mounting_pose(tmp_path: Path) -> None:
     (tmp_path / "a.clf").write_text(CARMEN)
     done = import_carmen(tmp_path / "a.clf", tmp_path / "a.mcap", skip_broken=True, progress=unwatched)
     assert (done.messages, done.left_out) == (4, {"broken lines": 1})
@@ -56,14 +56,14 @@ def test_a_carmen_log_becomes_odometry_scans_and_the_place_of_the_laser(tmp_path
     assert [one.time_ns - first_ns for one in logged] == [0, 0, 250_000_000, 500_000_000]
 
 
-def test_a_broken_line_of_a_carmen_log_leaves_no_log(tmp_path: Path) -> None:
+def test_broken_line_of_a_carmen_log_leaves_no_log(tmp_path: Path) -> None:
     (tmp_path / "a.clf").write_text(CARMEN)
     with pytest.raises(BrokenLine, match=r"a\.clf:4: "):
         import_carmen(tmp_path / "a.clf", tmp_path / "a.mcap", skip_broken=False, progress=unwatched)
     assert not (tmp_path / "a.mcap").exists()
 
 
-def test_what_cannot_be_read_or_written_is_said(tmp_path: Path) -> None:
+def test_unreadable_input_and_unwritable_output_are_reported(tmp_path: Path) -> None:
     source, target = tmp_path / "a.clf", tmp_path / "a.mcap"
     with pytest.raises(LogUnreadable, match="No such file"):
         import_carmen(source, target, skip_broken=False, progress=unwatched)
@@ -118,7 +118,7 @@ def write_bag(folder: Path, form: str) -> Path:
 
 
 @pytest.mark.parametrize("form", ["ROS 1", "SQLITE3", "MCAP"])
-def test_a_bag_becomes_a_log_with_the_same_messages_and_times(tmp_path: Path, form: str) -> None:
+def test_bag_becomes_a_log_with_the_same_messages_and_times(tmp_path: Path, form: str) -> None:
     done = import_rosbag(write_bag(tmp_path, form), tmp_path / "a.mcap", progress=unwatched)
     assert (done.messages, done.left_out) == (3, {})
     logged = read(tmp_path / "a.mcap")
@@ -134,7 +134,7 @@ def test_a_bag_becomes_a_log_with_the_same_messages_and_times(tmp_path: Path, fo
     assert tf.transforms[0].transform.translation.y == 2.0 and tf.transforms[0].child_frame_id == "child"
 
 
-def test_a_type_of_another_layout_keeps_its_definition(tmp_path: Path) -> None:
+def test_type_with_another_layout_keeps_its_definition(tmp_path: Path) -> None:
     types = get_typestore(Stores.EMPTY)
     kind = "geometry_msgs/msg/Point"
     types.register(get_types_from_msg("float32 x", kind))
@@ -146,7 +146,7 @@ def test_a_type_of_another_layout_keeps_its_definition(tmp_path: Path) -> None:
     assert logged.channel.schema.strip() == "float32 x" and len(logged.data) == 8
 
 
-def test_messages_that_are_not_what_the_bag_says_are_left_out_and_counted(tmp_path: Path) -> None:
+def test_messages_that_contradict_their_definition_are_skipped_and_counted(tmp_path: Path) -> None:
     types = get_typestore(Stores.ROS1_NOETIC)
     kind = "std_msgs/msg/String"
     with Writer1(tmp_path / "a.bag") as writer:
@@ -158,7 +158,7 @@ def test_messages_that_are_not_what_the_bag_says_are_left_out_and_counted(tmp_pa
 
 
 @pytest.mark.parametrize("content", [None, b"", b"#ROSBAG V2.0\ngarbage"])
-def test_what_is_no_bag_is_said(tmp_path: Path, content: bytes | None) -> None:
+def test_file_that_is_not_a_bag_is_reported(tmp_path: Path, content: bytes | None) -> None:
     if content is not None:
         (tmp_path / "a.bag").write_bytes(content)
     with pytest.raises(BagUnreadable, match=r"a\.bag cannot be read as a bag of ROS"):

@@ -30,9 +30,7 @@ from tests.recording._support.recording import (
 
 
 @pytest.mark.parametrize("compression", Compression)
-def test_mcap_and_rosbags_read_every_message_as_it_was_written(
-    tmp_path: Path, compression: Compression
-) -> None:
+def test_mcap_and_rosbags_read_every_message_unchanged(tmp_path: Path, compression: Compression) -> None:
     log = writer(tmp_path / "log", compression)
     for first in (0, 30, 60):
         log.write(chunk_of(range(first, first + 30)), CHANNELS)
@@ -59,7 +57,7 @@ def test_mcap_and_rosbags_read_every_message_as_it_was_written(
 
 
 @pytest.mark.filterwarnings("ignore:start_time is deprecated")
-def test_summary_is_what_the_library_finds_in_the_file(tmp_path: Path) -> None:
+def test_summary_agrees_with_the_library_mcap(tmp_path: Path) -> None:
     log = writer(tmp_path / "log", Compression.ZSTD)
     log.write(chunk_of(range(30)), CHANNELS)
     log.write(chunk_of(range(30, 50)), CHANNELS)
@@ -83,7 +81,7 @@ def test_summary_is_what_the_library_finds_in_the_file(tmp_path: Path) -> None:
         assert [c.metadata["robbie_sender"] for c in summary.channels.values()] == ["laser", "base", "spare"]
 
 
-def test_parts_end_by_size_and_by_time_and_each_tells_its_own_counts(tmp_path: Path) -> None:
+def test_parts_end_by_size_or_time_and_each_has_its_own_counts(tmp_path: Path) -> None:
     dropped: dict[ChannelKey, int] = {}
     small = writer(tmp_path / "small", split=Split(bytes=9000), dropped=dropped)
     for first in range(0, 60, 10):
@@ -108,7 +106,7 @@ def test_parts_end_by_size_and_by_time_and_each_tells_its_own_counts(tmp_path: P
     assert len(list((tmp_path / "brief").iterdir())) == 3
 
 
-def test_what_is_missing_altogether_is_told_as_well(tmp_path: Path) -> None:
+def test_total_of_missing_messages_is_reported(tmp_path: Path) -> None:
     unknown = CHANNELS[1].key._replace(topic="rear", sender="")
     log = writer(tmp_path / "log", dropped={unknown: 7, CHANNELS[2].key: 2})
     log.write(chunk_of(range(10)), CHANNELS)
@@ -118,7 +116,7 @@ def test_what_is_missing_altogether_is_told_as_well(tmp_path: Path) -> None:
     assert told == {("front", 4): 0, ("", 3): 2, ("front", 3): 0, ("rear", 0): 7}
 
 
-def test_recording_that_is_continued_gets_further_parts(tmp_path: Path) -> None:
+def test_continued_recording_gets_further_parts(tmp_path: Path) -> None:
     for first in (0, 10):
         log = writer(tmp_path / "log")
         log.write(chunk_of(range(first, first + 10)), CHANNELS)
@@ -143,7 +141,7 @@ def files_of_at_most(limit: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def test_part_whose_chunk_was_cut_short_ends_with_the_chunk_before_and_the_next_part_goes_on(
+def test_part_with_a_cut_chunk_ends_before_it_and_the_next_part_continues(
     tmp_path: Path,
 ) -> None:
     log = writer(tmp_path / "log")
@@ -161,7 +159,7 @@ def test_part_whose_chunk_was_cut_short_ends_with_the_chunk_before_and_the_next_
     assert [found[1] for found in as_others_read(part_path(tmp_path / "log", 0))] == list(range(10))
 
 
-def test_part_for_whose_summary_there_is_no_room_is_readable_to_its_last_chunk(tmp_path: Path) -> None:
+def test_part_without_room_for_its_summary_is_readable_to_its_last_chunk(tmp_path: Path) -> None:
     log = writer(tmp_path / "log")
     log.write(chunk_of(range(10)), CHANNELS)
     size = part_path(tmp_path / "log", 0).stat().st_size
@@ -176,7 +174,7 @@ def test_part_for_whose_summary_there_is_no_room_is_readable_to_its_last_chunk(t
     log.close()
 
 
-def test_oldest_parts_of_recordings_go_first_and_nothing_else_ever(tmp_path: Path) -> None:
+def test_only_the_oldest_parts_of_recordings_are_removed(tmp_path: Path) -> None:
     root = tmp_path / "logs"
     for name in ("first", "second"):
         log = writer(root / name)

@@ -54,7 +54,7 @@ def expected(count: int) -> list[tuple[str, str, str, int, int, bytes]]:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_every_message_comes_in_file_order_whatever_the_form_of_the_file(tmp_path: Path, form: str) -> None:
+def test_messages_are_in_file_order_for_every_form_of_file(tmp_path: Path, form: str) -> None:
     with open_log(write_log(tmp_path / "a.mcap", 30, **FORMS[form])) as log:
         assert told(log) == expected(30)
         assert log.is_complete and not log.damage
@@ -64,7 +64,7 @@ def test_every_message_comes_in_file_order_whatever_the_form_of_the_file(tmp_pat
         assert log.metadata("robbie_run")[0]["run_id"] == "0123abcd"
 
 
-def test_file_order_is_kept_where_times_go_back(tmp_path: Path) -> None:
+def test_file_order_is_kept_even_if_times_go_back(tmp_path: Path) -> None:
     times = [START_NS + offset for offset in (5, 3, 4, 1, 2)]
     with LogFile(tmp_path / "a.mcap", chunk_size=1) as file:
         for time_ns in times:
@@ -76,7 +76,7 @@ def test_file_order_is_kept_where_times_go_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", ["plain", "without message indexes", "without chunks"])
-def test_messages_of_some_channels_and_times_are_the_ones_that_mcap_finds(tmp_path: Path, form: str) -> None:
+def test_selected_channels_and_times_agree_with_the_library_mcap(tmp_path: Path, form: str) -> None:
     path = write_log(tmp_path / "a.mcap", 60, **FORMS[form])
     start_ns, end_ns = START_NS + 7 * STEP_NS, START_NS + 34 * STEP_NS
     with path.open("rb") as file:
@@ -90,7 +90,7 @@ def test_messages_of_some_channels_and_times_are_the_ones_that_mcap_finds(tmp_pa
         assert list(log.messages(channels=[])) == []
 
 
-def test_a_folder_of_parts_is_one_log(tmp_path: Path) -> None:
+def test_folder_of_parts_is_one_log(tmp_path: Path) -> None:
     for number, times in ((10000, [3]), (9999, [1, 2])):
         with LogFile(tmp_path / f"run_{number:04}.mcap") as file:
             for time in times:
@@ -125,7 +125,7 @@ def test_mcap_ros2_support_and_rosbags_read_the_same_fields(tmp_path: Path) -> N
             assert_same(mine, its)
 
 
-def test_of_a_log_that_others_wrote_the_topic_and_the_layout_tell(tmp_path: Path) -> None:
+def test_topic_and_version_of_a_foreign_log_are_derived(tmp_path: Path) -> None:
     with LogFile(tmp_path / "a.mcap") as file:
         for topic, name in (("/t", "tf2_msgs/msg/TFMessage"), ("/u", "team_msgs/Unknown")):
             schema_id = file.writer.register_schema(name, "ros2msg", b"float64 wholly_other")
@@ -143,7 +143,7 @@ def test_of_a_log_that_others_wrote_the_topic_and_the_layout_tell(tmp_path: Path
 
 
 @pytest.mark.parametrize("form", ["zstd", "without chunks"])
-def test_of_a_file_cut_anywhere_what_was_written_whole_is_read(tmp_path: Path, form: str) -> None:
+def test_complete_chunks_of_a_file_cut_anywhere_are_read(tmp_path: Path, form: str) -> None:
     whole = write_log(tmp_path / "a.mcap", 9, **FORMS[form]).read_bytes()
     cut, messages, last = tmp_path / "cut.mcap", expected(9), 0
     for size in range(1, len(whole), 61):
@@ -157,7 +157,7 @@ def test_of_a_file_cut_anywhere_what_was_written_whole_is_read(tmp_path: Path, f
     assert last == len(messages)
 
 
-def test_a_damaged_chunk_is_left_out_and_the_ones_behind_it_are_found(tmp_path: Path) -> None:
+def test_damaged_chunk_is_skipped_and_later_ones_are_found(tmp_path: Path) -> None:
     path = write_log(tmp_path / "a.mcap", 30)
     whole = path.read_bytes()
     with open_log(path) as log:
@@ -175,7 +175,7 @@ def test_a_damaged_chunk_is_left_out_and_the_ones_behind_it_are_found(tmp_path: 
 
 @settings(max_examples=60, deadline=None)
 @given(data=st.data())
-def test_whatever_bytes_are_changed_reading_ends_without_another_error(
+def test_reading_a_file_with_any_changed_bytes_ends_without_other_errors(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
     folder = tmp_path_factory.mktemp("logs")
@@ -192,7 +192,7 @@ def test_whatever_bytes_are_changed_reading_ends_without_another_error(
     assert len(messages) <= 9
 
 
-def test_an_hour_is_sought_through_without_reading_it(
+def test_seek_in_an_hour_of_log_does_not_read_all_of_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "a.mcap"
@@ -222,14 +222,14 @@ def test_an_hour_is_sought_through_without_reading_it(
         (b"#ROSBAG V2.0\n", "is no MCAP file, but a ROS 1 bag: see `robbie import-rosbag`"),
     ],
 )
-def test_what_is_no_log_is_named(tmp_path: Path, content: bytes, what: str) -> None:
+def test_file_that_is_not_a_log_is_reported(tmp_path: Path, content: bytes, what: str) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(content)
     with pytest.raises(NotALog, match=what):
         open_log(path)
 
 
-def test_a_folder_without_a_log_or_with_several_is_named(tmp_path: Path) -> None:
+def test_folder_without_a_log_or_with_several_is_reported(tmp_path: Path) -> None:
     with pytest.raises(NotALog, match="has no parts of a log"):
         open_log(tmp_path)
     write_log(tmp_path / "a.mcap")

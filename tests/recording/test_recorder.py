@@ -65,7 +65,7 @@ def recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Recorder:
     return Recorder(lambda dropped: Disk(tmp_path / "log", dropped), LIMITS, LOG)
 
 
-def test_slow_disk_costs_messages_beyond_the_buffer_and_each_is_counted_in_the_log(
+def test_messages_beyond_the_buffer_of_a_slow_disk_are_counted_in_the_log(
     recorder: Recorder, tmp_path: Path
 ) -> None:
     disk_of(recorder).free.clear()
@@ -82,13 +82,15 @@ def test_slow_disk_costs_messages_beyond_the_buffer_and_each_is_counted_in_the_l
     assert recorder.waiting_bytes == 0
 
 
-def test_message_larger_than_the_buffer_is_taken_when_it_is_alone(recorder: Recorder, tmp_path: Path) -> None:
+def test_message_larger_than_the_buffer_is_accepted_if_it_is_alone(
+    recorder: Recorder, tmp_path: Path
+) -> None:
     assert record(recorder, range(1), size=20_000) == [0]
     recorder.close()
     assert recorded(tmp_path / "log") == [0]
 
 
-def test_full_disk_is_an_error_and_recording_goes_on_when_there_is_room_again(
+def test_recording_continues_after_a_full_disk_has_room_again(
     recorder: Recorder, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     disk_of(recorder).refuse = OSError(28, "No space left on device")
@@ -106,7 +108,7 @@ def test_full_disk_is_an_error_and_recording_goes_on_when_there_is_room_again(
     assert "No space left" in texts[0]
 
 
-def test_message_that_comes_right_before_the_end_while_the_disk_syncs_is_recorded(tmp_path: Path) -> None:
+def test_message_right_before_the_end_during_a_sync_is_recorded(tmp_path: Path) -> None:
     """A full chunk was written. While the disk syncs it, the robot publishes its last message and stops."""
     limits = BufferLimits(chunk_bytes=1000, buffer_bytes=5000, close_after_s=0.5)
 
@@ -125,14 +127,14 @@ def test_message_that_comes_right_before_the_end_while_the_disk_syncs_is_recorde
     assert recorded(tmp_path / "log") == list(range(9))
 
 
-def test_what_a_full_disk_refuses_at_the_end_is_counted(recorder: Recorder) -> None:
+def test_messages_refused_by_a_full_disk_at_the_end_are_counted(recorder: Recorder) -> None:
     disk_of(recorder).refuse = OSError(28, "No space left on device")
     record(recorder, range(20))
     recorder.close()
     assert recorder.counts() == {KEY: (0, 20)}
 
 
-def test_writer_that_breaks_is_no_silent_loss(recorder: Recorder) -> None:
+def test_failing_writer_is_not_a_silent_loss(recorder: Recorder) -> None:
     disk_of(recorder).refuse = ZeroDivisionError()
     record(recorder, range(20))
     with pytest.raises(RecordingFailed):
@@ -141,7 +143,7 @@ def test_writer_that_breaks_is_no_silent_loss(recorder: Recorder) -> None:
         record(recorder, range(1))
 
 
-def test_each_snapshot_is_a_whole_part_as_soon_as_it_is_written(tmp_path: Path) -> None:
+def test_each_snapshot_is_a_complete_part_once_it_is_written(tmp_path: Path) -> None:
     limits = BufferLimits(chunk_bytes=1000, buffer_bytes=1 << 20, close_after_s=0.0001, keep_s=3600.0)
     recorder = Recorder(lambda dropped: Disk(tmp_path / "log", dropped), limits, LOG)
 
@@ -169,7 +171,7 @@ class Clock:
         return self.now_ns
 
 
-def test_chunk_is_handed_out_so_long_after_its_first_message() -> None:
+def test_chunk_is_due_a_fixed_time_after_its_first_message() -> None:
     clock = Clock()
     queue = ChunkQueue(BufferLimits(1 << 20, 1 << 20, close_after_s=2.0), clock)
     queue.add(1, 1, 1, b"first")
@@ -182,7 +184,7 @@ def test_chunk_is_handed_out_so_long_after_its_first_message() -> None:
     assert queue.take(until_ns=0) is None
 
 
-def test_snapshot_keeps_the_last_seconds_within_the_buffer_and_is_handed_out_on_demand() -> None:
+def test_snapshot_keeps_the_last_seconds_within_the_buffer() -> None:
     clock = Clock()
     queue = ChunkQueue(BufferLimits(1 << 20, 3000, close_after_s=0.5, keep_s=4.0), clock)
 

@@ -67,7 +67,7 @@ def quick_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     ("form", "step"),
     [("zstd", 1), ("without chunks", 3), ("plain", 11), ("lz4", 11), ("without checksums", 11)],
 )
-def test_of_a_log_cut_at_any_byte_all_of_every_whole_chunk_is_kept(
+def test_repair_of_a_log_cut_at_any_byte_keeps_every_complete_chunk(
     tmp_path: Path, form: str, step: int
 ) -> None:
     path = write_small_log(tmp_path / "a.mcap", **FORMS[form])
@@ -86,7 +86,7 @@ def test_of_a_log_cut_at_any_byte_all_of_every_whole_chunk_is_kept(
 
 
 @pytest.mark.usefixtures("quick_disk")
-def test_of_a_big_log_cut_at_random_bytes_all_of_every_whole_chunk_is_kept(
+def test_repair_of_a_large_log_cut_at_random_keeps_every_complete_chunk(
     tmp_path: Path, pytestconfig: pytest.Config
 ) -> None:
     """With --exhaustive at 2,000 bytes."""
@@ -106,7 +106,7 @@ def test_of_a_big_log_cut_at_random_bytes_all_of_every_whole_chunk_is_kept(
 @pytest.mark.usefixtures("quick_disk")
 @settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_whatever_bytes_are_changed_a_repair_is_valid_or_leaves_nothing(
+def test_repair_with_any_changed_bytes_is_valid_or_leaves_nothing(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
     folder = tmp_path_factory.mktemp("logs")
@@ -130,7 +130,7 @@ def test_whatever_bytes_are_changed_a_repair_is_valid_or_leaves_nothing(
         ]
 
 
-def test_messages_behind_a_damaged_chunk_are_kept(tmp_path: Path) -> None:
+def test_messages_after_a_damaged_chunk_are_kept(tmp_path: Path) -> None:
     path = write_log(tmp_path / "a.mcap", 30)
     messages, whole = read_by_mcap(path), path.read_bytes()
     with open_log(path) as log:
@@ -145,7 +145,7 @@ def test_messages_behind_a_damaged_chunk_are_kept(tmp_path: Path) -> None:
         (tmp_path / "b.mcap").unlink()
 
 
-def test_messages_of_a_channel_whose_description_is_lost_are_left_out_and_counted(tmp_path: Path) -> None:
+def test_messages_of_an_undescribed_channel_are_skipped_and_counted(tmp_path: Path) -> None:
     path = write_log(tmp_path / "a.mcap", 30)
     messages, whole = read_by_mcap(path), path.read_bytes()
     with open_log(path) as log:
@@ -160,11 +160,11 @@ def test_messages_of_a_channel_whose_description_is_lost_are_left_out_and_counte
     kept = {one[1] for one in read_by_mcap(tmp_path / "c.mcap")}
     assert done.messages == len(kept) < 30 - len(first) == sum(map(len, others))
     lost = 30 - len(first) - len(kept)
-    assert done.damage[-1] == f"{lost} messages are of channels whose description is lost"
+    assert done.damage[-1] == f"{lost} messages belong to channels whose description is lost"
     assert {one[1] for one in messages} > kept
 
 
-def test_a_chunk_that_nobody_takes_for_one_is_missed_if_the_summary_counts_its_messages(
+def test_unrecognizable_chunk_is_reported_if_the_summary_counts_its_messages(
     tmp_path: Path,
 ) -> None:
     path = write_log(tmp_path / "a.mcap", 30)
@@ -174,10 +174,10 @@ def test_a_chunk_that_nobody_takes_for_one_is_missed_if_the_summary_counts_its_m
     content[at] |= 0x80  # a record that anybody may add
     path.write_bytes(content)
     done = repaired(path, tmp_path / "b.mcap")
-    assert done.damage == [f"the summary tells of 30 messages, there are {done.messages}"]
+    assert done.damage == [f"the summary counts 30 messages, but there are {done.messages}"]
 
 
-def test_long_rows_of_messages_outside_of_chunks_are_read_in_pieces(
+def test_long_sequences_of_messages_outside_of_chunks_are_read_in_pieces(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("robbie_mp.recording.scan.ROW_BYTES", 1000)
@@ -187,7 +187,7 @@ def test_long_rows_of_messages_outside_of_chunks_are_read_in_pieces(
         assert len(list(log.messages())) == 30
 
 
-def test_damaged_attachment_is_left_out(tmp_path: Path) -> None:
+def test_damaged_attachment_is_skipped(tmp_path: Path) -> None:
     with (tmp_path / "a.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start()
@@ -196,7 +196,7 @@ def test_damaged_attachment_is_left_out(tmp_path: Path) -> None:
     content = (tmp_path / "a.mcap").read_bytes()
     (tmp_path / "a.mcap").write_bytes(content.replace(b"hello", b"hullo"))
     done = repaired(tmp_path / "a.mcap", tmp_path / "b.mcap")
-    assert "'note.txt' has another checksum" in done.damage[0]
+    assert "'note.txt' does not match its checksum" in done.damage[0]
     with (tmp_path / "b.mcap").open("rb") as file:
         assert not list(make_reader(file).iter_attachments())
 
@@ -226,7 +226,7 @@ def test_metadata_attachments_and_channels_without_messages_are_kept(tmp_path: P
     assert read_by_mcap(tmp_path / "b.mcap") == [("/used", 7, START_NS, START_NS + 1, b"\0\1\0\0\5")]
 
 
-def test_a_folder_shows_the_repaired_part_in_place_of_the_old_one(tmp_path: Path) -> None:
+def test_folder_shows_the_repaired_part_in_place_of_the_old_one(tmp_path: Path) -> None:
     write_log(tmp_path / "run_0000.mcap", 6)
     cut = write_log(tmp_path / "run_0001.mcap", 6)
     cut.write_bytes(cut.read_bytes()[:-100])
@@ -254,7 +254,7 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
         lambda written: written[:-8],
     ],
 )
-def test_what_does_not_read_as_it_was_written_is_removed(
+def test_result_that_reads_differently_is_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spoil: Callable[[bytes], bytes]
 ) -> None:
     path, target = write_log(tmp_path / "a.mcap", 12), tmp_path / "b.mcap"
@@ -275,15 +275,17 @@ def test_what_does_not_read_as_it_was_written_is_removed(
     assert not target.exists()
 
 
-def test_what_is_valid_but_not_the_same_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_result_that_is_valid_but_different_is_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path, target = write_log(tmp_path / "a.mcap", 12), tmp_path / "b.mcap"
     monkeypatch.setattr(Writer, "add_message", lambda *_: None)
-    with pytest.raises(RepairFailed, match="does not hold what was written to it"):
+    with pytest.raises(RepairFailed, match="does not contain the written data"):
         repaired(path, target)
     assert not target.exists()
 
 
-def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(_fd: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -294,7 +296,7 @@ def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert not (tmp_path / "b.mcap").exists()
 
 
-def test_folders_that_cannot_be_written_and_empty_files_are_named(tmp_path: Path) -> None:
+def test_unwritable_folders_and_empty_files_are_reported(tmp_path: Path) -> None:
     path = write_log(tmp_path / "a.mcap", 6)
     with pytest.raises(LogNotWritten, match="No such file or directory"):
         repaired(path, tmp_path / "none" / "b.mcap")

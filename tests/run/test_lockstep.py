@@ -42,7 +42,7 @@ def run(robot: Robot, die_at: int = -1) -> list[str]:
     return chronicle(robot)
 
 
-def test_runs_are_the_same_bit_for_bit_also_under_load_and_after_crashes(robot: Robot) -> None:
+def test_runs_are_identical_bit_for_bit_under_load_and_after_crashes(robot: Robot) -> None:
     undisturbed = run(robot)
     stamps = [int(line.split()[0]) for line in undisturbed]
     assert stamps == sorted(stamps)
@@ -65,7 +65,7 @@ def test_runs_are_the_same_bit_for_bit_also_under_load_and_after_crashes(robot: 
     assert lost_one == [line for line in undisturbed if line != lost]
 
 
-def test_core_and_source_killed_on_the_way_lose_no_step(robot: Robot) -> None:
+def test_killed_core_and_clock_source_lose_no_step(robot: Robot) -> None:
     robot.write_profile(PROFILE.format(rate=3.0, die_at=-1))
     process = robot.start()
     for victim in ("core", "time"):

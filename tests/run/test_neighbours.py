@@ -63,7 +63,7 @@ def taken(figures: dict[str, Any]) -> int:
 
 
 @pytest.mark.parametrize(("what", "keep"), [("stopped", 0), ("hoarder", 60)])
-def test_healthy_viewer_goes_on(robot: Robot, what: str, keep: int) -> None:
+def test_healthy_viewer_keeps_its_rate(robot: Robot, what: str, keep: int) -> None:
     (robot.folder / "zoo" / "camera.py").write_text(MODULES)
     robot.write_profile(PROFILE % keep)
     robot.start()

@@ -14,7 +14,7 @@ def plan(**parts: object) -> RunPlan:
     return RunPlan.of_profile(profile, "d0c7d0c7", Path(), Path(), os.getpid())
 
 
-def test_tools_together_take_at_most_a_quarter_of_what_modules_need() -> None:
+def test_all_tools_together_take_at_most_a_quarter_of_the_resources() -> None:
     greedy = ToolLimits(count=8, messages=1 << 20, bytes=1 << 40, credits=4)
     planned = plan(tools=greedy)
     assert 8 * (planned.tool_queue.messages + 4) == MAX_OUTSTANDING // 4
@@ -23,7 +23,7 @@ def test_tools_together_take_at_most_a_quarter_of_what_modules_need() -> None:
     assert small.tool_queue.messages == 1
 
 
-def test_tools_have_names_that_no_module_can_have_and_survive_saving(tmp_path: Path) -> None:
+def test_tool_names_cannot_be_module_names_and_are_saved(tmp_path: Path) -> None:
     planned = plan(tools=ToolLimits(count=2))
     assert planned.names == ["supervisor", "a", "b", "~tool1", "~tool2", "core"]
     planned.save(tmp_path)

@@ -29,7 +29,7 @@ modules:
 """
 
 
-def test_run_ends_well_when_its_task_is_done(robot: Robot) -> None:
+def test_run_ends_with_success_when_its_task_is_done(robot: Robot) -> None:
     robot.write_profile(COUNTING)
     ended = robot.run()
     assert ended.exit_code == 0, ended.stderr
@@ -42,7 +42,7 @@ def test_run_ends_well_when_its_task_is_done(robot: Robot) -> None:
     assert ended.modules["listener"]["cpu_s"] > 0
 
 
-def test_every_module_and_the_core_are_processes_of_their_own(robot: Robot) -> None:
+def test_every_module_and_the_core_are_separate_processes(robot: Robot) -> None:
     robot.write_profile(ENDLESS)
     process = robot.start()
     figures = robot.until(
@@ -56,7 +56,7 @@ def test_every_module_and_the_core_are_processes_of_their_own(robot: Robot) -> N
     assert Ended.wait_for(process).exit_code == 0
 
 
-def test_run_with_the_hot_path_in_python_says_so_once_and_in_its_figures(
+def test_hot_path_in_python_is_reported_once_and_in_the_figures(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(PURE_PYTHON, "1")
@@ -109,7 +109,7 @@ modules:
         assert viewer["sum"] == sum(value % 251 for value in range(1_000_000))
 
 
-def test_killed_subscriber_loses_only_the_message_in_its_hands(robot: Robot) -> None:
+def test_killed_subscriber_loses_only_the_message_that_it_was_handling(robot: Robot) -> None:
     robot.write_profile(COUNTING + '  watcher: {class: "zoo.modules:StateWatcher"}\n')
     ended = robot.run("--set", "listener.die_at=100")
     assert ended.exit_code == 0, ended.stderr
@@ -202,7 +202,7 @@ def test_crash_in_a_handler_restarts_that_module_alone(robot: Robot) -> None:
     assert robot.journal("listener") == list(range(7))
 
 
-def test_crashed_module_is_restarted_though_a_thread_of_it_runs_on(robot: Robot) -> None:
+def test_crashed_module_is_restarted_although_one_of_its_threads_still_runs(robot: Robot) -> None:
     robot.write_profile(
         "modules:\n  threaded:\n    class: zoo.modules:CrashWithThread\n"
         "    restart: {max_restarts: 1, backoff_s: 0.01, retry_s: 0}\n"
@@ -244,7 +244,7 @@ def test_field_of_the_wrong_type_is_a_clear_error(robot: Robot) -> None:
     assert "fast" in ended.stderr
 
 
-def test_full_memory_refuses_and_counts_and_nobody_else_notices(robot: Robot) -> None:
+def test_full_memory_refuses_and_counts_and_affects_no_other_module(robot: Robot) -> None:
     robot.write_profile(
         COUNTING
         + """
@@ -301,7 +301,7 @@ def test_terminated_run_leaves_no_name_behind(robot: Robot) -> None:
     assert not list(Path("/dev/shm").glob(f"*robbie-{run_id}*"))
 
 
-def test_check_of_a_hanging_import_dies_with_who_asked(robot: Robot) -> None:
+def test_check_of_a_hanging_import_ends_with_its_parent(robot: Robot) -> None:
     (robot.folder / "zoo" / "hanging.py").write_text(
         "import os, pathlib, signal\n"
         "signal.signal(signal.SIGALRM, signal.SIG_IGN)\n"

@@ -30,7 +30,7 @@ def clocks(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[ClockWriter, RunCl
     remove_names(run_id)
 
 
-def test_time_begins_when_it_is_set_and_goes_at_its_rate(
+def test_time_begins_when_it_is_set_and_runs_at_its_rate(
     clocks: tuple[ClockWriter, RunClock, list[int]],
 ) -> None:
     writer, clock, machine_ns = clocks
@@ -61,7 +61,7 @@ def test_time_stands_still_when_paused_and_at_its_limit(
     assert math.isinf(clock.machine_s_until(BEGIN_NS + 71))
 
 
-def test_time_goes_back_by_counted_jumps_only(clocks: tuple[ClockWriter, RunClock, list[int]]) -> None:
+def test_time_goes_back_only_by_counted_jumps(clocks: tuple[ClockWriter, RunClock, list[int]]) -> None:
     writer, clock, machine_ns = clocks
     writer.play(BEGIN_NS)
     machine_ns[0] += 1000
@@ -72,7 +72,7 @@ def test_time_goes_back_by_counted_jumps_only(clocks: tuple[ClockWriter, RunCloc
     assert (clock.now_ns(), clock.jumps) == (BEGIN_NS - 5, 1)
 
 
-def test_time_of_what_was_before_the_clock_was_turned_is_no_earlier_than_that(
+def test_time_before_a_setting_is_not_extrapolated_backwards(
     clocks: tuple[ClockWriter, RunClock, list[int]],
 ) -> None:
     """As of messages that were published before the run's time began, or while it stood still."""
@@ -93,7 +93,7 @@ def test_time_of_what_was_before_the_clock_was_turned_is_no_earlier_than_that(
     assert clock.at(machine_ns[0] - 500) == clock.now_ns() == BEGIN_NS + 10**10
 
 
-def test_time_of_the_past_is_told_though_the_clock_has_been_turned_since(
+def test_past_times_are_known_after_later_settings(
     clocks: tuple[ClockWriter, RunClock, list[int]],
 ) -> None:
     """As of messages that waited while a log was played as fast as it can be."""
@@ -111,7 +111,7 @@ def test_time_of_the_past_is_told_though_the_clock_has_been_turned_since(
     assert clock.at(machine_ns[0]) == clock.now_ns() == BEGIN_NS - 5
 
 
-def test_past_that_is_written_over_while_it_is_looked_up_is_looked_up_again(
+def test_past_row_overwritten_during_a_read_is_read_again(
     clocks: tuple[ClockWriter, RunClock, list[int]],
 ) -> None:
     writer, clock, machine_ns = clocks
@@ -137,7 +137,7 @@ def test_past_that_is_written_over_while_it_is_looked_up_is_looked_up_again(
     assert clock.at(begin_ns + 20) == BEGIN_NS + 1000 * oldest
 
 
-def test_who_was_told_a_time_is_never_told_an_earlier_one_when_the_clock_is_stopped(
+def test_reader_never_sees_an_earlier_time_when_the_clock_is_stopped(
     clocks: tuple[ClockWriter, RunClock, list[int]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A reader reads the clock between the writer's reading of the machine's clock and its row."""

@@ -24,7 +24,7 @@ def mode(path: Path) -> int:
     return stat.S_IMODE(path.stat().st_mode)
 
 
-def test_new_run_is_private_live_and_says_what_it_is(tmp_path: Path) -> None:
+def test_new_run_is_private_and_live_and_has_a_record(tmp_path: Path) -> None:
     base = tmp_path / "robbie"
     run = RunDirectory.create("arena", tmp_path / "output", base)
     assert (mode(base), mode(run.folder)) == (0o700, 0o700)
@@ -43,7 +43,7 @@ def test_new_run_is_private_live_and_says_what_it_is(tmp_path: Path) -> None:
     assert list_runs([base]) == []
 
 
-def test_runs_have_ids_of_their_own(tmp_path: Path) -> None:
+def test_runs_have_unique_ids(tmp_path: Path) -> None:
     runs = [RunDirectory.create("arena", tmp_path, tmp_path / "robbie") for _ in range(5)]
     assert len({run.run_id for run in runs}) == 5
     assert {run.run_id for run in list_runs([tmp_path / "robbie"])} == {run.run_id for run in runs}
@@ -72,7 +72,7 @@ def test_run_whose_supervisor_died_early_is_listed_as_dead(tmp_path: Path) -> No
     ]
 
 
-def test_folder_that_others_may_enter_is_refused(tmp_path: Path) -> None:
+def test_folder_that_others_can_enter_is_refused(tmp_path: Path) -> None:
     base = tmp_path / "robbie"
     base.mkdir(mode=0o755)
     with pytest.raises(UnsafeRunFolder, match="mode 0755"):
@@ -94,7 +94,9 @@ def test_folder_of_another_user_is_refused(tmp_path: Path, monkeypatch: pytest.M
         RunDirectory.create("arena", tmp_path, base)
 
 
-def test_runtime_directory_comes_first_if_it_is_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_runtime_directory_is_preferred_if_it_is_ours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     shared = Path(f"/tmp/robbie-{os.geteuid()}")
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     assert base_folders() == [tmp_path / "robbie", shared]
@@ -104,9 +106,7 @@ def test_runtime_directory_comes_first_if_it_is_ours(tmp_path: Path, monkeypatch
     assert base_folders() == [shared]
 
 
-def test_folder_that_others_can_write_to_holds_no_runs_of_ours(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_folder_that_others_can_write_to_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     run = RunDirectory.create("arena", tmp_path)
     base = run.folder.parent

@@ -16,7 +16,7 @@ clock: {source: source}
 """
 
 
-def test_who_waits_for_the_time_is_not_blamed_and_stops_at_once(robot: Robot) -> None:
+def test_module_waiting_for_the_time_is_not_hung_and_stops_at_once(robot: Robot) -> None:
     robot.write_profile(PROFILE)
     process = robot.start()
     waits = "waiting for source to set the run's time"

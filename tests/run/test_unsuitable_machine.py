@@ -40,7 +40,7 @@ def test_run_is_refused_before_anything_starts(
     assert not (tmp_path / "out").exists()
 
 
-def test_nobody_makes_or_maps_a_segment_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_segment_can_be_created_or_mapped_there(monkeypatch: pytest.MonkeyPatch) -> None:
     make_folder(RUN_ID)
     segment = Segment.create(f"robbie-{RUN_ID}/x", 100, SegmentKind.DATA)
     try:

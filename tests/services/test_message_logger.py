@@ -106,7 +106,7 @@ def recorded(robot: Robot) -> list[int]:
         return [round(LaserScan.decode(m.data).angle_min) for m in log.messages(channels=front)]
 
 
-def test_what_the_queue_could_not_hold_is_counted_by_topic_and_all_else_is_in_the_log(robot: Robot) -> None:
+def test_queue_losses_are_counted_by_topic_and_all_else_is_in_the_log(robot: Robot) -> None:
     settings = "{types: [LaserScan, nav_msgs/*, no_msgs/msg/Type], exclude: [re*], sync_s: 0.02}"
     process = start(robot, settings, queue=QUEUE)
     robot.until(lambda modules: modules["logger"]["handled"] > 100)
@@ -211,7 +211,7 @@ def wait_for_more(robot: Robot) -> None:
     wait_until(lambda: len(recorded(robot)) > enough)
 
 
-def test_kills_of_core_logger_and_supervisor_cost_no_message_that_was_synced(robot: Robot) -> None:
+def test_kills_of_core_logger_and_supervisor_lose_no_synced_message(robot: Robot) -> None:
     process = start(robot, "{sync_s: 0.05, compression: none}", queue=100_000, more=SNAPSHOTS)
     robot.until(lambda modules: len(recorded(robot)) > 50)
     assert not snapshots(robot)  # nothing has happened yet
@@ -283,7 +283,7 @@ def check_snapshots_of_the_crashes(robot: Robot) -> None:
         ({"compression": "gzip"}, "zstd"),
     ],
 )
-def test_what_cannot_be_recorded_is_refused_before_the_run_starts(
+def test_impossible_recording_is_refused_before_the_run_starts(
     settings: dict[str, object], complaint: str
 ) -> None:
     with pytest.raises(SettingError, match=complaint):

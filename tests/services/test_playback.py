@@ -84,9 +84,7 @@ class Steered:
         wait_until(lambda: len(witnessed(self._robot, "command", "battery")) > before)
 
 
-def test_playback_is_steered_and_killed_and_no_message_is_lost_or_doubled(
-    player_robot: Robot, log: Path
-) -> None:
+def test_controlled_and_killed_playback_loses_and_repeats_no_message(player_robot: Robot, log: Path) -> None:
     process = start(player_robot, log, "--paused", "--topics", "DriveCommand", "battery", "strange", "no/*")
     steer = Steered(player_robot)
     for number in (1, 2, 3):
@@ -136,7 +134,7 @@ def clock_went_back(robot: Robot) -> list[tuple[int, int]]:
     return found
 
 
-def test_runs_in_lockstep_are_the_same_also_when_the_playback_is_killed(
+def test_runs_in_lockstep_are_identical_even_if_the_playback_is_killed(
     player_robot: Robot, log: Path
 ) -> None:
     options = ["--lockstep", "--rate", "max", "--topics", "DriveCommand", "battery"]
@@ -192,7 +190,7 @@ def test_seek_and_end_do_not_wait_for_an_image_that_a_page_shows(player_robot: R
     assert ended.modules["keeper"]["status"] == "keeps 19"
 
 
-def test_what_cannot_be_played_is_refused_before_any_process_starts(
+def test_unplayable_log_is_refused_before_any_process_starts(
     player_robot: Robot, tmp_path: Path, log: Path
 ) -> None:
     newer = write_battery_log(tmp_path / "newer.mcap", 5, battery_version=4)

@@ -27,12 +27,12 @@ def settings_for(file: Path, **given: object) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("given", "setting", "said"),
     [
-        ({"start_s": 2.0}, "start_s", f"has {LENGTH_S:g} s"),
+        ({"start_s": 2.0}, "start_s", f"has only {LENGTH_S:g} s"),
         ({"start_s": 1.0, "end_s": 0.5}, "end_s", "before start_s"),
         (
             {"topics": ["odom", "/camera/*"]},
             "topics",
-            r"nothing that fits odom, /camera/\*; it has DriveCommand",
+            r"no channel that matches odom, /camera/\*; it has DriveCommand",
         ),
     ],
 )
@@ -45,21 +45,21 @@ def test_settings_that_do_not_fit_the_log_are_refused(
 
 
 @pytest.mark.parametrize("content", [b"", b"hello, I am text", b"SQLite format 3\0" + bytes(100)])
-def test_file_that_is_no_log_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_file_that_is_not_a_log_is_refused(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "file"
     file.write_bytes(content)
     with pytest.raises(SettingError, match=str(file)):
         Playback.check(settings_for(file))
 
 
-def test_log_that_was_cut_is_played(tmp_path: Path, log: Path) -> None:
+def test_cut_log_is_played(tmp_path: Path, log: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(log.read_bytes()[:2500])
     Playback.check(settings_for(cut))
 
 
 @pytest.mark.parametrize(("topic", "fits"), [("/battery", True), ("DriveCommand", True), ("Battery", False)])
-def test_pattern_is_compared_with_the_topic_or_for_want_of_one_with_the_type(
+def test_pattern_is_compared_with_the_topic_or_without_one_with_the_type(
     log: Path, topic: str, fits: bool
 ) -> None:
     settings = settings_for(log, topics=[topic])
@@ -93,7 +93,7 @@ def gauge_log(path: Path, version: int, schema: str) -> Path:
         (3, "version 3 has other fields"),
     ],
 )
-def test_version_that_cannot_become_ours_is_refused_if_it_is_played(
+def test_version_that_cannot_be_upgraded_is_refused_if_it_is_played(
     tmp_path: Path, version: int, said: str
 ) -> None:
     log = gauge_log(tmp_path / "log.mcap", version, "float32 percent")
@@ -105,10 +105,10 @@ def test_version_that_cannot_become_ours_is_refused_if_it_is_played(
 
 
 @pytest.mark.parametrize(("version", "schema"), [(2, "float32 percent"), (3, "float32   ratio # of 1")])
-def test_version_that_can_become_ours_is_accepted(tmp_path: Path, version: int, schema: str) -> None:
+def test_version_that_can_be_upgraded_is_accepted(tmp_path: Path, version: int, schema: str) -> None:
     assert further(gauge_log(tmp_path / "log.mcap", version, schema)) == []
 
 
-def test_types_that_nobody_declares_are_described_for_who_attaches(log: Path) -> None:
+def test_undeclared_types_are_described_for_tools(log: Path) -> None:
     assert sorted(further(log)) == ["other_msgs/msg/Stranger", "played_msgs/msg/Battery"]
     assert further(log, others=["power"]) == []

@@ -59,7 +59,7 @@ def send_while_room(outlet: PacedOutlet, message: LoggedMessage, size: int) -> i
 
 
 @pytest.mark.parametrize(("size", "fit"), [(10, LIMIT), (200, 5), (300, 3), (600, 1), (5000, 1)])
-def test_messages_wait_when_too_many_or_too_large_are_on_their_way(
+def test_messages_wait_when_too_many_or_too_large_ones_are_in_flight(
     outlet: tuple[FakeModule, PacedOutlet], message: LoggedMessage, size: int, fit: int
 ) -> None:
     module, paced = outlet
@@ -71,7 +71,7 @@ def test_messages_wait_when_too_many_or_too_large_are_on_their_way(
 
 
 @pytest.mark.parametrize("size", [10, 600])
-def test_what_was_handled_and_is_kept_holds_up_nothing(
+def test_handled_messages_that_are_kept_delay_nothing(
     outlet: tuple[FakeModule, PacedOutlet], message: LoggedMessage, size: int
 ) -> None:
     module, paced = outlet
@@ -83,7 +83,7 @@ def test_what_was_handled_and_is_kept_holds_up_nothing(
     assert not paced.is_empty()
 
 
-def test_what_nobody_handles_does_not_hold_up_the_end_for_ever(
+def test_unhandled_messages_do_not_delay_the_end_for_ever(
     outlet: tuple[FakeModule, PacedOutlet], message: LoggedMessage
 ) -> None:
     module, paced = outlet
@@ -100,7 +100,7 @@ def test_what_nobody_handles_does_not_hold_up_the_end_for_ever(
     assert paced.is_empty()
 
 
-def test_message_that_cannot_be_published_is_skipped_and_said(
+def test_message_that_cannot_be_published_is_skipped_and_logged(
     outlet: tuple[FakeModule, PacedOutlet], message: LoggedMessage
 ) -> None:
     module, paced = outlet

@@ -29,7 +29,7 @@ class Watching(Enum):
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What the program shows at one moment."""
+    """The data that the program shows at one time."""
 
     watching: Watching
     runs: tuple[KnownRun, ...]

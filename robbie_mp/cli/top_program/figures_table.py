@@ -20,7 +20,7 @@ Row_contra = TypeVar("Row_contra", contravariant=True)
 
 
 class Column(Protocol[Row_contra]):
-    """What a column must provide."""
+    """The interface of a column."""
 
     @property
     def heading(self) -> str:

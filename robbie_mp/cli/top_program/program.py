@@ -126,7 +126,7 @@ class TopProgram(App[None]):
 
     @property
     def snapshot(self) -> Snapshot:
-        """Return what is shown now."""
+        """Return the data that is shown now."""
         return self._shown
 
     def selected_module(self) -> str | None:
