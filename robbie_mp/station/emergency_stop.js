@@ -1,8 +1,8 @@
-// The emergency stop and what is the case. It has a connection of its own (stop_connection.py). A press is kept, over
-// the loading of the page too, and named in every question, until the robot says that the press is settled.
+// The emergency stop and its state. It has a separate connection (stop_connection.py). It keeps a press, even when the
+// page reloads, and names it in every question until the robot answers that the press is settled.
 //
-// The page is not given up while there is no other to be had: what the browser would show instead has no button, and
-// sends nothing. So a script that loads the page anew has to wait until the server answers.
+// The page must not be left while the server does not answer: the browser would show an error page, which has no button
+// and sends nothing. So a script that reloads the page has to wait until the server answers.
 export default {
   template: `<div style="position: absolute">
     <Teleport to="body">
@@ -19,8 +19,8 @@ export default {
       </div>
     </Teleport></div>`,
   data() {
-    // now_ms and heard_ms are times of performance.now(): now, and of the last question that was answered.
-    // page_ms: when the connection of all else on the page was last there.
+    // now_ms and heard_ms are times of performance.now(): now, and of the last answered question.
+    // page_ms: when the connection of the rest of the page was last open.
     const now_ms = performance.now();
     return { now_ms, heard_ms: now_ms, page_ms: now_ms, answer: null, kept: kept_press() };
   },
@@ -28,7 +28,7 @@ export default {
     this.on_key = (event) => {
       if (event.key === "Escape" && !event.repeat) this.press();
     };
-    // Before any dialog or menu has the key.
+    // Handle the key before any dialog or menu does.
     addEventListener("keydown", this.on_key, { capture: true });
     this.on_sight = () => this.beat();
     document.addEventListener("visibilitychange", this.on_sight);
@@ -125,14 +125,14 @@ export default {
     },
     ask() {
       if (this.socket.readyState !== WebSocket.OPEN) return;
-      // What has not left this machine would only make what comes later older.
+      // Data that has not left this machine would only delay later questions.
       if (this.socket.bufferedAmount > MAX_UNSENT_BYTES) return;
       this.socket.send(JSON.stringify({ asked_ms: performance.now(), press: this.kept?.name ?? "" }));
     },
     async leave_when_answered() {
       if (this.is_leaving) return;
       this.is_leaving = true;
-      // NiceGUI answers such a request without making a page.
+      // NiceGUI answers such a request without building a page.
       const question = () => ({ headers: { "NiceGUI-Check": "try_reconnect" }, signal: AbortSignal.timeout(CONNECT_MS) });
       while (!(await fetch(location.href, question()).catch(() => null))?.ok)
         await new Promise((done) => setTimeout(done, RETRY_MS));

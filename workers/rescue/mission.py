@@ -271,7 +271,7 @@ class Mission:
         """Return which walls were searched. None if no camera works."""
         for seen_s, what in ((self._camera_s, "the camera"), (self._searched_s, "who looks at images")):
             if self._clock() - seen_s > self.settings.silent_s:
-                self._note(f"{what} is silent: goes on without victims")
+                self._note(f"{what} is silent: the mission continues without victims")
                 return None
         return self._searched
 

@@ -1,5 +1,5 @@
-// Asks about one victim at a time. It goes on with the one that it shows for as long as the robot asks about that one,
-// never changes while a pointer is down on it, and its answer names the victim that it was shown for.
+// Asks about one victim at a time. It keeps the question that it shows as long as the robot asks about that victim, and
+// never changes while a pointer is down on it. An answer names the victim that was shown.
 export default {
   template: `<div style="position: absolute"><div v-if="shown" id="victim-question" class="victim-question" role="region" aria-label="Question"
       @pointerdown="hold">
@@ -21,7 +21,7 @@ export default {
   },
   mounted() {
     this.let_go = () => {
-      // A click comes right after its pointer has gone up.
+      // A click event follows right after the pointer has been released.
       if (this.held) setTimeout(() => ((this.held = false), this.look()), 100);
     };
     for (const name of ["pointerup", "pointercancel"]) addEventListener(name, this.let_go);
@@ -49,7 +49,7 @@ export default {
       if (!same) {
         clearTimeout(this.timer);
         this.waiting = "";
-        // A press that was meant for the question before, or for what was there before, does not answer this one.
+        // A press meant for the previous question, or for another element there, does not answer this question.
         this.is_inert = next !== null;
         if (this.is_inert) this.timer = setTimeout(() => (this.is_inert = false), INERT_MS);
       }
@@ -58,7 +58,7 @@ export default {
     hold(event) {
       const button = event.target.closest("button");
       if (!button) return;
-      button.setPointerCapture(event.pointerId); // so that this page hears wherever the pointer goes up
+      button.setPointerCapture(event.pointerId); // so that this page gets the release of the pointer at any place
       this.held = true;
     },
     say(text, answer) {

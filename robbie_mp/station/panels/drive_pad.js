@@ -1,6 +1,6 @@
 // Sends "drive" events at 10 Hz while the pad, a key or a gamepad's dead man's button is held, and one
-// with held = false when that ends, for whatever reason the browser tells of. The robot does not rely on
-// the latter: it stops when the former are missing.
+// with held = false when that ends, for any reason that the browser reports. The robot does not rely on the
+// last one: it stops when the others are missing.
 export default {
   template: `<div class="drive-pad" tabindex="0" role="application" aria-label="Drive: hold and move; or keys W A S D">
       <div class="drive-knob" ref="knob"></div></div>`,
@@ -22,7 +22,7 @@ export default {
     this.on_key = (event) => {
       if (!KEYS[event.code]) return;
       if (event.type === "keyup") {
-        // Wherever the focus is by now: a key that is let go is let go.
+        // A released key counts as released, wherever the focus is.
         this.keys.delete(event.code);
         this.beat();
       } else if (this.is_shown() && !is_meant_for_another(event)) {
@@ -102,7 +102,7 @@ const KEYS = {
 };
 const DEAD_MAN_BUTTON = 5; // the right shoulder button of a standard gamepad (W3C Gamepad API)
 
-// Keys that are typed, or move something else: arrows do that to sliders and tabs.
+// Keys that type a text or control another element, such as arrows on sliders and tabs.
 function is_meant_for_another(event) {
   if (event.ctrlKey || event.altKey || event.metaKey) return true;
   const arrows = event.code.startsWith("Arrow") ? ", [role=slider], [role=tab]" : "";

@@ -149,7 +149,7 @@ def test_mission_without_a_camera_continues_without_victims_and_reports_it() -> 
     rescue.step()
     rescue.step()
     assert rescue.state() is S.RETURN
-    assert rescue.mission.notes == ["the camera is silent: goes on without victims"]
+    assert rescue.mission.notes == ["the camera is silent: the mission continues without victims"]
 
 
 def test_suspected_victim_is_approached_inspected_and_abandoned_in_vain() -> None:

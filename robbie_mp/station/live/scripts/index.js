@@ -1,10 +1,10 @@
-// What the page draws many times a second; the other end is live/parts.py.
+// Parts that the page draws many times a second; the other end is live/parts.py.
 
 const RETRY_MS = 1000;
 
-// Follows groups of live parts while an element is in sight: has each packet drawn, and says so.
+// Follows groups of live parts while an element is visible: draws each packet, then reports that.
 export class Live {
-  // draw(parts): what has changed, as { name: ArrayBuffer }; may return a promise.
+  // draw(parts): draws the changed parts, as { name: ArrayBuffer }; may return a promise.
   constructor(groups, element, draw) {
     Object.assign(this, { groups, element, draw, socket: null, in_sight: false });
     this.look = this.look.bind(this);
@@ -23,7 +23,7 @@ export class Live {
   }
 
   open() {
-    // While the page itself is not connected, there is nobody there to connect to.
+    // While the page itself is not connected, there is no server to connect to.
     if (!window.socket?.connected) return this.try_again();
     const scheme = location.protocol === "https:" ? "wss:" : "ws:";
     const socket = (this.socket = new WebSocket(`${scheme}//${location.host}/live/${this.groups}`));
@@ -71,7 +71,7 @@ export function from_json(part) {
   return JSON.parse(new TextDecoder().decode(part));
 }
 
-// The map as one picture, the greatest y at the top, put together from its tiles (live/map.py).
+// The map as one picture with the largest y at the top, composed of its tiles (live/map.py).
 export class MapPicture {
   constructor() {
     Object.assign(this, { canvas: document.createElement("canvas"), place: null, tiles: new Map() });
@@ -85,7 +85,7 @@ export class MapPicture {
     return this.place.rows * this.place.pixel_m;
   }
 
-  // Whether all of it is there.
+  // Whether the map is complete.
   get is_whole() {
     return this.place !== null && this.place.tiles.every((tile) => this.tiles.has(tile.join("/")));
   }
