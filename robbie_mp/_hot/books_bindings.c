@@ -840,10 +840,13 @@ static void wake(void *Py_UNUSED(context), struct link *link)
     if (PyErr_Occurred())
         return;
     struct link_object *object = (struct link_object *)((char *)link - offsetof(struct link_object, link));
-    if (object->wakeup != NULL)
+    if (object->wakeup != NULL) {
         wakeup_post(object->wakeup);
-    else
-        Py_XDECREF(PyObject_CallNoArgs(object->wake));
+        return;
+    }
+    PyObject *callable = Py_NewRef(object->wake);
+    Py_XDECREF(PyObject_CallNoArgs(callable));
+    Py_DECREF(callable);
 }
 
 static bool fits(uint64_t at, uint64_t count, uint64_t row_words, const struct held_words *words)

@@ -68,18 +68,10 @@ static void raise_corrupt(const char *format, ...)
 
 static void raise_unusable(bool is_disowned)
 {
-    if (!is_disowned) {
+    if (is_disowned)
+        raise_forked_process();
+    else
         PyErr_SetString(PyExc_ValueError, "this end of a ring was closed");
-        return;
-    }
-    PyObject *module = PyImport_ImportModule("robbie_mp.linux.forks");
-    PyObject *type = module == NULL ? NULL : PyObject_GetAttrString(module, "ForkedProcess");
-    PyObject *error = type == NULL ? NULL : PyObject_CallNoArgs(type);
-    if (error != NULL)
-        PyErr_SetObject(type, error);
-    Py_XDECREF(error);
-    Py_XDECREF(type);
-    Py_XDECREF(module);
 }
 
 /* The words that an argument of a record holds; false with an exception set if it is no word. */
