@@ -82,8 +82,7 @@ static PyObject *message_encoded_size(PyObject *self, PyObject *Py_UNUSED(nothin
     return PyErr_Occurred() ? NULL : call_python(codec, FUNCTION_SIZE, self, NULL, 0, NULL);
 }
 
-/* Get the part of a buffer from an offset on, if it is of a common kind. */
-static bool get_room(Py_buffer *view, PyObject *buffer, PyObject *offset, Py_ssize_t *start)
+bool get_room(Py_buffer *view, PyObject *buffer, PyObject *offset, Py_ssize_t *start)
 {
     *start = 0;
     if (offset != NULL) {
@@ -118,6 +117,16 @@ static PyObject *message_encode_into(PyObject *self, PyObject *const *values, Py
     return PyErr_Occurred() ? NULL : call_python(codec, FUNCTION_ENCODE, self, values, count, NULL);
 }
 
+static PyObject *message_forget_arrays(PyObject *self, PyObject *Py_UNUSED(nothing))
+{
+    struct message_codec *codec = codec_of_message(self);
+    if (codec == NULL)
+        return NULL;
+    if (codec_forget_arrays(codec, self))
+        Py_RETURN_NONE;
+    return PyErr_Occurred() ? NULL : call_python(codec, FUNCTION_FORGET, self, NULL, 0, NULL);
+}
+
 static PyObject *decode_from(PyObject *self, PyObject *buffer)
 {
     struct message_codec *codec = (struct message_codec *)self;
@@ -141,9 +150,13 @@ PyDoc_STRVAR(encode_into_doc, "encode_into($self, buffer, offset=0, /)\n--\n\n"
 PyDoc_STRVAR(decode_doc, "decode($self, buffer, /)\n--\n\n"
                          "Decode a message; its arrays are views of the buffer.");
 
+PyDoc_STRVAR(forget_arrays_doc, "forget_arrays($self, /)\n--\n\n"
+                                "Replace the message's arrays (not those of nested messages) by their defaults.");
+
 static PyMethodDef message_methods[] = {
     {"encoded_size", message_encoded_size, METH_NOARGS, encoded_size_doc},
     {"encode_into", (PyCFunction)(void (*)(void))message_encode_into, METH_FASTCALL, encode_into_doc},
+    {"forget_arrays", message_forget_arrays, METH_NOARGS, forget_arrays_doc},
 };
 
 static int install_method(PyObject *message_type, PyMethodDef *method)
@@ -205,11 +218,27 @@ static PyObject *codec_install(PyObject *self, PyObject *name)
     Py_RETURN_NONE;
 }
 
+static PyObject *codec_lay_out(PyObject *self, PyObject *const *values, Py_ssize_t count)
+{
+    if (count != 2) {
+        PyErr_SetString(PyExc_TypeError, "lay_out takes the fields and Python's function");
+        return NULL;
+    }
+    PyObject *layout = lay_out((struct message_codec *)self, values[0], values[1]);
+    if (layout == NULL && !PyErr_Occurred())
+        Py_RETURN_NONE;
+    return layout;
+}
+
+PyDoc_STRVAR(lay_out_doc, "lay_out($self, fields, python, /)\n--\n\n"
+                          "Return the layout of a message with these fields; None if Python must make it.");
 PyDoc_STRVAR(install_doc, "install($self, name, /)\n--\n\n"
-                          "Give the class one of its functions: __new__, encoded_size, encode_into or decode.");
+                          "Give the class one of its functions: __new__, encoded_size, encode_into, decode"
+                          " or forget_arrays.");
 
 PyMethodDef codec_methods[] = {
     {"decode", decode_from, METH_O, decode_doc},
+    {"lay_out", (PyCFunction)(void (*)(void))codec_lay_out, METH_FASTCALL, lay_out_doc},
     {"install", codec_install, METH_O, install_doc},
     {NULL, NULL, 0, NULL},
 };

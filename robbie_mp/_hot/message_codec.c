@@ -4,7 +4,7 @@
 
 static PyObject *codec_name; /* "_codec", interned */
 
-static const char *const FUNCTION_NAMES[] = {"__new__", "encoded_size", "encode_into", "decode"};
+static const char *const FUNCTION_NAMES[] = {"__new__", "encoded_size", "encode_into", "decode", "forget_arrays"};
 
 static PyTypeObject codec_type;
 
@@ -123,6 +123,17 @@ static int read_fields(struct message_field *fields, PyTypeObject *message_type,
     return result;
 }
 
+static bool has_fixed_size(const struct message_codec *codec)
+{
+    for (const struct message_field *field = codec->fields; field < codec->fields + codec->count; field++) {
+        bool is_fixed = field->kind == KIND_PRIMITIVE || (field->kind == KIND_NUMBERS && field->length >= 0) ||
+                        (field->kind == KIND_NESTED && field->inner->fixed_size > 0);
+        if (!is_fixed)
+            return false;
+    }
+    return true;
+}
+
 static int use_descriptions(struct message_codec *codec, PyObject *descriptions)
 {
     if (!PyTuple_CheckExact(descriptions)) {
@@ -142,6 +153,7 @@ static int use_descriptions(struct message_codec *codec, PyObject *descriptions)
     }
     codec->fields = fields;
     codec->count = count;
+    codec->fixed_size = has_fixed_size(codec) ? codec_fixed_size(codec) : 0;
     codec->is_described = true;
     return 0;
 }
@@ -258,5 +270,5 @@ int add_message_types(PyObject *module)
     codec_type.tp_methods = codec_methods;
     if (PyModule_AddType(module, &codec_type) != 0)
         return -1;
-    return ready_pinned_buffer();
+    return ready_pinned_buffer() != 0 ? -1 : ready_message_layout();
 }

@@ -23,7 +23,7 @@ struct message_field {
     Py_ssize_t max_text;   /* most bytes of a text that is an element; -1: any */
     size_t smallest_item;  /* bytes that an element of a list takes at least */
     PyObject *dtype;       /* of an array */
-    PyObject *empty;       /* an array without elements, which all messages share */
+    PyObject *empty;       /* its natural default: no elements, or zeros; all messages share it */
     struct message_codec *inner; /* of the nested message, or of a list's elements; NULL: these are strings */
 };
 
@@ -32,15 +32,16 @@ struct message_codec {
     PyTypeObject *message_type;
     PyObject *describe;  /* called once: returns the fields of the class */
     PyObject *generated; /* called with the name of a function: returns it, generated in Python */
-    PyObject *python[4]; /* these functions, as far as they were needed */
+    PyObject *python[5]; /* these functions, as far as they were needed */
     bool is_described;
+    Py_ssize_t fixed_size; /* of every encoding; 0: it depends on the message */
     bool is_unsuitable; /* numpy is of an unknown version: everything is left to Python */
     Py_ssize_t count;
     struct message_field *fields;
 };
 
 /* The functions of a message class that the generated Python has too. */
-enum message_function { FUNCTION_NEW, FUNCTION_SIZE, FUNCTION_ENCODE, FUNCTION_DECODE };
+enum message_function { FUNCTION_NEW, FUNCTION_SIZE, FUNCTION_ENCODE, FUNCTION_DECODE, FUNCTION_FORGET };
 
 /* The generated function, borrowed; NULL with an exception set. */
 PyObject *codec_python(struct message_codec *codec, enum message_function function);
@@ -62,6 +63,15 @@ int codec_describe(struct message_codec *codec);
 /* The message with the fields given as keyword arguments. */
 PyObject *codec_construct(struct message_codec *codec, PyObject *const *values, PyObject *names);
 
+/* Bytes of every encoding of a class that has no texts, lists or arrays of variable length. */
+Py_ssize_t codec_fixed_size(struct message_codec *codec);
+
+/* A value for another message of the class: a list is copied. NULL with an exception set if memory is full. */
+PyObject *codec_share(const struct message_field *field, PyObject *value);
+
+/* Replace the arrays of a message by the defaults of their types; false: left to Python. */
+bool codec_forget_arrays(struct message_codec *codec, PyObject *message);
+
 /* Bytes of the encoding, with the 4 bytes of the encapsulation. */
 Py_ssize_t codec_size(struct message_codec *codec, PyObject *message);
 
@@ -69,10 +79,16 @@ Py_ssize_t codec_size(struct message_codec *codec, PyObject *message);
  * to Python. */
 Py_ssize_t codec_encode(struct message_codec *codec, PyObject *message, uint8_t *to, Py_ssize_t room);
 
-/* The same without the elements of the arrays whose names are in the frozenset `loaned`: for each of them,
- * `loans` (a dict) gets a writable view of where the elements belong, which keeps `pin` alive. */
-Py_ssize_t codec_encode_around(struct message_codec *codec, PyObject *message, uint8_t *to, Py_ssize_t room,
-                               PyObject *loaned, PyObject *loans, PyObject *pin);
+/* Messages of which some arrays are filled later: in their outline these are ints, the number of elements. */
+
+/* The outline from a dict of fields; those whose value is such an int are loaned. */
+PyObject *codec_outline(struct message_codec *codec, PyObject *fields);
+
+Py_ssize_t codec_outline_size(struct message_codec *codec, PyObject *outline);
+
+/* Encode an outline; returns the message, whose loaned arrays are writable views and keep `pin` alive. */
+PyObject *codec_encode_outline(struct message_codec *codec, PyObject *outline, uint8_t *to, Py_ssize_t room,
+                               PyObject *pin);
 
 /* Decode a message. Its arrays are views of `data`; each that has elements keeps `pin` alive, and so do the
  * views made of it. They are read-only unless `writable`; `pin` should have a buffer that says the same. */
@@ -83,6 +99,13 @@ PyObject *codec_decode(struct message_codec *codec, const uint8_t *data, Py_ssiz
 PyObject *codec_decode_from(struct message_codec *codec, const uint8_t *data, Py_ssize_t size,
                             PyObject *buffer, bool writable);
 
+/* The layout of a message with these fields, a dict; `python` makes it of class and fields if C cannot write it. */
+PyObject *lay_out(struct message_codec *codec, PyObject *fields, PyObject *python);
+int ready_message_layout(void);
+
+/* Get a writable buffer of bytes, and from which byte on it is used; false: left to Python. */
+bool get_room(Py_buffer *view, PyObject *buffer, PyObject *offset, Py_ssize_t *start);
+
 /* An object with the buffer of `buffer`: whoever keeps it keeps `buffer` itself, not only what that refers to. */
 PyObject *pinned_buffer(PyObject *buffer, int flags);
 int ready_pinned_buffer(void);
@@ -90,6 +113,18 @@ int ready_pinned_buffer(void);
 static inline PyObject **slot_of(PyObject *message, const struct message_field *field)
 {
     return (PyObject **)((char *)message + field->slot);
+}
+
+/* Whether a field of an outline is loaned. */
+static inline bool is_loan(const struct message_field *field, PyObject *value)
+{
+    return field->kind == KIND_NUMBERS && PyLong_CheckExact(value);
+}
+
+/* Number of elements that are loaned; `codec_outline` checked it. */
+static inline size_t loaned_count(PyObject *value)
+{
+    return PyLong_AsSize_t(value);
 }
 
 /* Bytes to skip from a position, counted from the encapsulation, to one aligned to a power of two. */

@@ -160,7 +160,7 @@ static struct message_field *field_named(struct message_codec *codec, PyObject *
             return field;
     }
     for (Py_ssize_t index = 0; index < codec->count; index++) /* a name that is not interned */
-        if (PyUnicode_Compare(codec->fields[index].name, name) == 0)
+        if (PyUnicode_Check(name) && PyUnicode_Compare(codec->fields[index].name, name) == 0)
             return &codec->fields[index];
     return NULL;
 }
@@ -197,11 +197,16 @@ static int set_initial(struct message_codec *codec, PyObject *message)
     return 0;
 }
 
+static PyObject *new_message(struct message_codec *codec)
+{
+    return codec->message_type->tp_alloc(codec->message_type, 0);
+}
+
 PyObject *codec_construct(struct message_codec *codec, PyObject *const *values, PyObject *names)
 {
     if (codec_describe(codec) != 0)
         return NULL;
-    PyObject *message = codec->message_type->tp_alloc(codec->message_type, 0);
+    PyObject *message = new_message(codec);
     if (message == NULL)
         return NULL;
     if (set_given(codec, message, values, names) != 0 || set_initial(codec, message) != 0) {
@@ -209,4 +214,60 @@ PyObject *codec_construct(struct message_codec *codec, PyObject *const *values, 
         Py_CLEAR(message);
     }
     return message;
+}
+
+/* The number of elements to be loaned, if a value says one that the field can have; or NULL. */
+static PyObject *fit_loan(const struct message_field *field, PyObject *value)
+{
+    Py_ssize_t limit = field->max_length >= 0 ? field->max_length : (Py_ssize_t)UINT32_MAX;
+    bool fits = field->length < 0 && is_integer_within(value, 0, limit);
+    return fits ? Py_NewRef(value) : NULL;
+}
+
+static int set_outline(struct message_codec *codec, PyObject *message, PyObject *fields)
+{
+    Py_ssize_t position = 0, start = 0;
+    PyObject *name, *value;
+    while (PyDict_Next(fields, &position, &name, &value)) {
+        struct message_field *field = field_named(codec, name, start);
+        if (field == NULL || *slot_of(message, field) != NULL)
+            return -1;
+        PyObject *given = Py_NewRef(value); /* a collection of garbage may change the dict */
+        PyObject *fitted = is_loan(field, value) ? fit_loan(field, value) : fit(field, value);
+        Py_DECREF(given);
+        if (fitted == NULL)
+            return -1;
+        *slot_of(message, field) = fitted;
+        start = field - codec->fields + 1;
+    }
+    return 0;
+}
+
+PyObject *codec_outline(struct message_codec *codec, PyObject *fields)
+{
+    if (codec_describe(codec) != 0 || !PyDict_CheckExact(fields))
+        return NULL;
+    PyObject *message = new_message(codec);
+    if (message == NULL)
+        return NULL;
+    if (set_outline(codec, message, fields) != 0 || set_initial(codec, message) != 0) {
+        leave_to_python();
+        Py_CLEAR(message);
+    }
+    return message;
+}
+
+PyObject *codec_share(const struct message_field *field, PyObject *value)
+{
+    return field->kind == KIND_ITEMS ? PyList_GetSlice(value, 0, PY_SSIZE_T_MAX) : Py_NewRef(value);
+}
+
+bool codec_forget_arrays(struct message_codec *codec, PyObject *message)
+{
+    if (codec_describe(codec) != 0 || !Py_IS_TYPE(message, codec->message_type))
+        return false;
+    for (struct message_field *field = codec->fields; field < codec->fields + codec->count; field++)
+        if (field->kind == KIND_NUMBERS)
+            Py_XSETREF(*slot_of(message, field), Py_NewRef(field->empty));
+    return true;
 }

@@ -10,9 +10,8 @@ struct writer {
     uint8_t *start;
     size_t at; /* counted from the encapsulation */
     size_t end;
-    PyObject *loaned; /* names of arrays of the outermost message whose elements are not written; or NULL */
-    PyObject *loans;
-    PyObject *pin;
+    PyObject *pin;  /* what loaned arrays keep alive; NULL: none can be loaned */
+    PyObject *made; /* the message with the loaned arrays */
 };
 
 /* Where the next `size` bytes belong, aligned, with zeros before them; NULL: they do not fit. */
@@ -144,25 +143,22 @@ static bool write_numbers(struct writer *writer, const struct message_field *fie
     return true;
 }
 
-/* Write the length of an array that is filled later, and put a view of its place into the loans. */
-static bool write_loan(struct writer *writer, const struct message_field *field, PyObject *value)
+/* Write the length of an array that is filled later, and show its place in the message that is made. */
+static bool write_loan(struct writer *writer, const struct message_field *field, size_t count)
 {
-    Py_ssize_t count = PyObject_Size(value);
-    if (count < 0 || !write_length(writer, (size_t)count))
+    PyObject *view;
+    if (!write_length(writer, count) || count > writer->end / field->size)
         return false;
-    PyObject *view = NULL;
-    if (count > 0) {
-        if ((size_t)count > writer->end / field->size)
-            return false;
-        uint8_t *to = place(writer, field->size, (size_t)count * field->size);
+    if (count == 0)
+        view = PyObject_CallMethod(field->empty, "copy", NULL); /* writable like any loan */
+    else {
+        uint8_t *to = place(writer, field->size, count * field->size);
         if (to == NULL)
             return false;
-        view = array_view(field->dtype, field->size, count, to, true, writer->pin);
-    } else
-        view = PyObject_CallMethod(field->empty, "copy", NULL); /* writable like any loan */
-    int result = view == NULL ? -1 : PyDict_SetItem(writer->loans, field->name, view);
-    Py_XDECREF(view);
-    return result == 0;
+        view = array_view(field->dtype, field->size, (Py_ssize_t)count, to, true, writer->pin);
+    }
+    *slot_of(writer->made, field) = view;
+    return view != NULL;
 }
 
 static bool write_message(struct writer *writer, struct message_codec *codec, PyObject *message);
@@ -219,46 +215,53 @@ static bool write_message(struct writer *writer, struct message_codec *codec, Py
     return true;
 }
 
-/* The outermost message, in which some arrays may be loaned. */
-static bool write_outermost(struct writer *writer, struct message_codec *codec, PyObject *message)
+static bool write_encapsulation(struct writer *writer)
 {
     uint8_t *to = place(writer, 1, sizeof(CDR_LITTLE_ENDIAN));
-    if (to == NULL)
-        return false;
-    memcpy(to, CDR_LITTLE_ENDIAN, sizeof(CDR_LITTLE_ENDIAN));
-    if (writer->loaned == NULL)
-        return write_message(writer, codec, message);
-    for (const struct message_field *field = codec->fields; field < codec->fields + codec->count; field++) {
-        PyObject *value = *slot_of(message, field);
-        int is_loaned = value == NULL ? -1 : PySet_Contains(writer->loaned, field->name);
-        if (is_loaned < 0 ||
-            !(is_loaned ? write_loan(writer, field, value) : write_field(writer, field, value)))
-            return false;
-    }
-    return true;
-}
-
-static Py_ssize_t encode(struct message_codec *codec, PyObject *message, struct writer *writer)
-{
-    if (codec_describe(codec) != 0)
-        return -1;
-    if (Py_IS_TYPE(message, codec->message_type) && write_outermost(writer, codec, message))
-        return (Py_ssize_t)writer->at;
-    leave_to_python();
-    return -1;
+    if (to != NULL)
+        memcpy(to, CDR_LITTLE_ENDIAN, sizeof(CDR_LITTLE_ENDIAN));
+    return to != NULL;
 }
 
 Py_ssize_t codec_encode(struct message_codec *codec, PyObject *message, uint8_t *to, Py_ssize_t room)
 {
     struct writer writer = {.start = to, .end = (size_t)room};
-    return encode(codec, message, &writer);
+    if (codec_describe(codec) != 0)
+        return -1;
+    if (write_encapsulation(&writer) && write_message(&writer, codec, message))
+        return (Py_ssize_t)writer.at;
+    leave_to_python();
+    return -1;
 }
 
-Py_ssize_t codec_encode_around(struct message_codec *codec, PyObject *message, uint8_t *to, Py_ssize_t room,
-                               PyObject *loaned, PyObject *loans, PyObject *pin)
+static bool write_outline(struct writer *writer, struct message_codec *codec, PyObject *outline)
 {
-    struct writer writer = {to, 0, (size_t)room, loaned, loans, pin};
-    return encode(codec, message, &writer);
+    if (!write_encapsulation(writer))
+        return false;
+    for (const struct message_field *field = codec->fields; field < codec->fields + codec->count; field++) {
+        PyObject *value = *slot_of(outline, field);
+        if (is_loan(field, value)) {
+            if (!write_loan(writer, field, loaned_count(value)))
+                return false;
+        } else if (!write_field(writer, field, value) ||
+                   (*slot_of(writer->made, field) = codec_share(field, value)) == NULL)
+            return false;
+    }
+    return true;
+}
+
+PyObject *codec_encode_outline(struct message_codec *codec, PyObject *outline, uint8_t *to, Py_ssize_t room,
+                               PyObject *pin)
+{
+    PyObject *made = codec->message_type->tp_alloc(codec->message_type, 0);
+    if (made == NULL)
+        return NULL;
+    struct writer writer = {to, 0, (size_t)room, pin, made};
+    if (!write_outline(&writer, codec, outline)) {
+        leave_to_python();
+        Py_CLEAR(made);
+    }
+    return made;
 }
 
 /* Measuring: each function moves `at`, or returns false. */
@@ -278,7 +281,7 @@ static bool measure_numbers(size_t *at, const struct message_field *field, PyObj
 {
     size_t count = (size_t)field->length;
     if (field->length < 0) {
-        /* Loans have a placeholder of this length instead of an array: Python measures them. */
+        /* Python's loans have a placeholder of this length instead of an array: Python measures them. */
         struct numpy_array *array = array_of(value, field->dtype);
         if (array == NULL)
             return false;
@@ -322,6 +325,24 @@ static bool measure_field(size_t *at, const struct message_field *field, PyObjec
     return false;
 }
 
+/* Measure a message of which no part needs to be looked at. */
+static void measure_fixed(size_t *at, struct message_codec *codec)
+{
+    for (const struct message_field *field = codec->fields; field < codec->fields + codec->count; field++)
+        if (field->kind == KIND_NESTED)
+            measure_fixed(at, field->inner);
+        else
+            *at += padding(*at, field->size) + field->size * (field->length < 0 ? 1 : (size_t)field->length);
+    *at += codec->count == 0; /* the filler */
+}
+
+Py_ssize_t codec_fixed_size(struct message_codec *codec)
+{
+    size_t at = sizeof(CDR_LITTLE_ENDIAN);
+    measure_fixed(&at, codec);
+    return (Py_ssize_t)at;
+}
+
 static bool measure_message(size_t *at, struct message_codec *codec, PyObject *message)
 {
     if (!Py_IS_TYPE(message, codec->message_type))
@@ -339,9 +360,26 @@ Py_ssize_t codec_size(struct message_codec *codec, PyObject *message)
 {
     if (codec_describe(codec) != 0)
         return -1;
+    if (codec->fixed_size > 0)
+        return codec->fixed_size;
     size_t at = sizeof(CDR_LITTLE_ENDIAN);
     if (measure_message(&at, codec, message) && at <= PY_SSIZE_T_MAX)
         return (Py_ssize_t)at;
     leave_to_python();
     return -1;
+}
+
+Py_ssize_t codec_outline_size(struct message_codec *codec, PyObject *outline)
+{
+    size_t at = sizeof(CDR_LITTLE_ENDIAN);
+    for (const struct message_field *field = codec->fields; field < codec->fields + codec->count; field++) {
+        PyObject *value = *slot_of(outline, field);
+        if (is_loan(field, value)) {
+            at += padding(at, 4) + 4;
+            if (loaned_count(value) > 0)
+                at += padding(at, field->size) + loaned_count(value) * field->size;
+        } else if (!measure_field(&at, field, value))
+            return -1;
+    }
+    return (Py_ssize_t)at;
 }

@@ -4,29 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from robbie_mp.messages.errors import FieldTypeError, FieldValueError
 from robbie_mp.messages.field_types import Numbers
 from robbie_mp.messages.message import Message, fields_of, loan_encoder, replace
 
 _Message = TypeVar("_Message", bound=Message)
+_Message_co = TypeVar("_Message_co", bound=Message, covariant=True)
 
 
-@dataclass(frozen=True, slots=True)
-class Layout(Generic[_Message]):
-    """The layout of a message before some of its arrays have contents.
+class Layout(Protocol[_Message_co]):
+    """The layout of a message before some of its arrays have contents."""
 
-    Attributes:
-        size: size of the encoding in bytes.
-        loaned: the fields whose elements are filled later.
-    """
+    @property
+    def size(self) -> int:
+        """Size of the encoding in bytes."""
 
-    size: int
-    loaned: frozenset[str]
-    _outline: _Message
+    @property
+    def loaned(self) -> frozenset[str]:
+        """The fields whose elements are filled later."""
 
-    def write(self, buffer: memoryview, offset: int = 0) -> _Message:
+    def write(self, buffer: memoryview, offset: int = 0) -> _Message_co:
         """Write everything except the elements of the loaned arrays.
 
         Args:
@@ -39,11 +38,6 @@ class Layout(Generic[_Message]):
         Raises:
             BufferTooSmall: the message does not fit.
         """
-        if not self.loaned:
-            self._outline.encode_into(buffer, offset)
-            return self._outline
-        encode = loan_encoder(type(self._outline), self.loaned)
-        return replace(self._outline, **encode(self._outline, buffer, offset))
 
 
 def lay_out(message_type: type[_Message], fields: Mapping[str, object]) -> Layout[_Message]:
@@ -57,6 +51,30 @@ def lay_out(message_type: type[_Message], fields: Mapping[str, object]) -> Layou
     Raises:
         FieldError: a value does not fit its field.
     """
+    codec = message_type._codec
+    layout = None if codec is None else codec.lay_out(dict(fields), lay_out_in_python)
+    return lay_out_in_python(message_type, fields) if layout is None else layout
+
+
+@dataclass(frozen=True, slots=True)
+class PythonLayout(Generic[_Message]):
+    """A `Layout` written by the generated functions."""
+
+    size: int
+    loaned: frozenset[str]
+    _outline: _Message
+
+    def write(self, buffer: memoryview, offset: int = 0) -> _Message:
+        """Write everything except the elements of the loaned arrays, see `Layout`."""
+        if not self.loaned:
+            self._outline.encode_into(buffer, offset)
+            return self._outline
+        encode = loan_encoder(type(self._outline), self.loaned)
+        return replace(self._outline, **encode(self._outline, buffer, offset))
+
+
+def lay_out_in_python(message_type: type[_Message], fields: Mapping[str, object]) -> PythonLayout[_Message]:
+    """Lay out a message as `lay_out`, which calls this for what C does not do."""
     lent = {
         field.name: _Elements(_checked(f"{message_type.type_name}.{field.schema_name}", field.type, count))
         for field in fields_of(message_type)
@@ -65,7 +83,7 @@ def lay_out(message_type: type[_Message], fields: Mapping[str, object]) -> Layou
     outline = message_type(**{name: value for name, value in fields.items() if name not in lent})
     for name, elements in lent.items():
         object.__setattr__(outline, name, elements)
-    return Layout(outline.encoded_size(), frozenset(lent), outline)
+    return PythonLayout(outline.encoded_size(), frozenset(lent), outline)
 
 
 class _Elements:

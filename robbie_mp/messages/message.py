@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 _NATIVE = native()
 """Chosen here, because classes get their functions when they are made, and most are made by imports."""
-FUNCTIONS = ("__new__", "encoded_size", "encode_into", "decode")
-"""What each class has of its own: generated in Python at the first call, or done in C."""
+GENERATED = ("__new__", "encoded_size", "encode_into", "decode")
+"""What is generated for each class, unless C does it."""
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)
@@ -82,7 +82,7 @@ class MessageType(type):
         made.has_views = made._layout.has_views
         if _NATIVE is not None:
             codec = _NATIVE.MessageCodec(made, partial(tabulate, made._layout), partial(_generate, made))
-            for function in FUNCTIONS:
+            for function in (*GENERATED, "forget_arrays"):
                 if function not in namespace and (function != "__new__" or "__init__" not in namespace):
                     codec.install(function)
         return cast("MessageType", made)
@@ -236,7 +236,9 @@ def _install(message_type: type[Message], name: str) -> Callable[..., Any]:
 
 
 def _generate(message_type: type[Message], name: str) -> Callable[..., Any]:
-    """Generate one of the four functions of a message class, and return it."""
+    """Generate one of the four functions of a message class, and return it; others it inherits."""
+    if name not in GENERATED:
+        return cast("Callable[..., Any]", getattr(Message, name))
     made, message_type._source[name] = generate(message_type._layout, name)
     made.__doc__ = getattr(Message, name).__doc__
     made.__qualname__ = f"{message_type.__qualname__}.{name}"

@@ -27,9 +27,12 @@ from robbie_mp.messages import (
     Time,
     TransformStamped,
     Vector3,
+    lay_out,
     message_type_from_schema,
     uint8,
 )
+from robbie_mp.messages.field_types import Numbers
+from robbie_mp.messages.loans import Layout, PythonLayout, lay_out_in_python
 from robbie_mp.messages.message import fields_of
 from tests.messages._support.codec_fuzz import TYPES, VARIABLE, encoded, exact, fuzz, outcome, python
 from tests.messages._support.strategies import PATIENT, definitions, messages
@@ -266,6 +269,51 @@ def test_a_message_changed_by_force_is_encoded_alike(message: Message, name: str
     assert said == outcome(python(message_type, "encode_into"), message, buffers[1])
     if said[0] is int:
         assert buffers[0] == buffers[1]
+
+
+COUNTS: list[Any] = [0, 1, 3, -1, True, 2**40, 10**30, np.int64(3), 2.5, None, "3"]
+"""What may be given as the number of elements of an array that is lent."""
+
+
+def written(layout: Layout[Message], room: int, *offset: Any) -> Any:
+    """What a layout says, and what it writes into a buffer."""
+    buffer = np.full(room, 0xAA, np.uint8)
+    message = layout.write(buffer.data, *offset)
+    for name in layout.loaned:
+        array = getattr(message, name)
+        array[:] = 1
+        assert array.flags.writeable and (not len(array) or np.shares_memory(array, buffer))
+    return exact([layout.size, sorted(layout.loaned), message, buffer])
+
+
+@pytest.mark.parametrize("message_type", TYPES, ids=lambda each: each.type_name)
+def test_messages_are_laid_out_alike(message_type: type[Message]) -> None:
+    arrays = [
+        (field.name, field.type) for field in fields_of(message_type) if isinstance(field.type, Numbers)
+    ]
+    lent: dict[str, Any] = {name: 2 for name, kind in arrays if kind.length is None}
+    assert not isinstance(lay_out(message_type, lent), PythonLayout), "it should be C's"
+    cases: list[dict[str, Any]] = [{}, {"no_field": 1}, {name: 2 for name, _ in arrays}, lent]
+    cases += [{field.name: count} for field in fields_of(message_type) for count in COUNTS]
+    for fields in cases:
+        mine = outcome(lambda fields: lay_out(message_type, fields).size, fields)
+        assert mine == outcome(lambda fields: lay_out_in_python(message_type, fields).size, fields)
+        if mine[0] is int and (size := int(mine[1])) < 10_000:
+            layouts = lay_out(message_type, fields), lay_out_in_python(message_type, fields)
+            for call in ((size,), (size + 9, 4), (size - 1,), (0,), (size, 1), (size, -size), (size, None)):
+                assert outcome(written, layouts[0], *call) == outcome(written, layouts[1], *call)
+
+
+def test_a_layout_can_be_written_again() -> None:
+    names = ["a"]
+    layout = lay_out(JointState, {"name": names, "position": 2})
+    names.append("b")
+    buffers = bytearray(layout.size), bytearray(layout.size)
+    first, second = (layout.write(memoryview(each)) for each in buffers)
+    first.position[:], second.position[:] = 1.0, 2.0
+    assert (first.position[0], second.position[0], first.name) == (1.0, 2.0, ["a"])
+    assert first.name is not second.name
+    assert first.name is not layout.write(memoryview(buffers[0])).name
 
 
 def test_a_message_without_a_value_is_refused_alike() -> None:

@@ -39,7 +39,7 @@ class Row(NamedTuple):
         max_text: most bytes of each string in a list.
         smallest_item: bytes that an element of a list takes at least.
         dtype: of an array.
-        empty: an array without elements.
+        empty: of an array, its natural default: no elements, or zeros.
         message: the class of a nested message, or of the elements of a list.
     """
 
@@ -75,7 +75,7 @@ def _row(field: Field) -> Row:
         case Nested():
             return row._replace(message=kind.message)
         case Numbers(element=element):
-            empty = natural_default(Numbers(element))
+            empty = natural_default(Numbers(element, kind.length))
             return row._replace(code=element.code, size=element.size, dtype=element.dtype, empty=empty)
         case Items(element=element):
             smallest = Plan()
