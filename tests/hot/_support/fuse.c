@@ -47,6 +47,7 @@ struct region {
 static struct region *regions;
 static uint32_t next_number;
 static uint64_t traces;
+static uint32_t hidden_words = UINT32_MAX, hidden_index; /* a word whose values are times, which do not repeat */
 static struct way_out *innermost;
 static Fuse *died_of;
 static unsigned long long unguarded; /* stores where nobody had said MAY_DIE */
@@ -77,7 +78,8 @@ static void note(uint32_t words, uint32_t index, uint64_t value)
         if (trace.entries == NULL)
             Py_FatalError("no memory for the trace");
     }
-    trace.entries[trace.count++] = (struct entry){words, index, value};
+    const bool is_hidden = words == hidden_words && index == hidden_index;
+    trace.entries[trace.count++] = (struct entry){words, index, is_hidden ? 0 : value};
 }
 
 static void tell(PyObject *listener, PyObject *arguments)
@@ -474,6 +476,14 @@ static PyObject *note_wake(PyObject *module, PyObject *who)
     Py_RETURN_NONE;
 }
 
+static PyObject *hide_values(PyObject *module, PyObject *args)
+{
+    (void)module;
+    if (!PyArg_ParseTuple(args, "II", &hidden_words, &hidden_index))
+        return NULL;
+    Py_RETURN_NONE;
+}
+
 static PyObject *unguarded_stores(PyObject *module, PyObject *unused)
 {
     (void)module, (void)unused;
@@ -520,6 +530,7 @@ static PyMethodDef functions[] = {
     {"set_clock", set_clock, METH_O, "Set the clock of C."},
     {"begin_trace", begin_trace, METH_NOARGS, "Write down all stores from now on; words are numbered from 0."},
     {"end_trace", end_trace, METH_NOARGS, "Return the stores: words, index (4 bytes each) and value (8)."},
+    {"hide_values", hide_values, METH_VARARGS, "Write down no values of this word of these words."},
     {"note_wake", note_wake, METH_O, "Write down that somebody was woken."},
     {"stray_words", stray_words, METH_NOARGS,
      "Return the first word, of those made since the trace began, that was stored beside `store`."},

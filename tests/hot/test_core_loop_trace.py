@@ -1,0 +1,73 @@
+"""The core's loop in C, which works until Python must do something, stores what Python stores."""
+
+import os
+from collections.abc import Iterator
+from types import ModuleType
+from typing import Any
+
+import posix_ipc
+import pytest
+
+from robbie_mp.core.native_router import NativeRouter
+from robbie_mp.transport import layout
+from tests.core._support.memory import Died
+from tests.core._support.simulated_run import SimulatedRun
+from tests.hot.test_router_trace import compare_all, compare_attacks
+
+HISTORIES = range(300, 500)
+CORE = 0
+"""The number of the core's words in a trace: a run makes them first."""
+
+
+@pytest.fixture
+def semaphore(built: ModuleType) -> Iterator[Any]:
+    """The core's own semaphore, as C waits on it."""
+    name = f"/robbie-testloop{os.getpid()}"
+    made = posix_ipc.Semaphore(name, posix_ipc.O_CREX)
+    opened = built.Semaphore(name)
+    made.unlink()
+    yield opened
+    opened.close()
+    made.close()
+
+
+@pytest.fixture(autouse=True)
+def runs_begin_with_a_sleep(built: ModuleType, semaphore: Any, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Let the core be woken whenever it is to work, and have C do the first round if it may."""
+    rounds_in_c: list[int] = []
+    built.hide_values(CORE, layout.CORE_HEARTBEAT_NS)
+
+    def sleep_and_work(run: SimulatedRun) -> None:
+        router = run.router
+        if isinstance(router, NativeRouter):
+            semaphore.post()
+            if router.work_alone(semaphore.post, 0.0):
+                rounds_in_c.append(1)
+                return
+            assert semaphore.wait(0)
+        words = router._words
+        words[layout.CORE_WAKEUPS] = words[layout.CORE_WAKEUPS] + 1
+        words[layout.CORE_HEARTBEAT_NS] = 0
+        router.run_round()
+
+    def run_core(run: SimulatedRun) -> None:
+        while True:
+            try:
+                sleep_and_work(run)
+                while run.router.run_round() or run.router.before_sleep():
+                    pass
+                return
+            except Died:
+                run._replace_core()
+
+    monkeypatch.setattr(SimulatedRun, "run_core", run_core)
+    return rounds_in_c
+
+
+def test_histories_are_stored_alike(built: ModuleType, runs_begin_with_a_sleep: list[int]) -> None:
+    compare_all(built, HISTORIES)
+    assert len(runs_begin_with_a_sleep) > 5 * len(HISTORIES)
+
+
+def test_hostile_modules_are_handled_alike(built: ModuleType) -> None:
+    compare_attacks(built, 50)
