@@ -194,6 +194,10 @@ static void install_call(PyTypeObject *message_type)
 
 static int install(PyObject *self, PyObject *message_type, const char *name)
 {
+    static const char *const names[] = {"__new__", "encoded_size", "encode_into", "decode"};
+    for (size_t index = 0; index < Py_ARRAY_LENGTH(names); index++)
+        if (strcmp(name, names[index]) == 0)
+            ((struct message_codec *)self)->is_installed[index] = true;
     if (strcmp(name, "__new__") == 0) {
         install_call((PyTypeObject *)message_type);
         return 0;

@@ -33,6 +33,7 @@ struct message_codec {
     PyObject *describe;  /* called once: returns the fields of the class */
     PyObject *generated; /* called with the name of a function: returns it, generated in Python */
     PyObject *python[5]; /* these functions, as far as they were needed */
+    bool is_installed[5]; /* whether the class has ours, and none of its own */
     bool is_described;
     Py_ssize_t fixed_size; /* of every encoding; 0: it depends on the message */
     bool is_unsuitable; /* numpy is of an unknown version: everything is left to Python */

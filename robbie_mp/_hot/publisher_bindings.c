@@ -128,7 +128,8 @@ static int prepare(struct publisher_object *self, PyObject *message, PyObject *t
                    struct prepared_message *prepared)
 {
     struct message_codec *codec = codec_of(Py_TYPE(message));
-    if (codec == NULL || !codec->is_described)
+    if (codec == NULL || !codec->is_described || !codec->is_installed[FUNCTION_SIZE] ||
+        !codec->is_installed[FUNCTION_ENCODE])
         return PyErr_Occurred() ? -1 : 0;
     const int found = find_declaration(self, message, topic, &prepared->declaration);
     if (found <= 0)

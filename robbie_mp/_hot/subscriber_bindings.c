@@ -154,7 +154,7 @@ static PyObject *decode(struct handled_message *message)
 {
     PyObject *decoder = PyTuple_GET_ITEM(message->subscription, AT_DECODER);
     struct message_codec *codec = PyType_Check(decoder) ? codec_of((PyTypeObject *)decoder) : NULL;
-    if (codec != NULL) {
+    if (codec != NULL && codec->is_installed[FUNCTION_DECODE]) {
         PyObject *decoded = codec_decode(codec, first_byte(message->bytes), (Py_ssize_t)message->bytes->size,
                                          (PyObject *)message->bytes, false);
         if (decoded != NULL || PyErr_Occurred())

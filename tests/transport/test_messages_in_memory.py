@@ -17,7 +17,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from robbie_mp import Header, MessageHandling, Time
+from robbie_mp import Header, Message, MessageHandling, Time, int32
 from robbie_mp.linux.forks import ForkedProcess
 from robbie_mp.messages import FieldError, Image, Imu
 from robbie_mp.module import outbox as outbox_module
@@ -57,6 +57,38 @@ def test_received_array_cannot_be_written(pair: Pair) -> None:
     pair.outbox.publish(picture(7), "")
     with pytest.raises(ValueError, match="read-only"):
         pair.pass_on()
+
+
+class Number(Message, name="test_msgs/msg/PlainNumber", version=1):
+    data: int32
+
+
+class Secret(Message, name="test_msgs/msg/Secret", version=1):
+    """Has functions of its own in the place of the generated ones."""
+
+    number: int32
+
+    def encode_into(self, buffer: memoryview, offset: int = 0) -> int:
+        return Number(data=self.number ^ 0x55).encode_into(buffer, offset)
+
+    @classmethod
+    def decode(cls, buffer: Any) -> "Secret":
+        return cls(number=Number.decode(buffer).data ^ 0x55)
+
+
+def test_message_that_encodes_and_decodes_itself_is_left_to_do_so(pair: Pair) -> None:
+    seen: list[Secret] = []
+    written: list[Message] = []
+    pair.inbox.subscriptions.subscribe(Secret, seen.append, MessageHandling.ALWAYS_DELIVER, "own")
+    pair.run.run_core()
+    for _ in range(3):
+        pair.outbox.publish(Secret(number=7), "own")
+        pair.run.run_core()
+        source, offset = pair.run.modules[1, 1].last_record()[2:4]
+        written.append(Number.decode(pair.views.view(source, offset, 8)))
+        pair.pass_on()
+    assert seen == [Secret(number=7)] * 3
+    assert written == [Number(data=7 ^ 0x55)] * 3
 
 
 def test_block_is_pinned_until_the_last_array_dies(pair: Pair) -> None:
