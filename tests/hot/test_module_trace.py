@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
-from tests.hot._support.exchange import Exchange, parcel_class
+from tests.core._support.memory import Died
+from tests.hot._support.exchange import PUBLISHER, SUBSCRIBER, Exchange, parcel_class
 from tests.hot._support.trace import difference, played
 
 Step = tuple[str, tuple[int, ...]]
@@ -88,3 +89,44 @@ def test_every_step_of_a_message_is_stored_alike(
 ) -> None:
     message: list[Step] = [("publish", (1, size)), ("core", ()), ("take_turns", (2,)), ("core", ())]
     compare(built, parcel, [("keep", (keep,)), *message * 5, ("drop", (0,)), *message * 3])
+
+
+@pytest.mark.parametrize("slot", [PUBLISHER, SUBSCRIBER])
+@pytest.mark.parametrize("keep", [0, 1])
+def test_module_dies_before_any_of_its_stores_alike(
+    built: ModuleType, parcel: Any, slot: int, keep: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And what the core makes of it is the same."""
+    message: list[Step] = [
+        ("publish", (1, 60)),
+        ("core", ()),
+        ("take_turns", (3,)),
+        ("drop", (0,)),
+        ("core", ()),
+    ]
+    begin: list[Step] = [("keep", (keep,)), *message * 2]
+    deaths = 0
+
+    def play_and_die(stores: int) -> Exchange:
+        nonlocal deaths
+        exchange = Exchange(built, parcel)
+        try:
+            for name, arguments in [*begin, ("die_after", (slot, stores)), *message * 2]:
+                getattr(exchange, name)(*arguments)
+        except Died:
+            deaths += 1
+            exchange.bury(slot)
+            exchange.core()
+        finally:
+            exchange.close()
+        return exchange
+
+    monkeypatch.setattr(time, "monotonic_ns", built.tick)
+    for stores in range(1000):
+        deaths = 0
+        found = difference(built, lambda stores=stores: play_and_die(stores))  # type: ignore[misc]
+        assert found == "", f"after {stores} stores:\n{found}"
+        if not deaths:
+            break
+        assert deaths == 2
+    assert stores >= (20 if slot == PUBLISHER else 60), "it died before each of them"

@@ -102,6 +102,18 @@ class Exchange:
     def outstanding(self) -> None:
         assert self.outbox.outstanding >= 0
 
+    def die_after(self, slot: int, stores: int) -> None:
+        """Let a module live to see so many stores from now on."""
+        words: Any = self.run.modules[slot, 1].out
+        words.fuse = self.run.memory.fuse()
+        words.fuse.deaths = [stores]
+
+    def bury(self, slot: int) -> None:
+        """Let the core know that a module is dead."""
+        words: Any = self.run.modules[slot, 1].out
+        words.fuse = None
+        self.run.kill(self.run.modules[slot, 1])
+
     def restart_core(self) -> None:
         self.run.restart_core()
 
