@@ -107,6 +107,7 @@ class Inbox:
         self._current = delivery
         _, _, decoder, handler = self._by_number[delivery.declaration]
         pin: weakref.ref[Any] | None = None
+        whole: Any = None
         try:
             view = self._views.view(delivery.source, delivery.offset, delivery.size)
             if len(view) != delivery.size:
@@ -118,12 +119,13 @@ class Inbox:
                 unreferenced, reference = self._unreferenced, delivery.reference
                 pin = weakref.ref(whole, lambda _: unreferenced.append(reference))
                 message = decoder.decode(whole.data)
-                del whole
+                whole = None
             elif decoder.has_views:
                 message = decoder.decode(self._copy(view))
             else:
                 message = decoder.decode(view)
         except RobbieError as error:
+            whole = None
             self.tell_lost(error)
         else:
             handler(message)

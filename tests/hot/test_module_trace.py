@@ -55,7 +55,7 @@ def compare(built: ModuleType, parcel: Any, steps: list[Step]) -> None:
     assert found == "", found
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=300, deadline=None)
 @given(st.lists(STEP, max_size=60))
 def test_modules_store_alike(built: ModuleType, parcel: Any, steps: list[Step]) -> None:
     compare(built, parcel, steps)

@@ -354,6 +354,18 @@ def test_garbage_in_the_publishers_memory_is_counted_and_nobody_dies(
     assert pair.outbox.outstanding == 0
 
 
+def test_damaged_message_is_not_pinned(pair: Pair, caplog: pytest.LogCaptureFixture) -> None:
+    for number in range(3):
+        assert pair.outbox.publish_encoded("sensor_msgs/msg/Image", 1, b"\0\1\0\0damaged", "")
+        pair.run.run_core()
+        assert pair.handle_next()
+        assert pair.receiver_words[layout.OUT_PINNED] == 0
+        assert pair.receiver_words[layout.OUT_HANDLED] == number + 1
+        pair.run.run_core()
+        assert pair.outbox.outstanding == 0
+    assert caplog.text.count("a message was lost") == 3
+
+
 def test_maps_of_a_dead_publisher_go_when_its_last_message_is_released(pair: Pair) -> None:
     pair.outbox.publish(picture(1), "")
     pair.pass_on()
