@@ -14,7 +14,7 @@ from tests.core._support.memory import Died
 from tests.core._support.simulated_run import SimulatedRun
 from tests.hot.test_router_trace import compare_all, compare_attacks
 
-HISTORIES = range(300, 500)
+HISTORIES = range(300, 400)
 CORE = 0
 """The number of the core's words in a trace: a run makes them first."""
 
