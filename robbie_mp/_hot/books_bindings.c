@@ -1194,9 +1194,11 @@ static int wait_for_post(struct books *books, struct wakeup *wakeup, uint64_t ti
     int error;
     shared_word *wakeups = books->words + CORE_WAKEUPS;
     store(wakeups, load(wakeups) + 1);
+    wakeup_begin_wait(wakeup);
     Py_BEGIN_ALLOW_THREADS
     error = wakeup_wait(wakeup, (int64_t)timeout_ns);
     Py_END_ALLOW_THREADS
+    wakeup_end_wait(wakeup);
     store(books->words + CORE_HEARTBEAT_NS, monotonic_ns());
     return error;
 }

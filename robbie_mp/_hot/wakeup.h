@@ -8,7 +8,12 @@
 
 struct wakeup {
     sem_t *semaphore; /* NULL: closed, or it belongs to the process that forked this one */
+    sem_t *waited_on; /* the same, for threads that wait; it stays open until the last of them ends its wait */
+    int waiters;
 };
+
+/* Most posts that one wait takes. Any process of the run can write any count into the semaphore. */
+enum { MAX_POSTS_TAKEN = 1000 };
 
 /* Whether time-outs follow CLOCK_MONOTONIC. If not (musl, and glibc before 2.30), they follow the wall clock. */
 #if defined(__GLIBC__) && (__GLIBC__ > 2 || (__GLIBC__ == 2 && __GLIBC_MINOR__ >= 30))
@@ -24,9 +29,13 @@ int wakeup_open(struct wakeup *wakeup, const char *name);
 void wakeup_close(struct wakeup *wakeup);
 /* Wake the process that waits; nothing happens if the semaphore is closed. */
 void wakeup_post(struct wakeup *wakeup);
-/* Take all posts, without waiting; false if there is none. */
+/* Take all posts, or MAX_POSTS_TAKEN, without waiting; false if there is none. */
 bool wakeup_take(struct wakeup *wakeup);
-/* Wait for a post and take all posts; 0, or the error's number: ETIMEDOUT, EINTR after a signal, others. */
+/* With the GIL, before a wait and after it: no other thread can then close the semaphore that is waited on. */
+void wakeup_begin_wait(struct wakeup *wakeup);
+void wakeup_end_wait(struct wakeup *wakeup);
+/* Wait for a post and take all posts; 0, or the error's number: ETIMEDOUT, EINTR after a signal, others.
+ * This may run without the GIL. */
 int wakeup_wait(struct wakeup *wakeup, int64_t timeout_ns);
 
 #endif

@@ -83,9 +83,11 @@ static PyObject *semaphore_wait(struct semaphore_object *self, PyObject *timeout
     if (timeout_ns == 0)
         Py_RETURN_FALSE;
     int error;
+    wakeup_begin_wait(&self->wakeup);
     Py_BEGIN_ALLOW_THREADS
     error = wakeup_wait(&self->wakeup, timeout_ns);
     Py_END_ALLOW_THREADS
+    wakeup_end_wait(&self->wakeup);
     if (error == 0)
         Py_RETURN_TRUE;
     if (error == ETIMEDOUT)
@@ -107,7 +109,7 @@ static PyObject *semaphore_close(struct semaphore_object *self, PyObject *Py_UNU
 
 static PyObject *semaphore_disown(struct semaphore_object *self, PyObject *Py_UNUSED(ignored))
 {
-    self->wakeup.semaphore = NULL; /* not closed: the process that forked this one uses it */
+    self->wakeup.semaphore = self->wakeup.waited_on = NULL; /* open: the process that forked this one uses it */
     self->is_disowned = true;
     Py_RETURN_NONE;
 }

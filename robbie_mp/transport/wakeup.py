@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 MAX_TRIES = 100
 """Names to try. They have 64 random bits, so two taken names are no coincidence."""
+MAX_POSTS_TAKEN = 1000
+"""Most posts that one wait takes. Any process of the run can write any count into the semaphore."""
 
 
 class Wakeup:
@@ -117,7 +119,8 @@ class Wakeup:
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait for a post and take all posts; return False after the time-out or a signal.
 
-        The wait releases the GIL. It takes all posts at once, because the caller then looks at every ring.
+        The wait releases the GIL. It takes all posts at once, up to MAX_POSTS_TAKEN, because the caller then
+        looks at every ring.
         """
         semaphore = self._semaphore if self._native is None else self._native
         if self.patience_s:
@@ -135,7 +138,7 @@ class Wakeup:
             semaphore.acquire(timeout_s)
         except (posix_ipc.BusyError, posix_ipc.SignalError):
             return False
-        for _ in range(semaphore.value):
+        for _ in range(min(semaphore.value, MAX_POSTS_TAKEN)):
             semaphore.acquire(0)  # never blocks: no other process waits on this semaphore
         return True
 

@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.linux.forks import ForkedProcess
+from robbie_mp.transport import names
 from robbie_mp.transport.segment import SegmentMissing
+from robbie_mp.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
 from tests._support.implementations import BOTH, NATIVE, Native
 
@@ -42,6 +44,34 @@ def test_one_wait_takes_all_posts(wakeup: Wakeup) -> None:
         wakeup.post()
     assert wakeup.wait(0)
     assert not wakeup.wait(0)
+
+
+def test_wild_count_of_posts_does_not_keep_a_process_busy(wakeup: Wakeup) -> None:
+    """Every module maps the core's semaphore, so a wild pointer can write any count into it."""
+    with (SHARED_MEMORY / f"sem.{names.wakeup(RUN, wakeup.tag)}").open("r+b") as file:
+        file.write((2**31 - 1).to_bytes(4, "little"))
+    started_s = time.monotonic()
+    assert wakeup.wait(10)
+    assert time.monotonic() - started_s < 5
+
+
+@pytest.mark.parametrize("native", BOTH[1:], indirect=True)
+def test_semaphore_that_is_closed_while_a_thread_waits_ends_the_wait(wakeup: Wakeup) -> None:
+    waiting = threading.Thread(target=wakeup.wait, args=(30,))
+    waiting.start()
+    while not is_asleep(waiting):
+        time.sleep(0.001)
+    semaphore = wakeup._native
+    assert semaphore is not None
+    semaphore.close()
+    waiting.join(10)
+    assert not waiting.is_alive()
+    with pytest.raises(ValueError, match="closed"):
+        wakeup.wait(0)
+
+
+def is_asleep(thread: threading.Thread) -> bool:
+    return Path(f"/proc/self/task/{thread.native_id}/stat").read_text().rpartition(")")[2].split()[0] == "S"
 
 
 def test_wait_ends_at_its_time_out(wakeup: Wakeup) -> None:
