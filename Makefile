@@ -10,7 +10,7 @@ PARALLEL := --numprocesses 2 --dist loadfile
 # What the installation compiles: a change of it, or of what is installed, installs again.
 INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/_hot/*.[ch])
 
-.PHONY: demo test test-all test-slow test-pure test-arm64 lint types docs bench clean
+.PHONY: demo test test-all test-computing test-robots test-pure test-arm64 lint types docs bench clean
 
 demo: .venv/robot
 	$(ROBBIE) run demo
@@ -18,11 +18,13 @@ demo: .venv/robot
 test: .venv/dev
 	.venv/bin/python -m pytest -q -m 'not slow' $(PARALLEL)
 
-test-all: test test-slow
+test-all: test test-computing test-robots
+
+test-computing: .venv/dev
+	.venv/bin/python -m pytest -q -m slow $(PARALLEL) --dist worksteal $(COMPUTING)
 
 # Campaigns and whole robots measure times, so each has the machine for itself.
-test-slow: .venv/dev
-	.venv/bin/python -m pytest -q -m slow $(PARALLEL) --dist worksteal $(COMPUTING)
+test-robots: .venv/dev
 	.venv/bin/python -m pytest -q -m slow $(addprefix --ignore=,$(COMPUTING))
 
 # The tests of the hot path, of which there are two forms, with the one in Python.

@@ -82,7 +82,7 @@ def test_wheel_has_what_was_built_and_no_sources(archive: Path, tmp_path: Path) 
 def test_installation_without_a_compiler_says_so_in_one_line_and_uses_python(
     archive: Path, tmp_path: Path
 ) -> None:
-    wheel, printed = build(archive, tmp_path, "-v", CC="no-such-compiler")
+    wheel, printed = build(archive, tmp_path, "-v", CC="no-such-compiler", ROBBIE_STRICT_BUILD="")
     said = [line.strip() for line in printed.splitlines() if "no-such-compiler" in line]
     assert said == [
         "Robbie-MP uses Python for its hot path, which is slower: "
