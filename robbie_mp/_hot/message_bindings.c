@@ -82,25 +82,6 @@ static PyObject *message_encoded_size(PyObject *self, PyObject *Py_UNUSED(nothin
     return PyErr_Occurred() ? NULL : call_python(codec, FUNCTION_SIZE, self, NULL, 0, NULL);
 }
 
-bool get_room(Py_buffer *view, PyObject *buffer, PyObject *offset, Py_ssize_t *start)
-{
-    *start = 0;
-    if (offset != NULL) {
-        if (!PyLong_CheckExact(offset))
-            return false;
-        *start = PyLong_AsSsize_t(offset);
-    }
-    if (*start < 0 || PyObject_GetBuffer(buffer, view, PyBUF_CONTIG | PyBUF_FORMAT) != 0) {
-        leave_to_python();
-        return false;
-    }
-    bool is_bytes = view->ndim == 1 && (view->format == NULL || (view->format[0] == 'B' && !view->format[1]));
-    if (is_bytes && *start <= view->len)
-        return true;
-    PyBuffer_Release(view);
-    return false;
-}
-
 static PyObject *message_encode_into(PyObject *self, PyObject *const *values, Py_ssize_t count)
 {
     struct message_codec *codec = codec_of_message(self);

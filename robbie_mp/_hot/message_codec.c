@@ -1,5 +1,6 @@
 /* The codec of a message class: the table of its fields, made at its first use. */
 #include "message_codec.h"
+#include "layout.h"
 #include <structmember.h>
 
 static PyObject *codec_name; /* "_codec", interned */
@@ -134,6 +135,24 @@ static bool has_fixed_size(const struct message_codec *codec)
     return true;
 }
 
+/* Measure a message of which no part needs to be looked at. */
+static void measure_fixed(size_t *at, struct message_codec *codec)
+{
+    for (const struct message_field *field = codec->fields; field < codec->fields + codec->count; field++)
+        if (field->kind == KIND_NESTED)
+            measure_fixed(at, field->inner);
+        else
+            *at += padding(*at, field->size) + field->size * (field->length < 0 ? 1 : (size_t)field->length);
+    *at += codec->count == 0; /* the filler */
+}
+
+static Py_ssize_t codec_fixed_size(struct message_codec *codec)
+{
+    size_t at = LEAD_BYTES;
+    measure_fixed(&at, codec);
+    return (Py_ssize_t)at;
+}
+
 static int use_descriptions(struct message_codec *codec, PyObject *descriptions)
 {
     if (!PyTuple_CheckExact(descriptions)) {
@@ -251,6 +270,25 @@ static void codec_dealloc(PyObject *self)
     Py_TYPE(self)->tp_free(self);
 }
 
+bool get_room(Py_buffer *view, PyObject *buffer, PyObject *offset, Py_ssize_t *start)
+{
+    *start = 0;
+    if (offset != NULL) {
+        if (!PyLong_CheckExact(offset))
+            return false;
+        *start = PyLong_AsSsize_t(offset);
+    }
+    if (*start < 0 || PyObject_GetBuffer(buffer, view, PyBUF_CONTIG | PyBUF_FORMAT) != 0) {
+        leave_to_python();
+        return false;
+    }
+    bool is_bytes = view->ndim == 1 && (view->format == NULL || (view->format[0] == 'B' && !view->format[1]));
+    if (is_bytes && *start <= view->len)
+        return true;
+    PyBuffer_Release(view);
+    return false;
+}
+
 static PyTypeObject codec_type = {
     PyVarObject_HEAD_INIT(NULL, 0)
     .tp_name = "robbie_mp._hot.native.MessageCodec",
@@ -270,5 +308,5 @@ int add_message_types(PyObject *module)
     codec_type.tp_methods = codec_methods;
     if (PyModule_AddType(module, &codec_type) != 0)
         return -1;
-    return ready_pinned_buffer() != 0 ? -1 : ready_message_layout();
+    return ready_pinned_buffer();
 }

@@ -64,9 +64,6 @@ int codec_describe(struct message_codec *codec);
 /* The message with the fields given as keyword arguments. */
 PyObject *codec_construct(struct message_codec *codec, PyObject *const *values, PyObject *names);
 
-/* Bytes of every encoding of a class that has no texts, lists or arrays of variable length. */
-Py_ssize_t codec_fixed_size(struct message_codec *codec);
-
 /* A value for another message of the class: a list is copied. NULL with an exception set if memory is full. */
 PyObject *codec_share(const struct message_field *field, PyObject *value);
 
@@ -102,7 +99,6 @@ PyObject *codec_decode_from(struct message_codec *codec, const uint8_t *data, Py
 
 /* The layout of a message with these fields, a dict; `python` makes it of class and fields if C cannot write it. */
 PyObject *lay_out(struct message_codec *codec, PyObject *fields, PyObject *python);
-int ready_message_layout(void);
 
 /* Get a writable buffer of bytes, and from which byte on it is used; false: left to Python. */
 bool get_room(Py_buffer *view, PyObject *buffer, PyObject *offset, Py_ssize_t *start);

@@ -325,24 +325,6 @@ static bool measure_field(size_t *at, const struct message_field *field, PyObjec
     return false;
 }
 
-/* Measure a message of which no part needs to be looked at. */
-static void measure_fixed(size_t *at, struct message_codec *codec)
-{
-    for (const struct message_field *field = codec->fields; field < codec->fields + codec->count; field++)
-        if (field->kind == KIND_NESTED)
-            measure_fixed(at, field->inner);
-        else
-            *at += padding(*at, field->size) + field->size * (field->length < 0 ? 1 : (size_t)field->length);
-    *at += codec->count == 0; /* the filler */
-}
-
-Py_ssize_t codec_fixed_size(struct message_codec *codec)
-{
-    size_t at = sizeof(CDR_LITTLE_ENDIAN);
-    measure_fixed(&at, codec);
-    return (Py_ssize_t)at;
-}
-
 static bool measure_message(size_t *at, struct message_codec *codec, PyObject *message)
 {
     if (!Py_IS_TYPE(message, codec->message_type))

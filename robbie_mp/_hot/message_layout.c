@@ -156,7 +156,7 @@ static PyTypeObject layout_type = {
     .tp_getset = layout_properties,
 };
 
-int ready_message_layout(void)
+int add_message_layout_type(PyObject *Py_UNUSED(module))
 {
     return PyType_Ready(&layout_type);
 }

@@ -65,6 +65,7 @@ static int add_all(PyObject *module)
         add_wakeup_types,
         add_books_types,
         add_message_types,
+        add_message_layout_type,
         add_lock_type,
         add_endpoint_type,
         add_block_types,

@@ -36,6 +36,7 @@ int add_ring_types(PyObject *module);
 int add_wakeup_types(PyObject *module);
 int add_books_types(PyObject *module);
 int add_message_types(PyObject *module);
+int add_message_layout_type(PyObject *module);
 int add_lock_type(PyObject *module);
 int add_endpoint_type(PyObject *module);
 int add_block_types(PyObject *module);

@@ -5,12 +5,9 @@
 
 from collections import OrderedDict
 from collections.abc import Iterable, MutableSequence
-from typing import TYPE_CHECKING, TypeVar
+from typing import Any, TypeVar
 
 from robbie_mp.transport.ring import NumberRingWriter, RingPlace, RingReader, RingWriter
-
-if TYPE_CHECKING:
-    from robbie_mp.core.directory import Subscription
 
 Part = TypeVar("Part")
 
@@ -22,7 +19,7 @@ class Books:
         """Return the class to use for a class of the core."""
         return part
 
-    def enter(self, subscription: "Subscription") -> None:
+    def enter(self, subscription: Any) -> None:
         """Note which subscription has a row of the tables."""
 
     def queue(self) -> OrderedDict[int, int]:
