@@ -60,8 +60,8 @@ def map_cells(grid: GridMessage) -> MapCells:
 
 
 def frontiers_message(frontiers: Sequence[Frontier], header: Header) -> Frontiers:
-    """Return the message for frontiers, given longest first; it holds at most `Frontiers.MOST`."""
-    longest = frontiers[: Frontiers.MOST]
+    """Return the message for frontiers, given longest first; it holds at most `Frontiers.MAX_PIECES`."""
+    longest = frontiers[: Frontiers.MAX_PIECES]
     middles = [Point(x=x_m, y=y_m) for x_m, y_m in (frontier.middle_xy_m.tolist() for frontier in longest)]
     lengths_m = np.array([frontier.length_m for frontier in longest], np.float64)
     return Frontiers(header=header, middles=middles, lengths_m=lengths_m)

@@ -1,4 +1,4 @@
-"""Chooses who does the hot path: the module written in C, or the Python that it was written after.
+"""Chooses the form of the hot path: the module written in C, or the Python that it follows.
 
 Only the places where processes are put together ask. They pass the answer on as an argument.
 """

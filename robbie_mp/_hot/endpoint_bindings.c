@@ -106,7 +106,7 @@ static int endpoint_traverse(struct endpoint_object *self, visitproc visit, void
     return 0;
 }
 
-/* The fields stay valid for whoever looks at them during the collection; no C code runs Python code then. */
+/* The fields stay valid for code that reads them during the collection; no C code runs Python code then. */
 static int endpoint_clear(struct endpoint_object *self)
 {
     self->is_disowned = true; /* nothing is pushed any more */

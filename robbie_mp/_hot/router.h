@@ -46,7 +46,7 @@ void begin_round(struct router *router);
  *   UINT64_MAX, its ring is corrupt instead. NULL: the round is over. */
 struct link *serve_round(struct router *router, uint64_t records_per_turn);
 /* Handle the next records of a module, up to the first that is not common. When all are handled, wake those
- * who got messages.
+ * modules that got messages.
  *
  * Args:
  *   records: how many to handle; `ring_waiting` has told that they are there.

@@ -200,7 +200,7 @@ class NativeQueues(Queues):
         words: the core segment, for the figures.
         ledger: all references.
         slots: the modules.
-        books: know which figures have changed, and who is to be woken.
+        books: know which figures have changed, and which modules are to be woken.
     """
 
     def __init__(self, words: Words, ledger: Ledger, slots: Sequence[Slot], books: NativeBooks):

@@ -17,7 +17,7 @@ from tools.fuzz_core.corpus import mutate, seeds
 from tools.fuzz_core.plain import Hang, finding, inputs
 from tools.fuzz_core.steps import STEP_BYTES, Do, decode, encode, step
 
-MOST = 1500
+MAX_INPUTS = 1500
 """Maximum number of inputs until a defect is found."""
 MOST_OF_WHAT_IS_SOUND = 300
 PLANTED: dict[str, tuple[type, str, str, str]] = {
@@ -69,7 +69,7 @@ def first_finding(most: int) -> bytes | None:
 @pytest.mark.parametrize("defect", PLANTED)
 def test_missing_check_is_found(defect: str, monkeypatch: pytest.MonkeyPatch) -> None:
     plant(defect, monkeypatch)
-    assert first_finding(MOST), f"not found with {MOST} inputs"
+    assert first_finding(MAX_INPUTS), f"not found with {MAX_INPUTS} inputs"
 
 
 def test_unchanged_core_withstands_every_input() -> None:

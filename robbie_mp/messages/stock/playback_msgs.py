@@ -11,23 +11,23 @@ class PlaybackControl(Message, name="robbie_msgs/msg/PlaybackControl", version=1
 
     request: uint64 = DEFAULT  # a number that PlaybackState repeats; 0: none
     command: str = DEFAULT  # pause, resume, step (pause, and play one message), seek or rate
-    value: float64 = DEFAULT  # seek: s from the log's begin; rate: times real time, infinity: no waiting
+    value: float64 = DEFAULT  # seek: s from the log's beginning; rate: times real time, infinity: no waiting
 
 
 class PlaybackState(Message, name="robbie_msgs/msg/PlaybackState", version=1):
     """The state of a playback; published at each change, and regularly in between."""
 
     file: str = DEFAULT
-    begin: Time = DEFAULT  # of what is played of the log
+    begin: Time = DEFAULT  # of the part of the log that is played
     end: Time = DEFAULT
     position: Time = DEFAULT  # the log's time now
-    rate: float64 = DEFAULT  # times real time; infinity: as fast as nothing is lost
+    rate: float64 = DEFAULT  # times real time; infinity: as fast as possible without a loss
     paused: bool = DEFAULT
     loop: bool = DEFAULT
     lockstep: bool = DEFAULT
     ended: bool = DEFAULT  # everything has been played
     messages: uint64 = DEFAULT  # played so far
-    jumps: uint64 = DEFAULT  # of the time, so far
+    jumps: uint64 = DEFAULT  # number of jumps of the time so far
     request: uint64 = DEFAULT  # the last control that was handled
     error: str = DEFAULT  # why that was refused; '' if it was not
 

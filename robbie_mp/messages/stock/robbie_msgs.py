@@ -110,16 +110,16 @@ class NavigationState(Message, name="robbie_msgs/msg/NavigationState", version=1
     """How far the robot is on its way to a goal."""
 
     header: Header = DEFAULT
-    state: str = DEFAULT  # as IDLE, DRIVE, ARRIVED, UNREACHABLE, STOPPED_NO_LASER
+    state: str = DEFAULT  # such as IDLE, DRIVE, ARRIVED, UNREACHABLE, STOPPED_NO_LASER
     reason: str = DEFAULT  # why it is in that state, for people
-    goal: Pose = DEFAULT  # the one that came last, header's frame
+    goal: Pose = DEFAULT  # the latest goal, in the header's frame
     distance_left_m: float64 = DEFAULT  # along the planned path; -1: there is none
 
 
 class Frontiers(Message, name="robbie_msgs/msg/Frontiers", version=1):
-    """Where a map ends: pieces of the border between what is free and what was never seen."""
+    """Where a map ends: pieces of the border between free and unknown space."""
 
-    MOST: ClassVar[uint8] = 64  # so many are told
+    MAX_PIECES: ClassVar[uint8] = 64  # in one message
 
     header: Header = DEFAULT  # frame_id: of the map
     middles: list[Point] = DEFAULT  # m, the longest first
@@ -129,7 +129,7 @@ class Frontiers(Message, name="robbie_msgs/msg/Frontiers", version=1):
 class PointOfInterest(Message, name="robbie_msgs/msg/PointOfInterest", version=1):
     """A place that matters to the robot or its operator."""
 
-    name: str = DEFAULT  # as "home"
+    name: str = DEFAULT  # such as "home"
     pose: Pose = DEFAULT
 
 
@@ -141,7 +141,7 @@ class PointsOfInterest(Message, name="robbie_msgs/msg/PointsOfInterest", version
 
 
 class Mark(Message, name="robbie_msgs/msg/Mark", version=1):
-    """Somebody marked a moment, to find it again in the log."""
+    """A moment that a user marked, to find it again in the log."""
 
     header: Header = DEFAULT  # stamp: the moment
     text: str = DEFAULT  # what for

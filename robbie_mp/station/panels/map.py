@@ -165,7 +165,7 @@ def frontier_marks(frontiers: Frontiers | None) -> list[list[float]]:
     if frontiers is None:
         return []
     marks = zip(frontiers.middles, frontiers.lengths_m.tolist(), strict=False)
-    return [[middle.x, middle.y, length_m] for middle, length_m in marks][: Frontiers.MOST]
+    return [[middle.x, middle.y, length_m] for middle, length_m in marks][: Frontiers.MAX_PIECES]
 
 
 def disc_of(mark: MapMark) -> dict[str, Any]:
