@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests._support.left_behind import leaving_nothing_behind
-from tests._support.others_runs import VARIABLE, OthersRuns, Session, watched
+from tests._support.others_runs import VARIABLE, OthersRuns, Session, remove_names_of_dead_tests, watched
 from tests._support.robot import Robot, robot_in
 from tools.loop_disk import LoopDisk, NoLoopDisk
 
@@ -62,6 +62,7 @@ def disk() -> Iterator[LoopDisk]:
 @pytest.fixture(scope="session")
 def others_runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[OthersRuns]:
     """Mark the processes that tests start, and record the runs of others on this machine."""
+    remove_names_of_dead_tests()
     session = Session(os.getpid(), f"{os.getpid()}-{time.monotonic_ns()}")
     seen = tmp_path_factory.mktemp("others_runs") / "seen"
     with pytest.MonkeyPatch.context() as patch, watched(session, seen):

@@ -14,7 +14,8 @@ from typing import Self
 
 import pytest
 
-from tests._support.others_runs import SHARED_MEMORY, VARIABLE, OthersRuns
+from robbie_mp.transport.shared_folder import remove_names
+from tests._support.others_runs import SHARED_MEMORY, VARIABLE, OthersRuns, remove_names_of_dead_tests
 from tests._support.places import PROJECT
 
 Check = Callable[[], AbstractContextManager[None]]
@@ -154,3 +155,20 @@ def test_memory_named_after_a_process_of_others_is_ignored(left_behind_check: Ch
             stack.callback(folder.rmdir)
     assert folders[0].name + "'" not in str(failure.value)
     assert folders[1].name in str(failure.value)
+
+
+def test_names_of_a_killed_test_are_removed_and_those_of_a_live_one_stay() -> None:
+    with subprocess.Popen(["sleep", "60"]) as process:
+        process.kill()
+    own_letters = "".join(chr(ord("a") + int(digit)) for digit in str(os.getpid()))
+    dead, live = f"{own_letters}{process.pid}", f"{own_letters}{os.getpid()}"
+    semaphores = [SHARED_MEMORY / f"sem.robbie-{run}.0123456789abcdef" for run in (dead, live)]
+    folders = [SHARED_MEMORY / f"robbie-{run}" for run in (dead, live)]
+    for semaphore, folder in zip(semaphores, folders, strict=True):
+        semaphore.touch()
+        folder.mkdir(mode=0o700)
+        (folder / "core").touch()
+    removed = remove_names_of_dead_tests()
+    assert [path.exists() for path in (*semaphores, *folders)] == [False, True, False, True]
+    assert {f"robbie-{dead}", semaphores[0].name} <= set(removed)
+    remove_names(live)

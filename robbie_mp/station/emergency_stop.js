@@ -152,8 +152,8 @@ export default {
 };
 
 const BEAT_MS = 250;
-const LOST_MS = 1200; // without an answer for so long, the connection counts as lost, and another one is tried
-const CONNECT_MS = 3000; // a new connection may take so long
+const LOST_MS = 1200; // after this time without an answer, the page gives the connection up and tries another
+const CONNECT_MS = 3000; // maximum time for opening a connection
 const RETRY_MS = 300;
 const STALE_S = 1; // a base tells its state several times a second
 const SOON_MS = 700; // a press that is settled within this is not worth a word

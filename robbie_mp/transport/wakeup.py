@@ -143,8 +143,9 @@ class Wakeup:
         return True
 
     def close(self) -> None:
-        """Close this process's handle."""
-        self._semaphore.close()
+        """Close this process's handle; a second call does nothing."""
+        with contextlib.suppress(posix_ipc.ExistentialError):
+            self._semaphore.close()
         if self._native is not None:
             self._native.close()
 

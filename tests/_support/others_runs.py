@@ -24,6 +24,7 @@ import psutil
 from robbie_mp.linux.proc import ProcessIdentity, environment_value, read_stat
 from robbie_mp.supervisor.leftovers import MARKER
 from robbie_mp.transport.layout import HEADER_CREATOR_PID, HEADER_CREATOR_START, HEADER_WORDS
+from robbie_mp.transport.shared_folder import remove_names
 from tests._support.places import PROJECT
 
 SHARED_MEMORY = Path("/dev/shm")
@@ -100,6 +101,19 @@ class OthersRuns:
             or self.session.is_mapped_by_others(run_id)
         }
         return asked | (run_ids & seen)
+
+
+def remove_names_of_dead_tests() -> list[str]:
+    """Remove what unit tests left in /dev/shm whose process was killed; return the names.
+
+    Such a test has no supervisor, and no run can have its id, so no `robbie run` removes these names.
+    """
+    removed = []
+    for name in os.listdir(SHARED_MEMORY):
+        named = re.fullmatch(r"(?:sem\.)?robbie-([a-z]+([0-9]+))(?:\.[0-9a-f]{16})?", name)
+        if named and not psutil.pid_exists(int(named[2])):
+            removed += remove_names(named[1])
+    return removed
 
 
 @contextmanager

@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.transport.shared_folder import remove_names
+from tests.checkpoint._support.killing import run_of
+
 SCENARIOS = {"first": 60, "second": 60, "third": 30, "larger": 60, "smaller": 30, "at random": 40}
 """Minimum number of deaths, so that a scenario without kills is not a success."""
 PROJECT = Path(__file__).parents[2]
@@ -13,9 +16,15 @@ PROJECT = Path(__file__).parents[2]
 
 def deaths(scenario: str) -> int:
     command = [sys.executable, "-m", "tests.checkpoint._support.killing", scenario]
-    ended = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=50, check=False)
-    assert ended.returncode == 0, ended.stderr
-    return int(ended.stdout)
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=PROJECT, stdout=pipe, stderr=pipe, text=True) as process:
+        try:
+            printed, errors = process.communicate(timeout=50)
+        finally:
+            process.kill()
+            remove_names(run_of(process.pid))  # a process that is killed cannot
+    assert process.returncode == 0, errors
+    return int(printed)
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)

@@ -49,14 +49,18 @@ def race(program: Path, pair: str, records: int) -> "subprocess.CompletedProcess
     )
 
 
+def check_rings(program: Path, records: int) -> None:
+    for pair in PAIRS:
+        done = race(program, pair, records)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout == f"{pair}: {records} records\n"
+
+
 def test_rings_protect_memory_by_their_fences_alone(
     compiler_command: list[str], fences: Path, tmp_path: Path
 ) -> None:
     program = build(compiler_command, fences, RING, tmp_path)
-    for pair in PAIRS:
-        done = race(program, pair, RECORDS)
-        assert (done.returncode, done.stderr) == (0, "")
-        assert done.stdout == f"{pair}: {RECORDS} records\n"
+    check_rings(program, RECORDS)
 
 
 @pytest.mark.slow
@@ -64,9 +68,7 @@ def test_rings_protect_memory_of_many_records(
     compiler_command: list[str], fences: Path, tmp_path: Path
 ) -> None:
     program = build(compiler_command, fences, RING, tmp_path)
-    for pair in PAIRS:
-        done = race(program, pair, MANY_RECORDS)
-        assert (done.returncode, done.stderr) == (0, "")
+    check_rings(program, MANY_RECORDS)
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ MANY_HISTORIES = 6_000
 ALL_HISTORIES = 1_000_000
 HOSTILE_MODULES = 150
 EACH = 17
-"""Of the fuzzer's inputs one in so many is played: they begin with similar ones."""
+"""The test plays every 17th input of the fuzzer, because neighbouring inputs are similar."""
 
 
 PLANTED = {

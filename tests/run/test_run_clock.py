@@ -1,8 +1,8 @@
 """A run's time follows its only writer; it goes back only by counted jumps."""
 
 import math
+import os
 from collections.abc import Iterator
-from uuid import uuid4
 
 import pytest
 
@@ -18,7 +18,7 @@ BEGIN_NS = 1_000_000_000_000
 @pytest.fixture
 def clocks(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[ClockWriter, RunClock, list[int]]]:
     """A clock with its writer, and the machine's time, which the test sets."""
-    run_id = f"clock{uuid4().hex}"  # no id that a run can have: a `robbie run` elsewhere would sweep it
+    run_id = f"clock{os.getpid()}"  # no id that a run can have: a `robbie run` elsewhere would sweep it
     make_folder(run_id)
     segment = Segment.create(names.clock(run_id), layout.CLOCK_WORDS, SegmentKind.CLOCK)
     machine_ns = [5_000]

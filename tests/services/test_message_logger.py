@@ -75,7 +75,7 @@ NOT_RUNNING = ("core", "logger", "logger")
 """Who was killed, restarted by hand, and killed."""
 QUEUE = 20
 WAITING = QUEUE + 64
-"""Messages that may wait for the logger in queue and ring: so far shares of topics may be off."""
+"""Maximum number of messages that wait for the logger; the share of a topic may differ by as many."""
 FRONT = ChannelKey(LaserScan.type_name, 1, "front", "source")
 ODOMETRY = ChannelKey(Odometry.type_name, 1, "", "source")
 

@@ -37,7 +37,7 @@ def test_freeing_twice_is_an_error() -> None:
 
 @given(st.lists(st.one_of(st.integers(1, 9000), st.integers(-50, -1)), max_size=200), st.integers(0, 500))
 def test_blocks_never_overlap_and_nothing_is_lost(steps: list[int], start: int) -> None:
-    """A positive step allocates so many bytes, a negative one frees some block."""
+    """A positive step allocates a block of that size in bytes, a negative one frees a block."""
     allocator = BlockAllocator(start, SIZE)
     taken: dict[int, int] = {}
     for step in steps:

@@ -10,6 +10,7 @@ import sys
 import tracemalloc
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from robbie_mp.transport.shared_folder import make_folder, remove_names
 from robbie_mp.transport.tables import CoreTables, TableSizes
 from robbie_mp.transport.words import Words
 from tests._support.implementations import Native
+from tests.transport._support.pair import handle_next
 
 RUN_ID = f"test{os.getpid()}"
 RING_RECORDS = 256
@@ -96,19 +98,9 @@ class Chain:
     def work(self) -> None:
         """Do all that is to be done, as core and subscriber do it when they are woken."""
         self._run_core()
-        while self.handle_next():
+        while handle_next(self.inbox):
             pass
         self._run_core()
-
-    def handle_next(self) -> bool:
-        """Let the subscriber handle a message, as its runner does; False if there is none."""
-        was_one = self.inbox.handle_next()
-        if was_one is None:
-            delivery = self.inbox.take()
-            was_one = delivery is not None
-            if delivery is not None:
-                self.inbox.handle(delivery)
-        return was_one
 
     def _run_core(self) -> None:
         while self.core.run_round() or self.core.before_sleep():
@@ -179,7 +171,7 @@ def test_message_takes_few_calls(chain: Chain) -> None:
     message = DriveCommand()
     publishing, _ = calls_of(lambda: chain.outbox.publish(message, ""))
     routing, _ = calls_of(chain.core.run_round)
-    handling, _ = calls_of(chain.handle_next)
+    handling, _ = calls_of(partial(handle_next, chain.inbox))
     releasing, _ = calls_of(chain.core.run_round)
     encoding = 2 if choice.native() is None else 0
     assert publishing <= encoding + (13 if chain.native is None else 3)

@@ -31,7 +31,7 @@ from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import MessageTooLarge
 from robbie_mp.transport.segment import SegmentMissing
 from tests._support.growth import blocks_kept
-from tests.transport._support.pair import RUN_ID, Pair, picture
+from tests.transport._support.pair import RUN_ID, Pair, handle_next, picture
 
 
 def test_message_comes_as_it_went(pair: Pair) -> None:
@@ -358,7 +358,7 @@ def test_damaged_message_is_not_pinned(pair: Pair, caplog: pytest.LogCaptureFixt
     for number in range(3):
         assert pair.outbox.publish_encoded("sensor_msgs/msg/Image", 1, b"\0\1\0\0damaged", "")
         pair.run.run_core()
-        assert pair.handle_next()
+        assert handle_next(pair.inbox)
         assert pair.receiver_words[layout.OUT_PINNED] == 0
         assert pair.receiver_words[layout.OUT_HANDLED] == number + 1
         pair.run.run_core()
@@ -531,7 +531,7 @@ def test_kept_array_stays_though_its_publisher_dies_and_the_maps_are_closed(pair
 
 
 def mapped_data_segments(count: int) -> bool:
-    """Whether the subscriber maps so many of the publisher's segments, which maps them itself once."""
+    """Whether the subscriber maps this number of data segments; the publisher's own maps do not count."""
     gc.collect()
     lines = Path("/proc/self/maps").read_text().splitlines()
     return sum(f"robbie-{RUN_ID}/data" in line and " r--s " in line for line in lines) == count
@@ -546,7 +546,7 @@ def test_what_a_handler_raises_leaves_nothing_pinned_or_mapped(pair: Pair) -> No
         pair.outbox.publish(picture(7), "")
         pair.run.run_core()
         with pytest.raises(KeyError):
-            pair.handle_next()
+            handle_next(pair.inbox)
         assert pair.inbox.current is not None, "what was being handled can be told"
     assert pair.receiver_words[layout.OUT_HANDLED] == pair.receiver_words[layout.OUT_PINNED] == 0
     pair.views.close()
@@ -605,7 +605,7 @@ def test_message_handled_in_a_forked_process_is_not_counted(pair: Pair) -> None:
     pair.outbox.publish(picture(7), "")
     pair.run.run_core()
     try:
-        pair.handle_next()
+        handle_next(pair.inbox)
     except BaseException as error:
         os._exit(42 if pids == [0] and isinstance(error, (ForkedProcess, ValueError)) else 1)
     if pids == [0]:
@@ -652,7 +652,7 @@ def test_failures_leave_nothing_behind_in_a_module(pair: Pair, monkeypatch: pyte
         pair.outbox.publish(picture(1), "")
         pair.run.run_core()
         with contextlib.suppress(KeyError):
-            pair.handle_next()
+            handle_next(pair.inbox)
         delivery = pair.inbox.current
         assert delivery is not None
         pair.inbox.release(delivery)

@@ -74,6 +74,12 @@ def is_asleep(thread: threading.Thread) -> bool:
     return Path(f"/proc/self/task/{thread.native_id}/stat").read_text().rpartition(")")[2].split()[0] == "S"
 
 
+def test_closing_twice_is_no_error(wakeup: Wakeup) -> None:
+    """An error here once kept the name from being removed."""
+    wakeup.close()
+    wakeup.close()
+
+
 def test_wait_ends_at_its_time_out(wakeup: Wakeup) -> None:
     assert not wakeup.wait(0.01)
 

@@ -28,7 +28,14 @@ from robbie_mp.transport.segment import unlink_segment
 from robbie_mp.transport.shared_folder import make_folder, remove_names
 
 TRACED = ("robbie_mp/checkpoint/", "robbie_mp/transport/segment.py")
-RUN = f"test{os.getpid()}"  # not a possible id of a run: another `robbie run` would sweep it as dead
+
+
+def run_of(pid: int) -> str:
+    """Return the run in whose memory the process with this pid has its checkpoints."""
+    return f"test{pid}"
+
+
+RUN = run_of(os.getpid())  # not a possible id of a run: another `robbie run` would sweep it as dead
 LIMIT_BYTES = 64 << 20
 RANDOM_DEATHS = 40
 LONGEST_LIFE_S = 0.02

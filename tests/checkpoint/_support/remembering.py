@@ -12,7 +12,7 @@ class Remembering(Module):
     """Counts ticks, kills itself at some of them, and ends when it has counted enough."""
 
     period_s: float = setting(0.002, "time between ticks")
-    until: int = setting(20, "ends after so many ticks")
+    until: int = setting(20, "number of ticks after which it ends")
     dies_at: list[int] = setting([], "kills itself at these ticks, before the checkpoint")
     elements: int = setting(1000, "of the array in its state")
 

@@ -103,7 +103,7 @@ class Exchange:
         assert self.outbox.outstanding >= 0
 
     def die_after(self, slot: int, stores: int) -> None:
-        """Let a module live to see so many stores from now on."""
+        """Kill a module before its next store after this number of stores."""
         words: Any = self.run.modules[slot, 1].out
         words.fuse = self.run.memory.fuse()
         words.fuse.deaths = [stores]

@@ -60,9 +60,9 @@ class Talker(Bookkeeper):
 class Hearer(Bookkeeper):
     """Handles the scans of one talker; some take longer by a known time."""
 
-    topic: str = setting("", "whom to hear")
+    topic: str = setting("", "topic of the scans that it handles")
     work_s: float = setting(0.0, "time that every handler takes")
-    keep: int = setting(0, "so many scans are kept")
+    keep: int = setting(0, "number of scans that it keeps")
 
     def setup(self) -> None:
         self.kept: list[np.ndarray] = []

@@ -89,7 +89,7 @@ def traffic(count: int, step_ns: int = STEP_NS) -> Iterator[tuple[Message, str, 
 
 
 def write_log(path: Path, count: int = 30, **options: Any) -> Path:
-    """Write a log of so many messages, with metadata, in chunks of about 1 kB."""
+    """Write a log of `count` messages, with metadata, in chunks of about 1 kB."""
     options.setdefault("chunk_size", 1000)
     with LogFile(path, **options) as log:
         about = {"run_id": "0123abcd", "profile": "demo", "host": "h", "part": "0"}

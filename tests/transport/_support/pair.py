@@ -19,6 +19,17 @@ from tests.core._support.simulated_run import SimulatedRun
 RUN_ID = f"test{os.getpid()}"
 
 
+def handle_next(inbox: Inbox) -> bool:
+    """Let a subscriber handle a message, as its runner does; False if there is none."""
+    was_one = inbox.handle_next()
+    if was_one is None:
+        delivery = inbox.take()
+        was_one = delivery is not None
+        if delivery is not None:
+            inbox.handle(delivery)
+    return was_one
+
+
 class Pair:
     """A publisher and a subscriber of images."""
 
@@ -41,19 +52,9 @@ class Pair:
     def pass_on(self) -> None:
         """Let the core route and the subscriber handle everything."""
         self.run.run_core()
-        while self.handle_next():
+        while handle_next(self.inbox):
             self.inbox.release_unreferenced()
             self.run.run_core()
-
-    def handle_next(self) -> bool:
-        """Let the subscriber handle a message, as its runner does; False if there is none."""
-        was_one = self.inbox.handle_next()
-        if was_one is None:
-            delivery = self.inbox.take()
-            was_one = delivery is not None
-            if delivery is not None:
-                self.inbox.handle(delivery)
-        return was_one
 
     def _handle(self, image: Image) -> None:
         self.on_image(image)
