@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from robbie_mp._hot.sources import digest
-from robbie_mp.transport.layout import LAYOUT_VERSION
+from robbie_mp.version import LAYOUT_VERSION
 
 if TYPE_CHECKING:
     from robbie_mp._hot import native as written_in_c

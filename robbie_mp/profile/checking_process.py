@@ -13,7 +13,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-import robbie_mp
 from robbie_mp.errors import RobbieError
 from robbie_mp.profile.model import ModuleSpec, Profile
 
@@ -72,7 +71,7 @@ def check_events(
 @contextmanager
 def _checking_process(request: dict[str, Any]) -> Iterator[subprocess.Popen[bytes]]:
     """Start the process; at the end kill it and all processes that it started."""
-    package_root = str(Path(robbie_mp.__file__).parent.parent)
+    package_root = str(Path(__file__).parents[2])
     search_path = os.pathsep.join(filter(None, [package_root, os.environ.get("PYTHONPATH")]))
     with tempfile.TemporaryFile("w+") as request_file:
         json.dump(request, request_file, default=str)

@@ -1,7 +1,8 @@
 """The layout of shared memory: where each word lies.
 
 Each segment has exactly one writing process. Offsets are in words of 8 bytes; `*_WORDS` is a size. When you
-change anything here, raise `LAYOUT_VERSION`: every segment carries it, and attaching checks it.
+change anything here, raise `LAYOUT_VERSION` in `robbie_mp/version.py`: every segment carries it, and
+attaching checks it.
 
     segment     written by         read by
     board       supervisor         all: state of every module
@@ -15,7 +16,8 @@ change anything here, raise `LAYOUT_VERSION`: every segment carries it, and atta
 
 from enum import IntEnum
 
-LAYOUT_VERSION = 8
+from robbie_mp.version import LAYOUT_VERSION as LAYOUT_VERSION  # noqa: PLC0414 (a part of the layout)
+
 MAGIC = int.from_bytes(b"ROBBIEMP", "little")
 
 
