@@ -254,9 +254,9 @@ static void count_message(struct books *books, const struct channel *channel, co
     uint64_t messages = load(row + CHANNEL_MESSAGES), bytes = load(row + CHANNEL_BYTES);
     uint64_t last_ns = load(row + CHANNEL_LAST_STAMP_NS), squares = load(row + CHANNEL_INTERVALS_SQUARED);
     if (last_ns != 0) {
-        /* Rounded down, so away from 0 if it is negative; its sign does not matter to the square. */
-        uint64_t interval_us = message->stamp_ns >= last_ns ? (message->stamp_ns - last_ns) / 1000
-                                                            : (last_ns - message->stamp_ns - 1) / 1000 + 1;
+        /* Between stamps in whole µs, so that intervals add up; the sign does not matter to the square. */
+        uint64_t stamp_us = message->stamp_ns / 1000, last_us = last_ns / 1000;
+        uint64_t interval_us = stamp_us >= last_us ? stamp_us - last_us : last_us - stamp_us;
         if (interval_us > MAX_INTERVAL_US)
             interval_us = MAX_INTERVAL_US;
         squares += interval_us * interval_us;

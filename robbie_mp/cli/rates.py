@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -11,10 +10,10 @@ from dataclasses import asdict, dataclass
 from robbie_mp.cli.echo import add_topic_argument
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.observe.channels import ChannelCount, ChannelCounters
+from robbie_mp.observe.rates import intervals_deviation_s
 from robbie_mp.transport import names
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment
-from robbie_mp.transport.words import WORD_MAX
 from robbie_mp.views.known_types import types_of_run
 from robbie_mp.visible_text import one_line
 
@@ -41,8 +40,10 @@ class Rates:
         mean_s = deviation_s = None
         if messages and before.last_stamp_ns:
             mean_s = (after.last_stamp_ns - before.last_stamp_ns) / messages / 1e9
-            squared_us2 = after.intervals_squared_us2 - before.intervals_squared_us2 & WORD_MAX
-            deviation_s = math.sqrt(max(0.0, squared_us2 / messages / 1e12 - mean_s * mean_s))
+            squares_us2 = after.intervals_squared_us2 - before.intervals_squared_us2
+            deviation_s = intervals_deviation_s(
+                before.last_stamp_ns, after.last_stamp_ns, messages, squares_us2
+            )
         return cls(
             topic=topic,
             messages=messages,

@@ -101,7 +101,8 @@ class Channel:
         """
         messages, total_bytes, last_stamp_ns, squares = before
         if last_stamp_ns:
-            interval_us = (stamp_ns - last_stamp_ns) // 1000
+            # Between stamps in whole µs, so that intervals add up to the time from the first to the last.
+            interval_us = stamp_ns // 1000 - last_stamp_ns // 1000
             if not -MAX_INTERVAL_US < interval_us < MAX_INTERVAL_US:
                 interval_us = MAX_INTERVAL_US
             squares = squares + interval_us * interval_us & WORD_MAX

@@ -38,7 +38,7 @@ class ChannelCount:
     last_stamp_ns: int = 0
     """When the newest message was published, monotonic clock; 0: there was none."""
     intervals_squared_us2: int = 0
-    """Sum of the squared times between messages, modulo 2^64."""
+    """Sum of the squared times between messages, of stamps in whole µs, modulo 2^64."""
 
 
 class ChannelCounters:

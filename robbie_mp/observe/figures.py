@@ -144,7 +144,7 @@ class ChannelFigures:
     last_ns: int = 0
     """When the newest message was published, monotonic clock; 0: there was none."""
     intervals_squared: int = 0
-    """Sum of the squared times between two messages, in us², modulo 2^64."""
+    """Sum of the squared times between two messages, of stamps in whole µs, in µs², modulo 2^64."""
 
 
 @dataclass(frozen=True)

@@ -135,10 +135,24 @@ def _channel_rates(before: ChannelFigures | None, now: ChannelFigures, interval_
 
 
 def _jitter_s(before: ChannelFigures, now: ChannelFigures) -> float | None:
-    """Return the standard deviation, from the sums of all times between messages and of their squares."""
     count = now.messages - before.messages
     if count < 2 or not before.last_ns:
         return None
-    mean_us = (now.last_ns - before.last_ns) / 1000 / count
-    squares = (now.intervals_squared - before.intervals_squared & WORD_MAX) / count
-    return math.sqrt(max(0.0, squares - mean_us * mean_us)) / 1e6
+    squares_us2 = now.intervals_squared - before.intervals_squared
+    return intervals_deviation_s(before.last_ns, now.last_ns, count, squares_us2)
+
+
+def intervals_deviation_s(first_ns: int, last_ns: int, count: int, squares_us2: int) -> float:
+    """Return the standard deviation of the times between messages.
+
+    The core counts stamps in whole µs. Mean and squares are of these stamps, and are compared in integers:
+    they are large, and their difference is small. So the error is below 1 µs, whatever the period.
+
+    Args:
+        first_ns: stamp of the message before the first interval.
+        last_ns: stamp of the last message.
+        count: number of intervals; at least 1.
+        squares_us2: sum of their squares, modulo 2^64.
+    """
+    total_us = last_ns // 1000 - first_ns // 1000
+    return math.sqrt(max(0, count * (squares_us2 & WORD_MAX) - total_us * total_us)) / count / 1e6

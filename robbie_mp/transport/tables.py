@@ -88,7 +88,7 @@ class ChannelRow:
 
     @property
     def intervals_squared_us2(self) -> int:
-        """Sum of the squares of the times between messages, modulo 2^64."""
+        """Sum of the squares of the times between messages, of stamps in whole µs, modulo 2^64."""
         return self._words[self._at + layout.CHANNEL_INTERVALS_SQUARED]
 
 

@@ -12,8 +12,10 @@ from types import ModuleType
 
 import pytest
 
+from robbie_mp import MessageHandling
 from robbie_mp.core import router
 from tests.core._support.history import History
+from tests.core._support.simulated_run import SimulatedRun, connected
 from tests.core.test_crash_points import SCENARIOS, SETTINGS, play
 from tests.hot._support.build import HOT, fused_module
 from tests.hot._support.histories import crowd, history
@@ -80,6 +82,19 @@ def test_turn_of_few_records_is_stored_alike(
 
 def test_histories_are_stored_alike(built: ModuleType) -> None:
     compare_all(built, range(HISTORIES))
+
+
+def publish_stamps() -> SimulatedRun:
+    run = SimulatedRun()
+    publisher, channel, _ = connected(run, MessageHandling.KEEP_ONLY_NEWEST)
+    for stamp_ns in (1, 999, 1000, 1999, 2001, 5_000_999, 4_000_001, 2**64 - 1, 3, 20_000_003):
+        publisher.publish(channel, stamp_ns)
+        run.run_core()
+    return run
+
+
+def test_intervals_between_any_stamps_are_stored_alike(built: ModuleType) -> None:
+    assert difference(built, publish_stamps) == ""
 
 
 def compare_attacks(built: ModuleType, count: int) -> None:
