@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
+from robbie_mp.cli import completers
 from robbie_mp.cli.log_files import (
     add_limit_argument,
     add_log_argument,
@@ -18,7 +19,8 @@ from robbie_mp.cli.log_files import (
 )
 from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
-from robbie_mp.recording.comparison import ChannelComparison, compare
+from robbie_mp.messages import ModuleState
+from robbie_mp.recording.comparison import ChannelComparison, ComparisonOptions, compare
 from robbie_mp.recording.reader import open_log
 from robbie_mp.views.plain_table import PlainTable
 from robbie_mp.visible_text import one_line
@@ -37,13 +39,30 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "compare two logs message by message",
         "Compare the messages of each channel (topic, type and sender) of two logs, in order and bit by bit. "
         "Publishing times are ignored. Exit code 0: all messages are equal; 1: they are not.",
-        ["robbie diff first second", "robbie diff first second --topics 'map*' --ignore-stamps --json"],
+        [
+            "robbie diff first second",
+            "robbie diff first second --topics 'map*' --ignore-stamps --json",
+            "robbie diff recorded played --exclude ModuleState --ignore-sender",
+        ],
     )
     add_log_argument(parser, "a")
     add_log_argument(parser, "b")
     add_topics_argument(parser)
+    excluded = parser.add_argument(
+        "--exclude",
+        nargs="+",
+        default=[],
+        metavar="PATTERN",
+        help="leave out these topics (shell patterns); messages without a topic go by their short type name",
+    )
+    excluded.completer = completers.log_topics  # type: ignore[attr-defined]
     add_limit_argument(parser)
     parser.add_argument("--ignore-stamps", action="store_true", help="ignore the time stamps in headers")
+    parser.add_argument(
+        "--ignore-sender",
+        action="store_true",
+        help="compare messages whichever module sent them, as in a recording and its playback",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
     parser.set_defaults(command=diff)
 
@@ -54,9 +73,13 @@ def diff(arguments: argparse.Namespace) -> int:
         closing(open_log(arguments.a, arguments.limits)) as a,
         closing(open_log(arguments.b, arguments.limits)) as b,
     ):
-        warn_of_unmatched([*a.channels, *b.channels], arguments.topics)
+        for patterns in (arguments.topics, arguments.exclude):
+            warn_of_unmatched([*a.channels, *b.channels], patterns)
+        options = ComparisonOptions(
+            arguments.topics, arguments.exclude, arguments.ignore_stamps, arguments.ignore_sender
+        )
         with progress_bar("comparing") as progress:
-            found = compare(a, b, arguments.topics, ignore_stamps=arguments.ignore_stamps, progress=progress)
+            found = compare(a, b, options, progress)
         for line in [*a.damage, *b.damage]:
             warn(f"{line}; only the intact part was compared")
     if arguments.json:
@@ -86,7 +109,9 @@ def _print(found: Sequence[ChannelComparison]) -> None:
     for one in found:
         bad = (one.different, one.only_in_a, one.only_in_b)
         table.add_row(
-            *one.channel,
+            one.channel.topic,
+            one.channel.type_name,
+            "any" if one.channel.sender is None else one.channel.sender,
             str(one.equal),
             *(Text(str(count), "bold red" if count else "") for count in bad),
         )
@@ -100,5 +125,15 @@ def _print(found: Sequence[ChannelComparison]) -> None:
                     f"{first.field}: {first.a} in A, {first.b} in B"
                 )
             )
+    _hint_at_states(found)
     if all(one.is_equal for one in found):
         print(f"equal: {sum(one.equal for one in found)} messages")
+
+
+def _hint_at_states(found: Sequence[ChannelComparison]) -> None:
+    """Say why two runs never have the same states, if nothing else differs."""
+    if {one.channel.type_name for one in found if not one.is_equal} == {ModuleState.type_name}:
+        print(
+            "only ModuleState differs: it says when each process started and with which pid, "
+            "which no two runs share; leave it out with --exclude ModuleState"
+        )

@@ -1,7 +1,7 @@
 """Compares two logs: the messages of each channel in order, bit for bit, and where the first one differs."""
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -20,11 +20,45 @@ Digests = list[bytes]
 
 
 class ComparedChannel(NamedTuple):
-    """What channels of two logs must share to be compared; versions may differ."""
+    """What channels of two logs must share to be compared; versions may differ.
+
+    `sender` is None if senders are ignored: then all messages of a type and topic are one channel.
+    """
 
     topic: str
     type_name: str
-    sender: str
+    sender: str | None
+
+
+@dataclass(frozen=True)
+class ComparisonOptions:
+    """Says which messages of two logs are compared, and how.
+
+    Attributes:
+        patterns: patterns for the channels to compare, as `select` takes them; none: all channels.
+        exclude: patterns for channels to leave out, likewise; none: leave out no channel.
+        ignore_stamps: treat the stamps in all headers as equal.
+        ignore_sender: compare the messages of a type and topic whichever module sent them.
+    """
+
+    patterns: Sequence[str] = ()
+    exclude: Sequence[str] = ()
+    ignore_stamps: bool = False
+    ignore_sender: bool = False
+
+    def choose(self, channels: Iterable[LogChannel]) -> list[LogChannel]:
+        """Return the channels of a log that are compared."""
+        chosen, _ = select(channels, self.patterns)
+        left_out = {channel.id for channel in select(chosen, self.exclude)[0]} if self.exclude else set()
+        return [channel for channel in chosen if channel.id not in left_out]
+
+    def compared(self, channel: LogChannel) -> ComparedChannel:
+        """Return the channel under which the messages of a log's channel are compared."""
+        sender = None if self.ignore_sender else channel.sender
+        return ComparedChannel(channel.topic, channel.type_name, sender)
+
+
+COMPARE_ALL = ComparisonOptions()
 
 
 @dataclass(frozen=True)
@@ -75,9 +109,7 @@ class ChannelComparison:
 def compare(
     a: Log,
     b: Log,
-    patterns: Sequence[str] = (),
-    *,
-    ignore_stamps: bool = False,
+    options: ComparisonOptions = COMPARE_ALL,
     progress: Callable[[int, int], None] = lambda _done, _all: None,
 ) -> list[ChannelComparison]:
     """Compare two logs.
@@ -87,26 +119,25 @@ def compare(
     Args:
         a: one log.
         b: the other.
-        patterns: patterns for channels, as `select` takes them.
-        ignore_stamps: treat the stamps in all headers as equal.
+        options: what to compare.
         progress: counts the messages of both logs.
     """
     counts = [sum(log.counts.values()) for log in (a, b)]
-    of_a = _digests(a, patterns, ignore_stamps, lambda done: progress(done, sum(counts)))
-    of_b = _digests(b, patterns, ignore_stamps, lambda done: progress(counts[0] + done, sum(counts)))
+    of_a = _digests(a, options, lambda done: progress(done, sum(counts)))
+    of_b = _digests(b, options, lambda done: progress(counts[0] + done, sum(counts)))
     return [
-        _compare(channel, (a, b), (of_a.get(channel, []), of_b.get(channel, [])), ignore_stamps)
+        _compare(channel, (a, b), (of_a.get(channel, []), of_b.get(channel, [])), options)
         for channel in dict.fromkeys([*of_a, *of_b])
     ]
 
 
 def _digests(
-    log: Log, patterns: Sequence[str], ignore_stamps: bool, progress: Callable[[int], None]
+    log: Log, options: ComparisonOptions, progress: Callable[[int], None]
 ) -> dict[ComparedChannel, Digests]:
-    chosen, _ = select(log.channels, patterns)
-    plain = {channel: without_stamps(channel) if ignore_stamps else bytes for channel in chosen}
-    found: dict[ComparedChannel, Digests] = {_compared(channel): [] for channel in chosen}
-    lists = {channel: found[_compared(channel)] for channel in chosen}
+    chosen = options.choose(log.channels)
+    plain = {channel: without_stamps(channel) if options.ignore_stamps else bytes for channel in chosen}
+    found: dict[ComparedChannel, Digests] = {options.compared(channel): [] for channel in chosen}
+    lists = {channel: found[options.compared(channel)] for channel in chosen}
     for count, message in enumerate(log.messages(channels=chosen), start=1):
         data = plain[message.channel](message.data)
         lists[message.channel].append(hashlib.blake2b(data, digest_size=16).digest())
@@ -114,12 +145,11 @@ def _digests(
     return found
 
 
-def _compared(channel: LogChannel) -> ComparedChannel:
-    return ComparedChannel(channel.topic, channel.type_name, channel.sender)
-
-
 def _compare(
-    channel: ComparedChannel, logs: tuple[Log, Log], digests: tuple[Digests, Digests], ignore_stamps: bool
+    channel: ComparedChannel,
+    logs: tuple[Log, Log],
+    digests: tuple[Digests, Digests],
+    options: ComparisonOptions,
 ) -> ChannelComparison:
     equal = different = only_a = only_b = 0
     first: tuple[int, int] | None = None
@@ -136,13 +166,13 @@ def _compare(
         only_b += b_count - paired
     found = None
     if first is not None:
-        a, b = (_message(log, channel, number) for log, number in zip(logs, first, strict=True))
-        found = first_difference(a, b, first[0], ignore_stamps=ignore_stamps)
+        a, b = (_message(log, channel, options, number) for log, number in zip(logs, first, strict=True))
+        found = first_difference(a, b, first[0], ignore_stamps=options.ignore_stamps)
     return ChannelComparison(channel, equal, different, only_a, only_b, found)
 
 
-def _message(log: Log, channel: ComparedChannel, number: int) -> LoggedMessage:
-    wanted = [one for one in log.channels if _compared(one) == channel]
+def _message(log: Log, channel: ComparedChannel, options: ComparisonOptions, number: int) -> LoggedMessage:
+    wanted = [one for one in log.channels if options.compared(one) == channel]
     for place, message in enumerate(log.messages(channels=wanted)):
         if place == number:
             return message

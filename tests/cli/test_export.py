@@ -121,6 +121,21 @@ def test_diff_prints_how_channels_differ(log: Path, capsys: pytest.CaptureFixtur
     }
 
 
+def test_diff_leaves_out_channels_and_ignores_senders(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with LogFile(Path("b.mcap")) as file:
+        for number in range(0, 30, 3):
+            time_ns = START_NS + number * STEP_NS
+            file.add(scan(number, time_ns), "laser/front", "playback", time_ns=time_ns)
+    options = ["--exclude", "odom", "LaserScan"]
+    assert main(["diff", str(log), "b.mcap", *options]) == 1
+    assert len(capsys.readouterr().out.splitlines()) == 3
+    assert main(["diff", str(log), "b.mcap", *options, "--ignore-sender"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].split() == ["laser/front", "sensor_msgs/msg/LaserScan", "any", "10", "0", "0", "0"]
+    assert main(["diff", str(log), str(log), "--exclude", "lidar"]) == 0
+    assert "no topic matches 'lidar'" in capsys.readouterr().err
+
+
 def test_intact_parts_of_damaged_logs_are_compared_and_exported(
     log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

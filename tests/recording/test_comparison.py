@@ -11,7 +11,7 @@ from robbie_mp import Header, Message, Time
 from robbie_mp.messages import Odometry, TFMessage, TransformStamped
 from robbie_mp.recording import alignment
 from robbie_mp.recording.alignment import align
-from robbie_mp.recording.comparison import ChannelComparison, compare
+from robbie_mp.recording.comparison import ChannelComparison, ComparisonOptions, compare
 from robbie_mp.recording.reader import open_log
 from tests.recording._support.logs import LogFile, scan, write_log
 
@@ -26,7 +26,7 @@ def compared(
             for number, message in enumerate(messages):
                 file.add(message, "t", time_ns=number)
     with open_log(folder / "a.mcap") as log_a, open_log(folder / "b.mcap") as log_b:
-        (one,) = compare(log_a, log_b, ignore_stamps=ignore_stamps)
+        (one,) = compare(log_a, log_b, ComparisonOptions(ignore_stamps=ignore_stamps))
         return one
 
 
@@ -122,7 +122,7 @@ def test_channels_that_only_one_log_has_are_reported(tmp_path: Path) -> None:
     with open_log(tmp_path / "a.mcap") as log_a, open_log(tmp_path / "b.mcap") as log_b:
         found = {one.channel.topic: figures(one) for one in compare(log_a, log_b)}
         assert found == {"both": (1, 0, 0, 0), "only in a": (0, 0, 1, 0), "only in b": (0, 0, 0, 1)}
-        assert [one.channel.topic for one in compare(log_a, log_b, ["bo*"])] == ["both"]
+        assert [one.channel.topic for one in compare(log_a, log_b, ComparisonOptions(["bo*"]))] == ["both"]
 
 
 @given(SEQUENCES, SEQUENCES)
@@ -157,3 +157,40 @@ def test_sequences_with_too_little_in_common_are_compared_by_position(
     spans = list(align([1, 2, 3, 4, 5], [9, 2, 8, 4, 7, 6]))
     assert [tuple(span)[:4] for span in spans if span.is_equal] == [(1, 2, 1, 2), (3, 4, 3, 4)]
     assert (spans[-1].a_to, spans[-1].b_to) == (5, 6)
+
+
+def test_messages_of_other_senders_are_equal_on_request(tmp_path: Path) -> None:
+    for name, senders in (("a", ["laser", "laser"]), ("b", ["playback", "other"])):
+        with LogFile(tmp_path / f"{name}.mcap") as file:
+            for number, sender in enumerate(senders):
+                file.add(scan(number), "t", sender, time_ns=number)
+            file.add(scan(9), "late", senders[0], time_ns=9)
+    with open_log(tmp_path / "a.mcap") as a, open_log(tmp_path / "b.mcap") as b:
+        assert not any(one.is_equal for one in compare(a, b))
+        found = compare(a, b, ComparisonOptions(ignore_sender=True))
+    assert [(one.channel.topic, one.channel.sender) for one in found] == [("t", None), ("late", None)]
+    assert [figures(one) for one in found] == [(2, 0, 0, 0), (1, 0, 0, 0)]
+
+
+def test_difference_between_messages_of_other_senders_is_reported(tmp_path: Path) -> None:
+    for name, sender, last in (("a", "laser", 2), ("b", "playback", 3)):
+        with LogFile(tmp_path / f"{name}.mcap") as file:
+            for number in (0, 1, last):
+                file.add(scan(number), "t", sender, time_ns=number)
+    with open_log(tmp_path / "a.mcap") as a, open_log(tmp_path / "b.mcap") as b:
+        (one,) = compare(a, b, ComparisonOptions(ignore_sender=True))
+    assert figures(one) == (2, 1, 0, 0)
+    assert one.first is not None and (one.first.a, one.first.b) == ("2.0", "3.0")
+
+
+def test_excluded_channels_are_not_compared(tmp_path: Path) -> None:
+    for name, number in (("a", 1), ("b", 2)):
+        with LogFile(tmp_path / f"{name}.mcap") as file:
+            file.add(scan(0), "same")
+            file.add(scan(number), "other/scan")
+            file.add(Odometry(child_frame_id=name), "")
+    with open_log(tmp_path / "a.mcap") as a, open_log(tmp_path / "b.mcap") as b:
+        found = compare(a, b, ComparisonOptions(exclude=["other/*", "Odometry"]))
+        assert [one.channel.topic for one in found] == ["same"]
+        found = compare(a, b, ComparisonOptions(["*/scan", "same"], ["other/*"]))
+        assert [one.channel.topic for one in found] == ["same"]

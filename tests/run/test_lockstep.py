@@ -1,5 +1,6 @@
 """In lockstep, a run takes the same course every time, bit for bit, under load and in spite of deaths."""
 
+import json
 import subprocess
 import sys
 
@@ -79,3 +80,23 @@ def test_killed_core_and_clock_source_lose_no_step(robot: Robot) -> None:
     for name in ("fast", "slow", "first/fast", "second/slow"):
         of_name = [float(number) for frame, number in numbers if frame == name]
         assert of_name == list(map(float, range(1, len(of_name) + 1)))
+
+
+def test_logs_of_two_runs_are_equal_except_for_the_states_of_processes(robot: Robot) -> None:
+    logger = """modules:
+  logger:
+    class: robbie_mp.services.message_logger:MessageLogger
+    settings: {{folder: {folder}}}"""
+    for folder in ("a", "b"):
+        profile = PROFILE.replace("modules:", logger, 1).format(rate="null", die_at=-1, folder=folder)
+        robot.write_profile(profile.replace("duration_s: 6.0", "duration_s: 1.0"))
+        ended = robot.run()
+        assert ended.exit_code == 0, ended.stderr
+    a, b = (str(next((robot.folder / folder).iterdir())) for folder in ("a", "b"))
+    whole = robot.command("diff", a, b)
+    assert whole.returncode == 1
+    assert "only ModuleState differs" in whole.stdout and "--exclude ModuleState" in whole.stdout
+    rest = robot.command("diff", a, b, "--exclude", "ModuleState", "--json")
+    assert rest.returncode == 0, rest.stdout
+    equal = {(one["type_name"], one["topic"]): one["equal"] for one in json.loads(rest.stdout)}
+    assert equal["robbie_msgs/msg/DriveCommand", "relayed"] > 20
