@@ -7,14 +7,14 @@ from collections.abc import Callable
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
-from robbie_mp.attach.message_stream import MessageStream
-from robbie_mp.attach.tool import Received, RunEnded
 from robbie_mp.cli import completers
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.messages import DecodeError, Message
 from robbie_mp.observe.declarations import read_declarations
 from robbie_mp.run.run_directory import KnownRun
+from robbie_mp.tool.message_stream import MessageStream
+from robbie_mp.tool.tool import Received, RunEnded
 from robbie_mp.transport.tables import ChannelName
 from robbie_mp.views.known_types import types_of_run
 from robbie_mp.views.message_text import FieldPath, flat, to_csv, to_json, to_yaml

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
-from robbie_mp.attach.tool import Received, Tool
 from robbie_mp.cli import completers
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
@@ -23,6 +22,7 @@ from robbie_mp.profile.show import inline
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.suggest import did_you_mean
+from robbie_mp.tool.tool import Received, Tool
 from robbie_mp.views.plain_table import PlainTable
 from robbie_mp.views.run_figures import state_name
 

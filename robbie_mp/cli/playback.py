@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
-from robbie_mp.attach.tool import RunEnded, Tool
 from robbie_mp.cli.output import print_in_place
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.play import rate
@@ -23,6 +22,7 @@ from robbie_mp.messages import PlaybackControl, PlaybackState
 from robbie_mp.observe.declarations import read_declarations
 from robbie_mp.playback.player import ControlRefused
 from robbie_mp.run.run_directory import KnownRun
+from robbie_mp.tool.tool import RunEnded, Tool
 from robbie_mp.views.message_text import describe_playback
 
 if TYPE_CHECKING:

@@ -5,10 +5,10 @@ import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from robbie_mp.attach.tool import Tool
 from robbie_mp.cli.echo import add_topic_argument, add_type_argument
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
+from robbie_mp.tool.tool import Tool
 from robbie_mp.views.known_types import types_of_run
 from robbie_mp.views.message_text import message_of_yaml
 

@@ -10,8 +10,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robbie_mp.attach.message_stream import MessageStream
-from robbie_mp.attach.tool import RunEnded
 from robbie_mp.capture.recorded_run import RecordedRun
 from robbie_mp.capture.recording_session import RecordingSession
 from robbie_mp.capture.selection import Selection
@@ -29,6 +27,8 @@ from robbie_mp.recording.format import ChannelKey
 from robbie_mp.recording.log_writer import LogWriter, Split
 from robbie_mp.recording.recorder import LOGGER_NICE
 from robbie_mp.run.run_directory import KnownRun
+from robbie_mp.tool.message_stream import MessageStream
+from robbie_mp.tool.tool import RunEnded
 from robbie_mp.transport.records import ANY_VERSION
 from robbie_mp.transport.tables import ChannelName
 

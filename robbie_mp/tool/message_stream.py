@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 
-from robbie_mp.attach.tool import LONGEST_WAIT_S, Detached, Received, Tool, attach_again
 from robbie_mp.run.run_directory import KnownRun
+from robbie_mp.tool.tool import LONGEST_WAIT_S, Detached, Received, Tool, attach_again
 from robbie_mp.transport.records import ANY_VERSION
 from robbie_mp.transport.tables import ChannelName
 

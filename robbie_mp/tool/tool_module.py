@@ -7,7 +7,6 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, TypeVar
 
-from robbie_mp.attach.tool_bus import ToolBus
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.config import Config
 from robbie_mp.module.module import Module, ModuleContext
@@ -15,6 +14,7 @@ from robbie_mp.module.settings import check_settings
 from robbie_mp.module.ticks import MAX_WAIT_S
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_directory import KnownRun
+from robbie_mp.tool.tool_bus import ToolBus
 
 ModuleClass = TypeVar("ModuleClass", bound=Module)
 

@@ -9,13 +9,13 @@ import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
-from robbie_mp.attach.tool import LONGEST_WAIT_S, Detached, Received, Tool, attach_again
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.messages import Message
 from robbie_mp.messages.errors import MessageError
 from robbie_mp.module.envelope import Envelope, MessageType
 from robbie_mp.module.subscriptions import Subscription, Subscriptions
 from robbie_mp.run.run_directory import KnownRun
+from robbie_mp.tool.tool import LONGEST_WAIT_S, Detached, Received, Tool, attach_again
 from robbie_mp.transport.tables import ChannelName
 
 
