@@ -138,7 +138,7 @@ def _robot(name: str, settings: dict[str, Any], overrides: Sequence[str]) -> Pro
     if PLAYBACK not in modules:
         raise refuse(
             f"profile {name!r} has no module {PLAYBACK!r}, only {', '.join(sorted(modules))}; a profile that "
-            "plays logs has `parents: [playback]`, and null for each module that the log replaces"
+            "plays logs has `parents: [robbie:playback]`, and null for each module that the log replaces"
         )
     given = [f"{PLAYBACK}.{key}={json.dumps(value)}" for key, value in settings.items()]
     return load_profile(name, overrides=[*given, *overrides])

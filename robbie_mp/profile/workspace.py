@@ -1,4 +1,4 @@
-"""Finds a robot's workspace, the folder that contains profiles/, and the profiles in it."""
+"""Finds a robot's workspace, the folder that contains profiles/, and profiles: its own and Robbie-MP's."""
 
 import os
 import re
@@ -12,6 +12,9 @@ from robbie_mp.suggest import did_you_mean
 FOLDER = "profiles"
 SUFFIX = ".yaml"
 NAME = re.compile(r"\w[\w.-]*(/\w[\w.-]*)*")
+STOCK = "robbie:"
+"""Begins the name of a profile that comes with Robbie-MP, such as `robbie:playback`."""
+STOCK_FOLDER = Path(__file__).with_name("stock")
 
 
 @dataclass(frozen=True)
@@ -27,28 +30,30 @@ class Workspace:
 
     def names(self) -> list[str]:
         """Return the names of all profiles, such as `demo` or `sim/arena`, sorted."""
-        files = self.folder.rglob("*" + SUFFIX)
-        return sorted(file.relative_to(self.folder).with_suffix("").as_posix() for file in files)
+        return _names_in(self.folder)
 
     def file_of(self, name: str) -> Path:
         """Return the path of a profile's file, which need not exist."""
+        if name.startswith(STOCK):
+            return STOCK_FOLDER / (name.removeprefix(STOCK) + SUFFIX)
         return self.folder / (name + SUFFIX)
 
     def read(self, name: str, place: Place | None = None) -> Node:
         """Read a profile; an empty file is an empty map.
 
         Args:
-            name: Such as `demo` or `sim/arena`.
+            name: Such as `demo`, `sim/arena` or `robbie:playback`.
             place: Where another profile names it, if one does.
 
         Raises:
             ProfileError: there is no such profile, or it is not a YAML map.
         """
         file = self.file_of(name)
-        if not NAME.fullmatch(name) or not file.is_file():
-            names = self.names()
-            near = did_you_mean(name, names)
-            known = f"; profiles in {self.folder}: {', '.join(names) or 'none'}"
+        if not NAME.fullmatch(name.removeprefix(STOCK)) or not file.is_file():
+            own, stock = self.names(), stock_names()
+            near = did_you_mean(name, [*own, *stock])
+            known = f"; profiles in {self.folder}: {', '.join(own) or 'none'}"
+            known += f"; in Robbie-MP: {', '.join(stock)}"
             raise refuse(f"there is no profile {name!r}{near}{known}", place)
         content = read_file(file)
         if content.value is None:
@@ -56,6 +61,16 @@ class Workspace:
         if not isinstance(content.value, dict):
             raise refuse("expected a map with the keys of a profile (modules, config, …)", content.place)
         return content
+
+
+def stock_names() -> list[str]:
+    """Return the names of all profiles that come with Robbie-MP, sorted."""
+    return [STOCK + name for name in _names_in(STOCK_FOLDER)]
+
+
+def _names_in(folder: Path) -> list[str]:
+    files = folder.rglob("*" + SUFFIX)
+    return sorted(file.relative_to(folder).with_suffix("").as_posix() for file in files)
 
 
 def find_workspace(start: Path) -> Workspace:

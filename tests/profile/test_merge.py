@@ -3,6 +3,7 @@
 import pytest
 
 from robbie_mp.profile.model import ModuleSpec, Profile
+from robbie_mp.profile.workspace import stock_names
 from tests.profile.conftest import Robot
 
 
@@ -120,7 +121,7 @@ def test_missing_parent_is_reported_with_its_line_and_all_profiles(robot: Robot)
     [problem] = robot.problems()
     assert problem == (
         f"profiles/demo.yaml:3: there is no profile 'bse'; did you mean 'base'?; "
-        f"profiles in {robot.root}/profiles: base, demo"
+        f"profiles in {robot.root}/profiles: base, demo; in Robbie-MP: {', '.join(stock_names())}"
     )
 
 

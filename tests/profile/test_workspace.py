@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.profile.load import load_profile
+from robbie_mp.profile.preflight import preflight
 from robbie_mp.profile.problem import ProfileError
-from robbie_mp.profile.workspace import find_workspace
+from robbie_mp.profile.workspace import find_workspace, stock_names
 from tests.profile.conftest import Robot
 
 
@@ -49,7 +50,7 @@ def test_all_profiles_can_be_listed(robot: Robot) -> None:
 def test_missing_profile_is_reported_with_similar_names_and_all_others(robot: Robot) -> None:
     robot.write("demo", "")
     robot.write("sim/arena", "")
-    known = f"; profiles in {robot.root}/profiles: demo, sim/arena"
+    known = f"; profiles in {robot.root}/profiles: demo, sim/arena; in Robbie-MP: {', '.join(stock_names())}"
     assert robot.problems("dmeo") == [f"there is no profile 'dmeo'; did you mean 'demo'?{known}"]
     assert robot.problems("profiles/lost.yaml") == [f"there is no profile 'lost'{known}"]
     assert robot.problems("\0") == [f"there is no profile '\\x00'{known}"]
@@ -64,3 +65,43 @@ def test_error_without_a_workspace_says_what_to_do(tmp_path: Path) -> None:
         ProfileError, match=r"/demo\.yaml is not in a folder profiles/, so it belongs to no robot$"
     ):
         load_profile("demo.yaml", tmp_path)
+
+
+def test_stock_profiles_are_parents_in_every_workspace(robot: Robot) -> None:
+    robot.write("demo", "parents: [robbie:recorded]\nmodules:\n  logger: {settings: {folder: elsewhere}}")
+    (logger,) = robot.load().modules
+    assert logger.class_path == "robbie_mp.services.message_logger:MessageLogger"
+    assert logger.settings["folder"] == "elsewhere"
+    assert "split_bytes" in logger.settings
+
+
+def test_own_profile_of_the_same_name_is_another_one(robot: Robot) -> None:
+    robot.write("recorded", "config: {own: true}")
+    robot.write("demo", "parents: [recorded]")
+    assert robot.load().config == {"own": True}
+    assert robot.load().modules == ()
+
+
+def test_every_stock_profile_passes_the_checks_before_a_run(robot: Robot) -> None:
+    robot.write("demo", f"parents: [{', '.join(stock_names())}]\nmodules: {{playback: null}}\nclock: null")
+    findings = preflight(robot.load())
+    assert sorted(findings.settings) == ["logger", "operator", "time"]
+    assert not findings.failures
+
+
+def test_stock_playback_needs_nothing_but_a_log(robot: Robot) -> None:
+    with pytest.raises(ProfileError, match=r"playback\.yaml:\d+: .* required, but not set") as caught:
+        preflight(robot.load("robbie:playback"))
+    assert len(caught.value.problems) == 1
+
+
+def test_missing_stock_profile_is_reported_with_similar_names(robot: Robot) -> None:
+    robot.write("demo", "parents: [playback]")
+    robot.write("other", "parents: [robbie:playbck]")
+    robot.write("outside", "parents: [robbie:../model]")
+    assert (
+        "profiles/demo.yaml:1: there is no profile 'playback'; did you mean 'robbie:playback'?"
+        in (robot.problems("demo")[0])
+    )
+    assert "no profile 'robbie:playbck'; did you mean 'robbie:playback'?" in robot.problems("other")[0]
+    assert "no profile 'robbie:../model'" in robot.problems("outside")[0]
