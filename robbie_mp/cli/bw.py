@@ -1,9 +1,8 @@
-"""`robbie bw TYPE`: the bandwidth of messages."""
+"""`robbie bw TYPE|TOPIC`: the bandwidth of messages."""
 
 import argparse
 from typing import TYPE_CHECKING
 
-from robbie_mp.cli.echo import add_type_argument
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.rates import Rates, add_rate_arguments, print_rates
 
@@ -17,11 +16,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         subparsers,
         "bw",
         "print the bandwidth of messages",
-        "Print every second how many bytes of a message type were published. The figures come from the "
-        "core's counters: they miss no message and cost the robot nothing.",
-        ["robbie bw Image", "robbie bw PointCloud2 --once --json"],
+        "Print every second how many bytes of a message type, or on a topic, were published. The figures "
+        "come from the core's counters: they miss no message and cost the robot nothing.",
+        ["robbie bw Image", "robbie bw front/camera", "robbie bw PointCloud2 --once --json"],
     )
-    add_type_argument(parser)
     add_rate_arguments(parser)
     parser.set_defaults(command=lambda arguments: print_rates(arguments, describe))
 

@@ -4,6 +4,7 @@ argcomplete calls these functions. Where a name cannot be determined, they retur
 """
 
 import argparse
+from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -37,14 +38,22 @@ def _modules(run: KnownRun) -> Iterable[str]:
 def _types(run: KnownRun) -> Iterable[str]:
     from robbie_mp.views.known_types import types_of_run  # noqa: PLC0415
 
-    return [name.replace("/msg/", "/") for name in types_of_run(run).names()]
+    names = types_of_run(run).names()
+    short = Counter(name.rpartition("/")[2] for name in names)
+    return [
+        *(name for name, count in short.items() if count == 1),
+        *(name.replace("/msg/", "/") for name in names),
+    ]
 
 
 def _topics(run: KnownRun) -> Iterable[str]:
-    from robbie_mp.observe.declarations import read_declarations  # noqa: PLC0415
+    from robbie_mp.cli.channel_choice import channels_of_run  # noqa: PLC0415
 
-    declared = read_declarations(run.run_id)
-    return {entry.topic for entry in declared if not entry.is_by_patterns} - {""}
+    return {channel.topic for channel in channels_of_run(run)} - {""}
+
+
+def _types_and_topics(run: KnownRun) -> Iterable[str]:
+    return [*_types(run), *_topics(run)]
 
 
 def _settings(run: KnownRun) -> Iterable[str]:
@@ -55,6 +64,7 @@ def _settings(run: KnownRun) -> Iterable[str]:
 
 modules = of_run(_modules)
 types = of_run(_types)
+types_and_topics = of_run(_types_and_topics)
 topics = of_run(_topics)
 settings = of_run(_settings)
 

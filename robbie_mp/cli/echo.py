@@ -1,4 +1,4 @@
-"""`robbie echo TYPE`: print messages as they arrive."""
+"""`robbie echo TYPE|TOPIC`: print messages as they arrive."""
 
 import argparse
 import sys
@@ -7,16 +7,14 @@ from collections.abc import Callable
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
-from robbie_mp.cli import completers
+from robbie_mp.capture.recorded_run import RecordedRun
+from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages, nobody_publishes
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.messages import DecodeError, Message
 from robbie_mp.observe.declarations import read_declarations
-from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.tool.message_stream import MessageStream
 from robbie_mp.tool.tool import Received, RunEnded
-from robbie_mp.transport.tables import ChannelName
-from robbie_mp.views.known_types import types_of_run
 from robbie_mp.views.message_text import FieldPath, flat, to_csv, to_json, to_yaml
 from robbie_mp.visible_text import one_line
 
@@ -33,17 +31,17 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         subparsers,
         "echo",
         "print messages as they arrive",
-        "Print the messages of a type. The robot does not wait for you: messages that arrive faster than "
-        "they can be printed are skipped, and counted on standard error.",
+        "Print the messages of a type, or on a topic. The robot does not wait for you: messages that arrive "
+        "faster than they can be printed are skipped, and counted on standard error.",
         [
             "robbie echo LaserScan",
+            "robbie echo laser/front",
             "robbie echo sensor_msgs/LaserScan --topic laser/front --field 'ranges[0]'",
             "robbie echo Odometry --once --json | jq .message.pose",
             "robbie echo Odometry --field pose.pose.position --csv > track.csv",
         ],
     )
-    add_type_argument(parser)
-    add_topic_argument(parser, "only messages on this topic")
+    add_messages_argument(parser, "with TYPE: only messages on this topic")
     parser.add_argument(
         "--field", metavar="FIELD", default="", help="print only this field, such as pose.position.x"
     )
@@ -56,53 +54,39 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser.set_defaults(command=echo)
 
 
-def add_type_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the argument by which commands take a message type."""
-    name = parser.add_argument(
-        "type", metavar="TYPE", help="message type: sensor_msgs/msg/LaserScan, or LaserScan for short"
-    )
-    name.completer = completers.types  # type: ignore[attr-defined]
-
-
-def add_topic_argument(parser: argparse.ArgumentParser, text: str) -> None:
-    """Add the option by which commands take a topic."""
-    topic = parser.add_argument("--topic", default="", help=text)
-    topic.completer = completers.topics  # type: ignore[attr-defined]
-
-
 def echo(arguments: argparse.Namespace) -> int:
     """Print messages until the run ends or the user presses Ctrl-C."""
     run = choose_run(arguments.run)
-    message_type = types_of_run(run).get(arguments.type)
+    types, channel = choose_messages(run, arguments)
+    message_type = types.get(channel.type_name)
     field = FieldPath(message_type, arguments.field)
-    name, version = message_type.type_name, message_type.version
-    on_topic = f" --topic {arguments.topic}" if arguments.topic else ""
-    purpose = f"robbie echo {name}{on_topic}"
+    purpose = f"robbie echo {channel.type_name}" + (f" --topic {channel.topic}" if channel.topic else "")
     if not arguments.once:
-        _say_if_nobody_publishes(run, name, arguments.topic)
-    with closing(MessageStream(run, [ChannelName(name, version, arguments.topic)], purpose)) as stream:
-        return _Echo(message_type, field, arguments).print_all(stream)
-
-
-def _say_if_nobody_publishes(run: KnownRun, type_name: str, topic: str) -> None:
-    topics = {
-        entry.topic
-        for entry in read_declarations(run.run_id)
-        if entry.is_publisher and entry.type_name == type_name
-    }
-    if not topics:
-        _note(f"no module publishes {type_name} yet")
-    elif topic and topic not in topics:
-        _note(f"no module publishes on topic {topic!r} yet; there are {', '.join(sorted(map(repr, topics)))}")
+        published = {entry.name for entry in read_declarations(run.run_id) if entry.is_publisher}
+        if said := nobody_publishes(channel, published):
+            _note(f"{said}; waiting")
+    with (
+        closing(RecordedRun(run.folder)) as recorded,
+        closing(MessageStream(run, [channel], purpose)) as stream,
+    ):
+        return _Echo(message_type, field, arguments, recorded.time_ns).print_all(stream)
 
 
 class _Echo:
     """Prints messages one after the other."""
 
-    def __init__(self, message_type: type[Message], field: FieldPath, arguments: argparse.Namespace):
+    def __init__(
+        self,
+        message_type: type[Message],
+        field: FieldPath,
+        arguments: argparse.Namespace,
+        time_ns: Callable[[int], int],
+    ):
         self._type = message_type
         self._field = field
         self._arguments = arguments
+        self._time_ns = time_ns
+        """Returns the run's time, as in its logs, for a time of the monotonic clock."""
         self._printed = 0
         self._said_missed = 0
         self._next_say_s = 0.0
@@ -132,9 +116,9 @@ class _Echo:
             _note(f"message {received.sequence} from {received.sender} cannot be read: {error}")
             return
         if arguments.json:
-            print(to_json(_envelope(received) | {"message": value}), flush=True)
+            print(to_json(self._envelope(received) | {"message": value}), flush=True)
         elif arguments.csv:
-            row = _envelope(received) | dict(flat(value, arguments.field))
+            row = self._envelope(received) | dict(flat(value, arguments.field))
             if not self._printed:
                 print(to_csv(list(row)))
             print(to_csv(list(row.values())), flush=True)
@@ -153,14 +137,14 @@ class _Echo:
                 _note(f"missed {missed - self._said_missed} messages")
                 self._said_missed = missed
 
-
-def _envelope(received: Received) -> dict[str, Any]:
-    return {
-        "topic": received.topic,
-        "sequence": received.sequence,
-        "sender": received.sender,
-        "published_ns": received.published_ns,
-    }
+    def _envelope(self, received: Received) -> dict[str, Any]:
+        """Return what a log would say about a message, in the same columns as `robbie export`."""
+        return {
+            "time_ns": self._time_ns(received.published_ns),
+            "sequence": received.sequence,
+            "topic": received.topic,
+            "sender": received.sender,
+        }
 
 
 def _note(text: str) -> None:

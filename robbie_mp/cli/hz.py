@@ -1,9 +1,8 @@
-"""`robbie hz TYPE`: the rate of messages."""
+"""`robbie hz TYPE|TOPIC`: the rate of messages."""
 
 import argparse
 from typing import TYPE_CHECKING
 
-from robbie_mp.cli.echo import add_type_argument
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.rates import Rates, add_rate_arguments, print_rates
 
@@ -17,11 +16,14 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         subparsers,
         "hz",
         "print the rate of messages",
-        "Print every second how many messages of a type were published, and how regularly. The figures come "
-        "from the core's counters: they miss no message and cost the robot nothing.",
-        ["robbie hz LaserScan", "robbie hz Odometry --topic wheels --every 10 --once --json"],
+        "Print every second how many messages of a type, or on a topic, were published, and how regularly. "
+        "The figures come from the core's counters: they miss no message and cost the robot nothing.",
+        [
+            "robbie hz LaserScan",
+            "robbie hz laser/front",
+            "robbie hz Odometry --topic wheels --every 10 --once --json",
+        ],
     )
-    add_type_argument(parser)
     add_rate_arguments(parser)
     parser.set_defaults(command=lambda arguments: print_rates(arguments, describe))
 

@@ -1,15 +1,14 @@
-"""`robbie pub TYPE YAML`: publish messages by hand."""
+"""`robbie pub TYPE|TOPIC YAML`: publish messages by hand."""
 
 import argparse
 import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
-from robbie_mp.cli.echo import add_topic_argument, add_type_argument
+from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.tool.tool import Tool
-from robbie_mp.views.known_types import types_of_run
 from robbie_mp.views.message_text import message_of_yaml
 
 if TYPE_CHECKING:
@@ -26,14 +25,14 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "is checked before it is sent.",
         [
             "robbie pub DriveCommand '{linear_m_per_s: 0.1, valid_for: {sec: 1}}'",
+            "robbie pub goal '{header: {frame_id: map}, pose: {position: {x: 2.5}}}'",
             "robbie pub geometry_msgs/Twist '{linear: {x: 0.1}}' --topic teleop --rate 10",
         ],
     )
-    add_type_argument(parser)
+    add_messages_argument(parser, "with TYPE: topic to publish on")
     parser.add_argument(
         "message", metavar="YAML", nargs="?", default="{}", help="fields of the message ('{}')"
     )
-    add_topic_argument(parser, "topic to publish on")
     parser.add_argument("--rate", metavar="HZ", type=_rate, help="publish repeatedly, until Ctrl-C")
     parser.add_argument("--count", metavar="N", type=_count, help="with --rate: stop after N messages")
     add_run_argument(parser)
@@ -57,7 +56,8 @@ def _count(text: str) -> int:
 def pub(arguments: argparse.Namespace) -> int:
     """Publish; 1 if a message was refused because the robot's memory or tables are full."""
     run = choose_run(arguments.run)
-    message = message_of_yaml(types_of_run(run).get(arguments.type), arguments.message)
+    types, channel = choose_messages(run, arguments)
+    message = message_of_yaml(types.get(channel.type_name), arguments.message)
     count = 1 if arguments.rate is None else arguments.count
     published = refused = 0
     next_s = time.monotonic()
@@ -67,7 +67,7 @@ def pub(arguments: argparse.Namespace) -> int:
             while count is None or published + refused < count:
                 while (wait_s := next_s - time.monotonic()) > 0:
                     tool.wait(wait_s)
-                sent = tool.publish(message, arguments.topic)
+                sent = tool.publish(message, channel.topic)
                 published, refused = published + sent, refused + (not sent)
                 next_s = max(next_s + 1 / (arguments.rate or 1), time.monotonic() - 1)
         finally:

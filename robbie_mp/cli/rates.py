@@ -7,14 +7,14 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
 
-from robbie_mp.cli.echo import add_topic_argument
+from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages, nobody_publishes
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.observe.channels import ChannelCount, ChannelCounters
 from robbie_mp.observe.rates import intervals_deviation_s
 from robbie_mp.transport import names
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment
-from robbie_mp.views.known_types import types_of_run
+from robbie_mp.transport.tables import ChannelName
 from robbie_mp.visible_text import one_line
 
 
@@ -58,7 +58,7 @@ class Rates:
 
 def add_rate_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of both commands."""
-    add_topic_argument(parser, "only messages on this topic")
+    add_messages_argument(parser, "with TYPE: only messages on this topic")
     parser.add_argument(
         "--every", metavar="SECONDS", type=_seconds, default=1.0, help="time that each line covers (1)"
     )
@@ -77,25 +77,25 @@ def _seconds(text: str) -> float:
 def print_rates(arguments: argparse.Namespace, describe: Callable[[Rates], str]) -> int:
     """Print a line for each topic periodically, until the run ends or the user presses Ctrl-C."""
     run = choose_run(arguments.run)
-    wanted = types_of_run(run).describe(arguments.type)
+    wanted = choose_messages(run, arguments).channel
     with closing(Segment.attach(names.core(run.run_id), SegmentKind.CORE)) as segment:
         counters = ChannelCounters(segment.words)
-        for rates in _measure(counters, (wanted.name, wanted.version, arguments.topic), arguments.every):
+        for rates in _measure(counters, wanted, arguments.every):
             for rate in rates:
                 about = f"  topic {one_line(rate.topic)}" if rate.topic else ""
                 print(json.dumps(asdict(rate)) if arguments.json else describe(rate) + about, flush=True)
             if not rates:
-                print(f"no module publishes {wanted.name}", flush=True)
+                print(one_line(nobody_publishes(wanted, counters.messages())), flush=True)
             if arguments.once or not run.folder.exists():
                 return 0
     return 0
 
 
-def _measure(counters: ChannelCounters, wish: tuple[str, int, str], every_s: float) -> Iterator[list[Rates]]:
-    before, before_s = counters.read(*wish), time.monotonic()
+def _measure(counters: ChannelCounters, wanted: ChannelName, every_s: float) -> Iterator[list[Rates]]:
+    before, before_s = counters.read(*wanted), time.monotonic()
     while True:
         time.sleep(every_s)
-        after, after_s = counters.read(*wish), time.monotonic()
+        after, after_s = counters.read(*wanted), time.monotonic()
         yield [
             Rates.between(topic, before.get(topic, ChannelCount()), count, after_s - before_s)
             for topic, count in sorted(after.items())

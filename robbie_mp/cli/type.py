@@ -4,7 +4,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING
 
-from robbie_mp.cli.echo import add_type_argument
+from robbie_mp.cli import completers
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument
 from robbie_mp.views.known_types import types_of_run_or_workspace
@@ -26,7 +26,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "types are the stock types and those of the run; without a run, those of the current workspace.",
         ["robbie type show LaserScan", "robbie type show sensor_msgs/LaserScan --json"],
     )
-    add_type_argument(shown)
+    name = shown.add_argument(
+        "type", metavar="TYPE", help="message type: sensor_msgs/msg/LaserScan, or LaserScan for short"
+    )
+    name.completer = completers.types  # type: ignore[attr-defined]
     shown.set_defaults(command=show)
     listed = add_command(
         actions,

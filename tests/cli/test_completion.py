@@ -79,7 +79,7 @@ def test_usage_error_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
         main(["echo"])
     assert end.value.code == 2
     said = capsys.readouterr().err
-    assert said == "robbie echo: the following arguments are required: TYPE; see `robbie echo --help`\n"
+    assert said == "robbie echo: the following arguments are required: TYPE|TOPIC; see `robbie echo --help`\n"
 
 
 def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,13 +1,15 @@
 """Commands that read a run or send messages to it, all on one robot."""
 
 import json
+import time
+from argparse import Namespace
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from robbie_mp.cli import main
+from robbie_mp.cli import completers, main
 from robbie_mp.cli.runs import live_runs
 from tests._support.robot import Robot, kill, wait_until
 
@@ -69,6 +71,9 @@ def lists_what_there_is(person: Person) -> None:
         "core",
     ]
     assert "wheels" in person.types("list", "topics")
+    offered = completers.types_and_topics(parsed_args=Namespace(run=None))
+    assert {"DriveCommand", "robbie_msgs/DriveCommand", "wheels"} <= set(offered)
+    assert "DriveCommand" in completers.types(parsed_args=Namespace(run=None))
     assert person.types("type", "show", "DriveCommand").startswith("# robbie_msgs/msg/DriveCommand, version")
 
 
@@ -82,10 +87,14 @@ def echoes(person: Person) -> None:
     header, row = person.types(
         "echo", "DriveCommand", "--once", "--csv", "--field", "header.stamp"
     ).splitlines()
-    assert header == "topic,sequence,sender,published_ns,header.stamp.sec,header.stamp.nanosec"
+    assert header == "time_ns,sequence,topic,sender,header.stamp.sec,header.stamp.nanosec"
+    assert abs(int(row.split(",")[0]) - time.time_ns()) < 60e9, "not the clock of logs"
     assert int(row.split(",")[4]) > int(number)
     person.types("echo", "DriveComand", code=1)
-    assert person.errors == ("no message type is called 'DriveComand'; did you mean 'DriveCommand'?\n")
+    assert person.errors == (
+        "no message type and no topic is called 'DriveComand'; did you mean 'DriveCommand'?\n"
+    )
+    assert person.gets("echo", "wheels", "--once")["topic"] == "wheels"
     person.types("echo", "DriveCommand", "--field", "speed", code=1)
     assert person.errors.startswith("robbie_msgs/msg/DriveCommand has no field 'speed'")
 
@@ -100,13 +109,24 @@ def measures_rates(person: Person) -> None:
     count = person.gets("list", "topics")[0]
     assert size["mean_bytes"] == count["bytes"] / count["messages"]
     assert "Hz, every" in person.types("hz", "DriveCommand", "--once", "--every", "0.2")
-    assert "no module publishes" in person.types("bw", "Image", "--once", "--every", "0.01")
+    assert person.gets("hz", "/wheels", "--once", "--every", "0.2")["topic"] == "wheels"
+    nobody = person.types("bw", "Image", "--once", "--every", "0.01")
+    assert nobody == "no module publishes sensor_msgs/msg/Image\n"
+    nowhere = person.types("hz", "DriveCommand", "--topic", "nosuch", "--once", "--every", "0.01")
+    assert nowhere == (
+        "no module publishes robbie_msgs/msg/DriveCommand on topic 'nosuch'; there are 'wheels'\n"
+    )
 
 
 def publishes(person: Person) -> None:
     text = "{header: {stamp: {sec: 1000001}}, valid_for: {sec: 1}}"
     assert person.types("pub", "DriveCommand", text) == "published 1\n"
     wait_until(lambda: 1000001 in person.robot.journal("listener"))
+    on_wheels = text.replace("1000001", "1000003")
+    assert person.types("pub", "wheels", on_wheels) == "published 1\n"
+    wait_until(lambda: 1000003 in person.robot.journal("listener"))
+    person.types("pub", "wheel", on_wheels, code=1)
+    assert "did you mean 'wheels'" in person.errors
     again = text.replace("1000001", "1000002")
     assert person.types("pub", "DriveCommand", again, "--rate", "500", "--count", "20") == "published 20\n"
     wait_until(lambda: person.robot.journal("listener").count(1000002) == 20)
