@@ -6,6 +6,6 @@ Each command is a module of this package with `add_parser(subparsers)`, which gi
 
 # No code here: commands are named after built-ins (list) and the entry points below (top), and importing a
 # command binds its name in this package.
-from robbie_mp.cli.program import main, top
+from robbie_mp.cli.start import main, top
 
 __all__ = ["main", "top"]

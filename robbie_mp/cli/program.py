@@ -11,6 +11,7 @@ from importlib import import_module
 
 from robbie_mp.cli.output import plain_output
 from robbie_mp.cli.parser import BAD_USAGE, Parser
+from robbie_mp.cli.start import interrupts_end_at_once
 from robbie_mp.errors import RobbieError
 from robbie_mp.version import installed_version
 
@@ -46,24 +47,28 @@ COMMANDS = (
 """The commands, in the order in which help lists them."""
 
 FAILED = 1
-INTERRUPTED = 130
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; return 0 on success, 1 if it failed, 2 for bad usage or a bad profile."""
+def run_command(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; return 0 on success, 1 if it failed, 2 for bad usage or a bad profile.
+
+    Raises:
+        KeyboardInterrupt: the user pressed Ctrl-C.
+    """
     with plain_output():
         try:
-            return _main(arguments)
+            return _run_command(arguments)
         except Exception:
             traceback.print_exc()  # inside plain_output, which makes control characters visible
             return FAILED
 
 
-def _main(arguments: Sequence[str] | None) -> int:
+def _run_command(arguments: Sequence[str] | None) -> int:
     argv = list(sys.argv[1:] if arguments is None else arguments)
     if "_ARGCOMPLETE" in os.environ:
         _complete()
-    parser = _parser(argv[:1])
+    with interrupts_end_at_once():
+        parser = _parser(argv[:1])
     parsed = parser.parse_args(argv)
     try:
         code: int = parsed.command(parsed)
@@ -71,8 +76,6 @@ def _main(arguments: Sequence[str] | None) -> int:
     except BrokenPipeError:  # as in `robbie profile show demo | head -1`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
-    except KeyboardInterrupt:
-        return INTERRUPTED
     except RobbieError as error:
         print(error, file=sys.stderr)
         return _exit_code(error)
@@ -84,11 +87,6 @@ def _complete() -> None:
     import argcomplete  # noqa: PLC0415
 
     argcomplete.autocomplete(_parser(os.environ.get("COMP_LINE", "").split()[1:2]))
-
-
-def top() -> int:
-    """Run `robbie top`."""
-    return main(["top", *sys.argv[1:]])
 
 
 def _exit_code(error: RobbieError) -> int:

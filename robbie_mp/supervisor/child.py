@@ -7,6 +7,7 @@ import faulthandler
 import io
 import logging
 import os
+import signal
 import sys
 import traceback
 from pathlib import Path
@@ -21,9 +22,20 @@ from robbie_mp.trace.kinds import follow_level
 
 def main(run_folder: Path, name: str, incarnation: int) -> None:
     """Run the core or a module until it is stopped."""
+    leave_interrupts_to_supervisor()
     plan = RunPlan.load(run_folder)
     die_with_parent(plan.supervisor_pid)
     run_child(run_folder, plan, name, incarnation)
+
+
+def leave_interrupts_to_supervisor() -> None:
+    """Ignore SIGINT from now on: the supervisor gets it, too, and stops all children in order.
+
+    A terminal sends it to the supervisor alone, but a service manager may send it to all processes. This is a
+    handler and not SIG_IGN, so programs that a module starts do not inherit it.
+    """
+    signal.signal(signal.SIGINT, lambda _signal, _frame: None)
+    os.register_at_fork(after_in_child=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
 
 
 def own_incarnation() -> int:

@@ -15,7 +15,7 @@ from typing import NoReturn
 from robbie_mp.linux.prctl import die_with_parent, set_process_name
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.supervisor.assignment import wait_for_assignment
-from robbie_mp.supervisor.child import run_child
+from robbie_mp.supervisor.child import leave_interrupts_to_supervisor, run_child
 
 IMPORTED_AHEAD = ("numpy", "robbie_mp.supervisor.core_child", "robbie_mp.supervisor.module_child")
 """What any child may need: a spare becomes the core or a module."""
@@ -23,6 +23,7 @@ IMPORTED_AHEAD = ("numpy", "robbie_mp.supervisor.core_child", "robbie_mp.supervi
 
 def main(run_folder: Path) -> None:
     """Import what children need, wait for an assignment, then run a child."""
+    leave_interrupts_to_supervisor()
     for name in IMPORTED_AHEAD:
         importlib.import_module(name)
     plan = RunPlan.load(run_folder)

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.cli import log
-from robbie_mp.cli.program import main
+from robbie_mp.cli import log, main
 from robbie_mp.profile.model import TraceSettings
 from robbie_mp.supervisor.output import OutputStore
 from robbie_mp.trace.entry import Entry

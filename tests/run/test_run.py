@@ -316,3 +316,37 @@ def test_check_of_a_hanging_import_ends_with_its_parent(robot: Robot) -> None:
     process.kill()
     process.wait()
     wait_until(lambda: not is_running(int(pid_file.read_text())), limit_s=5)
+
+
+INTERRUPTED = """
+import os, signal
+from robbie_mp import Module
+
+if "ROBBIE_CHILD" in os.environ:  # not in the check before the start
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+class Interrupted(Module):
+    period_s = 0.01
+
+    def tick(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        self.status = "interrupted"
+"""
+
+
+def test_interrupt_that_reaches_children_and_spares_does_not_end_them(robot: Robot) -> None:
+    (robot.folder / "zoo" / "interrupted.py").write_text(INTERRUPTED)
+    robot.write_profile(
+        "modules: {one: {class: zoo.interrupted:Interrupted}}\nspares: {count: 1, imports: [zoo.interrupted]}"
+    )
+    process = robot.start()
+    robot.until(lambda modules: modules["one"]["status"] == "interrupted" or modules["one"]["restarts"])
+    wait_until(lambda: "spare interpreter" in robot.log("supervisor"))
+    process.send_signal(signal.SIGINT)
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    assert ended.modules["one"]["restarts"] == 0
+    log = robot.log("supervisor")
+    assert "is ready" in log and "a spare interpreter has ended" not in log, log
+    assert "Traceback" not in log + robot.log("one")

@@ -15,7 +15,8 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from robbie_mp import Header
-from robbie_mp.cli.program import COMMANDS, main
+from robbie_mp.cli import main
+from robbie_mp.cli.program import COMMANDS
 from robbie_mp.messages import PoseStamped, schema_text
 from tests._support.robot import COMMAND, Robot, wait_until
 from tests.security._support.hostile import HOSTILE, check_plain, check_terminal, obeyed
