@@ -40,6 +40,9 @@ if TYPE_CHECKING:
     from robbie_mp.module.settings import REQUIRED as REQUIRED
     from robbie_mp.module.settings import SettingError as SettingError
     from robbie_mp.module.settings import setting as setting
+    from robbie_mp.state_machine import IllegalTransition as IllegalTransition
+    from robbie_mp.state_machine import StateMachine as StateMachine
+    from robbie_mp.state_machine import TimeOut as TimeOut
     from robbie_mp.transport.records import MessageHandling as MessageHandling
 
 _HOMES = {
@@ -54,6 +57,7 @@ _HOMES = {
     "robbie_mp.module.module": ("Module",),
     "robbie_mp.module.secret": ("Secret",),
     "robbie_mp.module.settings": ("REQUIRED", "SettingError", "setting"),
+    "robbie_mp.state_machine": ("IllegalTransition", "StateMachine", "TimeOut"),
     "robbie_mp.transport.records": ("MessageHandling",),
 }  # fmt: skip
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -15,6 +15,7 @@ from robbie_mp import ModuleHarness, SettingError
 from robbie_mp.messages import DriveCommand, Image, LaserScan, ModuleState, TwistStamped
 from robbie_mp.profile.load import load_profile
 from robbie_mp.services.message_logger import MessageLogger
+from robbie_mp.state_machine import IllegalTransition, mermaid
 from tests.docs._support.pages import block
 
 PROJECT = Path(__file__).parents[2]
@@ -73,6 +74,24 @@ def test_camera_fills_images_in_place(monkeypatch: pytest.MonkeyPatch) -> None:
         (image,) = harness.take(Image)
         assert image.step * image.height == image.data.size
         assert np.unique(image.data).tolist() == [7]
+
+
+def test_task_with_a_state_machine_ends_by_a_scan_or_by_its_time_out() -> None:
+    names = run("machine")
+    near, docking = LaserScan(ranges=np.array([0.1], np.float32)), names["Docking"]
+    with ModuleHarness(names["Dock"]) as docked, ModuleHarness(names["Dock"]) as lost:
+        docked.advance(0.1)
+        docked.send(near)
+        lost.advance(31.0)
+        lost.send(near)
+        assert (docked.module.machine.state, lost.module.machine.state) == (docking.DOCKED, docking.GAVE_UP)
+        assert docked.take(DriveCommand)[0].linear_m_per_s > 0.0
+        assert lost.take(DriveCommand)[-1].linear_m_per_s == 0.0
+    assert lost.module.machine.reason == "timed out after 30 s"
+    picture = mermaid(docking.APPROACH, names["TRANSITIONS"], names["TIME_OUTS"])
+    assert "APPROACH --> GAVE_UP: after 30 s" in picture
+    with pytest.raises(IllegalTransition):
+        lost.module.machine.go(docking.DOCKED, "too late")
 
 
 def test_encoded_messages() -> None:

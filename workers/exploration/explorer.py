@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from robbie_mp.state_machine import StateMachine
 from workers.exploration.exploration import FrontierExploration, Plan, PlanResult
 from workers.exploration.explorer_states import TRANSITIONS, ExplorerSettings, ExplorerState
 from workers.maps.navigation_grid import NavigationGrid
 from workers.navigation.collision_guard import CollisionGuard
 from workers.navigation.path_follower import HALT, PathFollower, Velocity
 from workers.navigation.progress_watch import ProgressWatch
-from workers.state_machine import StateMachine
 
 RECOVER_M_PER_S = 0.15
 RECOVER_RAD_PER_S = 0.8

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from robbie_mp.state_machine import StateMachine
 from workers.laser.laser_sweep import LaserSweep
 from workers.maps.navigation_grid import NavigationGrid
 from workers.navigation.collision_guard import CollisionGuard
@@ -30,7 +31,6 @@ from workers.navigation.progress_watch import ProgressWatch
 from workers.navigation.way_planner import Obstruction, Way, plan_way
 from workers.odometry_track import OdometryTrack
 from workers.planar_pose import compose, wrap_angle
-from workers.state_machine import StateMachine
 
 BACK_UP_M_PER_S = 0.15
 ROTATE_RAD_PER_S = 0.8

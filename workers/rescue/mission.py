@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from robbie_mp.state_machine import StateMachine
 from workers.exploration.frontiers import Frontier
 from workers.rescue.mission_limits import MissionLimits
 from workers.rescue.mission_orders import OperatorOrder, OperatorOrders
 from workers.rescue.mission_states import TIME_OUTS, TRANSITIONS, MissionSettings, MissionState
 from workers.rescue.mission_targets import MissionTargets, SearchedGrid, Surroundings, Target
 from workers.rescue.mission_victims import MissionVictims
-from workers.state_machine import StateMachine
 
 Points = NDArray[np.float64]
 

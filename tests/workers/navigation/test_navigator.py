@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from hw.pose import Pose
 from hw.simulation.arena import Arena
+from robbie_mp.state_machine import mermaid
 from tests.docs._support.pages import ROOT
 from tests.workers._support.exploration_world import drawn_cells
 from tests.workers._support.navigation_world import NavigationWorld, demo_arena
@@ -19,7 +20,6 @@ from workers.navigation.live_obstacles import LiveObstacles
 from workers.navigation.navigator_states import TRANSITIONS, NavigatorSettings, NavigatorState
 from workers.navigation.path_follower import HALT
 from workers.navigation.way_planner import Obstruction, plan_way
-from workers.state_machine import mermaid
 
 ANGLES = (-np.pi, np.pi / 180)
 ROOM = "##########\n#........#\n#........#\n#........#\n##########"

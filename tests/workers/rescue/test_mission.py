@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from robbie_mp.state_machine import mermaid
 from tests._support.places import DOCS
 from tests._support.present import present
 from tests.workers._support.exploration_world import RESOLUTION_M, drawn_cells
@@ -14,7 +15,6 @@ from workers.rescue.mission_states import TIME_OUTS, TRANSITIONS, MissionSetting
 from workers.rescue.mission_targets import Surroundings
 from workers.rescue.searched_walls import UNSEARCHED, WallFronts, WallMemory
 from workers.rescue.victim_map import VictimState
-from workers.state_machine import mermaid
 
 S = MissionState
 

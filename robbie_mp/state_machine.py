@@ -1,15 +1,24 @@
-"""A small state machine. You declare states, transitions and time-outs; all other changes are errors."""
+"""A small state machine. You declare states, transitions and time-outs; all other changes are errors.
+
+It needs no module, so workers use it too. This file imports nothing but the base of all errors.
+"""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Generic, TypeVar
 
+from robbie_mp.errors import RobbieError
+
 State = TypeVar("State", bound=Enum)
 
 
-class IllegalTransition(RuntimeError):
+class IllegalTransition(RobbieError, RuntimeError):
     """A change of state that the machine's declaration does not allow."""
+
+
+class WrongStateMachine(RobbieError, ValueError):
+    """A declaration that leaves out a state, or a time-out that is no declared transition."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +32,30 @@ class TimeOut(Generic[State]):
 class StateMachine(Generic[State]):
     """Holds one state of an Enum and measures its duration.
 
+        class Gripper(StrEnum):
+            OPEN = "is open"
+            CLOSING = "closes"
+            CLOSED = "holds something"
+
+        class Grasp(Module):
+            period_s: float = setting(0.1, "time between looks")
+
+            def setup(self) -> None:
+                self.machine = StateMachine(
+                    Gripper.OPEN,
+                    {
+                        Gripper.OPEN: {Gripper.CLOSING},
+                        Gripper.CLOSING: {Gripper.CLOSED, Gripper.OPEN},
+                        Gripper.CLOSED: {Gripper.OPEN},
+                    },
+                    clock=lambda: self.clock.monotonic_ns() / 1e9,
+                    time_outs={Gripper.CLOSING: TimeOut(after_s=2.0, to=Gripper.OPEN)},
+                    on_change=self.show_state,
+                )
+
+            def tick(self) -> None:
+                self.machine.expire()
+
     Args:
         initial: The first state.
         transitions: For each state, the states that may follow. A state without any is final.
@@ -31,8 +64,8 @@ class StateMachine(Generic[State]):
         on_change: Called with the new state after each transition, as `Module.show_state`.
 
     Raises:
-        ValueError: A state of the Enum has no declared transitions, or a time-out is not among the declared
-            transitions.
+        WrongStateMachine: A state of the Enum has no declared transitions, or a time-out is not among the
+            declared transitions.
 
     Attributes:
         reason: The reason given with the last transition.
@@ -130,9 +163,11 @@ def _check(
 ) -> None:
     missing = [state.name for state in states if state not in transitions]
     if missing:
-        raise ValueError(f"no transitions are declared from {', '.join(missing)}; a final state needs ()")
+        raise WrongStateMachine(
+            f"no transitions are declared from {', '.join(missing)}; a final state needs ()"
+        )
     for state, time_out in time_outs.items():
         if time_out.to not in transitions[state]:
-            raise ValueError(
+            raise WrongStateMachine(
                 f"the time-out of {state.name} goes to {time_out.to.name}, which is not declared from there"
             )
