@@ -67,6 +67,8 @@ struct channel {
 /* See Link of members.py. */
 struct link {
     uint64_t slot, source, credit, awaited_freed;
+    uint64_t wanted_release; /* what its word says */
+    shared_word *want_release;
     bool ready, has_ended;
     struct ring_reader *outbound;
     struct ring_writer *inbound, *freed;
@@ -102,6 +104,7 @@ struct books {
     struct subscription **subscriptions; /* by row; NULL: not opened yet */
     struct slot *outdated_first, *outdated_last; /* modules whose figures must be written again */
     struct link *to_post_first, *to_post_last;   /* modules that must be woken */
+    bool is_wanting; /* some module may have been asked to post when it releases */
 };
 
 /* Note that the queue of a module, or the messages it has, have changed. */

@@ -582,7 +582,9 @@ static int set_inbound(PyObject *self, PyObject *value, void *Py_UNUSED(closure)
     struct link_object *link = (struct link_object *)self;
     if (!replace(&link->inbound, value, &ring_writer_type))
         return -1;
-    link->link.inbound = &((struct ring_writer_object *)value)->ring;
+    struct ring_writer *ring = &((struct ring_writer_object *)value)->ring;
+    link->link.inbound = ring;
+    link->link.want_release = ring->place.head + (IN_WANT_RELEASE - IN_HEAD); /* between its head and its records */
     return 0;
 }
 
@@ -715,6 +717,7 @@ static PyMemberDef link_members[] = {
     {"source", T_ULONGLONG, offsetof(struct link_object, link.source), 0, NULL},
     {"credit", T_ULONGLONG, offsetof(struct link_object, link.credit), 0, NULL},
     {"awaited_freed", T_ULONGLONG, offsetof(struct link_object, link.awaited_freed), 0, NULL},
+    {"wanted_release", T_ULONGLONG, offsetof(struct link_object, link.wanted_release), 0, NULL},
     {"ready", T_BOOL, offsetof(struct link_object, link.ready), 0, NULL},
     {"has_ended", T_BOOL, offsetof(struct link_object, link.has_ended), 0, NULL},
     {NULL, 0, 0, 0, NULL},
@@ -1074,6 +1077,12 @@ static PyObject *books_somebody_waits(PyObject *self, PyObject *Py_UNUSED(none))
     return PyBool_FromLong(somebody_waits(&books_of(self)->books));
 }
 
+static PyObject *books_before_sleep(PyObject *self, PyObject *Py_UNUSED(none))
+{
+    MAY_DIE(return NULL);
+    return PyBool_FromLong(before_sleep(&books_of(self)->books));
+}
+
 static PyObject *books_serve(PyObject *self, PyObject *const *arguments, Py_ssize_t count)
 {
     struct books_object *object = books_of(self);
@@ -1207,14 +1216,16 @@ static PyObject *books_work(PyObject *self, PyObject *const *arguments, Py_ssize
 {
     struct books_object *object = books_of(self);
     uint64_t records_per_turn, heartbeat_ns;
-    struct wakeup *wakeup = count == 3 ? wakeup_of(arguments[0]) : NULL;
+    struct wakeup *wakeup = count == 4 ? wakeup_of(arguments[0]) : NULL;
     if (wakeup == NULL || wakeup->semaphore == NULL || object->links == NULL) {
         PyErr_SetString(PyExc_TypeError, "expected the post of a semaphore in C, and the links to be set");
         return NULL;
     }
-    if (!read_number(arguments[1], &records_per_turn) || !read_number(arguments[2], &heartbeat_ns))
+    int is_special = PyObject_IsTrue(arguments[3]);
+    if (!read_number(arguments[1], &records_per_turn) || !read_number(arguments[2], &heartbeat_ns) ||
+        is_special < 0)
         return NULL;
-    object->router.is_special = false;
+    object->router.is_special = is_special;
     MAY_DIE(return NULL);
     uint64_t end_ns = monotonic_ns() + heartbeat_ns;
     do {
@@ -1225,13 +1236,15 @@ static PyObject *books_work(PyObject *self, PyObject *const *arguments, Py_ssize
             errno = error;
             return PyErr_SetFromErrno(PyExc_OSError);
         }
-        struct link *link = go_on(object, records_per_turn);
-        if (PyErr_Occurred())
-            return NULL;
-        if (link != NULL)
-            return Py_NewRef(object_of(link));
-    } while (object->router.round.unfinished_count == 0 && !somebody_waits(&object->books) &&
-             monotonic_ns() < end_ns);
+        do {
+            struct link *link = go_on(object, records_per_turn);
+            if (PyErr_Occurred())
+                return NULL;
+            if (link != NULL)
+                return Py_NewRef(object_of(link));
+        } while ((object->router.round.unfinished_count != 0 || before_sleep(&object->books)) &&
+                 monotonic_ns() < end_ns);
+    } while (monotonic_ns() < end_ns);
     Py_RETURN_NONE;
 }
 
@@ -1247,6 +1260,11 @@ static PyObject *get_is_unfinished(PyObject *self, void *Py_UNUSED(closure))
 {
     return PyBool_FromLong(books_of(self)->router.round.unfinished_count != 0);
 }
+
+static PyMemberDef books_members[] = {
+    {"is_wanting", T_BOOL, offsetof(struct books_object, books.is_wanting), 0, NULL},
+    {NULL, 0, 0, 0, NULL},
+};
 
 static PyGetSetDef books_attributes[] = {
     {"left", get_left, NULL, "Records of a turn behind the one to be handled; None: the ring is corrupt.", NULL},
@@ -1266,6 +1284,8 @@ static PyMethodDef books_methods[] = {
     {"post", books_post, METH_NOARGS, "Wake the links that have been sent records."},
     {"write_figures", books_write_figures, METH_NOARGS, "Write the figures that have changed."},
     {"somebody_waits", books_somebody_waits, METH_NOARGS, "Whether messages wait for a module."},
+    {"before_sleep", books_before_sleep, METH_NOARGS,
+     "Ask modules to post on a release, or not to; return whether the rings must be looked at again."},
     {"work", (PyCFunction)(void (*)(void))books_work, METH_FASTCALL,
      "Wait for posts and handle what is common, until Python must do something."},
     {"serve", (PyCFunction)(void (*)(void))books_serve, METH_FASTCALL,
@@ -1285,6 +1305,7 @@ PyTypeObject books_type = {
     .tp_traverse = books_traverse,
     .tp_clear = books_clear,
     .tp_methods = books_methods,
+    .tp_members = books_members,
     .tp_getset = books_attributes,
 };
 

@@ -220,6 +220,10 @@ class Books:
         """Write the figures that have changed."""
     def somebody_waits(self) -> bool:
         """Whether messages wait for a module."""
+    def before_sleep(self) -> bool:
+        """Ask modules to post on a release, or not to; return whether the rings must be looked at again."""
+    is_wanting: bool
+    """Whether some module may have been asked to post when it releases."""
     left: int | None
     """Records of the turn that follow the one that Python must handle; None: the ring is corrupt."""
     is_unfinished: bool
@@ -237,7 +241,9 @@ class Books:
         Returns:
             A link of which Python must handle the next record; None: the round is over.
         """
-    def work(self, post: Callable[[], None], records_per_turn: int, heartbeat_ns: int, /) -> Any:
+    def work(
+        self, post: Callable[[], None], records_per_turn: int, heartbeat_ns: int, is_special: object, /
+    ) -> Any:
         """Wait for posts and handle what is common, again and again, until Python must do something.
 
         This returns after a signal, and at the latest some `heartbeat_ns` after the last post.
@@ -246,6 +252,7 @@ class Books:
             post: that of the core's own semaphore in C.
             records_per_turn: see `serve_round`.
             heartbeat_ns: longest wait; after this time it also returns between two rounds.
+            is_special: see `serve`.
 
         Returns:
             A link as from `serve_round`, or None.
@@ -256,7 +263,7 @@ class Books:
         Args:
             link: the module.
             records: how many there are.
-            is_special: whether a dead publisher has live messages, or a module waits for freed blocks.
+            is_special: whether a dead publisher has live messages.
 
         Returns:
             How many were handled.

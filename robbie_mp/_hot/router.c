@@ -91,19 +91,24 @@ static uint32_t open_reference(struct books *books, const struct subscription *s
     return index;
 }
 
-/* Give one block back to its publisher, which does not wait for it. */
-static void free_block(struct link *publisher, uint64_t block)
+/* Give one block back to its publisher, and wake the publisher if it waits for this one. */
+static void free_block(struct router *router, struct link *publisher, uint64_t block)
 {
     number_ring_push(publisher->freed, block);
+    if (publisher->awaited_freed != 0 && publisher->awaited_freed <= publisher->freed->head) {
+        publisher->awaited_freed = 0;
+        router->wake(router->context, publisher);
+    }
 }
 
 /* Give a message's block back to its publisher if that is alive, and then free the message's row. */
-static void give_back(struct books *books, uint32_t index)
+static void give_back(struct router *router, uint32_t index)
 {
+    struct books *books = router->books;
     shared_word *row = handle_row(books, index);
     struct link *publisher = publisher_of(books, load(row + HANDLE_SOURCE));
     if (publisher != NULL)
-        free_block(publisher, load(row + HANDLE_BLOCK));
+        free_block(router, publisher, load(row + HANDLE_BLOCK));
     store(row + HANDLE_SEQUENCE, 0);
     books->free_handles->rows[books->free_handles->count++] = index;
 }
@@ -116,19 +121,20 @@ static void count(struct books *books, uint32_t reference, uint64_t outcome)
     store(counted, nth);
 }
 
-static void close_reference(struct books *books, uint32_t reference)
+static void close_reference(struct router *router, uint32_t reference)
 {
+    struct books *books = router->books;
     uint32_t handle = message_of(books, reference);
     store(reference_row(books, reference) + REFERENCE_STATE, OUTCOME_FREE);
     books->free_references->rows[books->free_references->count++] = reference;
     if (--books->holders[handle] == 0)
-        give_back(books, handle);
+        give_back(router, handle);
 }
 
-static void finish(struct books *books, uint32_t reference, uint64_t outcome)
+static void finish(struct router *router, uint32_t reference, uint64_t outcome)
 {
-    count(books, reference, outcome);
-    close_reference(books, reference);
+    count(router->books, reference, outcome);
+    close_reference(router, reference);
 }
 
 /* -- queues.py ------------------------------------------------------------------------------------------ */
@@ -203,14 +209,15 @@ static void pump(struct books *books, struct slot *slot, struct link *link)
         note_post(books, link);
 }
 
-static void queue(struct books *books, struct slot *slot, struct subscription *subscription, uint32_t reference,
+static void queue(struct router *router, struct slot *slot, struct subscription *subscription, uint32_t reference,
                   uint64_t size)
 {
+    struct books *books = router->books;
     if (subscription->newest_only) {
         uint32_t old = subscription->queued;
         if (old != NO_REFERENCE) {
             remove_waiting(books, slot, old);
-            finish(books, old, OUTCOME_REPLACED);
+            finish(router, old, OUTCOME_REPLACED);
         }
         subscription->queued = reference;
     }
@@ -222,7 +229,7 @@ static void queue(struct books *books, struct slot *slot, struct subscription *s
            (slot->waiting->count > slot->queue_messages || slot->waiting_bytes > slot->queue_bytes)) {
         uint32_t oldest = slot->waiting->first;
         remove_waiting(books, slot, oldest);
-        finish(books, oldest, OUTCOME_DROPPED);
+        finish(router, oldest, OUTCOME_DROPPED);
     }
 }
 
@@ -241,7 +248,7 @@ static void add(struct router *router, struct subscription *subscription, uint32
         else
             router->wake(router->context, link);
     } else {
-        queue(books, slot, subscription, reference, message->size);
+        queue(router, slot, subscription, reference, message->size);
     }
     outdate(books, slot);
 }
@@ -280,7 +287,7 @@ static void route(struct router *router, struct slot *slot, const struct channel
     store(routed, load(routed) + 1);
     count_message(books, channel, message);
     if (channel->subscription_count == 0)
-        give_back(books, index);
+        give_back(router, index);
 }
 
 /* Whether a message for these subscriptions may push another one out of a queue. */
@@ -302,8 +309,7 @@ static bool on_publish(struct router *router, struct slot *slot, struct link *li
         return false;
     if (books->free_handles->count == 0 || books->free_references->count < channel->subscription_count)
         return false;
-    /* Without subscribers, its block is given back at once, and its publisher may wait for that. */
-    if (router->is_special && (channel->subscription_count == 0 || may_drop(books, channel)))
+    if (router->is_special && may_drop(books, channel))
         return false;
     const struct message message = {
         .sequence = load(books->words + CORE_LAST_SEQUENCE) + 1,
@@ -329,7 +335,7 @@ static bool is_in(const struct books *books, const struct reference_list *list, 
            load(reference_row(books, record[1]) + REFERENCE_SEQUENCE) == record[2];
 }
 
-/* Whether nothing but a block is given back when a reference ends. */
+/* Whether nothing but a block is given back when a reference ends: no dead publisher must be announced as gone. */
 static bool ends_simply(const struct router *router, uint32_t reference)
 {
     if (!router->is_special)
@@ -338,8 +344,7 @@ static bool ends_simply(const struct router *router, uint32_t reference)
     uint32_t handle = message_of(books, reference);
     if (books->holders[handle] > 1)
         return true;
-    const struct link *publisher = publisher_of(books, load(handle_row(books, handle) + HANDLE_SOURCE));
-    return publisher != NULL && publisher->awaited_freed == 0;
+    return publisher_of(books, load(handle_row(books, handle) + HANDLE_SOURCE)) != NULL;
 }
 
 /* Take a reference out of what a module has been sent. */
@@ -373,13 +378,22 @@ static bool on_release(struct router *router, struct slot *slot, struct link *li
         return false;
     if (is_pushed) {
         take_back(books, link, reference);
-        finish(books, reference, OUTCOME_DELIVERED);
+        finish(router, reference, OUTCOME_DELIVERED);
     } else {
         list_remove(link->pinned, reference);
-        close_reference(books, reference);
+        close_reference(router, reference);
     }
     pump(books, slot, link);
     outdate(books, slot);
+    return true;
+}
+
+static bool on_wait_freed(struct router *router, struct link *link, const uint64_t record[8])
+{
+    bool waits = record[1] > link->freed->head;
+    link->awaited_freed = waits ? record[1] : 0;
+    if (!waits)
+        router->wake(router->context, link);
     return true;
 }
 
@@ -394,6 +408,8 @@ static bool handle(struct router *router, struct slot *slot, struct link *link, 
         return on_release(router, slot, link, record);
     case OUTBOUND_DONE:
         return on_done(router, slot, link, record);
+    case OUTBOUND_WAIT_FREED:
+        return on_wait_freed(router, link, record);
     default:
         return false;
     }
@@ -510,4 +526,47 @@ struct link *serve_round(struct router *router, uint64_t records_per_turn)
     post(router);
     write_figures(router->books);
     return NULL;
+}
+
+static bool somebody_awaits_blocks(const struct books *books)
+{
+    for (uint64_t index = 0; index < books->link_count; index++)
+        if (books->links[index]->awaited_freed != 0)
+            return true;
+    return false;
+}
+
+/* Ask a module to post when it releases a message, or not to; whether it may have missed the request. */
+static bool want_release(struct link *link, bool is_wanted)
+{
+    const struct reference_list *pushed = link->pushed;
+    uint64_t end = pushed->count != 0 ? pushed->places[pushed->last].value + 1 : link->inbound->head, want = 0;
+    if (is_wanted) {
+        want = end - pushed->count / 2;
+        if (want == 0)
+            want = 1;
+    }
+    if (want == link->wanted_release)
+        return false;
+    store(link->want_release, want);
+    link->wanted_release = want;
+    return is_wanted;
+}
+
+bool before_sleep(struct books *books)
+{
+    bool blocks_awaited = somebody_awaits_blocks(books), look_again = false;
+    if (!blocks_awaited && !somebody_waits(books) && !books->is_wanting)
+        return false;
+    books->is_wanting = false;
+    for (uint64_t index = 0; index < books->link_count; index++) {
+        struct link *link = books->links[index];
+        bool is_waited_for = books->slots[link->slot]->waiting->count != 0 ||
+                             (blocks_awaited && (link->pushed->count != 0 || link->pinned->count != 0));
+        look_again |= want_release(link, is_waited_for);
+        books->is_wanting |= is_waited_for;
+    }
+    if (look_again)
+        fence(); /* the module sees the request, or the core what the module has released */
+    return look_again;
 }

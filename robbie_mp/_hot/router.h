@@ -1,4 +1,4 @@
-/* The way of a message through the core: the common form of the records PUBLISH, RELEASE and DONE.
+/* The way of a message through the core: the common form of the records PUBLISH, RELEASE, DONE and WAIT_FREED.
  *
  * It does what robbie_mp/core/flow.py and queues.py do, with the same stores in the same order, on the same
  * books. Whatever is not common is left alone before the first store, and Python does it. */
@@ -28,7 +28,7 @@ struct router {
     /* Wakes a module. */
     void (*wake)(void *context, struct link *link);
     void *context;
-    bool is_special; /* a dead publisher has live messages, or a module waits for freed blocks */
+    bool is_special; /* a dead publisher has live messages */
     bool holds_posts; /* more records follow, so that one post may wake a module for all of them */
 };
 
@@ -53,6 +53,10 @@ struct link *serve_round(struct router *router, uint64_t records_per_turn);
  *
  * Returns: how many were handled. */
 uint64_t serve(struct router *router, struct link *link, uint64_t records);
+/* Ask the modules to post on a release, or not to, before the core sleeps; see router.py.
+ *
+ * Returns: whether the rings must be looked at again. */
+bool before_sleep(struct books *books);
 /* Have a module be woken, for it has been sent records. */
 void note_post(struct books *books, struct link *link);
 /* Wake the modules that have been sent records, in that order. */

@@ -15,6 +15,9 @@ Part = TypeVar("Part")
 class Books:
     """Makes the parts of slots, links, channels and subscriptions."""
 
+    is_wanting = True
+    """Whether some module may have been asked to post when it releases a message."""
+
     def of(self, part: type[Part]) -> type[Part]:
         """Return the class to use for a class of the core."""
         return part

@@ -166,8 +166,11 @@ class FreedBlocks:
         self._members = members
         self.dead_sources: dict[int, int] = {}
         """Live messages of each dead publisher that still has any, by its incarnation as in `Link.source`."""
-        self.waits = 0
-        """Number of modules that wait for freed blocks."""
+
+    @property
+    def are_awaited(self) -> bool:
+        """Whether some module waits for freed blocks."""
+        return any(link.awaited_freed for link in self._members.links)
 
     def give_back(self, index: int) -> None:
         """Give a message's block back to its publisher if that is alive, and then free the message's row."""
@@ -197,14 +200,9 @@ class FreedBlocks:
     def await_total(self, link: Link, total: int) -> None:
         """Wake a module when `total` of its blocks have ever been freed: now, or later."""
         waits = total > link.freed.head
-        self.waits += waits - (link.awaited_freed > 0)
         link.awaited_freed = total if waits else 0
         if not waits:
             link.wake()
-
-    def forget(self, link: Link) -> None:
-        """Stop waiting for a dead module."""
-        self.waits -= link.awaited_freed > 0
 
     def mark_dead(self, slot: int, incarnation: int) -> None:
         """Note that an incarnation is dead and has been reclaimed; its messages may outlive it."""

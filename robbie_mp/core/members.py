@@ -114,7 +114,8 @@ class Link:
         self.ready = False
         self.has_ended = False
         """It broke the protocol or is dead, so no more of its records are handled."""
-        self._want_release = into[layout.IN_WANT_RELEASE]
+        self.wanted_release = into[layout.IN_WANT_RELEASE]
+        """What the word says with which the core asks it to post on a release."""
         self._first_record = self.outbound.tail
 
     def close(self) -> None:
@@ -138,10 +139,10 @@ class Link:
         # Notices behind the last message do not count: the module takes them after it has released it.
         end = next(reversed(self.pushed.values())) + 1 if self.pushed else self.inbound.head
         want = max(1, end - len(self.pushed) // 2) if wanted else 0
-        if want == self._want_release:
+        if want == self.wanted_release:
             return False
         self.in_words[layout.IN_WANT_RELEASE] = want
-        self._want_release = want
+        self.wanted_release = want
         return wanted
 
     def declaration(self, number: int) -> DeclarationRow:

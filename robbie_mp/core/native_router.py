@@ -82,10 +82,20 @@ class NativeBooks(Books):
             self.holders,
             message_bytes,
         )
+        self.in_c.is_wanting = True  # so that the first look before a sleep clears what a dead core wanted
 
     def of(self, part: type[Part]) -> type[Part]:
         """Return the class to use for a class of the core: some of its attributes lie where C finds them."""
         return cast(type[Part], _with_base(getattr(self._native, part.__name__), cast(Hashable, part)))
+
+    @property
+    def is_wanting(self) -> bool:  # type: ignore[override]
+        """Whether some module may have been asked to post when it releases a message."""
+        return self.in_c.is_wanting
+
+    @is_wanting.setter
+    def is_wanting(self, value: bool) -> None:
+        self.in_c.is_wanting = value
 
     def enter(self, subscription: Subscription) -> None:
         """Note which subscription has a row of the tables."""
@@ -263,14 +273,18 @@ class NativeRouter(Router):
 
     def run_round(self) -> bool:
         """Give every module with records one turn; return whether any ring has more records."""
-        in_c, blocks, links = self._in_c, self._blocks, self._members.links
-        if links is not self._links_in_c:
-            in_c.set_links(links)
-            self._links_in_c = links
-        link = in_c.serve_round(router.RECORDS_PER_TURN, blocks.dead_sources or blocks.waits)
+        in_c = self._in_c
+        self._tell_links()
+        link = in_c.serve_round(router.RECORDS_PER_TURN, self._blocks.dead_sources)
         if link is not None:
             self._finish_round(link)
         return in_c.is_unfinished
+
+    def _tell_links(self) -> None:
+        links = self._members.links
+        if links is not self._links_in_c:
+            self._in_c.set_links(links)
+            self._links_in_c = links
 
     def _finish_round(self, link: Link | None) -> None:
         """Handle the records of a round that are not common, and have C handle the others.
@@ -278,10 +292,10 @@ class NativeRouter(Router):
         Args:
             link: to the module whose record is next; None: the round is over.
         """
-        in_c, blocks = self._in_c, self._blocks
+        in_c, dead_sources = self._in_c, self._blocks.dead_sources
         while link is not None:
             self._handle_next(link, in_c.left)
-            link = in_c.serve_round(router.RECORDS_PER_TURN, blocks.dead_sources or blocks.waits)
+            link = in_c.serve_round(router.RECORDS_PER_TURN, dead_sources)
 
     def work_alone(self, post: Callable[[], None], timeout_s: float) -> bool:
         """Wait for posts and have C handle what is common, until Python must do something.
@@ -293,10 +307,11 @@ class NativeRouter(Router):
         Returns:
             False, at once, if Python must look after something in each round.
         """
-        blocks, members = self._blocks, self._members
-        if self._wanting or members.have_notices or blocks.dead_sources or blocks.waits:
+        if self._members.have_notices:
             return False
-        self._finish_round(self._in_c.work(post, router.RECORDS_PER_TURN, int(timeout_s * 1e9)))
+        self._tell_links()
+        timeout_ns, dead_sources = int(timeout_s * 1e9), self._blocks.dead_sources
+        self._finish_round(self._in_c.work(post, router.RECORDS_PER_TURN, timeout_ns, dead_sources))
         return True
 
     def _handle_next(self, link: Link, left: int | None) -> None:
@@ -318,22 +333,14 @@ class NativeRouter(Router):
 
     def before_sleep(self) -> bool:
         """Tell modules when to post on a release; return whether the rings must be looked at again."""
-        members = self._members
-        if not (
-            members.have_changed
-            or members.have_notices
-            or self._wanting
-            or self._blocks.waits
-            or self._in_c.somebody_waits()
-        ):
-            return False
-        return super().before_sleep()
+        if self._members.have_changed or self._members.have_notices:
+            return super().before_sleep()
+        return self._in_c.before_sleep()
 
     def _receive(self, link: Link, records: int, _more: int = 0) -> None:
         """Handle records that a dead module has left, those that are not common in Python."""
-        blocks = self._blocks
         while records:
-            records -= self._in_c.serve(link, records, blocks.dead_sources or blocks.waits)
+            records -= self._in_c.serve(link, records, self._blocks.dead_sources)
             if records:
                 records -= 1
                 super()._receive(link, 1, records)

@@ -105,8 +105,6 @@ class Router:
         self._fence = new_fence()
         self._unfinished: list[Link] = []
         """Links whose rings have more records than were handled in one turn."""
-        self._wanting = True
-        """Whether some module may have been asked to post when it releases."""
         self._receivers: dict[Outbound, Callable[[Slot, Link, Record], None]] = {
             Outbound.ADVERTISE: declarations.on_advertise,
             Outbound.SUBSCRIBE: declarations.on_subscribe,
@@ -205,18 +203,16 @@ class Router:
         """
         if self._lockstep:
             self._announce_if_settled()
-        members = self._members
+        members, books = self._members, self._books
         look_again, members.have_changed = members.have_changed, False
-        somebody_waits = self._blocks.waits or self._lockstep or self._queues.somebody_waits()
-        if not (somebody_waits or self._wanting or members.have_notices):
+        releases_awaited = self._lockstep or self._blocks.are_awaited
+        if not (releases_awaited or self._queues.somebody_waits() or books.is_wanting or members.have_notices):
             return look_again
-        self._wanting = members.have_notices = False
+        books.is_wanting = members.have_notices = False
         for link in members.links:
-            waited_for = self._slots[link.slot].waiting or (
-                (self._blocks.waits or self._lockstep) and (link.pushed or link.pinned)
-            )
+            waited_for = self._slots[link.slot].waiting or (releases_awaited and (link.pushed or link.pinned))
             look_again |= link.want_release(bool(waited_for))
-            self._wanting |= bool(waited_for)
+            books.is_wanting |= bool(waited_for)
             if link.notices:
                 link.send_notices()
                 members.have_notices |= bool(link.notices)
@@ -290,7 +286,6 @@ class Router:
             self._report(f"{name_of(link.slot, link.incarnation)} died leaving a broken ring: {error}")
         self._queues.post()  # before the dead module's semaphore is closed, as it may be among those to post
         self._members.disconnect(link)
-        self._blocks.forget(link)
         begun = link.out_words[layout.OUT_INBOUND_TAIL]
         pushed = list(link.pushed.items())
         link.pushed.clear()  # a reference that is put back waits

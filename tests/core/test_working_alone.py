@@ -128,7 +128,15 @@ def test_flood_does_not_keep_python_from_looking_at_signals(robot: Robot) -> Non
         thread.join()
 
 
-def test_core_does_not_work_alone_while_somebody_waits_for_blocks(robot: Robot) -> None:
-    robot.chain.outbox._endpoint.wake_after_freed(1000)
-    robot.core.run_round()
-    assert not robot.core.work_alone(robot.wakeup.post, LONG_S)
+def test_module_that_waits_for_blocks_is_woken_without_python(robot: Robot) -> None:
+    chain = robot.chain
+    assert chain.outbox.publish(DriveCommand(), "")
+    chain.outbox._endpoint.wake_after_freed(1)
+    robot.wakeup.post()
+    robot.work(SHORT_S)
+    before = chain.posts.copy()
+    assert chain.inbox.handle_next()
+    assert chain.posts["core"] == before["core"] + 1, "a release is awaited, so it posts"
+    robot.wakeup.post()
+    robot.work(SHORT_S)
+    assert chain.posts[f"slot {PUBLISHER}"] == before[f"slot {PUBLISHER}"] + 1

@@ -39,7 +39,7 @@ from tests.transport._support.pair import handle_next
 RUN_ID = f"test{os.getpid()}"
 RING_RECORDS = 256
 CREDIT = 64
-OURS = ("Publisher.publish", "Subscriber.handle_next", "Books.serve_round", "Books.somebody_waits")
+OURS = ("Publisher.publish", "Subscriber.handle_next", "Books.serve_round", "Books.before_sleep")
 SUPERVISOR, PUBLISHER, SUBSCRIBER = 0, 1, 2
 
 
