@@ -13,6 +13,7 @@ struct publisher_object {
     struct held_words words;
     PyObject *declarations; /* dict: numbers of the channels, by message class and topic */
     PyObject *unreferenced; /* deque: blocks of loans that nothing refers to any more */
+    uint64_t published_when_asked; /* messages published when `outstanding` was last called */
 };
 
 static PyObject *publisher_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
@@ -29,6 +30,7 @@ static PyObject *publisher_new(PyTypeObject *type, PyObject *args, PyObject *key
     self->blocks = (struct kept_blocks_object *)Py_NewRef(blocks);
     self->declarations = Py_NewRef(declarations);
     self->unreferenced = Py_NewRef(unreferenced);
+    self->published_when_asked = UINT64_MAX;
     if (hold_words(&self->words, words, true) != 0) {
         Py_DECREF(self);
         return NULL;
@@ -186,6 +188,21 @@ static PyObject *publish(struct publisher_object *self, PyObject *const *argumen
     return PyLong_FromUnsignedLongLong(message.size);
 }
 
+static PyObject *outstanding(struct publisher_object *self, PyObject *Py_UNUSED(none))
+{
+    if (self->words.words == NULL || !endpoint_is_mine(self->endpoint) || collect_freed(self) <= 0) {
+        if (PyErr_Occurred())
+            return NULL;
+        Py_RETURN_NONE;
+    }
+    const Py_ssize_t taken = PyDict_GET_SIZE(self->blocks->taken);
+    const uint64_t published = load(self->words.words + OUT_PUBLISHED);
+    if (taken != 0 && published == self->published_when_asked && endpoint_wake_core(self->endpoint) != 0)
+        return NULL;
+    self->published_when_asked = published;
+    return PyLong_FromSsize_t(taken);
+}
+
 static PyObject *let_go(struct publisher_object *self, PyObject *Py_UNUSED(ignored))
 {
     release_words(&self->words);
@@ -196,6 +213,8 @@ static PyObject *let_go(struct publisher_object *self, PyObject *Py_UNUSED(ignor
 static PyMethodDef publisher_methods[] = {
     {"publish", (PyCFunction)(void (*)(void))publish, METH_FASTCALL,
      "Publish a message: True; its size, if Python must prepare the next block; None if this is not mine."},
+    {"outstanding", (PyCFunction)outstanding, METH_NOARGS,
+     "The number of messages that subscribers wait for or hold; None if this is not mine."},
     {"close", (PyCFunction)let_go, METH_NOARGS, "Let go of the memory."},
     {0},
 };

@@ -274,17 +274,16 @@ class NativeRouter(Router):
     def run_round(self) -> bool:
         """Give every module with records one turn; return whether any ring has more records."""
         in_c = self._in_c
-        self._tell_links()
+        if self._members.links is not self._links_in_c:
+            self._tell_links()
         link = in_c.serve_round(router.RECORDS_PER_TURN, self._blocks.dead_sources)
         if link is not None:
             self._finish_round(link)
         return in_c.is_unfinished
 
     def _tell_links(self) -> None:
-        links = self._members.links
-        if links is not self._links_in_c:
-            self._in_c.set_links(links)
-            self._links_in_c = links
+        self._links_in_c = self._members.links
+        self._in_c.set_links(self._links_in_c)
 
     def _finish_round(self, link: Link | None) -> None:
         """Handle the records of a round that are not common, and have C handle the others.
@@ -309,7 +308,8 @@ class NativeRouter(Router):
         """
         if self._members.have_notices:
             return False
-        self._tell_links()
+        if self._members.links is not self._links_in_c:
+            self._tell_links()
         timeout_ns, dead_sources = int(timeout_s * 1e9), self._blocks.dead_sources
         self._finish_round(self._in_c.work(post, router.RECORDS_PER_TURN, timeout_ns, dead_sources))
         return True

@@ -90,6 +90,8 @@ class Outbox:
     @property
     def outstanding(self) -> int:
         """Number of messages that subscribers still wait for or hold."""
+        if self._native is not None and (counted := self._native.outstanding()) is not None:
+            return counted
         with self._lock:
             self.collect_freed()
             published = self._words[layout.OUT_PUBLISHED]
