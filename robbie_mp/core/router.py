@@ -206,7 +206,8 @@ class Router:
         members, books = self._members, self._books
         look_again, members.have_changed = members.have_changed, False
         releases_awaited = self._lockstep or self._blocks.are_awaited
-        if not (releases_awaited or self._queues.somebody_waits() or books.is_wanting or members.have_notices):
+        somebody_waits = releases_awaited or self._queues.somebody_waits()
+        if not (somebody_waits or books.is_wanting or members.have_notices):
             return look_again
         books.is_wanting = members.have_notices = False
         for link in members.links:
