@@ -89,7 +89,7 @@ class NativeBooks(Books):
         return cast(type[Part], _with_base(getattr(self._native, part.__name__), cast(Hashable, part)))
 
     @property
-    def is_wanting(self) -> bool:  # type: ignore[override]
+    def is_wanting(self) -> bool:
         """Whether some module may have been asked to post when it releases a message."""
         return self.in_c.is_wanting
 
