@@ -43,11 +43,11 @@ class MonteCarloLocalization(Module):
             self._take_map(LikelihoodField(there.cells, there.resolution_m, there.corner_xy_m))
         else:
             self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST)
-        self.subscribe(TimeJump, self.on_time_jump)
+        self.subscribe(TimeJump, self.on_time_jump, optional=True)
         self.subscribe(Odometry, self.on_odometry, topic="odom")
         self.subscribe(LaserScan, self.on_scan, MessageHandling.KEEP_ONLY_NEWEST)
-        self.subscribe(TFMessage, self.on_transforms, topic="tf_static")
-        self.subscribe(PoseStamped, self.on_initial_pose, topic="initial_pose")
+        self.subscribe(TFMessage, self.on_transforms, topic="tf_static", optional=True)
+        self.subscribe(PoseStamped, self.on_initial_pose, topic="initial_pose", optional=True)
 
     def on_map(self, grid: OccupancyGrid) -> None:
         """Localise on a new map from now on."""

@@ -51,10 +51,10 @@ class Mapping(Module):
         if self.restored is not None:
             self._restore(self.restored)
         self.next_checkpoint_s = 0.0
-        self.subscribe(TimeJump, self.on_time_jump)
+        self.subscribe(TimeJump, self.on_time_jump, optional=True)
         self.subscribe(Odometry, self.on_odometry, topic="odom")
         self.subscribe(LaserScan, self.on_scan)
-        self.subscribe(TFMessage, self.on_transforms, topic="tf_static")
+        self.subscribe(TFMessage, self.on_transforms, topic="tf_static", optional=True)
         if self.draw_truth:
             self.subscribe(Odometry, self.on_truth, MessageHandling.KEEP_ONLY_NEWEST, topic="ground_truth")
 

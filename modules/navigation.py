@@ -66,13 +66,13 @@ class Navigation(Module):
         self.published_s = -np.inf
         self.path = np.empty((0, 2))
         newest = MessageHandling.KEEP_ONLY_NEWEST
-        self.subscribe(TimeJump, self.on_time_jump)
-        self.subscribe(PoseStamped, self.on_goal, topic="goal")
-        self.subscribe(CancelGoal, self.on_cancel)
+        self.subscribe(TimeJump, self.on_time_jump, optional=True)
+        self.subscribe(PoseStamped, self.on_goal, topic="goal", optional=True)
+        self.subscribe(CancelGoal, self.on_cancel, optional=True)
         self.subscribe(OccupancyGrid, self.on_map, newest)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.subscribe(LaserScan, self.on_scan, newest)
-        self.subscribe(TFMessage, self.on_transforms, topic="tf_static")
+        self.subscribe(TFMessage, self.on_transforms, topic="tf_static", optional=True)
         self.subscribe(EmergencyStop, self.on_emergency_stop, newest, topic="emergency_stop_state")
 
     def on_goal(self, goal: PoseStamped) -> None:

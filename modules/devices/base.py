@@ -63,9 +63,11 @@ class SimulatedBase(SimulatedDevice):
         self.drive = SimulatedDrive(arena, self._time_s, seed=self.seed, resumed=resumed)
         self.stop_reason = "engaged before a restart" if self.drive.is_emergency_stopped else ""
         self.manual_until_s = -math.inf
-        self.subscribe(DriveCommand, self.on_command)
-        self.subscribe(EmergencyStop, self.on_emergency_stop, topic="emergency_stop")
-        self.subscribe(BatteryState, self.on_battery, MessageHandling.KEEP_ONLY_NEWEST, topic="battery")
+        self.subscribe(DriveCommand, self.on_command, optional=True)
+        self.subscribe(EmergencyStop, self.on_emergency_stop, topic="emergency_stop", optional=True)
+        self.subscribe(
+            BatteryState, self.on_battery, MessageHandling.KEEP_ONLY_NEWEST, topic="battery", optional=True
+        )
 
     def on_command(self, command: DriveCommand) -> None:
         """Follow the command while it is valid; manual commands take precedence over all others."""

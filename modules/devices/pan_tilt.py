@@ -22,7 +22,7 @@ class SimulatedPanTiltModule(Module):
         limits = PanTiltLimits(rate_rad_per_s=self.rate_rad_per_s)
         pan_rad, tilt_rad = (0.0, 0.0) if self.restored is None else self.restored["direction"]
         self.unit = SimulatedPanTilt(self._time_s, limits, (pan_rad, tilt_rad))
-        self.subscribe(PanTiltCommand, self.on_command)
+        self.subscribe(PanTiltCommand, self.on_command, optional=True)
 
     def on_command(self, command: PanTiltCommand) -> None:
         """Start moving to a direction."""

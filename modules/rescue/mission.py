@@ -92,7 +92,7 @@ class RescueMission(Module):
         self.subscribe(OccupancyGrid, self.on_map, newest)
         self.subscribe(SearchedWalls, self.on_searched, newest)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
-        self.subscribe(MissionOrder, self.on_order)
+        self.subscribe(MissionOrder, self.on_order, optional=True)
         self.subscribe(NavigationState, self.on_navigation)
         self.subscribe(VictimFound, self.on_victim)
         self.subscribe(CameraInfo, self.on_camera, newest, topic="camera")

@@ -85,7 +85,8 @@ class Victims(Module):
         self.subscribe(CameraInfo, self.on_camera, MessageHandling.KEEP_ONLY_NEWEST, topic="camera")
         self.subscribe(Image, self.on_image, MessageHandling.KEEP_ONLY_NEWEST, topic="camera")
         self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST)
-        self.subscribe(VictimConfirmation, self.on_confirmation)
+        self.advertise(VictimFound)
+        self.subscribe(VictimConfirmation, self.on_confirmation, optional=True)
 
     def on_camera(self, camera: CameraInfo) -> None:
         """Store the camera's projection."""

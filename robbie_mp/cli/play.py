@@ -12,10 +12,9 @@ from robbie_mp.cli import completers
 from robbie_mp.cli.log_files import add_limit_argument
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_set_argument
-from robbie_mp.cli.run import add_output_arguments, run_robot
+from robbie_mp.cli.run import add_output_arguments, check, run_robot
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.model import ClockSettings, ModuleSpec, Profile
-from robbie_mp.profile.preflight import preflight
 from robbie_mp.profile.problem import ProfileError, refuse
 from robbie_mp.profile.workspace import find_workspace
 from robbie_mp.recording.limits import MEGABYTE, READ_LIMITS
@@ -99,7 +98,7 @@ def play(arguments: argparse.Namespace) -> int:
         profile = _alone(settings)
     if arguments.lockstep:
         profile = replace(profile, clock=replace(profile.clock, lockstep=True))
-    return run_robot(profile, preflight(profile), arguments)
+    return run_robot(*check(profile), arguments)
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:

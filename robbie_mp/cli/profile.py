@@ -10,7 +10,7 @@ from robbie_mp.cli import completers
 from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.profile.load import load_profile
-from robbie_mp.profile.preflight import preflight
+from robbie_mp.profile.preflight import last_line, preflight
 from robbie_mp.profile.show import Line, as_tree, origins, to_lines
 
 if TYPE_CHECKING:
@@ -58,8 +58,7 @@ def show(arguments: argparse.Namespace) -> int:
     profile = load_profile(arguments.profile, overrides=arguments.overrides)
     findings = preflight(profile)
     for module, failure in findings.failures.items():
-        last_line = failure.strip().splitlines()[-1]
-        warn(f"module {module} cannot be imported: {last_line}")
+        warn(f"module {module} cannot be imported: {last_line(failure)}")
     tree = as_tree(profile, findings.settings)
     origin_of = origins(profile, tree)
     if arguments.json:

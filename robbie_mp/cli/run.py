@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.checkpoint.file import checkpoint_file, set_aside
-from robbie_mp.cli.output import console
+from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_profile_arguments
 from robbie_mp.cli.screen import RunScreen
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.model import Profile
-from robbie_mp.profile.preflight import Preflight, preflight
+from robbie_mp.profile.preflight import Preflight, last_line, preflight, runnable
 from robbie_mp.supervisor.run import RunResult, default_output_directory, run_profile
 from robbie_mp.views.run_figures import as_data, table
 
@@ -59,11 +59,21 @@ def add_output_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a profile."""
-    profile = load_profile(arguments.profile, overrides=arguments.overrides)
-    findings = preflight(profile)
+    profile, findings = check(load_profile(arguments.profile, overrides=arguments.overrides))
     if arguments.fresh:
         _set_checkpoints_aside(profile)
     return run_robot(profile, findings, arguments)
+
+
+def check(profile: Profile) -> tuple[Profile, Preflight]:
+    """Check a profile before its run; return it without the optional modules that cannot be imported."""
+    findings = preflight(profile)
+    checked = runnable(profile, findings)
+    running = {module.name for module in checked.modules}
+    for name, failure in findings.failures.items():
+        if name not in running:
+            warn(f"module {name} is left out, it cannot be imported: {last_line(failure)}")
+    return checked, findings
 
 
 def run_robot(profile: Profile, findings: Preflight, arguments: argparse.Namespace) -> int:

@@ -23,6 +23,15 @@ class FieldValueError(FieldError, ValueError):
     """A value has the right type, but is out of range, too long, or of the wrong shape."""
 
 
+class NotAMessage(MessageError, TypeError):
+    """Something else was given where a message or a class of messages is wanted.
+
+    Example scenarios:
+      - a module publishes a dict
+      - a module publishes the class instead of a message: `self.publish(LaserScan)`
+    """
+
+
 class BufferTooSmall(MessageError, ValueError):
     """A message does not fit into the given buffer."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Callable, Mapping
 from functools import partial
 from inspect import Parameter, Signature
@@ -13,7 +14,7 @@ from robbie_mp._hot.choice import native
 from robbie_mp.messages.codec.generate import LoanEncoder, generate, generate_loan_encoder
 from robbie_mp.messages.codec.table import tabulate
 from robbie_mp.messages.declaration import Constant, Upgrade, read_declaration
-from robbie_mp.messages.errors import DeclarationError
+from robbie_mp.messages.errors import DeclarationError, NotAMessage
 from robbie_mp.messages.field_types import Field, MessageLayout, Nested, Numbers, natural_default
 from robbie_mp.messages.text import represent
 
@@ -281,3 +282,41 @@ def replace(message: _Message, **changes: Any) -> _Message:
     """
     fields = {field.name: getattr(message, field.name) for field in fields_of(type(message))}
     return type(message)(**fields | changes)
+
+
+def check_message(value: object, verb: str) -> None:
+    """Check that a value is a message.
+
+    Args:
+        value: what should be one.
+        verb: what the caller wants to do with it, such as "publish".
+
+    Raises:
+        NotAMessage: it is something else.
+    """
+    if isinstance(value, Message):
+        return
+    if isinstance(value, MessageType):
+        got = f"the class itself; create a message: {verb}({value.__name__}(...))"
+    elif isinstance(value, Mapping):
+        got = f"{reprlib.repr(value)} (dict); from_dict(LaserScan, …) makes a message of a dict"
+    else:
+        got = f"{reprlib.repr(value)} ({type(value).__name__})"
+    raise NotAMessage(f"{verb} wants a message, such as LaserScan(ranges=...); got {got}")
+
+
+def check_message_type(value: object, verb: str) -> None:
+    """Check that a value is a class of messages; arguments as for `check_message`.
+
+    Raises:
+        NotAMessage: it is something else.
+    """
+    if isinstance(value, MessageType) and value is not Message:
+        return
+    if isinstance(value, Message):
+        got = f"a message; give its class: {type(value).__name__}"
+    elif isinstance(value, str):
+        got = f"{value!r:.60}; import the class, or use {verb}_encoded"
+    else:
+        got = f"{reprlib.repr(value)}"
+    raise NotAMessage(f"{verb} wants a class of messages, such as LaserScan; got {got}")

@@ -34,6 +34,9 @@ class Bus(Protocol):
     ) -> bool:
         """Publish an encoded message; False if it was refused, as `publish`."""
 
+    def advertise(self, message_type: type[Message], topic: str) -> None:
+        """Declare that the module may publish messages of a type, before it does."""
+
     def publish(self, message: Message, topic: str) -> bool:
         """Publish a message; False if it was refused (and counted) because memory or ring is full."""
 

@@ -13,11 +13,12 @@ from weakref import finalize
 from robbie_mp.checkpoint.image import decode, encode
 from robbie_mp.messages import Message, lay_out
 from robbie_mp.messages.encoded import check_encapsulation, check_type
+from robbie_mp.messages.message import check_message, check_message_type
 from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.clock import ManualClock
 from robbie_mp.module.config import Config
 from robbie_mp.module.envelope import Envelope, MessageType
-from robbie_mp.module.module import Module, ModuleContext
+from robbie_mp.module.module import Module, ModuleContext, check_period
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.settings import check_settings
 from robbie_mp.module.subscriptions import Subscriptions
@@ -104,9 +105,14 @@ class ModuleHarness(Generic[ModuleClass]):
         self._next_tick_ns = 0
 
     def __enter__(self) -> Self:
-        """Run `setup()`."""
+        """Run `setup()`.
+
+        Raises:
+            InvalidPeriod: the module's `period_s` is not positive, or it has a `tick()` but no period.
+        """
         self._changes.listen()
         self.module.setup()
+        check_period(self.module)
         self._next_tick_ns = self.clock.monotonic_ns()
         return self
 
@@ -255,8 +261,13 @@ class HarnessBus:
             subscription.handler(subscription.decoder.decode(memoryview(data)))
         self._current = None
 
+    def advertise(self, message_type: type[Message], topic: str) -> None:
+        """Check the type; there is nobody to tell."""
+        check_message_type(message_type, "advertise")
+
     def publish(self, message: Message, topic: str) -> bool:
         """Collect a message."""
+        check_message(message, "publish")
         if self.stopped:
             raise PublishAfterStop(f"this module published a {message.type_name} after it was stopped")
         self.published.append(Published(type(message).decode(message.encode()), topic))
@@ -278,6 +289,7 @@ class HarnessBus:
         self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
     ) -> Iterator[MessageType]:
         """Collect a message that is filled in place."""
+        check_message_type(message_type, "loan")
         plan = lay_out(message_type, fields)
         buffer = bytearray(plan.size)
         message = plan.write(memoryview(buffer))

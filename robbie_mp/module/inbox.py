@@ -70,7 +70,9 @@ class Inbox:
     def _request(self, subscription: Subscription) -> int:
         handler = subscription.handler
         handler_name = getattr(handler, "__qualname__", type(handler).__qualname__)
-        return self._endpoint.subscribe(*subscription.name, subscription.handling, handler_name)
+        return self._endpoint.subscribe(
+            *subscription.name, subscription.handling, handler_name, is_optional=subscription.is_optional
+        )
 
     @property
     def current(self) -> Delivery | None:
@@ -105,7 +107,7 @@ class Inbox:
     def handle(self, delivery: Delivery) -> None:
         """Run the handler of a message; then release the message, or pin it while anything refers to it."""
         self._current = delivery
-        _, _, decoder, handler = self._by_number[delivery.declaration]
+        _, _, decoder, handler, _ = self._by_number[delivery.declaration]
         pin: weakref.ref[Any] | None = None
         whole: Any = None
         try:

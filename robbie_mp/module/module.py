@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robbie_mp.checkpoint.keeper import Checkpoints
+from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.clock import Clock
@@ -21,6 +22,15 @@ if TYPE_CHECKING:
     from robbie_mp.messages.descriptions import TypeDescription
 
 __all__ = ["MessageHandling", "Module", "ModuleContext", "setting"]
+
+
+class InvalidPeriod(RobbieError, ValueError):
+    """A module's `period_s` cannot be used.
+
+    Example scenarios:
+      - it is 0 or negative
+      - the module has a `tick()`, but nothing sets `period_s`, so `tick()` would never run
+    """
 
 
 @dataclass(frozen=True)
@@ -60,7 +70,11 @@ class Module:
     """
 
     period_s: float | None = None
-    """Time between ticks, in s; None for a passive module."""
+    """Time between ticks, in s; None for a passive module.
+
+    A class that defines `tick` must set it. Write `period_s = None` if the ticks begin later, when a handler
+    sets it.
+    """
     patience_s: float = 0.0
     """How long messages may wait, in s, so that this module takes many of them in one go.
 
@@ -168,20 +182,26 @@ class Module:
         handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
         *,
         topic: str = "",
+        optional: bool = False,
     ) -> None:
         """Subscribe to the messages of a type.
+
+        `robbie run` and `robbie top` warn if no module has published such a message, or has announced it with
+        `advertise`, 10 s after this module has started.
 
         Args:
             message_type: the class of the messages.
             handler: called with each message, in the order of publishing.
             handling: what to do when messages come faster than they are handled.
             topic: the topic to subscribe to; '' for all topics.
+            optional: whether the module works without these messages; then nobody is warned.
 
         Raises:
+            NotAMessage: `message_type` is not a class of messages.
             SubscribedTwice: the module has already subscribed to this type and topic.
             TooManyDeclarations: the module subscribes and publishes too much.
         """
-        self._bus.subscriptions.subscribe(message_type, handler, handling, topic)
+        self._bus.subscriptions.subscribe(message_type, handler, handling, topic, optional=optional)
 
     def subscribe_encoded(
         self, type_pattern: str, handler: Callable[[EncodedMessage], None], *, topic: str = "*"
@@ -232,6 +252,25 @@ class Module:
         """
         return self._bus.publish_encoded(type_name, version, data, topic)
 
+    def advertise(self, message_type: type[Message], *, topic: str = "") -> None:
+        """Announce that this module may publish messages of a type, before it publishes the first.
+
+        Call this in `setup()` for messages that come rarely, such as alarms. Their subscribers then count as
+        connected, and `robbie list topics` shows the topic from the start. For other messages it is not
+        needed.
+
+            self.advertise(EmergencyStop, topic="emergency_stop")
+
+        Args:
+            message_type: the class of the messages.
+            topic: the topic they will be published on.
+
+        Raises:
+            NotAMessage: `message_type` is not a class of messages.
+            TooManyDeclarations: the module subscribes and publishes too much.
+        """
+        self._bus.advertise(message_type, topic)
+
     def publish(self, message: Message, *, topic: str = "") -> bool:
         """Publish a message to all its subscribers.
 
@@ -245,6 +284,7 @@ class Module:
             them.
 
         Raises:
+            NotAMessage: `message` is not a message, but for example a dict.
             FieldError: a field has the wrong type or shape.
             MessageTooLarge: the message is larger than this module's memory.
             PublishAfterStop: the module has already been stopped.
@@ -270,7 +310,7 @@ class Module:
             fields: the values of the fields; for an array to be filled in place, its number of elements.
 
         Raises:
-            MessageTooLarge, PublishAfterStop, FieldError: as for `publish`.
+            MessageTooLarge, PublishAfterStop, FieldError, NotAMessage: as for `publish`.
         """
         return self._bus.loan(message_type, topic, fields)
 
@@ -343,3 +383,26 @@ class Module:
     def stop(self) -> None:
         """Stop this module in good order, after the handler or tick that calls this returns."""
         self.stop_requested = True
+
+
+def check_period(module: Module) -> None:
+    """Check `period_s` after `setup()`.
+
+    Raises:
+        InvalidPeriod: it is not positive, or the module has a `tick()` and no class of its own sets a period.
+    """
+    cls = type(module)
+    period_s = module.period_s
+    if period_s is not None and not period_s > 0:
+        raise InvalidPeriod(
+            f"{cls.__name__}.period_s is {period_s}; it must be greater than 0, or None for a module that "
+            "only reacts to messages"
+        )
+    own = [module, *(base for base in cls.__mro__ if base is not Module)]
+    is_set = any("period_s" in vars(one) for one in own if one is not object)
+    if cls.tick is not Module.tick and not is_set:
+        raise InvalidPeriod(
+            f"{cls.__name__} has a tick(), but nothing sets period_s, so tick() would never run; "
+            "write `period_s = 0.1` in the class for ten ticks per second, or `period_s = None` if a handler "
+            "sets it later"
+        )

@@ -14,6 +14,7 @@ from robbie_mp._hot.choice import Native
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.messages import Message, lay_out
 from robbie_mp.messages.encoded import check_encapsulation, check_type
+from robbie_mp.messages.message import check_message, check_message_type
 from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.clock import Clock
 from robbie_mp.module.envelope import MessageType
@@ -127,6 +128,13 @@ class Outbox:
                 del self._held[number]
                 self._blocks.free([number])
 
+    def advertise(self, message_type: type[Message], topic: str) -> None:
+        """Open a channel before the first message."""
+        check_message_type(message_type, "advertise")
+        with self._lock:
+            if (message_type, topic) not in self._declarations:
+                self._declare(message_type, topic)
+
     def publish(self, message: Message, topic: str) -> bool:
         """Encode a message into a new block and pass it to the core."""
         if self._native is not None:
@@ -140,6 +148,7 @@ class Outbox:
         with self._lock:
             declaration = self._declarations.get((type(message), topic))
             if declaration is None:
+                check_message(message, "publish")
                 declaration = self._declare(type(message), topic)
             size = message.encoded_size()
             block = self._blocks.reuse(size)
@@ -184,6 +193,7 @@ class Outbox:
         with self._lock:
             declaration = self._declarations.get((message_type, topic))
             if declaration is None:
+                check_message_type(message_type, "loan")
                 declaration = self._declare(message_type, topic)
             plan = lay_out(message_type, fields)
             block = self._allocate(plan.size, self._blocks.reuse(plan.size))

@@ -3,9 +3,8 @@
 import time
 from collections.abc import Callable
 
-from robbie_mp.errors import RobbieError
 from robbie_mp.module.inbox import Inbox
-from robbie_mp.module.module import Module
+from robbie_mp.module.module import Module, check_period
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.ticks import MAX_WAIT_S, Ticks
@@ -25,10 +24,6 @@ _ACTIVITY_AT = layout.OUT_ACTIVITY_SINCE_NS * WORD_BYTES
 
 MAX_IDLE_WAITS = 10
 """How often a stopping module waits for messages that the core has not delivered yet."""
-
-
-class InvalidPeriod(RobbieError, ValueError):
-    """A module's `period_s` is 0 or negative."""
 
 
 class ModuleRunner:
@@ -89,7 +84,7 @@ class ModuleRunner:
         self._changes.listen()
         self._module.setup()
         self._after_setup()
-        self._check_period()
+        check_period(self._module)
         self._ticks.begin()
         self._idle()
         self._words[layout.OUT_READY] = 1
@@ -106,14 +101,6 @@ class ModuleRunner:
         self._idle()
         self._inbox.release_unreferenced()
         self._outbox.close()
-
-    def _check_period(self) -> None:
-        period_s = self._module.period_s
-        if period_s is not None and not period_s > 0:
-            raise InvalidPeriod(
-                f"{type(self._module).__name__}.period_s is {period_s}; it must be greater than 0, "
-                "or None for a module that only reacts to messages"
-            )
 
     @property
     def _ends(self) -> bool:

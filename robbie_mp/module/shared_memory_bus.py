@@ -38,6 +38,10 @@ class SharedMemoryBus:
         """Publish an encoded message; False if it was refused."""
         return self._outbox.publish_encoded(type_name, version, data, topic)
 
+    def advertise(self, message_type: type[Message], topic: str) -> None:
+        """Declare that the module may publish messages of a type."""
+        self._outbox.advertise(message_type, topic)
+
     def loan(
         self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
     ) -> AbstractContextManager[MessageType]:

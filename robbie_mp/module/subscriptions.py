@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Protocol
 
 from robbie_mp.errors import RobbieError
+from robbie_mp.messages.message import check_message_type
 from robbie_mp.module.envelope import EncodedMessage, MessageType
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling
 from robbie_mp.transport.tables import ChannelName
@@ -49,6 +50,8 @@ class Subscription(NamedTuple):
     handling: MessageHandling
     decoder: Decoder
     handler: Callable[[Any], None]
+    is_optional: bool = True
+    """Whether the module works without these messages, so that nobody needs to publish them."""
 
 
 class Subscriptions:
@@ -78,6 +81,8 @@ class Subscriptions:
         handler: Callable[[MessageType], None],
         handling: MessageHandling,
         topic: str,
+        *,
+        optional: bool = True,
     ) -> None:
         """Subscribe to the messages of a type.
 
@@ -86,12 +91,15 @@ class Subscriptions:
             handler: called with each message.
             handling: what to do when messages come faster than they are handled.
             topic: '' for all topics.
+            optional: whether the module works without them.
 
         Raises:
+            NotAMessageType: `message_type` is not a class of messages.
             SubscribedTwice: the module has already subscribed to them.
         """
+        check_message_type(message_type, "subscribe")
         name = ChannelName(message_type.type_name, message_type.version, topic)
-        self._add(Subscription(name, handling, message_type, handler))
+        self._add(Subscription(name, handling, message_type, handler, optional))
 
     def subscribe_encoded(
         self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str

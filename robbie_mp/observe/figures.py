@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import psutil
 
+from robbie_mp.observe.connections import Unconnected
 from robbie_mp.transport.histogram import Histogram
 
 SHARED_MEMORY = "/dev/shm"
@@ -126,6 +127,8 @@ class ModuleFigures:
     subscriptions: tuple[SubscriptionFigures, ...]
     publishes: tuple[tuple[str, int, str], ...]
     """Type, version and topic of the channels that it has declared."""
+    unconnected: tuple[Unconnected, ...] = ()
+    """Its subscriptions for which nobody has published, 10 s after its start."""
 
     def total(self, column: str) -> int:
         """Sum of a column over the subscriptions."""
@@ -220,6 +223,8 @@ class RunReading:
     channels: tuple[ChannelFigures, ...]
     segments: tuple[SegmentFigures, ...]
     machine: MachineReading
+    messages_flow: bool = True
+    """Whether every module has started or ended; until then, modules that are ready wait for the others."""
 
     def module(self, name: str) -> ModuleFigures | None:
         """Return the figures of a module; None if there is no such module."""

@@ -6,7 +6,7 @@ from robbie_mp.transport import layout, names
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.records import Outbound
 from robbie_mp.transport.segment import Segment, SegmentMismatch, SegmentMissing
-from robbie_mp.transport.tables import DeclarationRow
+from robbie_mp.transport.tables import ChannelName, DeclarationRow
 
 NO_WORDS = [0] * layout.OUT_DECLARATIONS
 
@@ -21,12 +21,19 @@ class ModuleMemory:
             self._out = _attach(names.outbound(run_id, slot, incarnation), SegmentKind.OUT)
             self._in = _attach(names.inbound(run_id, slot, incarnation), SegmentKind.IN)
         self._declared = 0
-        self.publishes: list[tuple[str, int, str]] = []
+        self.publishes: list[ChannelName] = []
+        self.needs: list[ChannelName] = []
+        """Its subscriptions without the optional ones."""
 
     @property
     def is_there(self) -> bool:
         """Whether both segments could be mapped."""
         return self._out is not None and self._in is not None
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the module has finished its setup."""
+        return self._out is not None and self._out.words[layout.OUT_READY] == 1
 
     def close(self) -> None:
         """Unmap the segments."""
@@ -58,13 +65,15 @@ class ModuleMemory:
         return DeclarationRow.read(self._out.words, number % layout.DECLARATION_COUNT).handler
 
     def read_declarations(self) -> None:
-        """Find channels that were declared since the last call."""
+        """Find channels and subscriptions that were declared since the last call."""
         if self._out is None:
             return
         for row in DeclarationRow.read_all(self._out.words, self._declared):
             self._declared += 1
             if row.kind == Outbound.ADVERTISE:
                 self.publishes.append(row.name)
+            elif not row.is_optional:
+                self.needs.append(row.name)
 
 
 def _attach(name: str, kind: SegmentKind) -> Segment | None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robbie_mp.linux.proc import ProcessUsage, read_usage
+from robbie_mp.observe.connections import PATIENCE_S, Unconnected, unconnected
 from robbie_mp.observe.figures import (
     ChannelFigures,
     CoreFigures,
@@ -20,12 +21,12 @@ from robbie_mp.observe.figures import (
 )
 from robbie_mp.observe.module_memory import NO_WORDS, ModuleMemory
 from robbie_mp.transport import layout, names
-from robbie_mp.transport.board import Board
+from robbie_mp.transport.board import TOOL_PREFIX, Board
 from robbie_mp.transport.histogram import Histogram
 from robbie_mp.transport.layout import HISTOGRAM_WORDS, LINE_WORDS, Activity, HotPath, SegmentKind
 from robbie_mp.transport.segment import Segment, SegmentMissing
 from robbie_mp.transport.shared_folder import opened_folder
-from robbie_mp.transport.tables import ROW_OPEN, CoreTables
+from robbie_mp.transport.tables import ROW_OPEN, ChannelName, CoreTables
 from robbie_mp.transport.words import read_text
 
 _ACTIVITIES = {int(activity): activity.name.lower() for activity in Activity}
@@ -75,6 +76,7 @@ class RunObserver:
             channels=tuple(self.channels()),
             segments=tuple(self.segments()),
             machine=MachineReading.now(),
+            messages_flow=self._board.may_go,
         )
 
     def modules(self) -> list[ModuleFigures]:
@@ -84,11 +86,36 @@ class RunObserver:
         """
         subscriptions = self._subscriptions()
         messages, sizes = self._outstanding()
+        alone = self.unconnected()
         return [
-            self._module(slot, subscriptions.get(slot, ()), messages[slot], sizes[slot])
+            self._module(slot, subscriptions.get(slot, ()), messages[slot], sizes[slot], alone)
             for slot in range(self._board.slots)
             if not self._board.is_left_by_tool(slot)
         ]
+
+    def unconnected(self) -> dict[str, tuple[Unconnected, ...]]:
+        """Return the subscriptions of each module for which nobody has published 10 s after its start.
+
+        The start is the moment when messages began to flow, or when the module was restarted later. Channels
+        stay in the core's tables, so a publisher that dies does not leave its subscribers unconnected.
+        """
+        went_ns = self._board.went_ns
+        if not went_ns:
+            return {}
+        due_ns = time.monotonic_ns() - round(PATIENCE_S * 1e9)
+        published: dict[ChannelName, list[str]] = {row.name: [] for row in self._tables.channels()}
+        needs: dict[str, list[ChannelName]] = {}
+        for slot in range(self._board.slots - 1):  # the core is last and declares nothing
+            row = self._board.read(slot)
+            memory = self._memory(slot, row.incarnation)
+            memory.read_declarations()
+            for name in memory.publishes if row.pid else ():
+                published.setdefault(name, []).append(row.name)
+            is_due = row.pid and max(went_ns, row.started_ns) < due_ns and memory.is_ready
+            if is_due and not row.name.startswith(TOOL_PREFIX):
+                needs[row.name] = memory.needs
+        found = {name: tuple(unconnected(wanted, published)) for name, wanted in needs.items()}
+        return {name: alone for name, alone in found.items() if alone}
 
     def channels(self) -> list[ChannelFigures]:
         """Return the figures of all channels."""
@@ -167,6 +194,7 @@ class RunObserver:
         subscriptions: tuple[SubscriptionFigures, ...],
         outstanding: int,
         outstanding_bytes: int,
+        alone: dict[str, tuple[Unconnected, ...]],
     ) -> ModuleFigures:
         row, bounds = self._board.read(slot), self._board.bounds(slot)
         is_core = slot == self._board.slots - 1
@@ -225,6 +253,7 @@ class RunObserver:
             work=_work(memory) if row.pid else None,
             subscriptions=subscriptions,
             publishes=tuple(memory.publishes),
+            unconnected=alone.get(row.name, ()),
         )
 
     def _memory(self, slot: int, incarnation: int) -> ModuleMemory:

@@ -75,6 +75,7 @@ def _examine(module: dict[str, Any], base: type, workspace: Path, others: list[s
     settings: dict[str, object] = {}
     further: list[TypeDescription] = []
     failure = ""
+    is_missing = False
     try:
         cls: type = load_class(module["class_path"], base)
         folder_of = {name: Path(folder) for name, folder in module["folder_of"].items()}
@@ -87,11 +88,12 @@ def _examine(module: dict[str, Any], base: type, workspace: Path, others: list[s
         errors.append((("settings", error.setting), str(error)))
     except NotAModule as error:
         errors.append((("class",), str(error)))
-    except BaseException:  # even sys.exit: the fault is in the code, not in the profile
+    except BaseException as error:  # even sys.exit: the fault is in the code, not in the profile
         failure = traceback.format_exc()
+        is_missing = isinstance(error, ImportError)
     known = own_types()
     known += [one for one in further if one.name not in {declared.name for declared in known}]
-    return {"errors": errors, "settings": settings, "failure": failure, "types": known}
+    return {"errors": errors, "settings": settings, "failure": failure, "missing": is_missing, "types": known}
 
 
 def _hook(cls: type, name: str) -> Callable[..., Any]:

@@ -33,9 +33,9 @@ def check_events(
 
     Yields:
         For each module `{"begin": name}`, then `{"result": {"errors": [[key, text]…], "settings": {…},
-        "failure": traceback or "", "types": [[name, version, schema]…]}}`; at last
-        `{"end": True}`, or `{"broken": how it ended}`, or `{"useless": traceback}` if the base class
-        cannot be imported.
+        "failure": traceback or "", "missing": whether that is an ImportError, "types": [[name, version,
+        schema]…]}}`; at last `{"end": True}`, or `{"broken": how it ended}`, or `{"useless": traceback}` if
+        the base class cannot be imported.
     """
     request = {
         "asked_by": os.getpid(),

@@ -115,6 +115,8 @@ class ModuleSpec:
     """The robot stops when this module is FAILED."""
     ends_run: bool = False
     """The run ends with an ordered stop when this module ends with exit code 0."""
+    optional: bool = False
+    """The run starts without this module if its code cannot be imported."""
     start_deadline_s: float = bounded(30.0, 0.1, AGES_S)
     handler_deadline_s: float = bounded(10.0, 0, AGES_S)
     """A handler or tick that takes longer counts as hung, and its process is killed; 0: no limit."""

@@ -1,12 +1,14 @@
 """Checks the classes and settings of a profile before any process of the robot starts.
 
 A separate process (`robbie_mp.profile.check`) imports the classes, so that their code cannot harm the caller.
-A missing class or a wrong setting is an error of the profile. Code that raises, hangs or crashes is not: the
-supervisor starts it, and shows it as FAILED with its traceback.
+A missing class or a wrong setting is an error of the profile. A run is not started either if a module cannot
+import something, such as a library that is not installed, unless the module is `optional`. Other code that
+raises, hangs or crashes is no error here: the supervisor starts it, and shows it as FAILED with its
+traceback.
 """
 
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from robbie_mp.messages.descriptions import TypeDescription
@@ -26,6 +28,8 @@ class Preflight:
     """For each module that is not in `failures`: every setting, given or default; paths absolute, as str."""
     failures: dict[str, str] = field(default_factory=dict)
     """For each module whose code failed, its settings unchecked: the traceback, or how the process ended."""
+    missing: set[str] = field(default_factory=set)
+    """Those of `failures` that could not import something, such as a library that is not installed."""
     types: dict[str, TypeDescription] = field(default_factory=dict)
     """The message types that the imported code declares, by name, without the stock types."""
 
@@ -34,6 +38,8 @@ class Preflight:
         self.types |= {name: TypeDescription(name, *rest) for name, *rest in result.get("types", ())}
         if result["failure"]:
             self.failures[module] = result["failure"]
+            if result.get("missing"):
+                self.missing.add(module)
         else:
             self.settings[module] = result["settings"]
 
@@ -72,6 +78,49 @@ def preflight(profile: Profile, *, timeout_s: float = 10.0, base_class: str = BA
     if problems:
         raise ProfileError(problems)
     return findings
+
+
+def runnable(profile: Profile, findings: Preflight) -> Profile:
+    """Return the profile without the optional modules that cannot be imported.
+
+    Args:
+        profile: what `load_profile` returned.
+        findings: what `preflight` returned for it.
+
+    Raises:
+        ProfileError: a module that is not optional cannot be imported, or no module is left to run.
+    """
+    missing = [module for module in profile.modules if module.name in findings.missing]
+    problems = [
+        Problem(
+            f"modules.{module.name}.class: {module.class_path} cannot be imported: "
+            f"{last_line(findings.failures[module.name])}; install what is missing, or write `optional: "
+            "true` into the module to run without it",
+            profile.place_of("modules", module.name, "class"),
+        )
+        for module in missing
+        if not module.optional
+    ]
+    if problems:
+        raise ProfileError(problems)
+    left_out = {module.name for module in missing}
+    if profile.clock.source in left_out:
+        text = f"clock.source: {profile.clock.source} cannot be imported, and no other module turns the clock"
+        raise ProfileError([Problem(text, profile.place_of("clock", "source"))])
+    kept = tuple(
+        replace(module, depends_on=tuple(name for name in module.depends_on if name not in left_out))
+        for module in profile.modules
+        if module.name not in left_out
+    )
+    if not kept:
+        text = f"profile {profile.name} has no modules to run; list them under `modules:`"
+        raise ProfileError([Problem(text, profile.place_of("modules"))])
+    return replace(profile, modules=kept)
+
+
+def last_line(failure: str) -> str:
+    """Return the line of a traceback that says what went wrong."""
+    return (failure.strip().splitlines() or [""])[-1]
 
 
 def _without_crashed(

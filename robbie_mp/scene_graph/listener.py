@@ -39,7 +39,7 @@ class SceneGraphListener:
         self._warnings = WarnOnce(module.log)
         module.subscribe(TFMessage, self._on_transforms)
         if hears_time_jumps:
-            module.subscribe(TimeJump, lambda _jump: self.forget())
+            module.subscribe(TimeJump, lambda _jump: self.forget(), optional=True)
 
     def pose(self, a: str, b: str, time_ns: int | None = None) -> RigidTransform:
         """Return X_AB, the pose of node `b` in the frame of node `a`.

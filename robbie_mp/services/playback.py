@@ -118,7 +118,7 @@ class Playback(ClockSource):
         self.outlet = outlet
         self.request, self.error = 0, ""
         self.next_news_ns, self.has_news = 0, True
-        self.subscribe(PlaybackControl, self.on_control)
+        self.subscribe(PlaybackControl, self.on_control, optional=True)
 
     def _plan(self) -> RunPlan:
         plan = next(RunPlan.load(run.folder) for run in list_runs() if run.run_id == self.run_id)

@@ -57,12 +57,12 @@ class SceneGraphService(Module):
         for prefix, (name, since_ns, *pose) in (self.restored or {}).items():
             if name in self.graph and self.graph.node(name).joint_type is JointType.FLOATING:
                 self.updater.correct(prefix, name, since_ns, RigidTransform(*pose))
-        self.subscribe(JointState, self.on_joint_state)
-        self.subscribe(TimeJump, self.on_time_jump)
+        self.subscribe(JointState, self.on_joint_state, optional=True)
+        self.subscribe(TimeJump, self.on_time_jump, optional=True)
         floating = [node.name for node in self.graph if node.joint_type is JointType.FLOATING]
         for prefix in sorted(set(map(prefix_of, floating))):
             self.subscribe(Odometry, self.on_odometry, topic=f"{prefix}odom")
-            self.subscribe(PoseStamped, self.on_map_pose, topic=f"{prefix}map_pose")
+            self.subscribe(PoseStamped, self.on_map_pose, topic=f"{prefix}map_pose", optional=True)
 
     def on_joint_state(self, state: JointState) -> None:
         """Move joints."""

@@ -171,6 +171,18 @@ class OperatorStation(Module):
         self._remembered = self.access.sessions
         self.checkpoint({"port": self._port, "sessions": self._remembered})
 
+    def subscribe(
+        self,
+        message_type: type[MessageType],
+        handler: Callable[[MessageType], None],
+        handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
+        *,
+        topic: str = "",
+        optional: bool = True,
+    ) -> None:
+        """Subscribe as every module does, but optionally: panels show what there is."""
+        super().subscribe(message_type, handler, handling, topic=topic, optional=optional)
+
     def newest(self, message_type: type[MessageType], topic: str = "") -> Latest[MessageType]:
         """Return the holder of the newest message of a type and topic. All panels share it.
 

@@ -18,6 +18,7 @@ from robbie_mp.run.plan import CORE, RunPlan
 from robbie_mp.run.run_directory import PROFILE_FILE, RunDirectory
 from robbie_mp.supervisor.attached_tools import AttachedTools
 from robbie_mp.supervisor.child_spec import SPARE_COMPUTE_THREADS, ChildSpec
+from robbie_mp.supervisor.connection_watch import ConnectionWatch
 from robbie_mp.supervisor.control import ControlServer
 from robbie_mp.supervisor.memory import SUPERVISOR, RunMemory
 from robbie_mp.supervisor.output import Listener, OutputStore
@@ -145,9 +146,10 @@ def _run(
             plan.run_id,
             memory,
             OutputStore(output_directory / LOG_FOLDER, listener.entry, profile.trace, disk),
-            lambda: _each_turn(tree, memory, control, tools),
+            lambda: _each_turn(tree, memory, control, tools, watch),
             spares=_spares(profile, run_folder, environment),
         )
+        watch = ConnectionWatch(observer, tree.say)
         tools = AttachedTools(tree, memory, plan.tool_names)
         control = ControlServer(run_folder, tree, tools=tools)
         connections.callback(control.close)
@@ -185,7 +187,13 @@ def _without_tools(figures: Sequence[ModuleFigures]) -> list[ModuleFigures]:
     return [entry for entry in figures if not entry.name.startswith(TOOL_PREFIX)]
 
 
-def _each_turn(tree: Tree, memory: RunMemory, control: ControlServer, tools: AttachedTools) -> None:
+def _each_turn(
+    tree: Tree,
+    memory: RunMemory,
+    control: ControlServer,
+    tools: AttachedTools,
+    watch: ConnectionWatch,
+) -> None:
     memory.read_notices()
     while memory.faulted:
         name, incarnation = memory.faulted.pop()
@@ -200,6 +208,7 @@ def _each_turn(tree: Tree, memory: RunMemory, control: ControlServer, tools: Att
             child.kill("the core refused its records; the core's log says why")
     control.turn()
     tools.turn()
+    watch.turn()
 
 
 def _children(profile: Profile, run_folder: Path, environment: Mapping[str, str]) -> list[ChildSpec]:

@@ -102,6 +102,7 @@ class OrderedStop:
 
 IDLE_POLL_S = 0.1
 CLOCK_STEP_S = 0.01
+SAY_AWAITED_AFTER_S = 5.0
 
 
 class NoSuchChild(RobbieError, LookupError):
@@ -173,6 +174,8 @@ class Tree:
         self._stop: OrderedStop | None = None
         self._partial_stops: list[OrderedStop] = []
         self._was_all_started = False
+        self._began_s = self._clock()
+        self._say_awaited_after_s = SAY_AWAITED_AFTER_S
         ordered = sorted(specs, key=lambda spec: spec.kind is not ChildKind.CORE)
         self.output = output
         self._own_output = output.child("supervisor")
@@ -325,6 +328,7 @@ class Tree:
         for child in self.children:
             child.poll()
         self._announce_all_started()
+        self._say_who_is_awaited()
         self._check_clock_step()
         if news := self.output.turn():
             self.say(Kind.WARNING, news)
@@ -362,6 +366,19 @@ class Tree:
             self._was_all_started = True
             self._say("every module has started or ended: messages flow")
             self._incarnations.all_started()
+
+    def _say_who_is_awaited(self) -> None:
+        """Say which modules a start waits for: after 5 s, and again each time that has doubled."""
+        waited_s = self._clock() - self._began_s
+        if self._was_all_started or self._stop or waited_s < self._say_awaited_after_s:
+            return
+        self._say_awaited_after_s *= 2
+        awaited = [
+            f"{child.spec.name} ({child.state or 'waits for the core'})"
+            for child in self.children
+            if not child.was_settled
+        ]
+        self.say(Kind.INFO, f"after {waited_s:.0f} s, the start still waits for {', '.join(awaited)}")
 
     def _check_clock_step(self) -> None:
         """Wake all processes when the wall clock was set: their timed waits would otherwise last too long."""

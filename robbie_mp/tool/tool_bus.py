@@ -57,6 +57,11 @@ class ToolBus:
         with self._lock:
             return self._tool.outbox.outstanding
 
+    def advertise(self, message_type: type[Message], topic: str) -> None:
+        """Declare that the module may publish messages of a type."""
+        with self._lock:
+            self._tool.outbox.advertise(message_type, topic)
+
     def publish(self, message: Message, topic: str) -> bool:
         """Publish a message; False if it was refused, or the tool is not attached at the moment."""
         with self._lock:

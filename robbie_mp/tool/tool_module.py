@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.config import Config
-from robbie_mp.module.module import Module, ModuleContext
+from robbie_mp.module.module import Module, ModuleContext, check_period
 from robbie_mp.module.settings import check_settings
 from robbie_mp.module.ticks import MAX_WAIT_S
 from robbie_mp.run.plan import RunPlan
@@ -75,6 +75,7 @@ def run_as_tool(
             )
         )
         module.setup()
+        check_period(module)
         bus.ready()
         on_ready(module)
         try:

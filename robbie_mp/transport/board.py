@@ -1,5 +1,6 @@
 """The board: state, process and start time of every module. The supervisor writes it, all others read it."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -87,7 +88,13 @@ class Board:
 
     def go(self) -> None:
         """Let all modules start their work."""
+        self._words[layout.BOARD_GO_NS] = time.monotonic_ns()
         self._words[layout.BOARD_GO] = 1
+
+    @property
+    def went_ns(self) -> int:
+        """When modules could start their work, monotonic clock; 0: they still wait for each other."""
+        return self._words[layout.BOARD_GO_NS] if self.may_go else 0
 
     def modules(self) -> list[str]:
         """Return the names of all modules; their slots start at 1, and tools and the core follow them."""

@@ -135,7 +135,14 @@ class Endpoint:
         return number
 
     def subscribe(
-        self, type_name: str, version: int, topic: str, handling: MessageHandling, handler: str = ""
+        self,
+        type_name: str,
+        version: int,
+        topic: str,
+        handling: MessageHandling,
+        handler: str = "",
+        *,
+        is_optional: bool = False,
     ) -> int:
         """Declare a subscription; return its number, which deliveries carry.
 
@@ -145,6 +152,7 @@ class Endpoint:
             topic: topic of the messages; '' for all topics.
             handling: what to do with messages that come faster than they are handled.
             handler: name of the function that handles them, for observers.
+            is_optional: whether the module works without them, for observers.
         """
         if version == ANY_VERSION:
             if self._patterns == layout.MAX_PATTERNS:
@@ -153,7 +161,7 @@ class Endpoint:
                     f"{self._patterns} patterns; let one pattern replace several"
                 )
             self._patterns += 1
-        number = self._declare(Outbound.SUBSCRIBE, type_name, version, topic, handling, handler)
+        number = self._declare(Outbound.SUBSCRIBE, type_name, version, topic, handling, handler, is_optional)
         self.send(Outbound.SUBSCRIBE, number)
         return number
 
@@ -165,17 +173,18 @@ class Endpoint:
         topic: str,
         handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
         handler: str = "",
+        is_optional: bool = False,
     ) -> int:
-        for name in (type_name, topic):
+        for text in (type_name, topic):
             try:
-                size = len(name.encode())
+                size = len(text.encode())
             except UnicodeEncodeError as error:
                 raise NameNotText(
-                    f"{name!a} cannot name a type or topic: character {error.start} is half of a surrogate "
+                    f"{text!a} cannot name a type or topic: character {error.start} is half of a surrogate "
                     "pair, as Python makes of bytes that are no UTF-8; make the name of other characters"
                 ) from error
             if size > layout.NAME_BYTES:
-                raise NameTooLong(f"'{name}' has more than {layout.NAME_BYTES} bytes")
+                raise NameTooLong(f"'{text}' has more than {layout.NAME_BYTES} bytes")
         with self.lock:
             number = self._declarations
             if number == layout.DECLARATION_COUNT:
@@ -183,7 +192,8 @@ class Endpoint:
                     f"cannot declare {type_name} on topic '{topic}': a module has at most {number} "
                     "pairs of message type and topic"
                 )
-            row = DeclarationRow(number, kind, ChannelName(type_name, version, topic), handling, handler)
+            name = ChannelName(type_name, version, topic)
+            row = DeclarationRow(number, kind, name, handling, handler, topic, is_optional)
             row.write(self._out, self._declaration_fence)
             self._declarations += 1
         return number

@@ -53,6 +53,7 @@ LINE_WORDS = 33  # a text of up to 256 bytes: status lines, reasons
 # core, which does not, has the last row.
 BOARD_GO = HEADER_WORDS
 BOARD_SLOTS = HEADER_WORDS + 1
+BOARD_GO_NS = HEADER_WORDS + 2  # when BOARD_GO was set, monotonic clock
 BOARD_ROWS = HEADER_WORDS + 16
 SLOT_STATE = 0
 SLOT_PID = 1
@@ -188,7 +189,9 @@ DECLARATION_HANDLING = 2
 DECLARATION_TYPE = 4
 DECLARATION_TOPIC = DECLARATION_TYPE + NAME_WORDS
 DECLARATION_HANDLER = DECLARATION_TOPIC + NAME_WORDS  # name of a subscription's function
-DECLARATION_WORDS = 48
+DECLARATION_OPTIONAL = DECLARATION_HANDLER + NAME_WORDS  # 1: a subscription that nobody needs to publish for
+DECLARATION_OWN_TOPIC = DECLARATION_OPTIONAL + 1  # the topic as the module's code names it
+DECLARATION_WORDS = 64
 # Four histograms: latency and handler time of messages, lateness and length of ticks.
 HISTOGRAM_BUCKETS = 496  # for times up to 2^40 ns
 HISTOGRAM_WORDS = 2 + HISTOGRAM_BUCKETS  # sum and maximum before them

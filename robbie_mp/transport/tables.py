@@ -221,6 +221,10 @@ class DeclarationRow(NamedTuple):
     """A MessageHandling, for a subscription."""
     handler: str
     """Name of the function that handles the messages of a subscription."""
+    own_topic: str = ""
+    """The topic as the module's code names it; the profile may give it another name."""
+    is_optional: bool = False
+    """Whether the module works without the messages of a subscription."""
 
     @classmethod
     def read(cls, words: Words, number: int) -> Self:
@@ -237,7 +241,10 @@ class DeclarationRow(NamedTuple):
             read_text(words, at + layout.DECLARATION_TOPIC, NAME_WORDS),
         )
         handler = read_text(words, at + layout.DECLARATION_HANDLER, NAME_WORDS)
-        return cls(number, kind, name, words[at + layout.DECLARATION_HANDLING], handler)
+        own_topic = read_text(words, at + layout.DECLARATION_OWN_TOPIC, NAME_WORDS)
+        is_optional = words[at + layout.DECLARATION_OPTIONAL] == 1
+        handling = words[at + layout.DECLARATION_HANDLING]
+        return cls(number, kind, name, handling, handler, own_topic, is_optional)
 
     @classmethod
     def read_all(cls, words: Words, first: int = 0) -> Iterator[Self]:
@@ -261,6 +268,8 @@ class DeclarationRow(NamedTuple):
         write_text(words, at + layout.DECLARATION_TYPE, NAME_WORDS, self.name.type_name)
         write_text(words, at + layout.DECLARATION_TOPIC, NAME_WORDS, self.name.topic)
         write_text(words, at + layout.DECLARATION_HANDLER, NAME_WORDS, self.handler)
+        write_text(words, at + layout.DECLARATION_OWN_TOPIC, NAME_WORDS, self.own_topic)
+        words[at + layout.DECLARATION_OPTIONAL] = int(self.is_optional)
         words[at + layout.DECLARATION_VERSION] = self.name.version
         words[at + layout.DECLARATION_HANDLING] = self.handling
         fence()

@@ -14,9 +14,11 @@ from robbie_mp.views.run_figures import STYLES, state_name
 from robbie_mp.visible_text import one_line
 
 ALARM = "bold red"
+UNCONNECTED = "yellow"
 HUNG_S = 1.0
 """A handler or tick that takes longer than this is shown as an alarm; the watchdog waits longer."""
 SILENT_CORE_S = 1.0
+BEING_STARTED = ("-", "STARTING", "BACKOFF")
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,7 @@ def doing(row: ModuleRow) -> Text:
         parts.append((f"[{module.states}]", "bold"))
     if module.status:
         parts.append((module.status, ""))
+    parts += [(str(one), UNCONNECTED) for one in module.unconnected]
     return Text("  ").join(Text(one_line(text), style) for text, style in parts)
 
 
@@ -276,6 +279,11 @@ def totals_line(reading: RunReading, rates: RunRates | None) -> Text:
     if silent_s > SILENT_CORE_S:
         parts.append(Text(f"CORE SILENT {silent_s:.1f} s" if core.heartbeat_ns else "CORE NOT UP", ALARM))
     parts += [Text("core in Python", "yellow")] if reading.modules[-1].hot_path == HotPath.PYTHON.name else []
+    if not reading.messages_flow:
+        awaited = [module.name for module in reading.modules[1:-1] if state_name(module) in BEING_STARTED]
+        parts.append(Text(one_line(f"the start waits for {', '.join(awaited) or 'the core'}"), "cyan"))
+    if alone := sum(len(module.unconnected) for module in reading.modules):
+        parts.append(Text(f"{alone} UNCONNECTED", UNCONNECTED))
     if rates:
         parts.append(Text(f"routed {rate(rates.routed_hz)}/s"))
         parts.append(Text("cpu " + " ".join(f"{percent:.0f}%" for percent in rates.cpu_percent)))

@@ -45,9 +45,13 @@ def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str
             module.name,
             Text(state, STYLES.get(state, "")),
             *(FIGURES[heading](module) for heading in columns or FIGURES),
-            Text(one_line(module.status if live else module.reason), no_wrap=True, overflow="ellipsis"),
+            Text(one_line(_live_line(module) if live else module.reason), no_wrap=True, overflow="ellipsis"),
         )
     return made
+
+
+def _live_line(module: ModuleFigures) -> str:
+    return "  ".join(filter(None, (module.status, *map(str, module.unconnected))))
 
 
 def _alarming(count: int) -> Text:
@@ -75,7 +79,7 @@ TIMES = tuple(field.name for field in fields(WorkHistograms))
 _AS_THEY_ARE = tuple(
     field.name
     for field in fields(ModuleFigures)
-    if field.name not in ("state", "work", "publishes", "subscriptions")
+    if field.name not in ("state", "work", "publishes", "subscriptions", "unconnected")
 )
 
 
@@ -96,6 +100,7 @@ def as_data(module: ModuleFigures, now_ns: int | None = None) -> dict[str, Any]:
             {"type_name": name, "version": version, "topic": topic}
             for name, version, topic in module.publishes
         ],
+        "unconnected": [asdict(entry) for entry in module.unconnected],
     }
 
 
@@ -114,6 +119,7 @@ def run_as_data(run: KnownRun, now: RunReading, rates: RunRates | None) -> dict[
         "time": datetime.fromtimestamp(now.wall_time_s, UTC).isoformat(),
         "uptime_s": (now.at_ns - now.modules[0].started_ns) / 1e9,
         "interval_s": rates.interval_s if rates else None,
+        "messages_flow": now.messages_flow,
         "routed": now.core.routed,
         "routed_hz": rates.routed_hz if rates else None,
         "core": {

@@ -9,7 +9,7 @@ import pytest
 
 from robbie_mp.profile.checking_process import PreflightError
 from robbie_mp.profile.model import ModuleSpec, Profile
-from robbie_mp.profile.preflight import preflight
+from robbie_mp.profile.preflight import preflight, runnable
 from robbie_mp.profile.problem import ProfileError
 from tests.profile.conftest import PLAIN, Robot, write_class
 
@@ -296,3 +296,51 @@ def test_check_process_that_cannot_start_is_a_separate_error(monkeypatch: pytest
     scripted(monkeypatch, [{"broken": "ended with exit code 1"}])
     with pytest.raises(PreflightError, match="checks the profile's classes ended with exit code 1"):
         preflight(Profile("made", (ModuleSpec("a", "m:A"),)))
+
+
+def test_module_that_cannot_import_something_is_an_error_before_the_run(robot: Robot) -> None:
+    robot.write_code("mods", "import no_such_library\nclass Camera: pass")
+    robot.write(
+        "demo", "modules:\n  camera:\n    class: mods:Camera\n  plain:\n    class: base_of_modules:Plain\n"
+    )
+    with pytest.raises(ProfileError) as caught:
+        runnable(robot.load(), robot.preflight())
+    assert str(caught.value) == (
+        "profiles/demo.yaml:3: modules.camera.class: mods:Camera cannot be imported: ModuleNotFoundError: "
+        "No module named 'no_such_library'; install what is missing, or write `optional: true` into the "
+        "module to run without it"
+    )
+
+
+def test_run_goes_on_without_an_optional_module_that_cannot_be_imported(robot: Robot) -> None:
+    robot.write_code("mods", "import no_such_library\nclass Camera: pass")
+    robot.write(
+        "demo",
+        """
+        modules:
+          camera: {class: "mods:Camera", optional: true}
+          plain: {class: "base_of_modules:Plain", depends_on: [camera]}
+        """,
+    )
+    left = runnable(robot.load(), robot.preflight())
+    assert [(module.name, module.depends_on) for module in left.modules] == [("plain", ())]
+
+
+def test_code_that_fails_otherwise_is_started_and_shown_as_failed(robot: Robot) -> None:
+    robot.write_code("mods", "1 / 0")
+    robot.write("demo", "modules: {camera: {class: 'mods:Camera'}}")
+    assert [module.name for module in runnable(robot.load(), robot.preflight()).modules] == ["camera"]
+
+
+def test_optional_source_of_the_clock_cannot_be_missing(robot: Robot) -> None:
+    robot.write_code("mods", "import no_such_library\nclass Camera: pass")
+    robot.write("demo", "modules: {time: {class: 'mods:Camera', optional: true}}\nclock: {source: time}")
+    with pytest.raises(ProfileError, match=r"demo.yaml:2: clock.source: time cannot be imported"):
+        runnable(robot.load(), robot.preflight())
+
+
+@pytest.mark.parametrize("text", ["", "modules: {}", "config: {a: 1}"])
+def test_profile_without_modules_cannot_run(robot: Robot, text: str) -> None:
+    robot.write("demo", text)
+    with pytest.raises(ProfileError, match="profile demo has no modules to run; list them under `modules:`"):
+        runnable(robot.load(), robot.preflight())
