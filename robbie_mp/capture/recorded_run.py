@@ -27,7 +27,7 @@ class RecordedRun:
 
     def __init__(self, folder: Path):
         self.plan = RunPlan.load(folder)
-        self._folder = folder
+        self.folder = folder
         self._types = KnownTypes(TypeDescription(*one) for one in self.plan.types)
         self._clock = RunClock.attach(self.plan.run_id) if self.plan.clock.source is not None else None
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
@@ -51,7 +51,7 @@ class RecordedRun:
     def metadata(self) -> RunMetadata:
         """Return the metadata that the parts of its recordings hold about the run."""
         try:
-            profile = (self._folder / PROFILE_FILE).read_text()
+            profile = (self.folder / PROFILE_FILE).read_text()
         except OSError:
             profile = ""
         return RunMetadata(

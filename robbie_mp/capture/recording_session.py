@@ -8,8 +8,9 @@ from pathlib import Path
 from robbie_mp.capture.queue_drops import QueueDrops, key_of_missing
 from robbie_mp.capture.recorded_run import RecordedRun
 from robbie_mp.capture.selection import Selection
+from robbie_mp.capture.tally import Tally
 from robbie_mp.recording.chunk_queue import BufferLimits
-from robbie_mp.recording.format import ChannelKey
+from robbie_mp.recording.format import ChannelCount, ChannelKey
 from robbie_mp.recording.log_writer import LogWriter
 from robbie_mp.recording.recorder import Recorder
 from robbie_mp.transport.tables import ChannelName
@@ -27,9 +28,11 @@ class RecordingSession:
         passed: returns how many messages the core has routed through each channel.
         log: where warnings and errors go.
         missed_before: dropped messages that an earlier process of this recorder has counted already.
+        tally: counts messages beyond the life of this process; None: nothing continues this recording.
 
     Attributes:
         recorder: writes the log.
+        lost: messages that were in the memory of an earlier process of this recorder when it died.
         bytes: size of all messages recorded.
     """
 
@@ -44,6 +47,7 @@ class RecordingSession:
         passed: Callable[[], Mapping[ChannelName, int]],
         log: logging.Logger,
         missed_before: int = 0,
+        tally: Tally | None = None,
     ):
         self._run = run
         self._selection = selection
@@ -53,7 +57,9 @@ class RecordingSession:
         self._received: defaultdict[ChannelName, int] = defaultdict(int)
         self._drops = QueueDrops(total_missed, self._passed_and_subscribed, missed_before)
         self.recorder = Recorder(make_writer, limits, log)
+        self._tally = tally
         self.bytes = 0
+        self.lost = 0
 
     @property
     def folder(self) -> Path:
@@ -84,6 +90,8 @@ class RecordingSession:
         if channel.id:
             self.recorder.record(channel.id, sequence, self._run.time_ns(published_ns), data)
             self.bytes += len(data)
+            if self._tally is not None:
+                self._tally.receive(key)
 
     def _open(self, key: ChannelKey) -> "_Channel":
         """Decide once whether the messages of a channel are recorded."""
@@ -104,7 +112,23 @@ class RecordingSession:
         """Count in the log the selected messages that the core has dropped since the last call."""
         for name, missing in self._drops.look(self._received).items():
             if self._selection.wants(name.type_name, name.topic):
-                self.recorder.count_dropped(key_of_missing(name, self._channels), missing)
+                key = key_of_missing(name, self._channels)
+                self.recorder.count_dropped(key, missing)
+                if self._tally is not None:
+                    self._tally.miss(key, missing)
+
+    def count_lost(self, unended: Mapping[ChannelKey, ChannelCount], first_part: int) -> None:
+        """Count in the log what earlier processes of this recorder had in memory when they died.
+
+        Args:
+            unended: what is in the parts that they left without an end.
+            first_part: number of the first part after these.
+        """
+        if self._tally is None:
+            return
+        for key, messages in self._tally.lost_before(unended, first_part).items():
+            self.recorder.count_dropped(key, messages)
+            self.lost += messages
 
     def _passed_and_subscribed(self) -> dict[ChannelName, int]:
         is_subscribed = self._selection.is_subscribed

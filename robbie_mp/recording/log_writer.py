@@ -44,6 +44,7 @@ class LogWriter:
         split: when a part ends.
         budget: disk space for this recording and those beside it.
         dropped: returns the number of missing messages by channel, since the recording started.
+        on_end: called with the number and the counts of each part that has ended.
 
     Raises:
         OSError: the folder cannot be created.
@@ -57,6 +58,7 @@ class LogWriter:
         split: Split,
         budget: DiskBudget,
         dropped: Callable[[], Mapping[ChannelKey, int]],
+        on_end: Callable[[int, Mapping[ChannelKey, ChannelCount]], None] = lambda _number, _counts: None,
     ):
         self.folder = folder
         self.bytes = 0
@@ -69,6 +71,7 @@ class LogWriter:
         self._split = split
         self._budget = budget
         self._dropped = dropped
+        self._on_end = on_end
         self._dropped_before: Mapping[ChannelKey, int] = {}
         """Bytes in finished parts."""
         self._dropped_told: Mapping[ChannelKey, int] = {}
@@ -161,18 +164,23 @@ class LogWriter:
 
     def _forget(self, part: PartWriter) -> None:
         part.close()
+        self._on_end(self._next_number - 1, self._counts(part, self._dropped_told))
         self._dropped_before = self._dropped_told
         self._part = None
 
     def _tell_counts(self, part: PartWriter) -> None:
         dropped = dict(self._dropped())
+        part.add_metadata(COUNTS_METADATA, counts_metadata(self._counts(part, dropped).items()))
+        self._dropped_told = dropped
+
+    def _counts(self, part: PartWriter, dropped: Mapping[ChannelKey, int]) -> dict[ChannelKey, ChannelCount]:
+        """Return the counts of a part, given all messages that were missing at its end."""
         counts = {self._channels[id_].key: ChannelCount(count) for id_, count in part.counts.items()}
         for key, total in dropped.items():
             new = total - self._dropped_before.get(key, 0)
             if new > 0 or key in counts:
                 counts.setdefault(key, ChannelCount()).dropped = max(0, new)
-        part.add_metadata(COUNTS_METADATA, counts_metadata(counts.items()))
-        self._dropped_told = dropped
+        return counts
 
     def close(self) -> None:
         """End the recording; a recording without any message leaves no folder."""

@@ -217,12 +217,16 @@ def select(channels: Iterable[LogChannel], patterns: Sequence[str]) -> tuple[lis
 def part_files(path: Path) -> list[Path]:
     """Return the files of a log, in order; of a repaired part, only the repaired file.
 
+    Empty files are left out if there are others: a logger was killed just when it began such a part.
+
     Raises:
         NotALog: it is a folder that holds no log or several.
     """
     if not path.is_dir():
         return [path]
-    files = {_original_stem(file): file for file in sorted(path.glob("*.mcap"), key=_is_repaired)}
+    found = sorted(path.glob("*.mcap"), key=_is_repaired)
+    found = [file for file in found if file.stat().st_size] or found
+    files = {_original_stem(file): file for file in found}
     parts = {stem: PART_NAME.fullmatch(f"{stem}.mcap") for stem in files}
     names = {match["name"] if match else stem for stem, match in parts.items()}
     if not names:

@@ -9,6 +9,7 @@ from pathlib import Path
 from robbie_mp.capture.recorded_run import RecordedRun
 from robbie_mp.capture.recording_session import RecordingSession
 from robbie_mp.capture.selection import Pair, Selection, type_pattern
+from robbie_mp.capture.tally import Tally, UnendedParts
 from robbie_mp.messages import ModuleState
 from robbie_mp.module.envelope import EncodedMessage
 from robbie_mp.module.module import Module, setting
@@ -24,11 +25,14 @@ from robbie_mp.run.run_directory import list_runs
 from robbie_mp.transport import names
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.shared_folder import SHARED_MEMORY
 
 WARN_UNMATCHED_AFTER_S = 10.0
 CRASHED = ("BACKOFF", "FAILED")
 MODULE_STATES = Pair(ModuleState.type_name, "*")
 MEGABYTE = 1e6
+MAX_READ_S = 5.0
+"""How long the end of a run waits until the part that a killed logger left has been read."""
 
 
 class MessageLogger(Module):
@@ -87,6 +91,8 @@ class MessageLogger(Module):
         core = Segment.attach(names.core(self.run_id), SegmentKind.CORE).words
         slot = self.run.plan.names.index(self.name)
         recording = self.run.recording_folder(self.folder or self.output_directory, self.name)
+        self.tally = self._open_tally()
+        self.unended: UnendedParts | None = UnendedParts(recording, self.tally.next_part if self.tally else 0)
         self.session = RecordingSession(
             self.run,
             self.selection,
@@ -96,11 +102,22 @@ class MessageLogger(Module):
             passed=ChannelCounters(core).messages,
             log=self.log,
             missed_before=self.restored or 0,
+            tally=self.tally,
         )
         self.began_ns = self.clock.monotonic_ns()
         self.shown = (self.began_ns, 0, 0)
         self.warned = False
         self.log.info("recording into %s", recording)
+
+    def _open_tally(self) -> Tally | None:
+        """Open the counts that outlive this process; None for snapshots, which are not to be complete."""
+        if self.snapshot_s:
+            return None
+        try:
+            return Tally(SHARED_MEMORY / names.folder(self.run_id), f"tally-{self.name}")
+        except OSError as error:
+            self.log.warning("what this logger has in memory will not be counted if it is killed: %s", error)
+            return None
 
     def make_writer(self, recording: Path, dropped: Callable[[], Mapping[ChannelKey, int]]) -> LogWriter:
         """Make the log writer.
@@ -116,6 +133,7 @@ class MessageLogger(Module):
             Split(self.split_bytes, self.split_s),
             DiskBudget(recording.parent, self.budget_bytes),
             dropped,
+            self.tally.end_part if self.tally else lambda _number, _counts: None,
         )
 
     # -- messages --------------------------------------------------------------------------------------
@@ -148,6 +166,7 @@ class MessageLogger(Module):
     def tick(self) -> None:
         """Count missing messages, and update the status."""
         self._count_missed()
+        self._count_lost(wait_s=0.0)
         now_ns = self.clock.monotonic_ns()
         if not self.warned and now_ns - self.began_ns > WARN_UNMATCHED_AFTER_S * 1e9:
             self._warn_unmatched("yet")
@@ -159,6 +178,22 @@ class MessageLogger(Module):
         self.session.count_missed()
         if self.session.missed != before:
             self.checkpoint(self.session.missed)
+
+    def _count_lost(self, wait_s: float) -> None:
+        """Count once what a killed logger had in memory, as soon as its last part has been read."""
+        unended, self.unended = self.unended, None
+        if unended is None:
+            return
+        counts = unended.counts(wait_s)
+        if counts is None:
+            self.unended = unended
+            return
+        self.session.count_lost(counts, unended.after)
+        if self.session.lost:
+            self.log.error(
+                "%d messages are missing: they were in the memory of a logger that was killed",
+                self.session.lost,
+            )
 
     def _warn_unmatched(self, when: str) -> None:
         self.warned = True
@@ -180,6 +215,8 @@ class MessageLogger(Module):
             f"{recorder.waiting_bytes / MEGABYTE:.1f} MB in memory",
             f"dropped {sum(recorder.dropped().values())}",
         ]
+        if self.session.lost:
+            parts[-1] += f" ({self.session.lost} of them were in the memory of a killed logger)"
         if recorder.error:
             parts.insert(0, f"CANNOT WRITE: {recorder.error}")
         self.status = ", ".join(parts)
@@ -187,9 +224,16 @@ class MessageLogger(Module):
     def teardown(self) -> None:
         """Write what waits in memory, end the log, and log a summary of it."""
         self._count_missed()
+        self._count_lost(wait_s=MAX_READ_S)
+        if self.unended is not None:
+            self.log.error(
+                "what a killed logger had in memory is not counted: its part takes too long to read"
+            )
         self._warn_unmatched("in this run")
         with closing(self.run):
             self.session.close()
+        if self.tally:
+            self.tally.close()
         counts = self.session.recorder.counts()
         self.log.info(
             "recorded %d messages into %s, %d bytes",

@@ -229,6 +229,16 @@ def test_file_that_is_not_a_log_is_reported(tmp_path: Path, content: bytes, what
         open_log(path)
 
 
+def test_part_that_was_only_begun_does_not_hide_the_others(tmp_path: Path) -> None:
+    write_log(tmp_path / "log_0000.mcap")
+    (tmp_path / "log_0001.mcap").touch()
+    with open_log(tmp_path) as log:
+        assert log.is_complete and sum(log.counts.values()) == 30
+    (tmp_path / "log_0000.mcap").unlink()
+    with pytest.raises(NotALog, match="empty"):
+        open_log(tmp_path)
+
+
 def test_folder_without_a_log_or_with_several_is_reported(tmp_path: Path) -> None:
     with pytest.raises(NotALog, match="has no parts of a log"):
         open_log(tmp_path)

@@ -19,6 +19,7 @@ from robbie_mp.messages import LaserScan, ModuleState, Odometry
 from robbie_mp.module.settings import check_settings
 from robbie_mp.recording.errors import NotALog
 from robbie_mp.recording.format import ChannelCount, ChannelKey, RunMetadata, counts_from_metadata
+from robbie_mp.recording.info import describe
 from robbie_mp.recording.reader import Log, open_log
 from robbie_mp.services.message_logger import MessageLogger
 from tests._support.robot import COMMAND, Ended, Robot, is_running, kill, wait_until
@@ -249,6 +250,35 @@ def test_kills_of_core_logger_and_supervisor_lose_no_synced_message(robot: Robot
         assert all(part.contents.message_count for part in log.parts)
     check_snapshots_of_the_crashes(robot)
     assert robot.command("clean").returncode == 0
+
+
+@pytest.mark.parametrize("sync_s", [0.05, 3600.0])
+def test_what_killed_loggers_had_in_memory_is_counted(robot: Robot, sync_s: float) -> None:
+    process = start(
+        robot, f"{{types: [LaserScan, Odometry], exclude: [re*], sync_s: {sync_s}}}", queue=100_000
+    )
+    for kills in (1, 2):
+        handled = robot.until(lambda modules: modules["logger"]["state"] == "RUNNING")["logger"]["handled"]
+        enough = handled + 100
+        figures = robot.until(lambda modules: modules["logger"]["handled"] > enough)  # noqa: B023
+        kill(figures["logger"]["pid"])
+        robot.until(lambda modules: modules["logger"]["restarts"] == kills)  # noqa: B023
+    handled = robot.top()["logger"]["handled"]
+    robot.until(lambda modules: modules["logger"]["handled"] > handled + 100)
+    robot.until(lambda modules: "killed logger" in modules["logger"]["status"])
+    process.send_signal(signal.SIGINT)
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    published = ended.modules["source"]["published"] // 3
+    with open_log(parts(robot)[0].parent) as log:
+        channels = describe(log).channels
+    recorded_messages, missing = (
+        sum(getattr(one, name) or 0 for one in channels) for name in ("messages", "dropped")
+    )
+    assert missing >= (kills if sync_s < 1 else 100)
+    # A logger that was killed right after it had counted a message makes one too many.
+    assert 0 <= recorded_messages + missing - 2 * published <= kills
+    assert "they were in the memory of a logger that was killed" in robot.log("logger")
 
 
 def snapshots(robot: Robot) -> list[Path]:
