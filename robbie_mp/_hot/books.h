@@ -68,7 +68,6 @@ struct channel {
 struct link {
     uint64_t slot, source, credit, awaited_freed;
     uint64_t wanted_release; /* what its word says */
-    shared_word *want_release;
     bool ready, has_ended;
     struct ring_reader *outbound;
     struct ring_writer *inbound, *freed;

@@ -582,9 +582,7 @@ static int set_inbound(PyObject *self, PyObject *value, void *Py_UNUSED(closure)
     struct link_object *link = (struct link_object *)self;
     if (!replace(&link->inbound, value, &ring_writer_type))
         return -1;
-    struct ring_writer *ring = &((struct ring_writer_object *)value)->ring;
-    link->link.inbound = ring;
-    link->link.want_release = ring->place.head + (IN_WANT_RELEASE - IN_HEAD); /* between its head and its records */
+    link->link.inbound = &((struct ring_writer_object *)value)->ring;
     return 0;
 }
 

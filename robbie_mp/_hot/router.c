@@ -548,7 +548,7 @@ static bool want_release(struct link *link, bool is_wanted)
     }
     if (want == link->wanted_release)
         return false;
-    store(link->want_release, want);
+    store(link->inbound->place.head + (IN_WANT_RELEASE - IN_HEAD), want); /* it lies between head and records */
     link->wanted_release = want;
     return is_wanted;
 }
