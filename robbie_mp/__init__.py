@@ -40,6 +40,10 @@ if TYPE_CHECKING:
     from robbie_mp.module.settings import REQUIRED as REQUIRED
     from robbie_mp.module.settings import SettingError as SettingError
     from robbie_mp.module.settings import setting as setting
+    from robbie_mp.module.stamp_matcher import MatchCounts as MatchCounts
+    from robbie_mp.module.synchronizer import CannotSynchronize as CannotSynchronize
+    from robbie_mp.module.synchronizer import Input as Input
+    from robbie_mp.module.synchronizer import Synchronizer as Synchronizer
     from robbie_mp.state_machine import IllegalTransition as IllegalTransition
     from robbie_mp.state_machine import StateMachine as StateMachine
     from robbie_mp.state_machine import TimeOut as TimeOut
@@ -58,6 +62,8 @@ _HOMES = {
     "robbie_mp.module.secret": ("Secret",),
     "robbie_mp.module.settings": ("REQUIRED", "SettingError", "setting"),
     "robbie_mp.state_machine": ("IllegalTransition", "StateMachine", "TimeOut"),
+    "robbie_mp.module.stamp_matcher": ("MatchCounts",),
+    "robbie_mp.module.synchronizer": ("CannotSynchronize", "Input", "Synchronizer"),
     "robbie_mp.transport.records": ("MessageHandling",),
 }  # fmt: skip
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

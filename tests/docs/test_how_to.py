@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robbie_mp import ModuleHarness, SettingError
+from robbie_mp import Header, ModuleHarness, SettingError, Time
 from robbie_mp.messages import DriveCommand, Image, LaserScan, ModuleState, TwistStamped
 from robbie_mp.profile.load import load_profile
 from robbie_mp.services.message_logger import MessageLogger
@@ -108,6 +108,14 @@ def test_topics() -> None:
         harness.send(LaserScan(), topic="laser/front")
         harness.send(LaserScan(), topic="laser/rear")
         assert harness.module.seen == ["front", "any: laser/front", "rear", "any: laser/rear"]
+
+
+def test_messages_that_belong_together() -> None:
+    header = Header(stamp=Time(sec=3))
+    with ModuleHarness(run("together")["ColouredScan"]) as harness:
+        harness.send(LaserScan(header=header), topic="laser/front")
+        harness.send(Image(header=header), topic="camera")
+        assert harness.module.status == "1 sets; left over: laser/front 0, camera 0"
 
 
 def test_safety_stop_example() -> None:
