@@ -12,7 +12,8 @@ from robbie_mp.core.native_router import NativeRouter
 from robbie_mp.transport import layout
 from tests.core._support.memory import Died
 from tests.core._support.simulated_run import SimulatedRun
-from tests.hot.test_router_trace import compare_all, compare_attacks
+from tests.hot._support.many_histories import compare_histories
+from tests.hot.test_router_trace import compare_attacks
 
 HISTORIES = range(300, 400)
 CORE = 0
@@ -65,7 +66,7 @@ def runs_begin_with_a_sleep(built: ModuleType, semaphore: Any, monkeypatch: pyte
 
 
 def test_histories_are_stored_alike(built: ModuleType, runs_begin_with_a_sleep: list[int]) -> None:
-    compare_all(built, HISTORIES)
+    compare_histories(built, HISTORIES)
     assert len(runs_begin_with_a_sleep) > 5 * len(HISTORIES)
 
 

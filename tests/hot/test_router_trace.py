@@ -1,6 +1,7 @@
 """Whatever happens in a run, the router in C makes the same stores as Python, in the same order.
 
-A history is drawn from its number, which a failure names. With `--exhaustive` a million are played.
+A history is drawn from its number, which a failure names. With `--exhaustive` a million are played;
+`_support/many_histories.py` does this in parts.
 """
 
 import shutil
@@ -18,13 +19,14 @@ from tests.core._support.history import History
 from tests.core._support.simulated_run import SimulatedRun, connected
 from tests.core.test_crash_points import SCENARIOS, SETTINGS, play
 from tests.hot._support.build import HOT, fused_module
-from tests.hot._support.histories import crowd, history
-from tests.hot._support.trace import difference
+from tests.hot._support.histories import history
+from tests.hot._support.many_histories import compare_histories
+from tests.hot._support.trace import difference, played
 from tools.fuzz_core.attack import Attack
 from tools.fuzz_core.plain import inputs
 
 HISTORIES = 200
-MANY_HISTORIES = 6_000
+MANY_HISTORIES = 10_000
 ALL_HISTORIES = 1_000_000
 HOSTILE_MODULES = 150
 EACH = 17
@@ -55,14 +57,6 @@ def attack(data: bytes) -> Attack:
     return played
 
 
-def compare_all(built: ModuleType, numbers: range) -> None:
-    for number in numbers:
-        drawn: Callable[[int], object] = crowd if number % 4 == 3 else history
-        found = difference(built, partial(drawn, number))
-        assert not found, f"{drawn}({number}):\n{found}"
-    print(f"{len(numbers)} histories, the same stores")
-
-
 @pytest.mark.parametrize("settings", SETTINGS, ids=["roomy", "short queues", "small tables"])
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_scenario_is_stored_alike(
@@ -77,11 +71,31 @@ def test_turn_of_few_records_is_stored_alike(
     built: ModuleType, at_once: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(router, "RECORDS_PER_TURN", at_once)
-    compare_all(built, range(50))
+    compare_histories(built, range(50))
 
 
 def test_histories_are_stored_alike(built: ModuleType) -> None:
-    compare_all(built, range(HISTORIES))
+    compare_histories(built, range(HISTORIES))
+
+
+def test_store_beside_the_macro_is_noticed(built: ModuleType) -> None:
+    """Also where nothing else is stored, and in memory that is used again."""
+
+    def store_beside() -> object:
+        words = built.Words(5000)
+        words[0] = 1
+        memoryview(words).cast("B")[8 * 4000] = 1
+        return words
+
+    def look() -> object:
+        return built.Words(5000)[4000]
+
+    with pytest.raises(AssertionError, match="beside the macro"):
+        played(built, store_beside, with_c=True)
+    assert look() == 0, "it is cleared once it was told"
+    played(built, store_beside, with_c=True, look_everywhere=False)
+    with pytest.raises(AssertionError, match="beside the macro"):
+        played(built, look, with_c=True)
 
 
 def publish_stamps() -> SimulatedRun:
@@ -126,4 +140,4 @@ def test_store_out_of_order_is_noticed(defect: str, compiler_command: list[str],
 @pytest.mark.timeout(0)
 def test_many_histories_are_stored_alike(built: ModuleType, pytestconfig: pytest.Config) -> None:
     last = ALL_HISTORIES if pytestconfig.getoption("--exhaustive") else MANY_HISTORIES
-    compare_all(built, range(HISTORIES, last))
+    compare_histories(built, range(HISTORIES, last))

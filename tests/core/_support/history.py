@@ -182,6 +182,8 @@ class History:
             for slot in SLOTS:
                 self.start(slot)
             self.run.run_core()
+            if self._is_at_rest():
+                break
             for slot in HANDLINGS:
                 while self.kept[slot]:
                     self.let_go(slot)
@@ -206,6 +208,12 @@ class History:
             assert counts["routed"] == routed or (slot in self.stopped and counts["routed"] < routed)
             assert counts["delivered"] + counts["lost"] == len(self.seen[slot]) + self.died_with[slot]
             assert set(self.seen_values[slot]) <= set(self.published), "a message was changed"
+
+    def _is_at_rest(self) -> bool:
+        """Whether everybody is there, and nothing waits or is kept."""
+        return len(self.alive) == len(SLOTS) and not (
+            any(self.kept.values()) or any(self.run.waiting(slot) for slot in HANDLINGS)
+        )
 
     def _published_by_the_books(self) -> tuple[int, int]:
         words, rows = self.run.words, [self.run.tables.publisher(slot) for slot in PUBLISHERS]

@@ -2,14 +2,24 @@
  *
  * Python and C store into `Words` through the same `before_store`, so that their stores are comparable. Each
  * words object has one writing process, hence one fuse. A copy of all that was stored tells whether anything
- * was stored in another way. */
+ * was stored in another way.
+ *
+ * Memory that nobody uses any more is kept for the next words of the same length, because most of the time of a
+ * short history would go into getting and clearing memory. Only its pages that were stored into are cleared. */
 #include "clock.h"
 #include "native.h"
 #include <stdlib.h>
 #include <string.h>
 #include <structmember.h>
 
-enum { WAKE = UINT32_MAX };
+enum { WAKE = UINT32_MAX, PAGE_WORDS = 512 };
+
+/* AddressSanitizer must see who uses memory that was given back. */
+#ifdef __SANITIZE_ADDRESS__
+enum { KEEPS_MEMORY = 0 };
+#else
+enum { KEEPS_MEMORY = 1 };
+#endif
 
 struct entry {
     uint32_t words; /* which; or WAKE */
@@ -35,6 +45,7 @@ typedef struct {
 struct region {
     shared_word *words;
     uint64_t *stored;
+    bool *is_used; /* for each page: whether it was stored into */
     Py_ssize_t count;
     uint32_t number;
     uint64_t traces; /* how many had begun when it was made */
@@ -45,6 +56,7 @@ struct region {
 };
 
 static struct region *regions;
+static struct region *unused; /* a list by `next` only */
 static uint32_t next_number;
 static uint64_t traces;
 static uint32_t hidden_words = UINT32_MAX, hidden_index; /* a word whose values are times, which do not repeat */
@@ -122,6 +134,7 @@ void before_store(shared_word *place, uint64_t value)
     if (region->on_store != Py_None)
         tell(region->on_store, Py_BuildValue("(KKK)", index, load(place), value));
     region->stored[index] = value;
+    region->is_used[index / PAGE_WORDS] = true;
     note(region->number, (uint32_t)index, value);
 }
 
@@ -227,6 +240,51 @@ typedef struct {
 
 static PyTypeObject words_type;
 
+static Py_ssize_t pages_of(const struct region *region)
+{
+    return (region->count + PAGE_WORDS - 1) / PAGE_WORDS;
+}
+
+/* The bytes of a page, of which the last may be shorter. */
+static size_t page_bytes(const struct region *region, Py_ssize_t page)
+{
+    Py_ssize_t left = region->count - page * PAGE_WORDS;
+    return (size_t)(left < PAGE_WORDS ? left : PAGE_WORDS) * sizeof *region->stored;
+}
+
+static struct region *make_region(Py_ssize_t count)
+{
+    struct region *region = calloc(1, sizeof *region);
+    if (region != NULL) {
+        region->count = count;
+        region->words = calloc((size_t)count, sizeof *region->words);
+        region->stored = calloc((size_t)count, sizeof *region->stored);
+        region->is_used = calloc((size_t)pages_of(region), sizeof *region->is_used);
+    }
+    if (region == NULL || region->words == NULL || region->stored == NULL || region->is_used == NULL)
+        Py_FatalError("no memory for words");
+    return region;
+}
+
+static struct region *take_region(Py_ssize_t count)
+{
+    struct region **link = &unused;
+    while (*link != NULL && (*link)->count != count)
+        link = &(*link)->next;
+    struct region *region = *link;
+    if (region == NULL)
+        return make_region(count);
+    *link = region->next;
+    for (Py_ssize_t page = 0; page < pages_of(region); page++) {
+        if (!region->is_used[page])
+            continue;
+        memset(region->words + page * PAGE_WORDS, 0, page_bytes(region, page));
+        memset(region->stored + page * PAGE_WORDS, 0, page_bytes(region, page));
+        region->is_used[page] = false;
+    }
+    return region;
+}
+
 static void leave_region(struct region *region)
 {
     if (--region->users != 0)
@@ -237,10 +295,16 @@ static void leave_region(struct region *region)
         regions = region->next;
     if (region->next != NULL)
         region->next->previous = region->previous;
-    Py_XDECREF(region->fuse);
-    Py_XDECREF(region->on_store);
+    Py_CLEAR(region->fuse);
+    Py_CLEAR(region->on_store);
+    if (KEEPS_MEMORY && region->traces != 0) {
+        region->next = unused;
+        unused = region;
+        return;
+    }
     free(region->words);
     free(region->stored);
+    free(region->is_used);
     free(region);
 }
 
@@ -263,17 +327,11 @@ static PyObject *words_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
     (void)type;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "n", names, &count))
         return NULL;
-    struct region *region = calloc(1, sizeof *region);
-    if (region != NULL) {
-        region->words = calloc((size_t)count, sizeof *region->words);
-        region->stored = calloc((size_t)count, sizeof *region->stored);
-    }
-    if (region == NULL || region->words == NULL || region->stored == NULL)
-        Py_FatalError("no memory for words");
-    region->count = count;
+    struct region *region = take_region(count);
     region->number = next_number++;
     region->traces = traces;
     region->on_store = Py_NewRef(Py_None);
+    region->previous = NULL;
     region->next = regions;
     if (regions != NULL)
         regions->previous = region;
@@ -490,17 +548,37 @@ static PyObject *unguarded_stores(PyObject *module, PyObject *unused)
     return PyLong_FromUnsignedLongLong(unguarded);
 }
 
-static PyObject *stray_words(PyObject *module, PyObject *unused)
+/* Return the first word that differs from what was stored, of the used pages or of all; -1 if none does. */
+static Py_ssize_t stray_word(struct region *region, bool of_used_pages)
 {
-    (void)module, (void)unused;
-    for (struct region *region = regions; region != NULL; region = region->next) {
-        Py_ssize_t index = 0;
-        if (region->traces != traces || memcmp(region->words, region->stored, (size_t)region->count * sizeof *region->stored) == 0)
+    for (Py_ssize_t page = 0; page < pages_of(region); page++) {
+        Py_ssize_t index = page * PAGE_WORDS;
+        if ((of_used_pages && !region->is_used[page]) ||
+            memcmp(region->words + index, region->stored + index, page_bytes(region, page)) == 0)
             continue;
         while (load(region->words + index) == region->stored[index])
             index++;
-        return Py_BuildValue("[(In)]", (unsigned int)region->number, index);
+        region->is_used[page] = true; /* it must be cleared before it is used again */
+        return index;
     }
+    return -1;
+}
+
+static PyObject *stray_words(PyObject *module, PyObject *args)
+{
+    int of_used_pages = 0;
+    Py_ssize_t index;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "|p", &of_used_pages))
+        return NULL;
+    for (struct region *region = regions; region != NULL; region = region->next)
+        if (region->traces == traces && (index = stray_word(region, of_used_pages)) >= 0)
+            return Py_BuildValue("[(In)]", (unsigned int)region->number, index);
+    for (struct region *region = unused; region != NULL && !of_used_pages; region = region->next)
+        if ((index = stray_word(region, false)) >= 0) {
+            memcpy(region->words + index, region->stored + index, sizeof *region->stored); /* it is told once */
+            return Py_BuildValue("[(In)]", (unsigned int)region->number, index);
+        }
     return PyList_New(0);
 }
 
@@ -532,8 +610,10 @@ static PyMethodDef functions[] = {
     {"end_trace", end_trace, METH_NOARGS, "Return the stores: words, index (4 bytes each) and value (8)."},
     {"hide_values", hide_values, METH_VARARGS, "Write down no values of this word of these words."},
     {"note_wake", note_wake, METH_O, "Write down that somebody was woken."},
-    {"stray_words", stray_words, METH_NOARGS,
-     "Return the first word, of those made since the trace began, that was stored beside `store`."},
+    {"stray_words", stray_words, METH_VARARGS,
+     "Return the first word, of those made since the trace began, or used before, that was stored beside `store`;\n"
+     "with True, look only at the pages where anything was stored as it should, which is faster: in the others, the\n"
+     "word is found when they are looked at."},
     {"unguarded_stores", unguarded_stores, METH_NOARGS, "Count the stores of C that no MAY_DIE covered."},
     {NULL},
 };
