@@ -1,0 +1,234 @@
+"""Does the same again and again over the hot path in C, and requires that no references gather.
+
+    python -m tests.hot._support.reference_counts FOLDER SOURCES [PLAY...]
+
+SOURCES is the folder of the sources in C; a test gives some with a defect. The plays are methods of `Plays`.
+
+A reference too many keeps its object for ever, which the count of the interpreter's memory blocks shows. If
+the object lives on anyway, such as None or a class, only its own count shows it, which is also what shows a
+reference too few.
+"""
+
+import contextlib
+import gc
+import logging
+import os
+import sys
+import time
+from collections.abc import Callable
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import posix_ipc
+import pytest
+
+from robbie_mp import RobbieError
+from tests.hot._support.build import HOT, fused_module
+
+WARM_UP = 20
+"""Rounds after which caches, also those of numpy, hardly grow any more."""
+ROUNDS = 12
+"""Rounds of a window."""
+WINDOWS = 8
+LEAST = 2
+"""References or blocks more in each round that count; every play does everything several times."""
+LASTING: list[object] = [None, True, False, NotImplemented, Ellipsis, (), "", b""]
+"""What lives as long as the interpreter, but is not listed by the garbage collector."""
+
+WRONG: tuple[tuple[object, ...], ...] = (
+    (), (None,), (2**64,), (1, 2, 3), ("", "", ""), ("",) * 7, (-1,) * 7, ([],) * 8, (None,) * 10,
+)  # fmt: skip
+"""Arguments that no method takes, or hardly any."""
+
+
+def references() -> dict[str, int]:
+    """Count the references to objects of each type."""
+    gc.collect()
+    counted: dict[str, int] = {}
+    objects = gc.get_objects()
+    for each in objects:
+        name = f"references to {type(each).__name__}"
+        counted[name] = counted.get(name, 0) + sys.getrefcount(each)
+    del objects
+    for each in LASTING:
+        counted[f"references to {each!r}"] = sys.getrefcount(each)
+    return counted
+
+
+def gathered(play: Callable[[], object]) -> str:
+    """Say what gathers if something is done again and again; '' if nothing does.
+
+    Caches fill at times of their own choosing. So only what grows, or shrinks, in each of WINDOWS gathers.
+    """
+    logging.disable()
+    for _ in range(WARM_UP):
+        play()
+    gathering: dict[str, int] = {}
+    for window in range(WINDOWS):
+        more = _more(play)
+        if window > 0:
+            more = {
+                name: min(gathering[name], more[name], key=abs) for name in gathering.keys() & more.keys()
+            }
+        gathering = more
+        if not gathering:
+            break
+    return ", ".join(f"{number / ROUNDS:+g} {name}" for name, number in sorted(gathering.items()))
+
+
+def _more(play: Callable[[], object]) -> dict[str, int]:
+    """Do it ROUNDS times; return of what there is much more then, or less."""
+    before, blocks = references(), sys.getallocatedblocks()
+    for _ in range(ROUNDS):
+        play()
+    gc.collect()
+    more = {"blocks of memory": sys.getallocatedblocks() - blocks}
+    for name, number in references().items():
+        more[name] = number - before.get(name, 0)
+    return {name: number for name, number in more.items() if abs(number) >= LEAST * ROUNDS}
+
+
+class Plays:
+    """What is done, over a build of the sources in C."""
+
+    def __init__(self, built: Any):
+        from tests.hot._support.exchange import parcel_class  # noqa: PLC0415 (uses the build that was loaded)
+
+        self.built = built
+        self.parcel: Any = parcel_class(built)
+
+    def routing(self) -> None:
+        """Histories and robots, whose core and modules die, and loops of the core."""
+        from tests.hot._support.histories import crowd, history  # noqa: PLC0415
+
+        for number in range(6):
+            history(number)
+            crowd(number)
+
+    def waking(self) -> None:
+        """A semaphore, waited for with and without success."""
+        for _ in range(5):
+            self._wake()
+
+    def _wake(self) -> None:
+        name = f"/robbie-testcount{os.getpid()}"
+        made = posix_ipc.Semaphore(name, posix_ipc.O_CREX)
+        opened = self.built.Semaphore(name)
+        made.unlink()
+        with contextlib.suppress(OSError):
+            self.built.Semaphore(name)
+        opened.post()
+        assert opened.value == 1 and opened.wait(1.0) and not opened.wait(0) and not opened.wait(0.001)
+        opened.close()
+        with contextlib.suppress(Exception):
+            opened.post()
+        made.close()
+
+    def exchanging(self) -> None:
+        """Messages of all sizes, kept as arrays, parts of arrays and not at all; loans; damaged ones."""
+        from tests.hot._support import exchange as exchanges  # noqa: PLC0415
+
+        exchanges._runs = count()  # other names of files would gather in caches of Python's library
+        for keep in range(4):
+            exchange = exchanges.Exchange(self.built, self.parcel)
+            exchange.keep(keep)
+            for size in (0, 60, 5000, 40_000):
+                for topic in range(3):
+                    exchange.publish(topic, size)
+                exchange.publish_damaged()
+                exchange.core()
+                exchange.take_turns(3)
+                exchange.outstanding()
+                self._lend(exchange, size)
+                exchange.core()
+                exchange.take_turns(2)
+            exchange.drop(1)
+            exchange.restart_core()
+            exchange.core()
+            exchange.close()
+            vars(exchange).clear()
+
+    def _lend(self, exchange: Any, size: int) -> None:
+        with exchange.outbox.loan(self.parcel, "left", {"number": 1, "data": size}) as lent:
+            lent.data[:] = 1
+        with contextlib.suppress(ZeroDivisionError), exchange.outbox.loan(self.parcel, "", {"data": size}):
+            raise ZeroDivisionError
+
+    def encoding(self) -> None:
+        """Whatever the codec's fuzzer makes up."""
+        from tests.messages._support.codec_fuzz import fuzz  # noqa: PLC0415
+
+        fuzz(1, 300)
+
+    def misuse(self) -> None:
+        """Wrong arguments, and ends whose memory was let go."""
+        for _ in range(10):
+            self._misuse()
+
+    def _misuse(self) -> None:
+        from robbie_mp.transport.ring import RingPlace  # noqa: PLC0415
+
+        built = self.built
+        for name, made in vars(built).items():
+            if isinstance(made, type) and name != "Words":
+                for arguments in WRONG:
+                    with contextlib.suppress(TypeError, ValueError, OSError, AttributeError, OverflowError):
+                        made(*arguments)
+        words, tail = built.Words(34), built.Words(1)
+        place = RingPlace(words, 0, 2, 4, tail, 0)
+        for ends in ((built.RingWriter, built.RingReader), (built.NumberRingWriter, built.NumberRingReader)):
+            words[0] = tail[0] = 0
+            writer, reader = (end(place) for end in ends)
+            for end in (writer, reader):
+                for name in dir(type(end)):
+                    if not name.startswith("_") and callable(getattr(type(end), name)):
+                        self._call_wrongly(getattr(end, name))
+            words[0] = 1000
+            with contextlib.suppress(RobbieError):
+                reader.take_all() if hasattr(reader, "take_all") else reader.waiting()
+            writer.close()
+            reader.disown()
+            with contextlib.suppress(Exception):
+                writer.push(*range(7))
+            with contextlib.suppress(Exception):
+                reader.take_all()
+
+    def _call_wrongly(self, method: Callable[..., object]) -> None:
+        if method.__name__ in ("close", "disown"):
+            return
+        for arguments in WRONG:
+            with contextlib.suppress(TypeError, OverflowError, RobbieError):
+                method(*arguments)
+
+
+PLAYS = ("waking", "misuse", "encoding", "exchanging", "routing")
+
+
+def main() -> None:
+    """Do everything; the exit code is 1 if anything gathers."""
+    folder, sources, *chosen = sys.argv[1:]
+    built: Any = fused_module(Path(folder), "-O0", hot=Path(sources))
+    from robbie_mp import _hot  # noqa: PLC0415
+    from robbie_mp._hot.sources import digest  # noqa: PLC0415
+
+    built.SOURCES = digest(HOT)
+    sys.modules["robbie_mp._hot.native"] = _hot.native = built
+    from robbie_mp.messages.message import _NATIVE  # noqa: PLC0415 (chosen at import)
+    from tests.core._support.simulated_run import SimulatedRun  # noqa: PLC0415
+    from tests.hot._support.memory import FusedMemory  # noqa: PLC0415
+
+    assert id(_NATIVE) == id(built)
+    SimulatedRun.memory = FusedMemory(built, with_c=True)
+    plays, failed = Plays(built), False
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(time, "monotonic_ns", built.tick)
+        for name in chosen or PLAYS:
+            found = gathered(getattr(plays, name))
+            failed |= bool(found)
+            print(f"{name}: {found or 'nothing gathers'}", flush=True)
+    sys.exit(failed)
+
+
+if __name__ == "__main__":
+    main()
