@@ -13,7 +13,7 @@ from pathlib import Path
 
 from robbie_mp.recording.errors import LogError
 from robbie_mp.recording.format import PART_NAME, ChannelCount, ChannelKey
-from robbie_mp.recording.info import key_of, last_counts
+from robbie_mp.recording.info import last_counts
 from robbie_mp.recording.reader import open_log
 
 MAX_CHANNELS = 4096
@@ -156,7 +156,7 @@ def counts_of(parts: Iterable[Path]) -> dict[ChannelKey, ChannelCount]:
     for path in parts:
         try:
             with open_log(path) as log:
-                recorded = {key_of(channel): count for channel, count in log.counts.items()}
+                recorded = {channel.key: count for channel, count in log.counts.items()}
                 dropped = {
                     key: count.dropped for part in log.parts for key, count in last_counts(part).items()
                 }

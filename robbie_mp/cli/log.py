@@ -1,4 +1,4 @@
-"""`robbie log`: what the processes of a run have logged, during the run or after it."""
+"""`robbie log`: what the processes of a run have logged, during the run or after it; and edits of logs."""
 
 import argparse
 import json
@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 from rich.style import Style
 
 from robbie_mp.cli import completers
+from robbie_mp.cli.log_edit import add_parsers
 from robbie_mp.cli.output import console, print_styled
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Parser, add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
 from robbie_mp.errors import RobbieError
 from robbie_mp.run.control import control
@@ -47,15 +48,24 @@ class NoTrace(RobbieError, LookupError):
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add `log` to the commands."""
-    parser = add_command(
-        subparsers,
+    parent = subparsers.add_parser(
         "log",
+        help="show what modules have logged, or cut, filter and merge logs of messages",
+        description="Without an action, `robbie log` does `show`: `robbie log --follow` is `robbie log show "
+        "--follow`.",
+    )
+    actions = parent.add_subparsers(title="actions", metavar="ACTION", required=True)
+    if isinstance(parent, Parser):
+        parent.set_default_action(actions, "show")
+    parser = add_command(
+        actions,
+        "show",
         "show what modules have logged and printed, and why they crashed",
         "Show the trace of a live run, of the newest run in ./output, or of the run in DIR. "
         "log/trace.html in the run's output directory shows the same in a browser.",
         [
             "robbie log --follow --kind error,warning",
-            "robbie log --module laser --last 50",
+            "robbie log show --module laser --last 50",
             "robbie log --crashes output/demo/20260101-120000-4711",
             "robbie log --record error,warning,info,system --module laser",
         ],
@@ -81,6 +91,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         help="record only these kinds from now on, for all modules or --module; none: nothing",
     )
     parser.set_defaults(command=log)
+    add_parsers(actions)
 
 
 def log(arguments: argparse.Namespace) -> int:

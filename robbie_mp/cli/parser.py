@@ -1,8 +1,10 @@
 """The parser of the command line: every error is one line, every command's help has examples."""
 
 import argparse
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, NoReturn
+import os
+import sys
+from collections.abc import Container, Sequence
+from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -12,6 +14,34 @@ BAD_USAGE = 2
 
 class Parser(argparse.ArgumentParser):
     """An argument parser that reports an error on one line."""
+
+    _actions_by_name: Container[str] = ()
+    _default_action = ""
+
+    def set_default_action(self, actions: "_SubParsersAction[argparse.ArgumentParser]", name: str) -> None:
+        """Take arguments that do not begin with an action for those of this one.
+
+        Args:
+            actions: the actions of this parser.
+            name: the default action.
+        """
+        self._actions_by_name, self._default_action = actions.choices, name
+
+    def parse_known_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: Any = None
+    ) -> tuple[Any, list[str]]:
+        """Parse the arguments that are known, and return the others, too; see argparse."""
+        words = sys.argv[1:] if args is None else list(args)
+        if self._default_action and self._begins_with_no_action(words):
+            words = [self._default_action, *words]
+        return super().parse_known_args(words, namespace)
+
+    def _begins_with_no_action(self, words: Sequence[str]) -> bool:
+        if words:
+            return words[0] not in ("-h", "--help") and words[0] not in self._actions_by_name
+        if "_ARGCOMPLETE" not in os.environ:
+            return True
+        return os.environ.get("COMP_LINE", "").rpartition(" ")[2].startswith("-")  # else it becomes an action
 
     def error(self, message: str) -> NoReturn:
         """Print the error and how to get help, and exit."""

@@ -134,7 +134,7 @@ def describe(log: Log) -> LogInfo:
         channels=[
             *(
                 ChannelInfo(
-                    channel, count, count / duration_s if duration_s else 0.0, dropped.get(key_of(channel))
+                    channel, count, count / duration_s if duration_s else 0.0, dropped.get(channel.key)
                 )
                 for channel, count in log.counts.items()
             ),
@@ -180,12 +180,7 @@ def last_counts(part: LogPart) -> dict[ChannelKey, ChannelCount]:
 
 def _missing_altogether(log: Log, dropped: dict[ChannelKey, int]) -> Iterator[ChannelInfo]:
     """Yield dropped channels that are not in the log: no message arrived, or the sender is not known."""
-    recorded = {key_of(channel) for channel in log.channels}
+    recorded = {channel.key for channel in log.channels}
     for key, count in dropped.items():
         if count and key not in recorded:
             yield ChannelInfo(LogChannel(-1, *key, schema=""), 0, 0.0, count)
-
-
-def key_of(channel: LogChannel) -> ChannelKey:
-    """Return what identifies a channel of a log."""
-    return ChannelKey(channel.type_name, channel.version, channel.topic, channel.sender)

@@ -26,6 +26,7 @@ from robbie_mp.recording.format import (
     SENDER_KEY,
     TOPIC_KEY,
     VERSION_KEY,
+    ChannelKey,
 )
 from robbie_mp.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.recording.part import LogPart
@@ -57,6 +58,11 @@ class LogChannel:
     schema: str
     encoding: str = MESSAGE_ENCODING
     is_foreign: bool = False
+
+    @property
+    def key(self) -> ChannelKey:
+        """What identifies the channel in the counts of a log."""
+        return ChannelKey(self.type_name, self.version, self.topic, self.sender)
 
 
 class LoggedMessage(NamedTuple):
@@ -121,10 +127,19 @@ class Log:
     def counts(self) -> dict[LogChannel, int]:
         """Number of messages in each channel."""
         counts = dict.fromkeys(self.channels, 0)
-        for part, channels in zip(self.parts, self._channels_of, strict=True):
+        for part, channels in self.files():
             for channel_id, count in part.contents.counts.items():
                 counts[channels[channel_id]] += count
         return counts
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages in all channels."""
+        return sum(part.contents.message_count for part in self.parts)
+
+    def files(self) -> Iterator[tuple[LogPart, dict[int, LogChannel]]]:
+        """Yield each part with its channels, by their ids in that file."""
+        return zip(self.parts, self._channels_of, strict=True)
 
     def metadata(self, name: str) -> list[dict[str, str]]:
         """Return the metadata records of that name, in file order."""
@@ -147,7 +162,7 @@ class Log:
             channels: yield messages of these channels only.
         """
         wanted = None if channels is None else {channel.id for channel in channels}
-        for part, known in zip(self.parts, self._channels_of, strict=True):
+        for part, known in self.files():
             ids = None if wanted is None else {id_ for id_, channel in known.items() if channel.id in wanted}
             for message in part.messages(start_ns, end_ns, ids):
                 if channel := known.get(message.channel_id):

@@ -43,7 +43,13 @@ def robbie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.skipif(not shutil.which("bash"), reason="there is no bash")
 @pytest.mark.parametrize(
     ("typed", "offered"),
-    [("robbie ec", {"echo"}), ("robbie run r", {"robot"}), ("robbie pub --ra", {"--rate"})],
+    [
+        ("robbie ec", {"echo"}),
+        ("robbie run r", {"robot"}),
+        ("robbie pub --ra", {"--rate"}),
+        ("robbie log cu", {"cut"}),
+        ("robbie log --fol", {"--follow"}),
+    ],
 )
 def test_bash_completion_works(robbie: Path, typed: str, offered: set[str]) -> None:
     asked = subprocess.run(

@@ -33,6 +33,11 @@ def output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+def test_log_without_an_action_shows_the_trace(output: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert shown(capsys) == shown(capsys, "show") == shown(capsys, str(output))
+    assert shown(capsys, "--last", "1") == shown(capsys)[-1:]
+
+
 def shown(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[str]:
     assert main(["log", *arguments]) == 0
     return capsys.readouterr().out.splitlines()

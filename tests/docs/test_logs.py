@@ -56,6 +56,10 @@ def test_repair(monday: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (monday / "monday_0000.repaired.mcap").exists()
 
 
+def test_cut_filter_and_merge() -> None:
+    assert run("edit") == [0, 0, 0]
+
+
 def test_compare(monday: Path, capsys: pytest.CaptureFixture[str]) -> None:
     monday.rename("first")
     shutil.copytree("first", "second")
