@@ -6,6 +6,8 @@ import sys
 from collections.abc import Container, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from robbie_mp.suggest import did_you_mean
+
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
@@ -13,7 +15,15 @@ BAD_USAGE = 2
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser that reports an error on one line."""
+    """An argument parser that reports an error on one line, and suggests commands for a mistyped one."""
+
+    def _check_value(self, action: argparse.Action, value: object) -> None:
+        """Refuse a value that is none of the choices; argparse calls this."""
+        if action.choices is not None and value not in action.choices:
+            known = [str(choice) for choice in action.choices]
+            near = did_you_mean(str(value), known) or f"; there are {', '.join(known)}"
+            kind = action.metavar.lower() if isinstance(action.metavar, str) else "possible choice"
+            raise argparse.ArgumentError(None, f"{value!r} is no {kind}{near}")
 
     _actions_by_name: Container[str] = ()
     _default_action = ""

@@ -15,7 +15,8 @@ from robbie_mp.cli.profile import add_set_argument
 from robbie_mp.cli.run import add_output_arguments, check, run_robot
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.model import ClockSettings, ModuleSpec, Profile
-from robbie_mp.profile.problem import ProfileError, refuse
+from robbie_mp.profile.preflight import Preflight
+from robbie_mp.profile.problem import Place, Problem, ProfileError, refuse
 from robbie_mp.profile.workspace import find_workspace
 from robbie_mp.recording.limits import MEGABYTE, READ_LIMITS
 
@@ -24,6 +25,15 @@ if TYPE_CHECKING:
 
 PLAYBACK = "playback"
 CLASS = "robbie_mp.services.playback:Playback"
+SETTINGS = {"start": "start_s", "end": "end_s", "loop": "loop", "topics": "topics", "paused": "paused"}
+"""Options of this command, and the settings of the playback that they set as they are."""
+PLACES = {
+    "file": None,  # the error names it
+    "rate": Place("--rate"),
+    "max_chunk_mib": Place("--max-chunk-mib"),
+    **{setting: Place(f"--{option}") for option, setting in SETTINGS.items()},
+}
+"""The place of each setting that this command sets."""
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -90,6 +100,14 @@ def rate(text: str) -> float:
 def play(arguments: argparse.Namespace) -> int:
     """Play a log."""
     settings = _settings(arguments)
+    try:
+        profile, findings = _checked(arguments, settings)
+    except ProfileError as error:
+        raise _as_typed(error, arguments.overrides) from None
+    return run_robot(profile, findings, arguments)
+
+
+def _checked(arguments: argparse.Namespace, settings: dict[str, Any]) -> tuple[Profile, Preflight]:
     if arguments.profile:
         profile = _robot(arguments.profile, settings, arguments.overrides)
     elif arguments.overrides:
@@ -98,13 +116,29 @@ def play(arguments: argparse.Namespace) -> int:
         profile = _alone(settings)
     if arguments.lockstep:
         profile = replace(profile, clock=replace(profile.clock, lockstep=True))
-    return run_robot(*check(profile), arguments)
+    return check(profile)
+
+
+def _as_typed(error: ProfileError, overrides: Sequence[str]) -> ProfileError:
+    """Return the error with the arguments of this command in place of the settings that they stand for."""
+    typed = {override.partition("=")[0] for override in overrides}
+    places = {
+        f"--set {PLAYBACK}.{setting}": place
+        for setting, place in PLACES.items()
+        if f"{PLAYBACK}.{setting}" not in typed
+    }
+    return ProfileError(
+        Problem(
+            problem.text.removeprefix(f"modules.{PLAYBACK}.settings: "),
+            places.get(str(problem.place), problem.place),
+        )
+        for problem in error.problems
+    )
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the playback settings given on the command line."""
-    names = {"start": "start_s", "end": "end_s", "loop": "loop", "topics": "topics", "paused": "paused"}
-    given = {name: getattr(arguments, option) for option, name in names.items()}
+    given = {name: getattr(arguments, option) for option, name in SETTINGS.items()}
     settings = {name: value for name, value in given.items() if value is not None}
     settings["file"] = str(arguments.file.absolute())
     if arguments.limits != READ_LIMITS:

@@ -69,6 +69,9 @@ def _run_command(arguments: Sequence[str] | None) -> int:
         _complete()
     with interrupts_end_at_once():
         parser = _parser(argv[:1])
+    if not argv:
+        parser.print_help()
+        return 0
     parsed = parser.parse_args(argv)
     try:
         code: int = parsed.command(parsed)

@@ -103,6 +103,9 @@ def check_packages(
 ) -> Iterator[Finding]:
     """Judge the packages, in one line for Robbie-MP itself and one for each extra.
 
+    An extra that is not installed completely is not in use: single packages of it may be there for another
+    reason. What a profile lacks, `look_at_modules` finds.
+
     Args:
         requirements: the required packages.
         installed: the version of each package, None if it is not installed.
@@ -117,10 +120,10 @@ def check_packages(
             for one in group
             if (version := installed[one.package]) and _numbers(version) < _numbers(one.oldest)
         ]
-        yield _judge(extra, len(group), missing, old)
+        yield _judge(extra, len(missing) < len(group), missing, old)
 
 
-def _judge(extra: str, count: int, missing: list[str], old: list[str]) -> Finding:
+def _judge(extra: str, has_any: bool, missing: list[str], old: list[str]) -> Finding:
     name = f"extra {extra}" if extra else "packages"
     target = f"{DISTRIBUTION}[{extra}]" if extra else DISTRIBUTION
     advice = f"pip install --upgrade '{target}'"
@@ -130,8 +133,9 @@ def _judge(extra: str, count: int, missing: list[str], old: list[str]) -> Findin
     found = "; ".join(f"{what}: {', '.join(packages)}" for what, packages in lists.items() if packages)
     if not extra:
         return fail(name, found, advice)
-    if len(missing) == count:
-        return ok(name, f"is not installed; to install it: {advice}")
+    if missing:
+        lacks = f" completely (missing: {', '.join(missing)})" if has_any else ""
+        return ok(name, f"is not installed{lacks}; to install it: {advice}")
     return warn(name, found, advice)
 
 

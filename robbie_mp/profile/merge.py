@@ -90,8 +90,8 @@ def _read_override(text: str, profile: Node) -> Node:
     elif key in config:
         path = ("config", key)
     else:
-        known = [*config, *(f"{module}.{setting}" for module in modules)]
-        near = did_you_mean(key, known) or f"; modules: {', '.join(modules) or 'none'}"
+        near = did_you_mean(name, modules) or did_you_mean(key, config)
+        near = near or f"; modules: {', '.join(modules) or 'none'}"
         raise refuse(f"there is no module {name!r}, and config has no key {key!r}{near}", place)
     return reduce(lambda inner, step: Node({step: inner}, place), reversed(path), value)
 

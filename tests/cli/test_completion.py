@@ -80,6 +80,31 @@ def test_help_of_every_command_has_examples(command: argparse.ArgumentParser) ->
     assert re.search(rf"^examples:\n  .*{command.prog}\b", shown, re.MULTILINE), shown
 
 
+def test_robbie_alone_prints_its_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    assert "echo " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        (["ehco", "Image"], "robbie: 'ehco' is no command; did you mean 'echo' or 'record'?; see"),
+        (["module", "strat", "x"], "robbie module: 'strat' is no action; did you mean 'start' or 'restart'?"),
+        (["list", "topisc"], "robbie list: 'topisc' is no possible choice; did you mean 'topics'?"),
+        (["zzz"], "robbie: 'zzz' is no command; there are run, record, play"),
+    ],
+)
+def test_mistyped_command_gets_a_suggestion(
+    typed: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(typed)
+    assert end.value.code == 2
+    error = capsys.readouterr().err
+    assert error.startswith(said)
+    assert error.count("\n") == 1
+
+
 def test_usage_error_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         main(["echo"])

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.cli import main
 from robbie_mp.cli.play import _alone, _settings, rate
 from robbie_mp.cli.program import _parser
 from robbie_mp.module.settings import check_settings
@@ -38,6 +39,27 @@ def test_options_not_given_keep_the_profiles_values_or_real_time(log: Path) -> N
     alone = _alone(settings)
     assert alone.modules[0].settings["rate"] == 1.0
     assert alone.clock.source == alone.modules[0].name
+
+
+@pytest.mark.parametrize("profile", [[], ["demo-playback"]])
+def test_errors_name_what_was_typed(
+    profile: list[str],
+    log: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(PROJECT)
+    bad = tmp_path / "bad.mcap"
+    bad.write_text("no log at all")
+    assert main(["play", str(bad), *profile]) == 2
+    assert capsys.readouterr().err == f"{bad} is no MCAP file\n"
+    assert main(["play", str(log), *profile, "--start", "-1"]) == 2
+    assert "--set" not in (error := capsys.readouterr().err)
+    assert "start_s" in error
+    if profile:
+        assert main(["play", str(log), *profile, "--set", f"playback.file={bad}"]) == 2
+        assert capsys.readouterr().err == f"--set playback.file: {bad} is no MCAP file\n"
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "nan"])

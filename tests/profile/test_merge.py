@@ -198,12 +198,13 @@ def test_relative_paths_of_overrides_start_from_the_current_folder(robot: Robot)
         ("a.x=[1", "YAML: while parsing a flow sequence expected ',' or ']', but got '<stream end>'"),
         (
             "b.x=1",
-            "there is no module 'b', and config has no key 'b.x'; did you mean 'a.x'?",
+            "there is no module 'b', and config has no key 'b.x'; modules: a",
         ),
         (
             "robot.nam=1",
             "there is no module 'robot', and config has no key 'robot.nam'; did you mean 'robot.name'?",
         ),
+        ("aa.x=1", "there is no module 'aa', and config has no key 'aa.x'; did you mean 'a'?"),
         ("zzz=1", "there is no module 'zzz', and config has no key 'zzz'; modules: a"),
         ("robot.name={a: 1}", "config.robot.name: config is flat; write `robot.name.a: …`"),
         ("robot.name=.nan", "config.robot.name: expected float, finite; got nan (float)"),
