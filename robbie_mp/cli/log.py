@@ -64,8 +64,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "Show the trace of a live run, of the newest run in ./output, or of the run in DIR. "
         "log/trace.html in the run's output directory shows the same in a browser.",
         [
-            "robbie log --follow --kind error,warning",
             "robbie log show --module laser --last 50",
+            "robbie log --follow --kind error,warning",
             "robbie log --crashes output/demo/20260101-120000-4711",
             "robbie log --record error,warning,info,system --module laser",
         ],
