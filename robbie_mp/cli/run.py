@@ -31,7 +31,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "run a robot until it ends or you press Ctrl-C",
         "Start each module of a profile as a process, restart modules that die, and stop all of them in "
         "order at Ctrl-C (a second Ctrl-C kills them). Exit code 0: the run ended well; 1: a module is "
-        "FAILED; 2: bad usage or profile.",
+        "FAILED or did not end in order, so its results may be missing; 2: bad usage or profile.",
         [
             "robbie run robot",
             "robbie run sim/arena --set mapping.resolution_m=0.1",

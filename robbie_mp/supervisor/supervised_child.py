@@ -65,6 +65,8 @@ class SupervisedChild:
         was_settled: whether it has left STARTING at least once.
         ended_run: whether it ended in the way that ends the run.
         awaits_retry: whether it is FAILED and will be retried.
+        unfinished: why it did not end in order when the run stopped, so that what it writes at its end, such
+            as a map, is missing; '' if it did, or if it never ran.
     """
 
     def __init__(
@@ -102,6 +104,8 @@ class SupervisedChild:
         self._due_s = 0.0  # start deadline in STARTING, time of restart in BACKOFF and FAILED
         self._is_retried = False
         self.awaits_retry = False
+        self.unfinished = ""
+        self._has_run = False
 
     @property
     def pid(self) -> int | None:
@@ -247,6 +251,7 @@ class SupervisedChild:
 
     def stop_now(self, reason: str) -> None:
         """Kill its process and all it forked, because the run ends."""
+        self._has_run = False  # nobody expects results from now on
         self._then = Then.STOPPED
         self.kill(reason)
 
@@ -263,6 +268,8 @@ class SupervisedChild:
     def do_not_restart(self, reason: str) -> None:
         """Start no further incarnation: the run stops."""
         self._may_restart = False
+        if self.state is ChildState.BACKOFF and self._has_run:
+            self.unfinished = f"it had ended ({self.reason}) and was not started again"
         if self.awaits_retry:
             self.awaits_retry = False  # it remains FAILED
         else:
@@ -300,6 +307,7 @@ class SupervisedChild:
     def _check_ready(self) -> None:
         if self._incarnations.is_ready(self.spec.name, self.incarnation):
             self._budget.running()
+            self._has_run = True
             self._move(ChildState.RUNNING, "ready")
 
     def _starved_s(self, now_s: float) -> float:
@@ -405,6 +413,8 @@ class SupervisedChild:
             self._move(ChildState.BACKOFF, reason, status, 0.0)
             return
         if self._then is not None:
+            if not self._may_restart and self._has_run and not self._is_orderly(status):
+                self.unfinished = reason
             self._move(ChildState.STOPPED, reason, status)
             return
         if is_clean and self.spec.ends_run:
@@ -425,11 +435,18 @@ class SupervisedChild:
             case _:
                 self._move(ChildState.STOPPED, reason, status)
 
+    def _is_orderly(self, status: ExitStatus | None) -> bool:
+        """Whether an end in an ordered stop is one in order; not while it is only being started again."""
+        if status is None or status.is_clean:
+            return status is not None
+        return status.signal == signal.SIGTERM and self.state is ChildState.RUNNING
+
     def _is_crash(self, status: ExitStatus, *, is_clean: bool) -> bool:
         if self._then is None:
             return not is_clean
-        # In an ordered stop, SIGTERM and SIGKILL come from the supervisor.
-        return not status.is_clean and status.signal not in (signal.SIGTERM, signal.SIGKILL)
+        if status.signal == signal.SIGKILL:
+            return not self._kill_reason  # somebody else killed it, such as the kernel for lack of memory
+        return not status.is_clean and status.signal != signal.SIGTERM  # which the supervisor has sent
 
     def _move(
         self,

@@ -185,7 +185,7 @@ class Tree:
         self.children += [self._child(spec, output) for spec in ordered]
 
     def run(self) -> int:
-        """Run to the end and return the exit code: 1 if a child is FAILED, else 0."""
+        """Run to the end and return the exit code: 1 if a child is FAILED or did not end in order, else 0."""
         with ExitStack() as stack:
             stack.callback(self._loop.close)
             stack.callback(self._incarnations.close)
@@ -199,7 +199,8 @@ class Tree:
             stack.enter_context(signals_in_loop(self._loop, signums, self._on_signal))
             while self._turn():
                 orphans.reap(self._known_pids())
-        return int(any(child.state is ChildState.FAILED for child in self.children))
+            self._report_unfinished()
+        return int(any(child.state is ChildState.FAILED or child.unfinished for child in self.children))
 
     def stop(self, reason: str) -> None:
         """Begin an ordered stop; further calls have no effect."""
@@ -414,6 +415,18 @@ class Tree:
             for dependent in running:
                 dependent.output.say(Kind.SYSTEM, f"to be {reason}")
             self._partial_stops.append(OrderedStop(running, Then.RESTART, reason, self._clock))
+
+    def _report_unfinished(self) -> None:
+        """Report the children that did not end in order: nobody has written their results."""
+        for child in self.children:
+            if not child.unfinished:
+                continue
+            name, is_core = child.spec.name, child.spec.kind is ChildKind.CORE
+            missing = (
+                "messages that were published after that" if is_core else "results that teardown() writes"
+            )
+            self.stop_reason += f"; {name} did not end in order"
+            self.say(Kind.ERROR, f"{name} did not end in order: {child.unfinished}; {missing} are missing")
 
     def _close_output(self) -> None:
         self._say("all children have ended")

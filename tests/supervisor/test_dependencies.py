@@ -76,7 +76,7 @@ def test_dependent_that_ignores_the_stop_is_killed_after_its_grace(tmp_path: Pat
         yield lambda: run.states("map").count(RUNNING) == 2
         run.tree.stop("seen enough")
 
-    assert run.play(scenario()) == 0
+    assert run.play(scenario()) == 1
 
 
 def test_ordered_stop_ends_with_the_incarnation_that_it_began_with(tmp_path: Path) -> None:
@@ -154,5 +154,5 @@ def test_end_of_the_run_ends_the_wait_for_a_module(tmp_path: Path) -> None:
         yield lambda: BACKOFF in run.states("map")
         run.tree.stop("seen enough")
 
-    assert run.play(scenario()) == 0
+    assert run.play(scenario()) == 1
     assert run.states("map") == [STARTING, RUNNING, BACKOFF, STOPPED]

@@ -92,7 +92,7 @@ def test_only_the_grace_limits_an_ordered_stop(tmp_path: Path, doing: Doing) -> 
         run.tree.stop("test")
         run.incarnations.busy["ignores_sigterm"] = doing
 
-    assert run.play(scenario()) == 0
+    assert run.play(scenario()) == 1
     assert run.last("ignores_sigterm").reason.startswith("did not stop within 0.4 s")
 
 

@@ -208,7 +208,7 @@ def test_start_deadline_begins_when_the_clocks_source_has_set_the_time(tmp_path:
 
 def test_child_that_ignores_sigterm_is_killed_after_its_grace(tmp_path: Path) -> None:
     run = Run(tmp_path, animal(zoo.works), animal(zoo.ignores_sigterm, stop_grace_s=0.05))
-    assert run.play(stop_when_all_run(run)) == 0
+    assert run.play(stop_when_all_run(run)) == 1
     assert run.last("ignores_sigterm").reason == "did not stop within 0.05 s: killed by SIGKILL"
     assert run.last("works").reason == "exit code 0"
 
@@ -239,7 +239,7 @@ def test_second_sighup_does_not_kill(tmp_path: Path) -> None:
         yield lambda: bool(run.tree.stop_reason)
         os.kill(os.getpid(), signal.SIGHUP)
 
-    assert run.play(scenario()) == 0
+    assert run.play(scenario()) == 1
     assert run.last("ignores_sigterm").reason.startswith("did not stop within")
 
 
@@ -249,10 +249,60 @@ def test_stopped_process_is_continued_so_that_it_can_end(tmp_path: Path) -> None
     assert run.last("stops_itself").reason == "exit code 0"
 
 
-def test_failure_during_the_stop_is_not_a_failure_of_the_run(tmp_path: Path) -> None:
-    run = Run(tmp_path, animal(zoo.fails_in_teardown))
-    assert run.play(stop_when_all_run(run)) == 0
+def unfinished(run: Run) -> list[str]:
+    """What the supervisor says of children that did not end in order."""
+    return [
+        line.text
+        for line in run.lines
+        if line.module == "supervisor" and "did not end in order:" in line.text
+    ]
+
+
+def test_failure_during_the_stop_is_a_failure_of_the_run(tmp_path: Path) -> None:
+    run = Run(tmp_path, animal(zoo.fails_in_teardown), animal(zoo.works))
+    assert run.play(stop_when_all_run(run)) == 1
     assert run.last("fails_in_teardown").reason == "exit code 4"
+    assert run.tree.stop_reason == "SIGINT; fails_in_teardown did not end in order"
+    assert unfinished(run) == [
+        "fails_in_teardown did not end in order: exit code 4; results that teardown() writes are missing"
+    ]
+
+
+def test_core_and_child_that_are_killed_during_the_stop_are_reported(tmp_path: Path) -> None:
+    slow = animal(zoo.ignores_sigterm, "slow", stop_grace_s=60.0)
+    run = Run(tmp_path, core(), animal(zoo.works), slow)
+
+    def scenario() -> Scenario:
+        yield run.all_running
+        run.tree.stop("test")
+        yield lambda: ("wake", "slow", 1) in run.incarnations.calls
+        for name in ("core", "works", "slow"):
+            os.kill(run.incarnations.pids[name, 1], signal.SIGKILL)
+
+    assert run.play(scenario()) == 1
+    assert run.tree.stop_reason == "test" + "".join(
+        f"; {name} did not end in order" for name in ("core", "works", "slow")
+    )
+    first, *rest = unfinished(run)
+    assert first == (
+        "core did not end in order: killed by SIGKILL; messages that were published after that are missing"
+    )
+    assert all("killed by SIGKILL; results that teardown() writes are missing" in line for line in rest)
+    assert any(
+        "crashed in its duty: killed by SIGKILL" in line.text for line in run.lines if line.module == "works"
+    )
+
+
+def test_child_that_had_died_right_before_the_stop_is_reported(tmp_path: Path) -> None:
+    policy = RestartPolicy(backoff_s=60.0, backoff_cap_s=60.0)
+    run = Run(tmp_path, animal(zoo.fails_once, restart=policy), animal(zoo.works))
+
+    def died() -> bool:
+        return BACKOFF in run.states("fails_once") and run.is_running("works")
+
+    assert run.play(stop_when(run, died)) == 1
+    (said,) = unfinished(run)
+    assert "it had ended (exit code 3) and was not started again" in said
 
 
 def test_nothing_is_restarted_while_stopping(tmp_path: Path) -> None:
@@ -267,7 +317,7 @@ def test_nothing_is_restarted_while_stopping(tmp_path: Path) -> None:
         yield lambda: run.tree.child("works").pid is None
         run.tree.kill_all("enough")
 
-    assert run.play(scenario()) == 0
+    assert run.play(scenario()) == 1
     assert run.states("works") == [STARTING, RUNNING, STOPPED]
     assert run.last("works").reason == "killed by SIGKILL"
 
