@@ -1,16 +1,20 @@
 """What is built at installation, with a compiler and without one, and what is said then."""
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import venv
 import zipfile
 from pathlib import Path
 
 import pytest
 
+from robbie_mp._hot.choice import PURE_PYTHON, why_not
+from tests._support.implementations import NATIVE
 from tests.docs._support.pages import ROOT
 
 pytestmark = pytest.mark.slow
@@ -96,3 +100,18 @@ def test_installation_without_a_compiler_says_so_in_one_line_and_uses_python(
 def test_strict_installation_without_a_compiler_fails(archive: Path, tmp_path: Path) -> None:
     with pytest.raises(AssertionError, match="there is no C compiler"):
         build(archive, tmp_path, CC="no-such-compiler", ROBBIE_STRICT_BUILD="1")
+
+
+@pytest.mark.skipif(NATIVE is None, reason=why_not() or "C")
+def test_wheel_passes_its_check_only_if_it_has_the_hot_path_in_c() -> None:
+    """The command with which cibuildwheel checks each wheel that it has built."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["cibuildwheel"]
+    python, *arguments = shlex.split(settings["test-command"])
+    assert python == "python"
+    for pure, code in (("", 0), ("1", 1)):
+        done = subprocess.run(
+            [sys.executable, *arguments], env={**os.environ, PURE_PYTHON: pure}, cwd=ROOT,
+            capture_output=True, text=True, check=False, timeout=LIMIT_S,
+        )  # fmt: skip
+        assert done.returncode == code, done.stderr
+    assert f"{PURE_PYTHON}=1 is set" in done.stderr
