@@ -12,10 +12,15 @@ if TYPE_CHECKING:
     from robbie_mp.messages import DEFAULT as DEFAULT
     from robbie_mp.messages import Array as Array
     from robbie_mp.messages import Duration as Duration
+    from robbie_mp.messages import Feedback as Feedback
     from robbie_mp.messages import FixedLength as FixedLength
+    from robbie_mp.messages import Goal as Goal
     from robbie_mp.messages import Header as Header
     from robbie_mp.messages import MaxLength as MaxLength
     from robbie_mp.messages import Message as Message
+    from robbie_mp.messages import Reply as Reply
+    from robbie_mp.messages import Request as Request
+    from robbie_mp.messages import Result as Result
     from robbie_mp.messages import Time as Time
     from robbie_mp.messages import Upgrade as Upgrade
     from robbie_mp.messages import bool_ as bool_
@@ -32,6 +37,18 @@ if TYPE_CHECKING:
     from robbie_mp.messages import uint16 as uint16
     from robbie_mp.messages import uint32 as uint32
     from robbie_mp.messages import uint64 as uint64
+    from robbie_mp.module.calls.client import SentGoal as SentGoal
+    from robbie_mp.module.calls.errors import CallError as CallError
+    from robbie_mp.module.calls.errors import CallLost as CallLost
+    from robbie_mp.module.calls.errors import CallNotSent as CallNotSent
+    from robbie_mp.module.calls.errors import CallRefused as CallRefused
+    from robbie_mp.module.calls.errors import CallTimedOut as CallTimedOut
+    from robbie_mp.module.calls.errors import GoalAborted as GoalAborted
+    from robbie_mp.module.calls.errors import GoalCancelled as GoalCancelled
+    from robbie_mp.module.calls.errors import GoalPreempted as GoalPreempted
+    from robbie_mp.module.calls.errors import NoServer as NoServer
+    from robbie_mp.module.calls.errors import ServerDied as ServerDied
+    from robbie_mp.module.calls.server import ActiveGoal as ActiveGoal
     from robbie_mp.module.envelope import EncodedMessage as EncodedMessage
     from robbie_mp.module.envelope import Envelope as Envelope
     from robbie_mp.module.harness import ModuleHarness as ModuleHarness
@@ -52,10 +69,17 @@ if TYPE_CHECKING:
 _HOMES = {
     "robbie_mp.errors": ("RobbieError",),
     "robbie_mp.messages": (
-        "DEFAULT", "Array", "Duration", "FixedLength", "Header", "MaxLength", "Message", "Time", "Upgrade",
-        "bool_", "byte", "char", "float32", "float64", "int8", "int16", "int32", "int64", "replace",
-        "uint8", "uint16", "uint32", "uint64",
+        "DEFAULT", "Array", "Duration", "Feedback", "FixedLength", "Goal", "Header", "MaxLength", "Message",
+        "Reply", "Request", "Result",
+        "Time", "Upgrade", "bool_", "byte", "char", "float32", "float64", "int8", "int16", "int32", "int64",
+        "replace", "uint8", "uint16", "uint32", "uint64",
     ),
+    "robbie_mp.module.calls.errors": (
+        "CallError", "CallLost", "CallNotSent", "CallRefused", "CallTimedOut", "GoalAborted",
+        "GoalCancelled", "GoalPreempted", "NoServer", "ServerDied",
+    ),
+    "robbie_mp.module.calls.client": ("SentGoal",),
+    "robbie_mp.module.calls.server": ("ActiveGoal",),
     "robbie_mp.module.envelope": ("EncodedMessage", "Envelope"),
     "robbie_mp.module.harness": ("ModuleHarness",),
     "robbie_mp.module.module": ("Module",),

@@ -56,6 +56,15 @@ def _types_and_topics(run: KnownRun) -> Iterable[str]:
     return [*_types(run), *_topics(run)]
 
 
+def _services(run: KnownRun) -> Iterable[str]:
+    from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX  # noqa: PLC0415
+    from robbie_mp.observe.declarations import read_declarations  # noqa: PLC0415
+
+    names = {entry.type_name for entry in read_declarations(run.run_id) if not entry.is_publisher}
+    bases = {name: name.removesuffix(REQUEST_SUFFIX).removesuffix(GOAL_SUFFIX) for name in names}
+    return [base.rpartition("/")[2] for name, base in bases.items() if base != name]
+
+
 def _settings(run: KnownRun) -> Iterable[str]:
     from robbie_mp.module.setting_changes import SettingsFile  # noqa: PLC0415
 
@@ -66,6 +75,7 @@ modules = of_run(_modules)
 types = of_run(_types)
 types_and_topics = of_run(_types_and_topics)
 topics = of_run(_topics)
+services = of_run(_services)
 settings = of_run(_settings)
 
 

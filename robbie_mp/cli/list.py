@@ -12,6 +12,8 @@ from rich.text import Text
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
+from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX
+from robbie_mp.module.calls.peers import topic_of_service
 from robbie_mp.observe import RunObserver
 from robbie_mp.observe.declarations import Declaration, read_declarations
 from robbie_mp.run.run_directory import KnownRun
@@ -32,9 +34,9 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "list",
-        "list runs, or the modules, message types or topics of one",
-        "List the runs on this machine and their modules, or the modules, message types or topics of one "
-        "run. This costs the robot nothing.",
+        "list runs, or the modules, message types, topics or services of one",
+        "List the runs on this machine and their modules, or the modules, message types, topics or services "
+        "of one run. This costs the robot nothing.",
         ["robbie list", "robbie list topics", "robbie list modules --json"],
     )
     parser.add_argument(
@@ -124,7 +126,29 @@ def _subscribers(name: ChannelName, declared: Sequence[Declaration]) -> list[str
     return list(dict.fromkeys(modules))
 
 
-TABLES = {"modules": _modules, "types": _types, "topics": _topics}
+def _services(run: KnownRun) -> list[Row]:
+    """Return a row for each service and action of a module that runs."""
+    with closing(RunObserver(run.run_id)) as observer:
+        counts = {(entry.type_name, entry.version, entry.topic): entry for entry in observer.channels()}
+    rows = []
+    for entry in read_declarations(run.run_id):
+        topic = None if entry.is_publisher else topic_of_service(entry.topic)
+        base = entry.type_name.removesuffix(REQUEST_SUFFIX).removesuffix(GOAL_SUFFIX)
+        if topic is not None and base != entry.type_name:
+            count = counts.get(entry.name)
+            rows.append(
+                {
+                    "service": base,
+                    "version": entry.version,
+                    "topic": topic,
+                    "server": entry.module,
+                    "requests": count.messages if count else 0,
+                }
+            )
+    return sorted(rows, key=lambda row: (row["service"], row["topic"]))
+
+
+TABLES = {"modules": _modules, "types": _types, "topics": _topics, "services": _services}
 
 
 def _print(rows: Sequence[Row]) -> None:

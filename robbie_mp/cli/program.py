@@ -26,6 +26,7 @@ COMMANDS = (
     "hz",
     "bw",
     "pub",
+    "call",
     "param",
     "gui",
     "top",

@@ -3,6 +3,7 @@
 How to declare messages, versions, loans and limits: docs/messages.md.
 """
 
+from robbie_mp.messages.calls import Feedback, Goal, Reply, Request, Result
 from robbie_mp.messages.declaration import Upgrade
 from robbie_mp.messages.errors import (
     BufferTooSmall,
@@ -62,10 +63,15 @@ from robbie_mp.messages.stock.rcl_interfaces import Log
 from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.messages.stock.robbie_msgs import (
     Bumper,
+    CallRefusal,
+    CallsAnswer,
+    CallsQuestion,
     CancelGoal,
     DriveCommand,
     EmergencyStop,
     Frontiers,
+    GoalCancel,
+    GoalEnd,
     LocalizationState,
     Mark,
     ModuleState,
@@ -114,6 +120,9 @@ __all__ = [
     "BoundingBox2D",
     "BufferTooSmall",
     "Bumper",
+    "CallRefusal",
+    "CallsAnswer",
+    "CallsQuestion",
     "CameraInfo",
     "CancelGoal",
     "ChannelProfile",
@@ -126,11 +135,15 @@ __all__ = [
     "DuplicateType",
     "Duration",
     "EmergencyStop",
+    "Feedback",
     "FieldError",
     "FieldTypeError",
     "FieldValueError",
     "FixedLength",
     "Frontiers",
+    "Goal",
+    "GoalCancel",
+    "GoalEnd",
     "Header",
     "Image",
     "Imu",
@@ -171,6 +184,9 @@ __all__ = [
     "PoseWithCovariance",
     "Quaternion",
     "RegionOfInterest",
+    "Reply",
+    "Request",
+    "Result",
     "SceneGraphState",
     "SceneNodeState",
     "SchemaError",

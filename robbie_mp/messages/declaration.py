@@ -70,8 +70,16 @@ class Declaration(NamedTuple):
     constants: tuple[Constant, ...]
 
 
-def read_declaration(class_name: str, type_name: str, namespace: Mapping[str, Any]) -> Declaration:
+def read_declaration(
+    class_name: str, type_name: str, namespace: Mapping[str, Any], leading: tuple[Field, ...] = ()
+) -> Declaration:
     """Return the fields and constants that the namespace of a class body declares.
+
+    Args:
+        class_name: the name of the class.
+        type_name: its ROS name.
+        namespace: of its body.
+        leading: the fields that it inherits.
 
     Raises:
         DeclarationError: the type name, or the name or annotation of a field, is not allowed.
@@ -82,13 +90,23 @@ def read_declaration(class_name: str, type_name: str, namespace: Mapping[str, An
             f"{class_name}: its ROS name is {type_name!r}; write "
             f'class {class_name}(Message, name="package_name/msg/{class_name}")'
         )
-    fields, constants = [], []
+    fields, constants = list(leading), []
     for name, annotation in _annotations(class_name, namespace).items():
         if get_origin(annotation) is ClassVar:
             constants += _constant(name, get_args(annotation)[0], namespace)
+        elif any(name == field.name for field in leading):
+            raise DeclarationError(f"{class_name}.{name}: its base class already has a field of this name")
         else:
             fields.append(_field(class_name, type_name, name, annotation, namespace))
     return Declaration(tuple(fields), tuple(constants))
+
+
+def read_fields(class_name: str, namespace: Mapping[str, Any]) -> tuple[Field, ...]:
+    """Return the fields that the namespace of a template's body declares."""
+    return tuple(
+        _field(class_name, class_name, name, annotation, namespace)
+        for name, annotation in _annotations(class_name, namespace).items()
+    )
 
 
 def _annotations(class_name: str, namespace: Mapping[str, Any]) -> dict[str, Any]:

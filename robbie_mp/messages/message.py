@@ -13,7 +13,7 @@ import numpy as np
 from robbie_mp._hot.choice import native
 from robbie_mp.messages.codec.generate import LoanEncoder, generate, generate_loan_encoder
 from robbie_mp.messages.codec.table import tabulate
-from robbie_mp.messages.declaration import Constant, Upgrade, read_declaration
+from robbie_mp.messages.declaration import Constant, Upgrade, read_declaration, read_fields
 from robbie_mp.messages.errors import DeclarationError, NotAMessage
 from robbie_mp.messages.field_types import Field, MessageLayout, Nested, Numbers, natural_default
 from robbie_mp.messages.text import represent
@@ -40,6 +40,8 @@ class MessageType(type):
         name: its ROS name, such as `sensor_msgs/msg/LaserScan`.
         version: version number from 1; raise it whenever you change the fields.
         upgrades: for each older version, the step to the next one.
+        template: whether the class is no message type, but gives its fields to the message types that
+            inherit from it, in front of theirs; see `robbie_mp.messages.calls`.
 
     Raises:
         DeclarationError: the class cannot be a message type; the text says why.
@@ -55,17 +57,24 @@ class MessageType(type):
         name: str = "",
         version: int = 1,
         upgrades: Mapping[int, Upgrade] | None = None,
+        template: bool = False,
     ) -> MessageType:
         """Create the class."""
         if not bases:
             return super().__new__(metacls, class_name, bases, namespace)
-        if bases != (Message,):
+        if template:
+            fields = read_fields(class_name, namespace)
+            body = {key: value for key, value in namespace.items() if key not in {one.name for one in fields}}
+            return super().__new__(metacls, class_name, bases, {**body, "__slots__": (), "_leading": fields})
+        leading: tuple[Field, ...] | None = getattr(bases[0], "_leading", None)
+        is_from_template = len(bases) == 1 and leading is not None and "_leading" in vars(bases[0])
+        if not is_from_template and bases != (Message,):
             raise DeclarationError(
                 f"{class_name}: messages do not inherit from messages; nest one as a field"
             )
         if version < 1:
             raise DeclarationError(f"{class_name}: version={version}; versions are counted from 1")
-        declaration = read_declaration(class_name, name, namespace)
+        declaration = read_declaration(class_name, name, namespace, leading or ())
         slots = tuple(field.name for field in declaration.fields)
         blank = type(f"{class_name}InTheMaking", (), {"__slots__": slots})
         body = {key: value for key, value in namespace.items() if key not in slots}
@@ -129,6 +138,8 @@ class Message(metaclass=MessageType):
     """Whether a decoded message may hold arrays that are views of the buffer it was decoded from."""
 
     _layout: ClassVar[MessageLayout]
+    _leading: ClassVar[tuple[Field, ...]]
+    """Of a template: its fields."""
     _constants: ClassVar[tuple[Constant, ...]]
     _upgrades: ClassVar[dict[int, Upgrade]]
     _source: ClassVar[dict[str, str]]

@@ -6,6 +6,7 @@ from typing import Protocol
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
+from robbie_mp.module.calls.peers import Peers
 from robbie_mp.module.envelope import Envelope, MessageType
 from robbie_mp.module.subscriptions import Subscriptions
 
@@ -24,6 +25,10 @@ class Bus(Protocol):
     @property
     def subscriptions(self) -> Subscriptions:
         """What the module has subscribed to."""
+
+    @property
+    def peers(self) -> Peers:
+        """The other modules, to call them."""
 
     @property
     def outstanding(self) -> int:

@@ -10,15 +10,30 @@ from types import TracebackType
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 from weakref import finalize
 
+import numpy as np
+
 from robbie_mp.checkpoint.image import decode, encode
-from robbie_mp.messages import Message, lay_out
+from robbie_mp.messages import (
+    CallRefusal,
+    CallsAnswer,
+    CallsQuestion,
+    GoalCancel,
+    GoalEnd,
+    Message,
+    lay_out,
+    replace,
+)
+from robbie_mp.messages.calls import FeedbackType, Goal, ReplyType, Request, ResultType, reply_type
 from robbie_mp.messages.encoded import check_encapsulation, check_type
 from robbie_mp.messages.message import check_message, check_message_type
 from robbie_mp.module.bus import PublishAfterStop
+from robbie_mp.module.calls.client import GOAL_ENDS
+from robbie_mp.module.calls.errors import CallError, CallRefused
+from robbie_mp.module.calls.peers import Server, service_topic
 from robbie_mp.module.clock import ManualClock
 from robbie_mp.module.config import Config
 from robbie_mp.module.envelope import Envelope, MessageType
-from robbie_mp.module.module import Module, ModuleContext, check_period
+from robbie_mp.module.module import Module, ModuleContext, calls_of, check_period
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.settings import check_settings
 from robbie_mp.module.subscriptions import Subscriptions
@@ -26,6 +41,12 @@ from robbie_mp.transport.records import ANY_VERSION
 from robbie_mp.transport.tables import ChannelName
 
 ModuleClass = TypeVar("ModuleClass", bound=Module)
+GoalType = TypeVar("GoalType", bound=Goal[Any, Any])
+CLIENT = "client"
+SERVER = "server"
+"""Names of the modules that call the module under test, and that serve it."""
+CALL_LOOK_S = 0.2
+"""Time within which a module notices what became of a server."""
 
 
 class Published(NamedTuple):
@@ -82,7 +103,7 @@ class ModuleHarness(Generic[ModuleClass]):
         restored: object = None,
     ):
         self.clock = ManualClock()
-        self.bus = HarnessBus(self.clock)
+        self.bus = HarnessBus(self.clock, name)
         self._checkpoints = HarnessCheckpoints(restored)
         checked = check_settings(module_class, settings or {})
         module_class.check(checked)
@@ -102,6 +123,8 @@ class ModuleHarness(Generic[ModuleClass]):
             )
         )
         self._changes = SettingChanges(self.module, self.bus)
+        self._calls = calls_of(self.module)
+        self._last_call = 0
         self._next_tick_ns = 0
 
     def __enter__(self) -> Self:
@@ -114,6 +137,7 @@ class ModuleHarness(Generic[ModuleClass]):
         self.module.setup()
         check_period(self.module)
         self._next_tick_ns = self.clock.monotonic_ns()
+        self._calls.begin()
         return self
 
     def __exit__(
@@ -133,6 +157,142 @@ class ModuleHarness(Generic[ModuleClass]):
             sender: the name of its publisher, for `envelope`.
         """
         self.bus.deliver(ChannelName(message.type_name, message.version, topic), message.encode(), sender)
+        self._run_calls()
+
+    # -- calls ---------------------------------------------------------------------------------------------
+
+    def call(self, request: Request[ReplyType], *, topic: str = "") -> ReplyType:
+        """Let the module under test serve a request now.
+
+            with ModuleHarness(Planner) as harness:
+                assert harness.call(FindPath(x_m=1.0)).length_m == 1.0
+
+        Args:
+            request: the request.
+            topic: the name of the service.
+
+        Returns:
+            The module's reply.
+
+        Raises:
+            CallRefused: the module refused it.
+            LookupError: the module does not serve such requests.
+        """
+        self._last_call += 1
+        before = len(self.bus.published)
+        self.send(replace(request, call=self._last_call), topic=service_topic(topic), sender=CLIENT)
+        for entry in self.bus.published[before:]:
+            message = entry.message
+            if isinstance(message, CallRefusal) and message.call == self._last_call:
+                self.bus.published.remove(entry)
+                raise CallRefused(message.reason)
+            replies: type[ReplyType] = reply_type(type(request))
+            if isinstance(message, replies) and message.call == self._last_call:
+                self.bus.published.remove(entry)
+                return message
+        raise LookupError(f"{type(self.module).__name__} does not serve {type(request).__name__}")
+
+    def feed_back(self, goal: Goal[FeedbackType, Any], feedback: FeedbackType) -> None:
+        """Send feedback on a goal of the module under test.
+
+        Args:
+            goal: the goal, which you have taken with `take`.
+            feedback: the feedback.
+        """
+        self.send(replace(feedback, call=goal.call), topic=self.module.name, sender=SERVER)
+
+    def end_goal(self, goal: Goal[Any, ResultType], end: ResultType | CallError) -> None:
+        """End a goal of the module under test, as its server does.
+
+        Args:
+            goal: the goal, which you have taken with `take`.
+            end: its result; or `GoalAborted`, `GoalCancelled` or `GoalPreempted` with a reason.
+        """
+        message: Message
+        if isinstance(end, CallError):
+            outcome = next(one for one, kind in GOAL_ENDS.items() if isinstance(end, kind))
+            message = GoalEnd(call=goal.call, outcome=outcome, reason=str(end))
+        else:
+            message = replace(end, call=goal.call)
+        self.send(message, topic=self.module.name, sender=SERVER)
+
+    def send_goal(self, goal: GoalType, *, topic: str = "", client: str = CLIENT) -> GoalType:
+        """Send a goal to the module under test, which handles it at once.
+
+        Use `take` to see what the module answers: feedback, the result, `GoalEnd` or `CallRefusal`.
+
+        Args:
+            goal: the goal.
+            topic: the name of the service.
+            client: the name of the module that sends it.
+
+        Returns:
+            The goal as it was sent, for `cancel_goal`.
+        """
+        self._last_call += 1
+        sent = replace(goal, call=self._last_call)
+        self.send(sent, topic=service_topic(topic), sender=client)
+        return sent
+
+    def cancel_goal(self, goal: Goal[Any, Any], reason: str = "", *, client: str = CLIENT) -> None:
+        """Cancel a goal that was sent with `send_goal`.
+
+        Args:
+            goal: the goal that `send_goal` returned.
+            reason: for people.
+            client: the name of the module that sent it.
+        """
+        self.send(GoalCancel(call=goal.call, reason=reason), topic=self.module.name, sender=client)
+
+    def reply(self, request: Request[ReplyType], reply: ReplyType) -> None:
+        """Reply to a request of the module under test, which you have taken with `take`.
+
+            (request,) = harness.take(FindPath)
+            harness.reply(request, FoundPath(length_m=3.0))
+
+        Args:
+            request: the request.
+            reply: the reply.
+        """
+        self.send(replace(reply, call=request.call), topic=self.module.name, sender=SERVER)
+
+    def refuse(self, request: Request[Any], reason: str) -> None:
+        """Refuse a request of the module under test.
+
+        Args:
+            request: the request.
+            reason: what the server says.
+        """
+        self.send(CallRefusal(call=request.call, reason=reason), topic=self.module.name, sender=SERVER)
+
+    def kill_server(self) -> None:
+        """Let the server of all requests die; its next process knows none of them."""
+        self.bus.peers.server_incarnation += 1
+        self.bus.peers.kept.clear()
+        self.advance(CALL_LOOK_S)
+
+    def remove_server(self) -> None:
+        """Let there be no server for any request from now on, as when it was stopped."""
+        self.bus.peers.has_server = False
+        self.advance(CALL_LOOK_S)
+
+    def _run_calls(self) -> None:
+        """Do what is due for the module's calls, and answer its questions as the server."""
+        while True:
+            self._calls.end_handling()
+            if self._calls.are_due():
+                self._calls.run()
+            questions = self.bus.questions
+            if not questions:
+                return
+            self.bus.questions = []
+            for calls in questions:
+                pending = [call for call in calls if call in self.bus.peers.kept]
+                answer = CallsAnswer(calls=np.array(calls, np.uint64), pending=np.array(pending, np.uint64))
+                name = ChannelName(answer.type_name, answer.version, self.module.name)
+                self.bus.deliver(name, answer.encode(), SERVER)
+
+    # ------------------------------------------------------------------------------------------------------
 
     def send_encoded(
         self, type_name: str, version: int, data: bytes, *, topic: str = "", sender: str = "test"
@@ -170,10 +330,19 @@ class ModuleHarness(Generic[ModuleClass]):
         end_ns = self.clock.monotonic_ns() + round(seconds * 1e9)
         period_s = self.module.period_s
         while period_s is not None and self._next_tick_ns <= end_ns and not self.module.stop_requested:
-            self.clock.advance((self._next_tick_ns - self.clock.monotonic_ns()) / 1e9)
+            self._pass_time(self._next_tick_ns)
             self.module.tick()
+            self._run_calls()
             self._next_tick_ns += round(period_s * 1e9)
-        self.clock.advance((end_ns - self.clock.monotonic_ns()) / 1e9)
+        self._pass_time(end_ns)
+
+    def _pass_time(self, end_ns: int) -> None:
+        """Move the time forward, and let the module's calls time out meanwhile."""
+        self._run_calls()
+        while (now_ns := self.clock.monotonic_ns()) < end_ns:
+            wait_ns = min(self._calls.wait_s() * 1e9, end_ns - now_ns)
+            self.clock.advance(max(1, round(wait_ns)) / 1e9)
+            self._run_calls()
 
     @property
     def checkpoint(self) -> Any:
@@ -211,6 +380,54 @@ class ModuleHarness(Generic[ModuleClass]):
         return taken
 
 
+class HarnessPeers:
+    """The other modules, as the test wants them: one server for all requests; see `Peers`.
+
+    Args:
+        name: the name of the module under test.
+        clock: the test's time.
+
+    Attributes:
+        has_server: whether there is a server.
+        server_incarnation: number of the server's process.
+        kept: calls that the server works on or has replied to.
+    """
+
+    can_serve = True
+    incarnation = 1
+
+    def __init__(self, name: str, clock: ManualClock):
+        self.name = name
+        self._clock = clock
+        self.has_server = True
+        self.server_incarnation = 1
+        self.kept: set[int] = set()
+
+    def now_ns(self) -> int:
+        """The test's time."""
+        return self._clock.monotonic_ns()
+
+    def find_server(self, service: ChannelName) -> Server | None:
+        """Return the server."""
+        return Server(SERVER, 1, service) if self.has_server else None
+
+    def serves(self, _server: Server) -> bool:
+        """Whether there is a server."""
+        return self.has_server
+
+    def incarnation_of(self, _server: Server) -> int:
+        """Return the number of the server's process."""
+        return self.server_incarnation
+
+    def end_of(self, _server: Server) -> str:
+        """Say that the test removed it."""
+        return "removed by the test"
+
+    def rival(self, _service: ChannelName) -> str | None:
+        """There is no other server."""
+        return None
+
+
 class HarnessCheckpoints:
     """Keeps the image of a module's newest checkpoint; its size has no limit."""
 
@@ -231,8 +448,11 @@ class HarnessCheckpoints:
 class HarnessBus:
     """A bus with one module on it."""
 
-    def __init__(self, clock: ManualClock):
+    def __init__(self, clock: ManualClock, name: str = "module"):
         self._clock = clock
+        self.peers = HarnessPeers(name, clock)
+        self.questions: list[list[int]] = []
+        """Questions of the module about its calls, which the harness answers."""
         numbers = count()
         self._name = ChannelName("", 0, "")
         self.subscriptions = Subscriptions(lambda _: next(numbers), lambda: self._name)
@@ -270,6 +490,11 @@ class HarnessBus:
         check_message(message, "publish")
         if self.stopped:
             raise PublishAfterStop(f"this module published a {message.type_name} after it was stopped")
+        if isinstance(message, CallsQuestion):
+            self.questions.append(message.calls.tolist())
+            return True
+        if isinstance(message, Request | Goal):
+            self.peers.kept.add(message.call)
         self.published.append(Published(type(message).decode(message.encode()), topic))
         return True
 

@@ -6,12 +6,27 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from robbie_mp.checkpoint.keeper import Checkpoints
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
+from robbie_mp.messages.calls import (
+    Action,
+    FeedbackType,
+    Goal,
+    ReplyType,
+    Request,
+    ResultType,
+    Service,
+    goal_types,
+    reply_type,
+)
 from robbie_mp.module.bus import Bus
+from robbie_mp.module.calls.calls import Calls
+from robbie_mp.module.calls.client import SentGoal
+from robbie_mp.module.calls.errors import CallError
+from robbie_mp.module.calls.server import ActiveGoal
 from robbie_mp.module.clock import Clock
 from robbie_mp.module.config import Config
 from robbie_mp.module.envelope import EncodedMessage, Envelope, MessageType
@@ -20,6 +35,9 @@ from robbie_mp.transport.records import MessageHandling
 
 if TYPE_CHECKING:
     from robbie_mp.messages.descriptions import TypeDescription
+
+RequestType = TypeVar("RequestType", bound=Message)
+GoalType = TypeVar("GoalType", bound=Message)
 
 __all__ = ["MessageHandling", "Module", "ModuleContext", "setting"]
 
@@ -105,6 +123,7 @@ class Module:
         self.stop_requested = False
         self._bus = context.bus
         self._checkpoints = context.checkpoints
+        self._calls = Calls(context.bus, context.clock, self.log)
         self.run_id = context.run_id
         self._show_status = context.show_status
         self._status = ""
@@ -314,6 +333,171 @@ class Module:
         """
         return self._bus.loan(message_type, topic, fields)
 
+    def serve(
+        self,
+        request_type: Service[RequestType, ReplyType],
+        handler: Callable[[RequestType], ReplyType],
+        *,
+        topic: str = "",
+    ) -> None:
+        """Serve requests: the handler's reply goes to the module that called. Call this in `setup()`.
+
+            class Planner(Module):
+                def setup(self) -> None:
+                    self.serve(FindPath, self.on_find_path)
+
+                def on_find_path(self, request: FindPath) -> FoundPath:
+                    if not self.is_free(request.x_m, request.y_m):
+                        raise CallRefused("the goal is inside a wall")
+                    return FoundPath(length_m=self.plan(request.x_m, request.y_m))
+
+        The handler gets each request at most once, whatever is killed. It runs like any other handler, so
+        this module waits for it. Any other exception than `CallRefused` ends the process as usual; the client
+        gets `ServerDied`.
+
+        Args:
+            request_type: the class of the requests; it names the class of the replies.
+            handler: gets a request and returns the reply.
+            topic: the name of this service, if several modules serve the same type.
+
+        Raises:
+            ServedTwice: this module already serves this type and topic. If another module does, the one that
+                is started later ends with this error when all modules are ready.
+            DeclarationError: the class of the requests does not name a class of replies.
+            CannotServe: this module runs as a tool.
+        """
+        self._calls.check_thread()
+        self._calls.server.serve(cast("type[Request[Any]]", request_type), handler, topic)
+
+    def call(
+        self,
+        request: Request[ReplyType],
+        on_reply: Callable[[ReplyType], None],
+        on_error: Callable[[CallError], None] | None = None,
+        *,
+        timeout_s: float = 5.0,
+        topic: str = "",
+    ) -> None:
+        """Send a request to the module that serves it, and return at once; the reply comes later.
+
+            self.call(FindPath(x_m=2.0, y_m=1.0), self.on_path, self.on_no_path)
+
+        Exactly one of the two functions is called, exactly once, after this handler or tick has returned,
+        whatever is killed meanwhile. Only if this module itself is stopped or killed, neither is.
+
+        Args:
+            request: the request; what the server returns for it is the reply.
+            on_reply: called with the reply.
+            on_error: called with the error instead: `NoServer`, `ServerDied`, `CallLost`, `CallTimedOut`,
+                `CallRefused` or `CallNotSent`. By default the error is logged.
+            timeout_s: time on the module's clock after which the call ends with `CallTimedOut`.
+            topic: the name of the service, as given to `serve`.
+
+        Raises:
+            TooManyCalls: 1000 calls of this module have not ended.
+            InvalidTimeout: the timeout is not a positive number.
+            WrongThread: this is not the module's main thread.
+            FieldError, MessageTooLarge, PublishAfterStop: as for `publish`.
+        """
+        self._calls.check_thread()
+        self._calls.client.call(request, reply_type(type(request)), on_reply, on_error, timeout_s, topic)
+
+    def serve_goals(
+        self,
+        goal_type: Action[GoalType, FeedbackType, ResultType],
+        on_goal: Callable[[ActiveGoal[GoalType, FeedbackType, ResultType]], None],
+        on_cancel: Callable[[ActiveGoal[GoalType, FeedbackType, ResultType], str], None] | None = None,
+        *,
+        topic: str = "",
+    ) -> None:
+        """Serve goals: work that takes longer than a handler may. Call this in `setup()`.
+
+            class Wheels(Module):
+                period_s = 0.1
+
+                def setup(self) -> None:
+                    self.active: ActiveGoal[DriveTo, Driven, Arrived] | None = None
+                    self.serve_goals(DriveTo, self.on_goal)
+
+                def on_goal(self, active: ActiveGoal[DriveTo, Driven, Arrived]) -> None:
+                    if self.active is not None and self.active.is_active:
+                        raise CallRefused("one goal at a time")
+                    self.active = active
+
+                def tick(self) -> None:
+                    if self.active is not None and self.active.is_active:
+                        self.active.feedback(Driven(left_m=self.left_m()))
+                        if self.left_m() < 0.1:
+                            self.active.succeed(Arrived())
+
+        Keep the `ActiveGoal`, and end it sooner or later. If this module dies meanwhile, its clients get
+        `ServerDied`, unless the next process continues the goal with `resume_goal`.
+
+        Args:
+            goal_type: the class of the goals; it names the classes of feedback and result.
+            on_goal: gets each goal; it refuses the goal by raising `CallRefused`, or accepts it by returning.
+            on_cancel: gets a goal that its client cancels, and the client's reason; it ends the goal now or
+                later. By default the goal ends at once.
+            topic: as for `serve`.
+
+        Raises:
+            ServedTwice, DeclarationError, CannotServe: as for `serve`.
+        """
+        self._calls.check_thread()
+        self._calls.server.serve_goals(cast("type[Goal[Any, Any]]", goal_type), on_goal, on_cancel, topic)
+
+    def resume_goal(
+        self, goal_type: Action[GoalType, FeedbackType, ResultType], memory: dict[str, Any]
+    ) -> ActiveGoal[GoalType, FeedbackType, ResultType]:
+        """Continue a goal that an earlier process of this module had accepted. Call this in `setup()`.
+
+        Its client notices nothing of the restart.
+
+        Args:
+            goal_type: the class of the goal.
+            memory: `ActiveGoal.memory`, from a checkpoint.
+        """
+        self._calls.check_thread()
+        return self._calls.server.resume(cast("type[Goal[Any, Any]]", goal_type), memory)
+
+    def send_goal(
+        self,
+        goal: Goal[FeedbackType, ResultType],
+        on_result: Callable[[ResultType], None],
+        on_error: Callable[[CallError], None] | None = None,
+        on_feedback: Callable[[FeedbackType], None] | None = None,
+        *,
+        timeout_s: float | None = None,
+        topic: str = "",
+    ) -> SentGoal:
+        """Send a goal to the module that serves it, and return at once.
+
+            self.goal = self.send_goal(DriveTo(x_m=2.0, y_m=1.0), self.on_arrived, self.on_not_arrived)
+
+        Exactly one of `on_result` and `on_error` is called, exactly once, as for `call`.
+
+        Args:
+            goal: the goal.
+            on_result: called with the result if the goal is reached.
+            on_error: called with the error instead: one of those of `call`, or `GoalCancelled`, `GoalAborted`
+                or `GoalPreempted`. By default the error is logged.
+            on_feedback: called with each feedback until then.
+            timeout_s: time after which the goal is cancelled and ends with `CallTimedOut`; None: any.
+            topic: the name of the service, as given to `serve_goals`.
+
+        Returns:
+            What you need to cancel the goal.
+
+        Raises:
+            TooManyCalls, InvalidTimeout, WrongThread, FieldError, MessageTooLarge, PublishAfterStop: as for
+                `call`.
+        """
+        self._calls.check_thread()
+        feedbacks, results = goal_types(type(goal))
+        client, feed = self._calls.client, on_feedback or _ignore
+        number = client.call(goal, results, on_result, on_error, timeout_s, topic, feedbacks, feed)
+        return SentGoal(client, number)
+
     def checkpoint(self, state: object) -> bool:
         """Save state outside this process: after a crash the next process finds it in `restored`.
 
@@ -406,3 +590,12 @@ def check_period(module: Module) -> None:
             "write `period_s = 0.1` in the class for ten ticks per second, or `period_s = None` if a handler "
             "sets it later"
         )
+
+
+def _ignore(_feedback: object) -> None:
+    """Do nothing with feedback."""
+
+
+def calls_of(module: Module) -> Calls:
+    """Return a module's calls and services, for the loop that runs it."""
+    return module._calls

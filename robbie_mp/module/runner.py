@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 
 from robbie_mp.module.inbox import Inbox
-from robbie_mp.module.module import Module, check_period
+from robbie_mp.module.module import Module, calls_of, check_period
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.ticks import MAX_WAIT_S, Ticks
@@ -59,6 +59,7 @@ class ModuleRunner:
         after_setup: Callable[[], None] = lambda: None,
     ):
         self._module = module
+        self._calls = calls_of(module)
         self._endpoint = endpoint
         self._inbox = inbox
         self._outbox = outbox
@@ -91,6 +92,7 @@ class ModuleRunner:
         self._endpoint.send(Outbound.READY)
         while not self._ends and not self._may_go():
             self._wakeup.wait(MAX_WAIT_S)
+        self._calls.begin()
         self._ticks.begin()
         while not self._ends:
             self._turn()
@@ -116,6 +118,10 @@ class ModuleRunner:
                 self._handle(delivery)
         if was_one and self._ends:
             return
+        if self._calls.are_due():
+            self._begin(Activity.TICK)
+            self._calls.run()
+            self._idle()
         if self._ticks.are_due():
             self._begin(Activity.TICK)
             self._ticks.run()
@@ -148,7 +154,7 @@ class ModuleRunner:
                 idle += 1
 
     def _wait(self) -> None:
-        woken = self._wakeup.wait(self._ticks.wait_s())
+        woken = self._wakeup.wait(min(self._ticks.wait_s(), self._calls.wait_s()))
         if woken and self._outbox.awaits_room and self._outbox.room_was_made():
             self._ticks.expedite()
         if self._has_just_settled is not None and self._has_just_settled():

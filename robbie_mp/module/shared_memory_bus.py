@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 
 from robbie_mp.messages import Message
+from robbie_mp.module.calls.peers import Peers
 from robbie_mp.module.envelope import Envelope, MessageType
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
@@ -17,9 +18,11 @@ class SharedMemoryBus:
         outbox: publishes the module's messages.
         inbox: receives messages for the module.
         describe: creates the envelope of a delivery from the tables of the core and the supervisor.
+        peers: the other modules.
     """
 
-    def __init__(self, outbox: Outbox, inbox: Inbox, describe: Callable[[Delivery], Envelope]):
+    def __init__(self, outbox: Outbox, inbox: Inbox, describe: Callable[[Delivery], Envelope], peers: Peers):
+        self.peers = peers
         self._outbox = outbox
         self.publish: Callable[[Message, str], bool] = outbox.publish
         """Publish a message; False if it was refused."""

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple, Protocol
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages.message import check_message_type
+from robbie_mp.messages import Message
 from robbie_mp.module.envelope import EncodedMessage, MessageType
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling
 from robbie_mp.transport.tables import ChannelName
@@ -114,6 +115,15 @@ class Subscriptions:
             raise EmptyPattern
         name = ChannelName(type_pattern, ANY_VERSION, topic_pattern)
         self._add(Subscription(name, MessageHandling.ALWAYS_DELIVER, self._as_bytes, handler))
+
+    def forget(self, message_type: type[Message], topic: str) -> None:
+        """Forget a subscription, so that `request_again` leaves it out.
+
+        Args:
+            message_type: the class of the messages.
+            topic: as given to `subscribe`.
+        """
+        del self._by_name[ChannelName(message_type.type_name, message_type.version, topic)]
 
     def request_again(self) -> None:
         """Request the messages of all subscriptions from a core that does not know them."""

@@ -5,7 +5,7 @@ from typing import Protocol
 
 from robbie_mp.messages import Tick
 from robbie_mp.module.inbox import Inbox
-from robbie_mp.module.module import Module
+from robbie_mp.module.module import Module, calls_of
 from robbie_mp.transport import layout
 from robbie_mp.transport.histogram import WorkFigures
 from robbie_mp.transport.records import MessageHandling
@@ -15,6 +15,10 @@ MAX_WAIT_S = 0.5
 """Even an idle module wakes up this often, to release arrays that other threads held, and for signals."""
 MAX_RUN_CLOCK_WAIT_S = 0.02
 """The same for a module that ticks by a clock whose rate may change at any time."""
+
+
+CALL_TICK_PERIOD_NS = 50_000_000
+"""Period of the ticks granted to a module without a period while calls of it have not ended."""
 
 
 class TickClock(Protocol):
@@ -108,15 +112,28 @@ class GrantedTicks:
         self._module = module
         self._words = words
         self._ticks = 0
+        self._calls = calls_of(module)
+        self._calls.is_granted = True
         inbox.subscriptions.subscribe(Tick, self._on_tick, MessageHandling.ALWAYS_DELIVER, module.name)
-        inbox.before_release = self.begin  # any handler may have changed the period
+        inbox.before_release = self._end_handling
 
     def begin(self) -> None:
-        """Show the period of the ticks."""
+        """Show the period of the ticks; any handler may have changed it.
+
+        A module without a period gets ticks, too, while calls of it have not ended: they may time out.
+        """
         period_s = self._module.period_s
-        self._words[layout.OUT_TICK_PERIOD_NS] = 0 if period_s is None else round(period_s * 1e9)
+        period_ns = 0 if period_s is None else round(period_s * 1e9)
+        if not period_ns and len(self._calls.client):
+            period_ns = CALL_TICK_PERIOD_NS
+        self._words[layout.OUT_TICK_PERIOD_NS] = period_ns
+
+    def _end_handling(self) -> None:
+        self._calls.end_handling()
+        self.begin()
 
     def _on_tick(self, _tick: Tick) -> None:
+        self._calls.run_granted()
         if self._module.period_s is not None:
             self._module.tick()
             self._ticks += 1

@@ -13,6 +13,7 @@ from robbie_mp._hot import choice
 from robbie_mp.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.checkpoint.file import checkpoint_file
 from robbie_mp.checkpoint.keeper import CheckpointKeeper, DiskPolicy
+from robbie_mp.module.calls.peers import RunPeers
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.config import Config
 from robbie_mp.module.envelope import Envelope
@@ -78,7 +79,8 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     checkpoints = open_checkpoints(plan, slot, incarnation)
     clock = run_clock(plan, name, module_class, memory)
     settings_file = SettingsFile(run_folder, name)
-    bus = SharedMemoryBus(outbox, inbox, _Describer(channel_name, board, clock))
+    peers = RunPeers(plan.run_id, slot, incarnation, core, board)
+    bus = SharedMemoryBus(outbox, inbox, _Describer(channel_name, board, clock), peers)
     context = ModuleContext(
         name=name,
         settings=read_settings(plan, planned, module_class, settings_file.changed()),

@@ -15,6 +15,7 @@ from robbie_mp._hot import choice
 from robbie_mp.errors import RobbieError
 from robbie_mp.linux.forks import keep_from_forks
 from robbie_mp.messages import Message
+from robbie_mp.module.calls.peers import RunPeers
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.observe.channels import ChannelCounters, ChannelNames
@@ -77,6 +78,7 @@ class Tool:
 
     Attributes:
         outbox: publishes the tool's own messages.
+        peers: the modules of the run.
 
     Raises:
         ControlRefused: the profile allows no further tools, or shared memory is full.
@@ -128,6 +130,7 @@ class Tool:
         self._counters = ChannelCounters(self._core)
         self._channel_name = ChannelNames(self._core)
         self._fence = new_fence()
+        self.peers = RunPeers(run_id, slot, incarnation, self._core, self._board)
         self.show_status(self._purpose)
 
     def close(self) -> None:

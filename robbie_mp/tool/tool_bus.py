@@ -6,12 +6,13 @@ bus attaches again with the same subscriptions; messages routed in between are m
 
 import logging
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.messages import Message
 from robbie_mp.messages.errors import MessageError
+from robbie_mp.module.calls.peers import RunPeers
 from robbie_mp.module.envelope import Envelope, MessageType
 from robbie_mp.module.subscriptions import Subscription, Subscriptions
 from robbie_mp.run.run_directory import KnownRun
@@ -43,6 +44,8 @@ class ToolBus:
         """Held while any thread publishes or holds a loan, and while the bus attaches again."""
         self._tool = Tool(run, purpose)
         self._is_open = True
+        self.on_new_place: Callable[[], None] = lambda: None
+        """Called when the bus has attached again, before it subscribes again."""
         keep_from_forks(self)
 
     def disown(self) -> None:
@@ -50,6 +53,11 @@ class ToolBus:
         self._lock = REFUSED
 
     # -- for the module ----------------------------------------------------------------------------------
+
+    @property
+    def peers(self) -> RunPeers:
+        """The modules of the run."""
+        return self._tool.peers
 
     @property
     def outstanding(self) -> int:
@@ -176,5 +184,6 @@ class ToolBus:
             # If this fails, `close` still needs the old one.
             old, self._tool = self._tool, attach_again(self._run, self._purpose)
             old.close()
+        self.on_new_place()
         self.subscriptions.request_again()
         self._tool.ready()

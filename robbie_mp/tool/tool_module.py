@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.config import Config
-from robbie_mp.module.module import Module, ModuleContext, check_period
+from robbie_mp.module.module import Module, ModuleContext, calls_of, check_period
 from robbie_mp.module.settings import check_settings
 from robbie_mp.module.ticks import MAX_WAIT_S
 from robbie_mp.run.plan import RunPlan
@@ -74,6 +74,8 @@ def run_as_tool(
                 run_id=run.run_id,
             )
         )
+        calls = calls_of(module)
+        bus.on_new_place = calls.client.forget_place
         module.setup()
         check_period(module)
         bus.ready()
@@ -88,11 +90,14 @@ def run_as_tool(
 def _work(module: Module, bus: ToolBus, is_stopped: Callable[[], object]) -> None:
     """Handle messages and ticks."""
     due_s = time.monotonic()
+    calls = calls_of(module)
     while not (module.stop_requested or is_stopped()):
         if not bus.handle_next():
             left_s = MAX_WAIT_S if module.period_s is None else due_s - time.monotonic()
-            if bus.wait(max(0.0, left_s)):
+            if bus.wait(max(0.0, min(left_s, calls.wait_s()))):
                 due_s = time.monotonic()
+        if calls.are_due():
+            calls.run()
         if module.period_s is not None and time.monotonic() >= due_s:
             module.tick()
             due_s = max(due_s + module.period_s, time.monotonic())

@@ -9,7 +9,21 @@ from pathlib import Path
 
 import numpy as np
 
-from robbie_mp import Duration, EncodedMessage, Header, MessageHandling, Module, SettingError, Time, setting
+from robbie_mp import (
+    DEFAULT,
+    CallRefused,
+    Duration,
+    EncodedMessage,
+    Header,
+    MessageHandling,
+    Module,
+    Reply,
+    Request,
+    SettingError,
+    Time,
+    int32,
+    setting,
+)
 from robbie_mp.messages import DriveCommand, EmergencyStop, Image, ModuleState
 
 
@@ -377,3 +391,28 @@ class LateSource(Module):
     def setup(self) -> None:
         while True:
             time.sleep(0.01)
+
+
+class Sum(Reply, name="zoo_msgs/srv/Add_Response"):
+    """A sum."""
+
+    total: int32
+
+
+class Add(Request[Sum], name="zoo_msgs/srv/Add_Request"):
+    """Two numbers."""
+
+    a: int32 = DEFAULT
+    b: int32 = DEFAULT
+
+
+class Adder(Module):
+    """Adds numbers for others, but no negative ones."""
+
+    def setup(self) -> None:
+        self.serve(Add, self.on_add, topic="sums")
+
+    def on_add(self, request: Add) -> Sum:
+        if request.a < 0:
+            raise CallRefused(f"{request.a} is negative")
+        return Sum(total=request.a + request.b)

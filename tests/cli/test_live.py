@@ -18,6 +18,7 @@ modules:
   listener: {class: "zoo.modules:Listener", queue: {messages: 100000}}
   pulse: {class: "zoo.modules:Pulse", settings: {period_s: 0.05, burst: 1}}
   tunable: {class: "zoo.modules:Tunable", settings: {gain: 2}}
+  adder: {class: "zoo.modules:Adder"}
 """
 
 
@@ -55,6 +56,7 @@ def test_all_commands_on_a_live_run_work(person: Person, tmp_path: Path) -> None
     measures_rates(person)
     publishes(person)
     changes_settings(person)
+    calls(person)
 
 
 def lists_what_there_is(person: Person) -> None:
@@ -68,6 +70,7 @@ def lists_what_there_is(person: Person) -> None:
         "listener",
         "pulse",
         "tunable",
+        "adder",
         "core",
     ]
     assert "wheels" in person.types("list", "topics")
@@ -158,3 +161,20 @@ def changes_settings(person: Person) -> None:
     assert person.errors.startswith("pulse has no setting 'burst' that can be changed while it runs")
     kill(person.robot.top()["tunable"]["pid"])
     wait_until(lambda: person.robot.journal("tunable") == [2, 5, 5])  # the next incarnation has it still
+
+
+def calls(person: Person) -> None:
+    assert person.gets("list", "services") == [
+        {"service": "zoo_msgs/srv/Add", "version": 1, "topic": "sums", "server": "adder", "requests": 0}
+    ]
+    assert completers.services(parsed_args=Namespace(run=None)) == ["Add"]
+    assert person.gets("call", "Add", "{a: 2, b: 3}", "--topic", "sums") == {"total": 5}
+    assert person.types("call", "zoo_msgs/Add", "{a: -1}", "--topic", "sums", code=1) == ""
+    assert person.errors == "-1 is negative\n"
+    person.types("call", "zoo_msgs/srv/Add", code=1)
+    assert person.errors == "Add: no module serves it\n"
+    person.types("call", "Ad", code=1)
+    assert person.errors == "no module of this robot declares a service 'Ad'; did you mean 'Add'?\n"
+    person.types("call", "Add", "{c: 1}", "--topic", "sums", code=1)
+    assert "has no field 'c'" in person.errors
+    assert person.gets("list", "services")[0]["requests"] == 2

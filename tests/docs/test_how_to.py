@@ -179,3 +179,11 @@ def test_module_publishes_results_of_its_worker_processes(tmp_path: Path) -> Non
         cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(PROJECT)},
     )  # fmt: skip
     assert ended.stdout == "[3.0]\n", ended.stderr
+
+
+def test_calls_and_their_tests() -> None:
+    names = run("calls", "testing calls")
+    tests = [function for name, function in names.items() if name.startswith("test_")]
+    assert len(tests) == 3
+    for test in tests:
+        test()

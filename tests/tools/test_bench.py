@@ -74,6 +74,17 @@ def test_latency_of_robbie_and_others_in_one_run(tmp_path: Path, capsys: pytest.
     assert run["machine"]["cores"] > 0
 
 
+def test_round_trip_of_a_call_is_compared_with_one_way(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = measure(tmp_path, "call", "--only=robbie,robbie-call", "--count=40")
+    one_way, call = run["results"][0]["contenders"]
+    for row in (one_way, call):
+        assert (row["sent"], row["lost"], row["trouble"]) == ([40], [0], "")
+    assert one_way["p50_us"][0] < call["p50_us"][0] < 1e6
+    assert "call and reply, 64 B each: p50 ÷ one way" in capsys.readouterr().out
+
+
 def test_ways_to_wake_a_process_are_measured_in_one_run(tmp_path: Path) -> None:
     floors = "floor,floor_futex,floor_eventfd,floor_fifo,floor_datagram"
     run = measure(tmp_path, "wake", f"--only={floors}", "--count=20")

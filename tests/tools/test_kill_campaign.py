@@ -10,6 +10,7 @@ import pytest
 from robbie_mp.observe import ChannelFigures, ModuleFigures, SubscriptionFigures
 from tools.kill_campaign import frozen_log, neighbours
 from tools.kill_campaign.__main__ import main
+from tools.kill_campaign.calls import judge_calls
 from tools.kill_campaign.campaign import _other_ends
 from tools.kill_campaign.message import Numbered
 from tools.kill_campaign.neighbours import Rates, ratio_of
@@ -170,6 +171,7 @@ def test_short_campaign_finds_no_violation(tmp_path: Path, capsys: pytest.Captur
     assert report["kills"] >= 12
     assert report["messages"]["handlers_entered"] > 1000
     assert report["restarts"]["core"] > 0
+    assert report["calls"]["reply"] > 50
     assert report["neighbours"]["stopped_viewer_dropped"] > 0
     assert report["neighbours"]["hoarder_copied"] > 0
 
@@ -201,3 +203,48 @@ def test_viewer_slowed_down_by_others_is_a_violation() -> None:
     assert neighbours.violations({"ratios": [1.0, slowed, slowed]})
     assert not neighbours.violations({"ratios": [1.0, slowed, ratio_of(calm, Rates(28.0, 30.0))]})
     assert ratio_of(calm, Rates(0.0, 0.0)) == ratio_of(Rates(0.0, 30.0), calm) == 0.0
+
+
+CALLER = """
+S 1 5 .
+C 1 6 .
+C 2 7 .
+D 1 reply 8 .
+
+S 2 20 .
+C 1 21 .
+D 1 ServerDied 22 .
+"""
+CALLEE = """
+S 0 1 .
+H caller 4294967297 1 7 .
+H caller 8589934593 1 21 .
+"""
+
+
+def call_violations(folder: Path, caller: str = CALLER, callee: str = CALLEE) -> list[str]:
+    (folder / "caller.journal").write_text(caller)
+    (folder / "callee.journal").write_text(callee)
+    return judge_calls(folder)[1]
+
+
+def test_calls_that_end_once_are_not_a_violation(tmp_path: Path) -> None:
+    assert call_violations(tmp_path) == []
+    assert judge_calls(tmp_path)[0] == {
+        "reply": 1, "ServerDied": 1, "cut off by the death of the client": 1, "handled": 2
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("caller", "callee"),
+    [
+        (CALLER.replace("D 1 reply 8 .", "D 1 reply 8 .\nD 1 reply 9 ."), CALLEE),  # two ends
+        (CALLER.replace("D 1 ServerDied 22 .\n", ""), CALLEE),  # no end
+        (CALLER.replace("D 1 ServerDied 22 .", "D 2 ServerDied 22 ."), CALLEE),  # that of a dead process
+        (CALLER.replace("reply", "wrong"), CALLEE),
+        (CALLER.replace("ServerDied", "NoServer"), CALLEE),
+        (CALLER, CALLEE + "H caller 4294967297 1 30 .\n"),  # handled twice
+    ],
+)
+def test_call_that_ends_twice_or_never_is_a_violation(tmp_path: Path, caller: str, callee: str) -> None:
+    assert call_violations(tmp_path, caller, callee)

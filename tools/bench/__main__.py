@@ -11,6 +11,7 @@ from typing import Any
 
 from robbie_mp.linux.wake_latency import DEVICE, HOW_TO_ALLOW
 from tools.bench import load, messages
+from tools.bench.calling import call
 from tools.bench.goals import goal_table
 from tools.bench.handling import handling
 from tools.bench.machine import describe_machine, processors_awake
@@ -29,6 +30,7 @@ BENCHMARKS = {
     "idle": load.idle,
     "restart": restart,
     "handling": handling,
+    "call": call,
 }
 
 

@@ -186,6 +186,7 @@ GOALS = (
         0.3,
         _of_row("handling", "construct 64 B, all 8 fields given", "us"),
     ),
+    Goal("call and reply, 64 B each: p50 ÷ one way", 2.2, _against("call", "robbie-call", "robbie")),
     Goal("watched by `top`: p50 of 64 B ÷ unwatched", 1.1, _against("latency", WATCHED, "robbie")),
     Goal("watched by `top`: p50 of 6.2 MB ÷ unwatched", 1.1, _against("large", WATCHED, "robbie", "6.2")),
     Goal("watched by `top`: p50 of 1 MB to 8 ÷ unwatched", 1.1, _against("fanout", WATCHED, "robbie")),

@@ -6,7 +6,19 @@ from pathlib import Path
 
 import numpy as np
 
-from robbie_mp import DEFAULT, REQUIRED, Array, Message, Module, float64, int64, setting, uint8
+from robbie_mp import (
+    DEFAULT,
+    REQUIRED,
+    Array,
+    Message,
+    Module,
+    Reply,
+    Request,
+    float64,
+    int64,
+    setting,
+    uint8,
+)
 from tools.bench.record import BEGAN_NS, ENDED_NS, SENT, Receipts, map_publisher
 from tools.bench.work import END, Work
 
@@ -125,3 +137,71 @@ class Subscriber(Module):
     def on_picture(self, picture: Picture) -> None:
         """Record the message."""
         self.handle(picture.number, picture.stamp_ns or int(picture.data[:8].view(np.int64)[0]))
+
+
+class Answer(Reply, name="bench_msgs/srv/Ask_Response"):
+    """The reply: 64 bytes."""
+
+    number: int64
+    stamp_ns: int64  # that of the request
+    x: float64 = DEFAULT
+    y: float64 = DEFAULT
+    z: float64 = DEFAULT
+    roll: float64 = DEFAULT
+    pitch: float64 = DEFAULT
+
+
+class Ask(Request[Answer], name="bench_msgs/srv/Ask_Request"):
+    """The request: 64 bytes."""
+
+    number: int64
+    stamp_ns: int64  # monotonic clock
+    x: float64 = DEFAULT
+    y: float64 = DEFAULT
+    z: float64 = DEFAULT
+    roll: float64 = DEFAULT
+    pitch: float64 = DEFAULT
+
+
+class Server(Module):
+    """Replies with what it is asked."""
+
+    def setup(self) -> None:
+        """Serve."""
+        self.serve(Ask, self.on_ask)
+
+    def on_ask(self, ask: Ask) -> Answer:
+        """Reply."""
+        return Answer(number=ask.number, stamp_ns=ask.stamp_ns, x=ask.x, y=ask.y, z=ask.z)
+
+
+class Client(Publisher):
+    """Calls, and records when it gets each reply."""
+
+    def setup(self) -> None:
+        """Prepare the record of the replies."""
+        super().setup()
+        self.handle = Receipts(self.work, 0).handle
+        self.waiting = 0
+
+    def tick(self) -> None:
+        """Call; end when all replies are there."""
+        if not self.ended:
+            super().tick()
+        elif not self.waiting:
+            self.stop()
+
+    def publish_next(self) -> None:
+        """Stamp and send the next request."""
+        number = next(self.numbers, None)
+        if number is not None and number != END:
+            self.waiting += 1
+            self.call(
+                Ask(number=number, stamp_ns=time.monotonic_ns(), x=1.0, y=2.0, z=3.0, roll=4.0, pitch=5.0),
+                self.on_answer,
+            )
+
+    def on_answer(self, answer: Answer) -> None:
+        """Record the reply."""
+        self.handle(answer.number, answer.stamp_ns)
+        self.waiting -= 1

@@ -11,12 +11,12 @@ from typing import Any
 
 from robbie_mp.observe import ModuleFigures
 from robbie_mp.transport.shared_folder import SHARED_MEMORY
-from tools.kill_campaign import neighbours, traces
+from tools.kill_campaign import calls, neighbours, traces
 from tools.kill_campaign.attack import Attack, Signalled
 from tools.kill_campaign.frozen_log import FrozenLog, log_disk
 from tools.kill_campaign.modules import PAUSE_FILE, QUIET
 from tools.kill_campaign.neighbours import measure_neighbours
-from tools.kill_campaign.profile import publishers, roles, write_workspace
+from tools.kill_campaign.profile import RESTART, publishers, roles, write_workspace
 from tools.kill_campaign.records import ModuleRecord
 from tools.kill_campaign.recovery import recovery_times
 from tools.kill_campaign.robot import Robot
@@ -65,13 +65,14 @@ def run_campaign(
         RobotTrouble: the robot does not start, come to rest, or end.
     """
     settings = roles(overloaded=True, camera=plan.rounds_with_camera > 0)
-    write_workspace(folder / "workspace", settings, plan.others)
+    calling = {name: part | {"restart": RESTART} for name, part in calls.PARTS.items()}
+    write_workspace(folder / "workspace", settings, calling | dict(plan.others))
     with contextlib.ExitStack() as stack:
         disk = stack.enter_context(log_disk(folder / "output")) if plan.freeze_log else None
         robot = Robot(folder, folder / "workspace", "campaign")
         stack.callback(robot.close)
         frozen_log = FrozenLog(disk, robot, plan.seed) if disk else None
-        return _run(plan, robot, list(settings), publishers(settings), each_second, frozen_log)
+        return _run(plan, robot, [*settings, *calls.PARTS], publishers(settings), each_second, frozen_log)
 
 
 def _run(
@@ -103,8 +104,10 @@ def _run(
     assert robot.observer is not None
     channels = robot.observer.channels()
     summary = robot.stop()
-    records = read_records(robot.output, names)
+    records = read_records(robot.output, [name for name in names if name not in calls.PARTS])
     verdict = judge(records, figures, channels)
+    of_calls, call_violations = calls.judge_calls(robot.output)
+    verdict.violations += call_violations
     verdict.violations += traces.violations(before, after, robot.run_id, figures)
     verdict.violations += _deaths(attack, figures)
     verdict.violations += neighbours.violations(beside) if beside else []
@@ -121,6 +124,7 @@ def _run(
         "messages": verdict.totals(),
         "bytes": sum(channel.bytes for channel in channels),
         "deliveries": causes(figures),
+        "calls": of_calls,
         "neighbours": beside or {},
         "recovery": recovery_times(attack.kills, records),
         "log_disk": _of_log_disk(frozen_log, attack.kills, records) if frozen_log else {},

@@ -25,7 +25,7 @@ def recovery_times(kills: Iterable[Signalled], records: dict[str, ModuleRecord])
             after = (_next(published, entered, kill.at_ns) for published, entered in pairs)
             worked = min((at_ns for at_ns in after if at_ns is not None), default=None)
             found[CORE] += [] if worked is None else [(worked - kill.at_ns) / 1e9]
-        else:
+        elif kill.name in records:  # the modules that call have none
             began = records[kill.name].worked_ns
             at = bisect_right(began, kill.at_ns)
             found["module"] += [(began[at] - kill.at_ns) / 1e9] if at < len(began) else []

@@ -40,6 +40,48 @@ class SettingChanged(Message, name="robbie_msgs/msg/SettingChanged", version=1):
     error: str = DEFAULT  # why it was not changed; '' if it was
 
 
+class CallRefusal(Message, name="robbie_msgs/msg/CallRefusal", version=1):
+    """A server answers a request, or a goal, with a reason instead of a reply; the topic names the client."""
+
+    call: uint64 = DEFAULT  # that of the request
+    reason: str = DEFAULT  # for people
+
+
+class GoalCancel(Message, name="robbie_msgs/msg/GoalCancel", version=1):
+    """A client no longer wants its goal; the topic names the server's module."""
+
+    call: uint64 = DEFAULT  # that of the goal
+    reason: str = DEFAULT  # for people
+
+
+class GoalEnd(Message, name="robbie_msgs/msg/GoalEnd", version=1):
+    """A goal has ended without a result; the topic names the client."""
+
+    CANCELLED: ClassVar[uint8] = 0  # its client cancelled it
+    ABORTED: ClassVar[uint8] = 1  # the server cannot reach it
+    PREEMPTED: ClassVar[uint8] = 2  # another goal took its place
+
+    call: uint64 = DEFAULT  # that of the goal
+    outcome: uint8 = CANCELLED
+    reason: str = DEFAULT  # for people
+
+
+class CallsQuestion(Message, name="robbie_msgs/msg/CallsQuestion", version=1):
+    """A client asks what became of its calls; the topic names the server's module.
+
+    The server gets it after the requests that were sent before.
+    """
+
+    calls: Array[uint64] = DEFAULT
+
+
+class CallsAnswer(Message, name="robbie_msgs/msg/CallsAnswer", version=1):
+    """A server answers a CallsQuestion, after the replies that it has sent; the topic names the client."""
+
+    calls: Array[uint64] = DEFAULT  # those of the question
+    pending: Array[uint64] = DEFAULT  # those of them that it still works on; the others are over, or lost
+
+
 class Tick(Message, name="robbie_msgs/msg/Tick", version=1):
     """Time for a tick of the module whose name is the topic, in a run in lockstep."""
 

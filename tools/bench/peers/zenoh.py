@@ -33,7 +33,7 @@ class Zenoh(Peer):
 
         control = zenoh.CongestionControl
         congestion = control.BLOCK if work.lossless or work.has_array else control.DROP
-        with zenoh.open(_configuration(work, "listen")) as session:
+        with zenoh.open(configuration(work, "listen")) as session:
             publisher = session.declare_publisher(work.topic, congestion_control=congestion, express=True)
 
             def send(number: int) -> None:
@@ -57,7 +57,7 @@ class Zenoh(Peer):
             if handle(*HEADER.unpack(sample.attachment.to_bytes())):
                 ended.set()
 
-        with zenoh.open(_configuration(work, "connect")) as session:
+        with zenoh.open(configuration(work, "connect")) as session:
             session.declare_subscriber(work.topic, on_array if work.has_array else on_probe)
             ended.wait()
 
@@ -87,7 +87,8 @@ def _array_sender(work: Work, publisher: Any) -> Send:
     return send_filled if work.in_place else send
 
 
-def _configuration(work: Work, role: str) -> Any:
+def configuration(work: Work, role: str) -> Any:
+    """Return the configuration of a session: `role` is listen or connect."""
     import zenoh  # noqa: PLC0415
 
     zenoh.init_log_from_env_or("error")

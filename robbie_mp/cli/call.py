@@ -1,0 +1,175 @@
+"""`robbie call SERVICE YAML`: send a request to the module that serves it, and print the reply."""
+
+import argparse
+import logging
+import sys
+from contextlib import closing
+from typing import TYPE_CHECKING
+
+from robbie_mp.cli import completers
+from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.runs import add_run_argument, choose_run
+from robbie_mp.messages import Message, UnknownType
+from robbie_mp.messages.calls import (
+    FEEDBACK_SUFFIX,
+    GOAL_SUFFIX,
+    REQUEST_SUFFIX,
+    RESULT_SUFFIX,
+    response_name,
+)
+from robbie_mp.messages.descriptions import KnownTypes
+from robbie_mp.module.calls.calls import Calls
+from robbie_mp.module.calls.errors import CallError
+from robbie_mp.module.clock import SystemClock
+from robbie_mp.suggest import did_you_mean
+from robbie_mp.tool.tool_bus import ToolBus
+from robbie_mp.views.known_types import types_of_run
+from robbie_mp.views.message_text import FieldPath, message_of_yaml, to_json, to_yaml
+
+if TYPE_CHECKING:
+    from argparse import _SubParsersAction
+
+TIMEOUT_S = 5.0
+FOLDERS = {REQUEST_SUFFIX: "srv", GOAL_SUFFIX: "action"}
+
+
+def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `call` to the commands."""
+    parser = add_command(
+        subparsers,
+        "call",
+        "send a request to a module, and print the reply",
+        "Send a request to the module that serves it, and print the reply. Or send a goal: print each "
+        "feedback as a line of JSON, then the result; Ctrl-C cancels the goal. `robbie list services` lists "
+        "what a run serves. Fields you do not give have their default values. Exit code 1: there is no reply "
+        "or result; the error says why.",
+        [
+            "robbie call DriveTo '{x_m: 2.0, y_m: 1.0}'",
+            "robbie call FindPath '{x_m: 2.0, y_m: 1.0}'",
+            "robbie call my_robot/FindPath --topic fast --timeout 20 --json",
+        ],
+    )
+    service = parser.add_argument(
+        "service",
+        metavar="SERVICE",
+        help="type of the service or action: my_robot/srv/FindPath, or FindPath for short",
+    )
+    service.completer = completers.services  # type: ignore[attr-defined]
+    parser.add_argument(
+        "request", metavar="YAML", nargs="?", default="{}", help="fields of the request ('{}')"
+    )
+    parser.add_argument("--topic", default="", help="name of the service, if the module gave it one")
+    parser.add_argument(
+        "--timeout", metavar="SECONDS", type=float, help="time to wait for the reply (5; for a goal: any)"
+    )
+    parser.add_argument("--json", action="store_true", help="print the reply as one line of JSON")
+    add_run_argument(parser)
+    parser.set_defaults(command=call)
+
+
+def call(arguments: argparse.Namespace) -> int:
+    """Call, and print what comes back."""
+    run = choose_run(arguments.run)
+    types = types_of_run(run)
+    name = request_name(types, arguments.service)
+    caller = _Caller(types, name, message_of_yaml(types.get(name), arguments.request), arguments)
+    with closing(ToolBus(run, f"robbie call {arguments.service}")) as bus:
+        return caller.run(bus)
+
+
+class _Caller:
+    """Sends one request or goal, and prints feedback and reply.
+
+    Args:
+        types: the types of the run.
+        name: full name of the request's type.
+        request: the request or goal.
+        arguments: of the command.
+    """
+
+    def __init__(self, types: KnownTypes, name: str, request: Message, arguments: argparse.Namespace):
+        base = name.removesuffix(GOAL_SUFFIX)
+        self._is_goal = base != name
+        self._request = request
+        self._replies = types.get(base + RESULT_SUFFIX if self._is_goal else response_name(name))
+        self._feedbacks = types.get(base + FEEDBACK_SUFFIX) if self._is_goal else None
+        self._arguments = arguments
+        self._end: Message | CallError | None = None
+
+    def run(self, bus: ToolBus) -> int:
+        """Send it, and wait for the end."""
+        calls = Calls(bus, SystemClock(), logging.getLogger("robbie.call"))
+        bus.on_new_place = calls.client.forget_place
+        bus.ready()
+        number = calls.client.call(
+            self._request,
+            self._replies,
+            self._set_end,
+            self._set_end,
+            self._arguments.timeout or (None if self._is_goal else TIMEOUT_S),
+            self._arguments.topic,
+            self._feedbacks,
+            self._print,
+        )
+        while self._end is None:
+            try:
+                self._wait(bus, calls)
+            except KeyboardInterrupt:
+                if not (self._is_goal and calls.client.cancel(number, "Ctrl-C")):
+                    raise
+                print("(cancelling; Ctrl-C again leaves the goal alone)", file=sys.stderr, flush=True)
+                self._is_goal = False
+        if isinstance(self._end, CallError):
+            raise self._end
+        self._print(self._end)
+        return 0
+
+    def _wait(self, bus: ToolBus, calls: Calls) -> None:
+        while self._end is None:
+            if not bus.handle_next():
+                bus.wait(calls.wait_s())
+            calls.run()
+
+    def _set_end(self, end: Message | CallError) -> None:
+        self._end = end
+
+    def _print(self, message: Message) -> None:
+        value = FieldPath(type(message), "").value(message)
+        value.pop("call")
+        is_line = self._arguments.json or type(message) is self._feedbacks
+        print(to_json(value) if is_line else to_yaml(value), flush=True)
+
+
+def request_name(types: KnownTypes, service: str) -> str:
+    """Return the full name of the type of a service's requests, or of an action's goals.
+
+    Args:
+        types: the types of the run.
+        service: type of the service: `package/srv/Name`, `package/Name` or `Name`; for an action, with
+            `action` instead of `srv`.
+
+    Raises:
+        UnknownType: no service has this type, or several do.
+    """
+    bases = {
+        name: name.removesuffix(suffix)
+        for name in types.names()
+        for suffix in (REQUEST_SUFFIX, GOAL_SUFFIX)
+        if name.endswith(suffix) and f"/{FOLDERS[suffix]}/" in name
+    }
+    for shape in (str, _short, _last):
+        found = [name for name, base in bases.items() if shape(base) == service]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise UnknownType(f"{service!r} may be {' or '.join(bases[name] for name in found)}")
+    near = did_you_mean(service, [_last(base) for base in bases.values()])
+    raise UnknownType(f"no module of this robot declares a service {service!r}{near}")
+
+
+def _short(base: str) -> str:
+    return base.replace("/srv/", "/").replace("/action/", "/")
+
+
+def _last(base: str) -> str:
+    return base.rpartition("/")[2]

@@ -1,0 +1,92 @@
+"""All calls and services of one module, and what is due for them."""
+
+import logging
+import math
+import threading
+
+from robbie_mp.module.bus import Bus
+from robbie_mp.module.calls.client import ClientCalls
+from robbie_mp.module.calls.errors import WrongThread
+from robbie_mp.module.calls.server import ServiceCalls
+from robbie_mp.module.clock import Clock
+
+
+class Calls:
+    """The calls and services of one module.
+
+    Args:
+        bus: the module's bus.
+        clock: the module's clock.
+        log: the module's logger.
+
+    Attributes:
+        client: the calls that it makes.
+        server: the services that it offers.
+        is_granted: whether time passes only by granted ticks, as in lockstep; then `run_granted` does what
+            depends on the module's clock.
+    """
+
+    def __init__(self, bus: Bus, clock: Clock, log: logging.Logger):
+        self._bus = bus
+        self.client = ClientCalls(bus, clock, log)
+        self.server = ServiceCalls(bus, log)
+        self._thread = threading.get_ident()
+        self.is_granted = False
+
+    def check_thread(self) -> None:
+        """Check that the module's main thread runs.
+
+        Raises:
+            WrongThread: another thread does.
+        """
+        if threading.get_ident() != self._thread:
+            raise WrongThread("call and serve only in the module's main thread, as handlers and ticks do")
+
+    def begin(self) -> None:
+        """Begin, when all modules are ready.
+
+        Raises:
+            ServedTwice: another module serves the same.
+        """
+        if self.server.are_any:
+            self.server.check_rivals()
+
+    def wait_s(self) -> float:
+        """Return how long the module may wait for messages, in s; infinite if nothing is due."""
+        if len(self.client):
+            return self.client.wait_s()
+        return math.inf
+
+    def are_due(self) -> bool:
+        """Whether there is something to do."""
+        client = self.client
+        if len(client) and (client.has_failed_calls or client.is_look_due()):
+            return True
+        return self.server.are_any and self._bus.peers.now_ns() >= self.server.look_again_ns
+
+    def run(self) -> None:
+        """Do what is due.
+
+        Raises:
+            ServedTwice: as for `begin`.
+        """
+        client = self.client
+        if len(client):
+            if client.is_look_due():
+                if not self.is_granted:
+                    client.expire()
+                client.look()
+            client.report()
+        if self.server.are_any and self._bus.peers.now_ns() >= self.server.look_again_ns:
+            self.server.check_rivals()
+
+    def run_granted(self) -> None:
+        """Do what is due by the module's clock, when a tick is granted."""
+        if len(self.client):
+            self.client.expire()
+            self.client.report()
+
+    def end_handling(self) -> None:
+        """Report errors before other processes can see that a message was handled."""
+        if self.client.has_failed_calls:
+            self.client.report()

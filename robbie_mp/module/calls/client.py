@@ -1,0 +1,370 @@
+"""The client's side of calls: sends requests, and ends each call exactly once."""
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robbie_mp.messages import CallRefusal, CallsAnswer, CallsQuestion, GoalCancel, GoalEnd, Message, replace
+from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX
+from robbie_mp.module.bus import Bus
+from robbie_mp.module.calls.errors import (
+    CallError,
+    CallLost,
+    CallNotSent,
+    CallRefused,
+    CallTimedOut,
+    GoalAborted,
+    GoalCancelled,
+    GoalPreempted,
+    InvalidTimeout,
+    NoServer,
+    ServerDied,
+    TooManyCalls,
+)
+from robbie_mp.module.calls.peers import Server, service_topic
+from robbie_mp.module.clock import Clock
+from robbie_mp.transport.records import MessageHandling
+from robbie_mp.transport.tables import ChannelName
+
+MAX_CALLS = 1000
+"""Limit of the calls of a module that have not ended."""
+LOOK_PERIOD_NS = 50_000_000
+"""Time between two looks at the servers of calls that have not ended."""
+QUESTION_PERIOD_NS = 1_000_000_000
+"""Time between two questions to a server that seems to work on a call."""
+CALL_BITS = 32
+GOAL_ENDS: dict[int, type[CallError]] = {
+    GoalEnd.CANCELLED: GoalCancelled,
+    GoalEnd.ABORTED: GoalAborted,
+    GoalEnd.PREEMPTED: GoalPreempted,
+}
+OnError = Callable[[CallError], None]
+
+
+@dataclass(slots=True, eq=False)
+class _Call:
+    """A call that has not ended."""
+
+    number: int
+    label: str
+    server: Server
+    on_reply: Callable[[Any], None]
+    on_error: OnError
+    begun_ns: int
+    """On the module's clock, as the next one."""
+    timeout_ns: int | None
+    asked_ns: int
+    """When the server was asked about it, or sent the request."""
+    incarnation: int
+    """Of the server, when it was asked about the call, or sent the request."""
+    first_incarnation: int
+    on_feedback: Callable[[Any], None] | None = None
+    seems_gone: bool = False
+    """Whether the server did not serve any more at the last look; a reply may be on its way."""
+
+    def timeout_due_ns(self) -> int | None:
+        """Return when the call times out."""
+        return None if self.timeout_ns is None else self.begun_ns + self.timeout_ns
+
+
+class ClientCalls:
+    """The calls that one module makes.
+
+    Args:
+        bus: the module's bus.
+        clock: times the calls.
+        log: the module's logger.
+
+    Attributes:
+        late: number of replies to calls that had already ended, or were made by an earlier incarnation.
+    """
+
+    def __init__(self, bus: Bus, clock: Clock, log: logging.Logger):
+        self._bus = bus
+        self._clock = clock
+        self._log = log
+        self._calls: dict[int, _Call] = {}
+        self._failed: list[tuple[OnError, CallError]] = []
+        """Calls that have failed; their errors are still to be reported."""
+        self._servers: dict[ChannelName, Server] = {}
+        self._listened: set[type[Any]] = set()
+        self._listens_as = ""
+        """The topic of this module's replies."""
+        self._number = 0
+        self._look_ns = 0
+        self.late = 0
+
+    def __len__(self) -> int:
+        """Number of calls that have not ended."""
+        return len(self._calls) + len(self._failed)
+
+    @property
+    def has_failed_calls(self) -> bool:
+        """Whether errors are to be reported at once."""
+        return bool(self._failed)
+
+    def call(
+        self,
+        request: Message,
+        replies: type[Message],
+        on_reply: Callable[[Any], None],
+        on_error: OnError | None,
+        timeout_s: float | None,
+        topic: str,
+        feedbacks: type[Message] | None = None,
+        on_feedback: Callable[[Any], None] | None = None,
+    ) -> int:
+        """Send a request or a goal, which may be of a class without `Request`; see `Module.call`.
+
+        Args:
+            request: a message with a field `call`.
+            replies: the type of the replies, which have such a field, too.
+            on_reply: called with the reply.
+            on_error: called with the error; None: it is logged.
+            timeout_s: time for the reply; None: any.
+            topic: the name of the service.
+            feedbacks: for a goal, the type of its feedback.
+            on_feedback: called with the feedback.
+
+        Returns:
+            The number of the call.
+        """
+        if timeout_s is not None and not 0 < timeout_s < math.inf:
+            raise InvalidTimeout(f"timeout_s={timeout_s}; expected a number of seconds greater than 0")
+        if len(self) >= MAX_CALLS:
+            raise TooManyCalls(
+                f"{len(self)} calls have not ended; wait for replies, or give a shorter timeout"
+            )
+        request_type = type(request)
+        name = request_type.__name__.removesuffix(REQUEST_SUFFIX).removesuffix(GOAL_SUFFIX)
+        label = f"{name}{f' on topic {topic!r}' * bool(topic)}"
+        report = on_error or self._log_error
+        if replies not in self._listened:
+            self._listen(replies, self._on_reply)
+        if feedbacks is not None and feedbacks not in self._listened:
+            self._listen(feedbacks, self._on_feedback)
+            if GoalEnd not in self._listened:
+                self._listen(GoalEnd, self._on_goal_end)
+        service = ChannelName(request.type_name, request.version, service_topic(topic))
+        server = self._find_server(service)
+        self._number += 1
+        number = self._bus.peers.incarnation << CALL_BITS | self._number & (1 << CALL_BITS) - 1
+        if server is None:
+            self._failed.append((report, NoServer(f"{label}: no module serves it")))
+            return number
+        incarnation = self._bus.peers.incarnation_of(server)
+        now_ns = self._clock.monotonic_ns()
+        timeout_ns = None if timeout_s is None else round(timeout_s * 1e9)
+        look_ns = self._bus.peers.now_ns() + min(LOOK_PERIOD_NS, timeout_ns or LOOK_PERIOD_NS)
+        self._look_ns = min(look_ns, self._look_ns) if self._calls else look_ns
+        made = _Call(
+            number, label, server, on_reply, report, now_ns, timeout_ns, now_ns, incarnation, incarnation
+        )
+        made.on_feedback = on_feedback
+        if self._bus.publish(replace(request, call=number), service.topic):
+            self._calls[number] = made
+        else:
+            self._failed.append((report, CallNotSent(f"{label}: this module's memory or ring is full")))
+        return number
+
+    def cancel(self, number: int, reason: str) -> bool:
+        """Ask the server of a goal to end it; False if it has ended already."""
+        call = self._calls.get(number)
+        if call is not None:
+            self._bus.publish(GoalCancel(call=number, reason=reason), call.server.module)
+        return call is not None
+
+    def is_waiting(self, number: int) -> bool:
+        """Whether a call has not ended."""
+        return number in self._calls
+
+    def forget_place(self) -> None:
+        """End all calls, because this module has lost its place in the run and gets another one."""
+        for call in list(self._calls.values()):
+            self._fail(call, CallLost(f"{call.label}: this tool was detached"))
+        for message_type in self._listened:
+            self._bus.subscriptions.forget(message_type, self._listens_as)
+        self._listened.clear()
+        self._servers.clear()
+
+    # -- what is due ---------------------------------------------------------------------------------------
+
+    def wait_s(self) -> float:
+        """Return the time until something is due, in s of the machine; infinite if nothing is."""
+        if self._failed:
+            return 0.0
+        return max(0.0, (self._look_ns - self._bus.peers.now_ns()) / 1e9) if self._calls else math.inf
+
+    def report(self) -> None:
+        """Report the errors of the calls that have failed."""
+        failed, self._failed = self._failed, []
+        for on_error, error in failed:
+            on_error(error)
+
+    def expire(self) -> None:
+        """End the calls whose time is up, and ask about those that take long; both by the module's clock."""
+        now_ns = self._clock.monotonic_ns()
+        old: list[_Call] = []
+        for call in list(self._calls.values()):
+            if now_ns < call.begun_ns:  # the run's time was set back
+                call.begun_ns = call.asked_ns = now_ns
+            due_ns = call.timeout_due_ns()
+            if due_ns is not None and now_ns >= due_ns:
+                waited_s = (now_ns - call.begun_ns) / 1e9
+                if call.on_feedback is not None:
+                    self.cancel(call.number, "its time is up")
+                self._fail(
+                    call,
+                    CallTimedOut(f"{call.label}: {call.server.module} has not replied in {waited_s:.3g} s"),
+                )
+            elif now_ns >= call.asked_ns + QUESTION_PERIOD_NS:
+                old.append(call)
+        self._ask(old)
+
+    def is_look_due(self) -> bool:
+        """Whether it is time to look at the servers."""
+        return bool(self._calls) and self._bus.peers.now_ns() >= self._look_ns
+
+    def look(self) -> None:
+        """Look whether servers have ended, or are other processes than those that got the requests."""
+        peers = self._bus.peers
+        self._look_ns = peers.now_ns() + min(LOOK_PERIOD_NS, self._soonest_timeout_ns())
+        seen: dict[Server, tuple[bool, int]] = {}
+        orphans: list[_Call] = []
+        for call in list(self._calls.values()):
+            server = call.server
+            if server not in seen:
+                seen[server] = peers.serves(server), peers.incarnation_of(server)
+            serves, incarnation = seen[server]
+            if not serves and call.seems_gone:
+                end = peers.end_of(server)
+                self._fail(call, NoServer(f"{call.label}: {server.module} serves it no longer ({end})"))
+            elif serves and incarnation != call.incarnation:
+                call.incarnation = incarnation
+                orphans.append(call)
+            call.seems_gone = not serves
+        self._ask(orphans)
+
+    def _soonest_timeout_ns(self) -> int:
+        """Return the time until the next call times out, if the module's clock runs as the machine's."""
+        now_ns = self._clock.monotonic_ns()
+        dues = (call.timeout_due_ns() for call in self._calls.values())
+        left_ns = min((due_ns - now_ns for due_ns in dues if due_ns is not None), default=LOOK_PERIOD_NS)
+        return left_ns if left_ns > 0 else LOOK_PERIOD_NS
+
+    def _ask(self, calls: list[_Call]) -> None:
+        """Ask the servers of calls whether they still work on them."""
+        now_ns = self._clock.monotonic_ns()
+        numbers: dict[str, list[int]] = {}
+        for call in calls:
+            call.asked_ns = now_ns
+            numbers.setdefault(call.server.module, []).append(call.number)
+        if calls and CallsAnswer not in self._listened:
+            self._listen(CallsAnswer, self._on_answer)
+        for module, asked in numbers.items():
+            self._bus.publish(CallsQuestion(calls=np.array(asked, np.uint64)), module)
+
+    # -- what arrives --------------------------------------------------------------------------------------
+
+    def _listen(self, message_type: type[Any], handler: Callable[[Any], None]) -> None:
+        self._listened.add(message_type)
+        always = MessageHandling.ALWAYS_DELIVER
+        subscriptions, own = self._bus.subscriptions, self._bus.peers.name
+        self._listens_as = own
+        subscriptions.subscribe(message_type, handler, always, own)
+        if CallRefusal not in self._listened:
+            self._listened.add(CallRefusal)
+            subscriptions.subscribe(CallRefusal, self._on_refusal, always, own)
+
+    def _on_reply(self, reply: Any) -> None:
+        call = self._take(reply.call)
+        if call is not None:
+            call.on_reply(reply)
+
+    def _on_refusal(self, refusal: CallRefusal) -> None:
+        call = self._take(refusal.call)
+        if call is not None:
+            call.on_error(CallRefused(refusal.reason))
+
+    def _on_feedback(self, feedback: Any) -> None:
+        call = self._calls.get(feedback.call)
+        if call is None or call.server.module != self._bus.envelope().sender:
+            self.late += 1
+        elif call.on_feedback is not None:
+            call.on_feedback(feedback)
+
+    def _on_goal_end(self, end: GoalEnd) -> None:
+        call = self._take(end.call)
+        if call is not None:
+            call.on_error(GOAL_ENDS.get(end.outcome, GoalAborted)(end.reason))
+
+    def _on_answer(self, answer: CallsAnswer) -> None:
+        sender = self._bus.envelope().sender
+        for number in set(answer.calls.tolist()) - set(answer.pending.tolist()):
+            call = self._calls.get(number)
+            if call is not None and call.server.module == sender:
+                self._fail(call, self._lost(call))
+        self.report()
+
+    def _lost(self, call: _Call) -> CallError:
+        module = call.server.module
+        if call.incarnation != call.first_incarnation:
+            return ServerDied(f"{call.label}: {module} died before it replied, and has been restarted")
+        return CallLost(f"{call.label}: the request or the reply of {module} was dropped")
+
+    def _take(self, number: int) -> _Call | None:
+        """Return the call that the message being handled ends; None if it ends none."""
+        call = self._calls.get(number)
+        if call is None or call.server.module != self._bus.envelope().sender:
+            self.late += 1
+            self._log.debug("a reply came too late: call %d", number)
+            return None
+        del self._calls[number]
+        return call
+
+    def _fail(self, call: _Call, error: CallError) -> None:
+        """End a call; its error is reported by the next `report`."""
+        del self._calls[call.number]
+        self._failed.append((call.on_error, error))
+
+    def _find_server(self, service: ChannelName) -> Server | None:
+        server = self._servers.get(service)
+        peers = self._bus.peers
+        if server is None or not peers.serves(server):
+            server = peers.find_server(service)
+            if server is None:
+                self._servers.pop(service, None)
+            else:
+                self._servers[service] = server
+        return server
+
+    def _log_error(self, error: CallError) -> None:
+        self._log.error("%s: %s", type(error).__name__, error)
+
+
+class SentGoal:
+    """A goal that a module has sent; `Module.send_goal` returns it."""
+
+    def __init__(self, client: ClientCalls, number: int):
+        self._client = client
+        self._number = number
+
+    @property
+    def is_active(self) -> bool:
+        """Whether the goal has not ended."""
+        return self._client.is_waiting(self._number)
+
+    def cancel(self, reason: str = "") -> bool:
+        """Ask the server to end the goal. The goal ends when the server says so, with `GoalCancelled`.
+
+        Args:
+            reason: for people.
+
+        Returns:
+            False if the goal has already ended.
+        """
+        return self._client.cancel(self._number, reason)

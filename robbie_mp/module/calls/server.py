@@ -1,0 +1,292 @@
+"""The server's side of calls: runs the handlers, sends replies and refusals, and answers questions."""
+
+import logging
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from robbie_mp.messages import CallRefusal, CallsAnswer, CallsQuestion, GoalCancel, GoalEnd, Message, replace
+from robbie_mp.messages.calls import (
+    Feedback,
+    FeedbackType,
+    Goal,
+    ReplyType,
+    Request,
+    Result,
+    ResultType,
+    goal_types,
+    reply_type,
+)
+from robbie_mp.module.bus import Bus
+from robbie_mp.module.calls.errors import CallRefused, CannotServe, GoalEnded, ServedTwice, WrongReply
+from robbie_mp.module.calls.peers import service_topic
+from robbie_mp.module.subscriptions import SubscribedTwice
+from robbie_mp.transport.records import MessageHandling
+from robbie_mp.transport.tables import ChannelName
+
+LOOK_PERIOD_NS = 1_000_000_000
+"""How often a server looks whether another module has begun to serve the same."""
+
+
+GoalType = TypeVar("GoalType")
+
+
+class ActiveGoal(Generic[GoalType, FeedbackType, ResultType]):
+    """A goal that a module works on; `Module.serve_goals` gives it to the module.
+
+    End it with exactly one of `succeed`, `abort`, `cancelled` and `preempt`.
+
+    Attributes:
+        goal: the goal, as the client sent it.
+        client: the name of the module that sent it.
+    """
+
+    def __init__(
+        self, server: "ServiceCalls", client: str, goal: GoalType, types: tuple[type[Feedback], type[Result]]
+    ):
+        self._server = server
+        self._types = types
+        self.goal = goal
+        self.client = client
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Client and call."""
+        return self.client, self.goal.call  # type: ignore[attr-defined]
+
+    @property
+    def is_active(self) -> bool:
+        """Whether it has not ended."""
+        return self._server.goals.get(self.key) is self
+
+    @property
+    def memory(self) -> dict[str, Any]:
+        """What to put into a checkpoint, so that the next process can continue; see `Module.resume_goal`."""
+        return {"client": self.client, "goal": self.goal.encode()}  # type: ignore[attr-defined]
+
+    def feedback(self, feedback: FeedbackType) -> None:
+        """Tell the client how far the work is.
+
+        Args:
+            feedback: of the type that belongs to the goal.
+
+        Raises:
+            GoalEnded: the goal has ended.
+            WrongReply: the message has another type.
+        """
+        self._send(feedback, self._types[0])
+
+    def succeed(self, result: ResultType) -> None:
+        """End the goal with its result; arguments and errors as for `feedback`.
+
+        Args:
+            result: of the type that belongs to the goal.
+        """
+        self._send(result, self._types[1])
+        del self._server.goals[self.key]
+
+    def abort(self, reason: str) -> None:
+        """End the goal, because it cannot be reached; the client gets `GoalAborted`.
+
+        Args:
+            reason: for people.
+
+        Raises:
+            GoalEnded: the goal has ended.
+        """
+        self._end(GoalEnd.ABORTED, reason)
+
+    def cancelled(self, reason: str = "") -> None:
+        """End the goal, because its client cancelled it; arguments and errors as for `abort`.
+
+        Args:
+            reason: for people.
+        """
+        self._end(GoalEnd.CANCELLED, reason)
+
+    def preempt(self, reason: str) -> None:
+        """End the goal, because another one takes its place; arguments and errors as for `abort`.
+
+        Args:
+            reason: for people.
+        """
+        self._end(GoalEnd.PREEMPTED, reason)
+
+    def _end(self, outcome: int, reason: str) -> None:
+        self._check_active()
+        del self._server.goals[self.key]
+        self._server.send(self.client, GoalEnd(call=self.key[1], outcome=outcome, reason=reason))
+
+    def _send(self, message: Message, wanted: type[Message]) -> None:
+        self._check_active()
+        if not isinstance(message, wanted):
+            raise WrongReply(
+                f"{message!r:.80} does not belong to {type(self.goal).__name__}; send a {wanted.__name__}"
+            )
+        self._server.send(self.client, replace(message, call=self.key[1]))
+
+    def _check_active(self) -> None:
+        if not self.is_active:
+            raise GoalEnded(f"this {type(self.goal).__name__} of {self.client} has already ended")
+
+
+class ServiceCalls:
+    """The services of one module.
+
+    Args:
+        bus: the module's bus.
+        log: the module's logger.
+
+    Attributes:
+        goals: the goals that are being worked on, by client and call.
+        refused: number of requests that a handler refused.
+        unsent: number of replies for which there was no memory.
+    """
+
+    def __init__(self, bus: Bus, log: logging.Logger):
+        self._bus = bus
+        self._log = log
+        self._services: list[ChannelName] = []
+        self.goals: dict[tuple[str, int], ActiveGoal[Any, Any, Any]] = {}
+        self._on_cancels: dict[type[Message], Callable[[Any, str], None] | None] = {}
+        self.refused = 0
+        self.unsent = 0
+        self.look_again_ns = 0
+
+    @property
+    def are_any(self) -> bool:
+        """Whether the module serves anything."""
+        return bool(self._services)
+
+    def serve(
+        self, request_type: type[Request[ReplyType]], handler: Callable[[Any], ReplyType], topic: str
+    ) -> None:
+        """Subscribe to the requests of a service.
+
+        Raises:
+            ServedTwice: this module already serves them.
+            CannotServe: the module runs as a tool.
+        """
+        replies = reply_type(request_type)
+
+        def on_request(request: Request[ReplyType]) -> None:
+            client = self._bus.envelope().sender
+            try:
+                reply = handler(request)
+            except CallRefused as refusal:
+                self.refuse(client, request.call, str(refusal))
+                return
+            if not isinstance(reply, replies):
+                raise WrongReply(
+                    f"the handler of {request_type.__name__} returned {reply!r}; "
+                    f"return a {replies.__name__}, or raise CallRefused"
+                )
+            self.send(client, replace(reply, call=request.call))
+
+        on_request.__qualname__ = getattr(handler, "__qualname__", type(handler).__qualname__)
+        self.listen(request_type, on_request, topic)
+
+    def listen(
+        self,
+        request_type: type[Message],
+        on_request: Callable[[Any], None],
+        topic: str,
+    ) -> None:
+        """Subscribe to requests, and to the questions of their clients; raises as `serve`."""
+        if not self._bus.peers.can_serve:
+            raise CannotServe(f"{self._bus.peers.name} is a tool; serve in a module of the profile")
+        subscriptions, own = self._bus.subscriptions, self._bus.peers.name
+        service = ChannelName(request_type.type_name, request_type.version, service_topic(topic))
+        always = MessageHandling.ALWAYS_DELIVER
+        try:
+            subscriptions.subscribe(request_type, on_request, always, service.topic)
+        except SubscribedTwice as error:
+            raise ServedTwice(f"this module already serves {_describe(service)}") from error
+        if not self._services:
+            subscriptions.subscribe(CallsQuestion, self._on_question, always, own)
+        self._services.append(service)
+
+    def serve_goals(
+        self,
+        goal_type: type[Goal[FeedbackType, ResultType]],
+        on_goal: Callable[[Any], None],
+        on_cancel: Callable[[Any, str], None] | None,
+        topic: str,
+    ) -> None:
+        """Subscribe to goals and to their cancels; raises as `serve`."""
+        types = goal_types(goal_type)
+
+        def on_message(goal: Goal[FeedbackType, ResultType]) -> None:
+            active: ActiveGoal[Any, Any, Any] = ActiveGoal(self, self._bus.envelope().sender, goal, types)
+            self.goals[active.key] = active
+            try:
+                on_goal(active)
+            except CallRefused as refusal:
+                self.goals.pop(active.key, None)
+                self.refuse(active.client, goal.call, str(refusal))
+
+        on_message.__qualname__ = getattr(on_goal, "__qualname__", type(on_goal).__qualname__)
+        self._on_cancels[goal_type] = on_cancel
+        self.listen(goal_type, on_message, topic)
+        if len(self._on_cancels) == 1:
+            always = MessageHandling.ALWAYS_DELIVER
+            self._bus.subscriptions.subscribe(GoalCancel, self._on_cancel, always, self._bus.peers.name)
+
+    def resume(
+        self, goal_type: type[Goal[FeedbackType, ResultType]], memory: dict[str, Any]
+    ) -> "ActiveGoal[Any, FeedbackType, ResultType]":
+        """Continue a goal of an earlier incarnation; see `Module.resume_goal`."""
+        goal = goal_type.decode(memory["goal"])
+        active: ActiveGoal[Any, FeedbackType, ResultType] = ActiveGoal(
+            self, memory["client"], goal, goal_types(goal_type)
+        )
+        self.goals[active.key] = active
+        return active
+
+    def _on_cancel(self, cancel: GoalCancel) -> None:
+        active = self.goals.get((self._bus.envelope().sender, cancel.call))
+        if active is None:
+            return  # it has just ended
+        on_cancel = self._on_cancels.get(type(active.goal))
+        if on_cancel is None:
+            active.cancelled(cancel.reason)
+        else:
+            on_cancel(active, cancel.reason)
+
+    def check_rivals(self) -> None:
+        """Check that no other module serves the same.
+
+        Raises:
+            ServedTwice: one that takes precedence does.
+        """
+        peers = self._bus.peers
+        self.look_again_ns = peers.now_ns() + LOOK_PERIOD_NS
+        for service in self._services:
+            rival = peers.rival(service)
+            if rival is not None:
+                raise ServedTwice(
+                    f"{peers.name} and {rival} both serve {_describe(service)}; {rival}, which is started "
+                    "first, keeps it. Serve on another topic, or remove one of them"
+                )
+
+    def refuse(self, client: str, call: int, reason: str) -> None:
+        """Send a refusal instead of a reply."""
+        self.refused += 1
+        self.send(client, CallRefusal(call=call, reason=reason))
+
+    def send(self, client: str, message: Message) -> None:
+        """Send a message to a client."""
+        if not self._bus.publish(message, client):
+            self.unsent += 1
+            self._log.error("no memory to send a %s to %s", message.type_name, client)
+
+    def _on_question(self, question: CallsQuestion) -> None:
+        client = self._bus.envelope().sender
+        pending = [call for call in question.calls.tolist() if (client, call) in self.goals]
+        self.send(client, CallsAnswer(calls=question.calls, pending=np.array(pending, np.uint64)))
+
+
+def _describe(service: ChannelName) -> str:
+    _, _, topic = service.topic.partition("/")
+    return f"{service.type_name}{f' on topic {topic!r}' * bool(topic)}"
