@@ -52,7 +52,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     service = parser.add_argument(
         "service",
         metavar="SERVICE",
-        help="type of the service or action: my_robot/srv/FindPath, or FindPath for short",
+        help="service or action: my_robot/srv/FindPath, or FindPath",
     )
     service.completer = completers.services  # type: ignore[attr-defined]
     parser.add_argument(

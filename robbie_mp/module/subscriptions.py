@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Protocol
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.messages.message import check_message_type
 from robbie_mp.messages import Message
+from robbie_mp.messages.message import check_message_type
 from robbie_mp.module.envelope import EncodedMessage, MessageType
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling
 from robbie_mp.transport.tables import ChannelName

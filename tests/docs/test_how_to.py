@@ -187,3 +187,19 @@ def test_calls_and_their_tests() -> None:
     assert len(tests) == 3
     for test in tests:
         test()
+
+
+def test_goals() -> None:
+    names = run("goals")
+    with ModuleHarness(names["Wheels"]) as harness:
+        harness.send_goal(names["DriveTo"](distance_m=0.45))
+        harness.advance(1.0)
+        assert len(harness.take(names["Driven"])) == 5
+        assert [arrived.duration_s for arrived in harness.take(names["Arrived"])] == [0.45]
+    with ModuleHarness(names["Driver"]) as harness:
+        harness.module.go()
+        (goal,) = harness.take(names["DriveTo"])
+        harness.feed_back(goal, names["Driven"](left_m=1.0))
+        assert harness.module.status == "1.0 m left"
+        harness.end_goal(goal, names["Arrived"](duration_s=3.0))
+        assert harness.module.status == "there in 3.0 s"
