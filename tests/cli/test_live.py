@@ -109,7 +109,7 @@ def measures_rates(person: Person) -> None:
     assert rates["interval_mean_s"] == pytest.approx(0.05, rel=0.5)
     assert 0 <= rates["interval_deviation_s"] < 0.1
     size = person.gets("bw", "DriveCommand", "--once", "--every", "0.2")
-    count = person.gets("list", "topics")[0]
+    count = next(row for row in person.gets("list", "topics") if row["topic"] == "wheels")
     assert size["mean_bytes"] == count["bytes"] / count["messages"]
     assert "Hz, every" in person.types("hz", "DriveCommand", "--once", "--every", "0.2")
     assert person.gets("hz", "/wheels", "--once", "--every", "0.2")["topic"] == "wheels"
