@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.cli.log_files import add_limit_argument, add_log_argument, progress_bar
+from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import BAD_USAGE, add_command
+from robbie_mp.recording.bag_metadata import BAG_METADATA, write_bag_metadata
 from robbie_mp.recording.errors import RepairFailed
 from robbie_mp.recording.limits import ReadLimits
 from robbie_mp.recording.reader import open_log
@@ -58,7 +60,19 @@ def log_repair(arguments: argparse.Namespace) -> int:
     except RepairFailed as failure:
         print(failure, file=sys.stderr)
         return 1
+    if log.is_dir():
+        _describe(log)
     return 0
+
+
+def _describe(folder: Path) -> None:
+    """Write the file by which rosbag2 opens the folder."""
+    try:
+        reason = write_bag_metadata(folder)
+    except OSError as error:
+        reason = f"it cannot be written: {error.strerror}"
+    if reason:
+        warn(f"no {BAG_METADATA} was written, by which rosbag2 opens the folder: {reason}")
 
 
 def _repair(source: Path, target: Path, limits: ReadLimits) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from robbie_mp.recording.bag_metadata import update_bag_metadata
 from robbie_mp.recording.format import PART_NAME
 from robbie_mp.recording.mcap_records import MAGIC
 
@@ -83,6 +84,7 @@ def _remove(path: Path) -> bool:
         return False
     finally:
         os.close(fd)
+    update_bag_metadata(path.parent)
     with contextlib.suppress(OSError):
         path.parent.rmdir()
     return True

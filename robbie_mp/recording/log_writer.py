@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from robbie_mp.linux.private_files import make_private_folder
+from robbie_mp.recording.bag_metadata import write_bag_metadata
 from robbie_mp.recording.chunk import Chunk, Compression
 from robbie_mp.recording.disk_budget import LIBRARY, DiskBudget
+from robbie_mp.recording.errors import LogError
 from robbie_mp.recording.format import (
     COUNTS_METADATA,
     PART_NAME,
@@ -183,9 +185,12 @@ class LogWriter:
         return counts
 
     def close(self) -> None:
-        """End the recording; a recording without any message leaves no folder."""
+        """End the recording, and describe it for rosbag2; one without any message leaves no folder."""
         try:
             self.end_part()
         finally:
             with contextlib.suppress(OSError):
                 self.folder.rmdir()
+        if self.parts and self.folder.exists():
+            with contextlib.suppress(LogError):  # the folder has been changed by another program
+                write_bag_metadata(self.folder)
