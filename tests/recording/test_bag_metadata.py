@@ -2,6 +2,7 @@
 
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -45,7 +46,7 @@ def test_rosbags_opens_the_folder_of_a_recording(tmp_path: Path) -> None:
         for connection, time_ns, data in bag.messages():
             number = (time_ns - START_NS) // STEP_NS
             assert data == message(number)[1].encode()
-            decoded = bag.deserialize(data, connection.msgtype)
+            decoded: Any = bag.deserialize(data, connection.msgtype)
             assert decoded.header.stamp.sec == number
     assert (folder / BAG_METADATA).stat().st_mode & 0o077 == 0
     said = yaml.safe_load((folder / BAG_METADATA).read_text())["rosbag2_bagfile_information"]
