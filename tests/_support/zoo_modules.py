@@ -262,16 +262,23 @@ class Flood(Module):
 
 
 class Pulse(Journal):
-    """Publishes numbered messages at a constant rate; journals their number when it is stopped."""
+    """Publishes numbered messages at a constant rate; journals their number when it is stopped.
+
+    It pauses while too many of its messages are on their way. A module may have 4096: if listeners get no
+    processor time for seconds, the core would drop some, and further ones would be refused.
+    """
 
     period_s: float = setting(0.02, "between bursts")
     burst: int = setting(10, "messages in each")
+    limit: int = setting(2000, "messages on their way")
 
     def setup(self) -> None:
         self.number = 0
 
     def tick(self) -> None:
         for _ in range(self.burst):
+            if self.outstanding >= self.limit:
+                return
             sent = self.publish(DriveCommand(header=Header(stamp=Time(sec=self.number))), topic="wheels")
             assert sent, "it was refused"
             self.number += 1

@@ -148,7 +148,30 @@ def test_modules_lose_no_message_while_tools_attach_detach_die_and_stall(
     printed, missed = watching.printed_and_missed()
     assert printed == len(numbers)
     assert gaps > EACH
-    assert abs(missed - gaps - (published - 1 - numbers[-1])) <= 2
+    # While it is detached, a message that is just being routed may be counted wrongly.
+    attached = 1 + watching.notes.read_text().count("missed")
+    assert abs(missed - gaps - (published - 1 - numbers[-1])) <= 2 * attached
+
+
+def test_modules_lose_no_message_while_they_do_not_run(robot: Robot) -> None:
+    """As on a machine that is so busy that they get no processor time for seconds."""
+    robot.write_profile(PROFILE.replace('modules:Pulse"', 'modules:Pulse", settings: {burst: 200}'))
+    process = robot.start()
+    figures = robot.until(lambda modules: modules["listener"]["handled"] > 0)
+    standing = [figures[name]["pid"] for name in ("listener", "by_pattern")]
+    for pid in standing:
+        os.kill(pid, signal.SIGSTOP)
+    robot.until(lambda modules: modules["pulse"]["outstanding"] >= 2000)
+    ticks = robot.top()["pulse"]["ticks"]
+    robot.until(lambda modules: modules["pulse"]["ticks"] > ticks + 20)
+    for pid in standing:
+        os.kill(pid, signal.SIGCONT)
+    let_all_be_handled(robot)
+    process.send_signal(signal.SIGINT)
+    ended = Ended.wait_for(process)
+    assert ended.exit_code == 0, ended.stderr
+    assert all(ended.modules[name]["dropped"] == 0 for name in ("listener", "by_pattern"))
+    assert ended.modules["pulse"]["refused"] == 0
 
 
 def attach(run: KnownRun, purpose: str) -> Tool:
