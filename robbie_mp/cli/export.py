@@ -1,7 +1,8 @@
-"""`robbie export FILE OUT`: the messages of a log as CSV or numpy files, one for each channel."""
+"""`robbie export FILE OUT`: the messages of a log as CSV, numpy or PNG files."""
 
 import argparse
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,11 +20,12 @@ from robbie_mp.cli.log_files import (
 )
 from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import add_command
-from robbie_mp.messages import Message
+from robbie_mp.messages import Message, Time
 from robbie_mp.messages.errors import DecodeError, SchemaError
 from robbie_mp.recording.columns import Columns, columns
 from robbie_mp.recording.decoding import logged_type
 from robbie_mp.recording.errors import LogNotWritten, NotDecodable
+from robbie_mp.recording.png import IMAGE_TYPES, NoPicture, PngMaker
 from robbie_mp.recording.reader import Log, LogChannel, channel_name, open_log, select
 from robbie_mp.recording.repair import Progress
 from robbie_mp.views.message_text import FieldPath, flat, to_csv
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
 LEFT_OUT = 1
+MAX_REASONS = 10
+"""Different reasons that are reported for a channel."""
 UNSAFE = re.compile(r"[^\w.-]")
 """What names of files had better not contain."""
 
@@ -41,13 +45,15 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     parser = add_command(
         subparsers,
         "export",
-        "write the messages of a log as CSV or numpy files",
+        "write the messages of a log as CSV, numpy or PNG files",
         "Write one file per channel of a log into a folder. Each message is a row: its publishing time, its "
         "sequence number, and a column for each number and text in it. In CSV, a list is one column of JSON; "
-        "in numpy files, the lists of all messages are one array, which NAME.lengths splits again.",
+        "in numpy files, the lists of all messages are one array, which NAME.lengths splits again. With "
+        "--png, each image is a file, named after its stamp, in a folder for each channel.",
         [
             "robbie export logs/monday tables",
             "robbie export monday.mcap arrays --npz --topics odom 'laser/*'",
+            "robbie export monday.mcap pictures --png --topics front/camera",
         ],
     )
     add_log_argument(parser)
@@ -57,6 +63,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--csv", action="store_true", help="write CSV files (the default)")
     form.add_argument("--npz", action="store_true", help="write numpy .npz files")
+    form.add_argument("--png", action="store_true", help="write images as PNG files, and nothing else")
     add_topics_argument(parser)
     add_limit_argument(parser)
     parser.set_defaults(command=export)
@@ -64,6 +71,8 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 
 def export(arguments: argparse.Namespace) -> int:
     """Write the files."""
+    if arguments.png:
+        return _export_pictures(arguments)
     write, suffix = (_write_npz, ".npz") if arguments.npz else (_write_csv, ".csv")
     is_whole = True
     with open_log(arguments.log, arguments.limits) as log:
@@ -86,6 +95,69 @@ def export(arguments: argparse.Namespace) -> int:
         for line in log.damage:
             warn(f"{line}; only the intact part was exported")
     return 0 if is_whole else LEFT_OUT
+
+
+def _export_pictures(arguments: argparse.Namespace) -> int:
+    """Write a folder of PNG files for each channel of images."""
+    maker = PngMaker()
+    is_whole = True
+    with open_log(arguments.log, arguments.limits) as log:
+        warn_of_unmatched(log.channels, arguments.topics)
+        chosen, _ = select(log.channels, arguments.topics)
+        images = [channel for channel in chosen if channel.type_name in IMAGE_TYPES]
+        if not images:
+            warn(f"{arguments.log} has no images" + " on these topics" * bool(arguments.topics))
+            return LEFT_OUT
+        for channel, name in file_names(images).items():
+            folder: Path = arguments.folder / name
+            try:
+                message_type = logged_type(channel)
+            except (NotDecodable, SchemaError) as error:
+                warn(f"{error}; left out")
+                is_whole = False
+                continue
+            with progress_bar(f"writing {folder}") as progress:
+                rows = _Rows(log, channel, message_type, progress)
+                refused = _write_pictures(maker, rows, folder)
+            for reason, count in refused.items():
+                warn(f"{folder}: left out {count}: {reason}")
+            if rows.broken:
+                warn(f"{folder}: {rows.broken} messages cannot be read; left out")
+            is_whole = is_whole and not rows.broken and not refused
+        for line in log.damage:
+            warn(f"{line}; only the intact part was exported")
+    return 0 if is_whole else LEFT_OUT
+
+
+def _write_pictures(maker: PngMaker, rows: "_Rows", folder: Path) -> Counter[str]:
+    """Write the images one by one. Return how many were left out, by reason."""
+    refused: Counter[str] = Counter()
+    try:
+        folder.mkdir(parents=True)
+        for time_ns, sequence, message in rows:
+            try:
+                picture = maker.make(message)
+            except NoPicture as error:
+                refused[str(error) if len(refused) < MAX_REASONS else "other reasons"] += 1
+                continue
+            stem = _stamp(message, time_ns)
+            path = folder / f"{stem}.png"
+            if path.exists():
+                path = folder / f"{stem}-{sequence}.png"
+            with path.open("xb") as file:
+                file.write(picture)
+    except OSError as error:
+        raise LogNotWritten(f"{error.filename or folder} cannot be written: {error.strerror}") from error
+    return refused
+
+
+def _stamp(message: Message, time_ns: int) -> str:
+    """Return the stamp of an image as a name that sorts by time; without a stamp, when it was published."""
+    stamp: Time = message.header.stamp  # type: ignore[attr-defined]
+    seconds, nanoseconds = stamp.sec, stamp.nanosec
+    if not seconds and not nanoseconds:
+        seconds, nanoseconds = divmod(time_ns, 10**9)
+    return f"{seconds:010}.{nanoseconds:09}"
 
 
 def file_names(channels: Sequence[LogChannel]) -> dict[LogChannel, str]:
