@@ -1,40 +1,32 @@
-"""`robbie param list|get|set`: settings that can be changed while their module runs."""
+"""`robbie param list|get|set|dump|load`: the settings of running modules."""
 
 import argparse
 import json
-import secrets
-from collections.abc import Iterator
-from contextlib import closing
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
 from robbie_mp.cli import completers
-from robbie_mp.cli.output import console
+from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.errors import RobbieError
-from robbie_mp.messages import SettingChange, SettingChanged
-from robbie_mp.module.setting_changes import NotChangeable, SettingsFile
-from robbie_mp.module.settings import SettingError
-from robbie_mp.observe import RunObserver
+from robbie_mp.module.setting_changes import NotChangeable
+from robbie_mp.profile.reader import read_text
 from robbie_mp.profile.show import inline
-from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_directory import KnownRun
-from robbie_mp.suggest import did_you_mean
-from robbie_mp.tool.tool import Received, Tool
+from robbie_mp.tool.parameters import ANSWER_TIMEOUT_S, Parameters
 from robbie_mp.views.plain_table import PlainTable
-from robbie_mp.views.run_figures import state_name
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
-OPEN_TIMEOUT_S = 2.0
-Entry = dict[str, Any]
 
-
-class NoAnswer(RobbieError, TimeoutError):
-    """A module has not answered in time whether it has changed a setting."""
+class CannotLoad(RobbieError, ValueError):
+    """Settings in a file cannot be loaded into a run; none of them has been changed."""
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -44,18 +36,22 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     listed = add_command(
         actions,
         "list",
-        "list the settings that can be changed",
-        "List the settings that can be changed while their modules run, and their values.",
-        ["robbie param list", "robbie param list mapping --json"],
+        "list the settings of running modules",
+        "List the settings of running modules with their present values, and whether they can be changed "
+        "while the module runs.",
+        ["robbie param list", "robbie param list mapping --json", "robbie param list --changeable"],
     )
     module = listed.add_argument("module", nargs="?", help="list only the settings of this module")
     module.completer = completers.modules  # type: ignore[attr-defined]
+    listed.add_argument(
+        "--changeable", action="store_true", help="list only settings that can be changed now"
+    )
     listed.set_defaults(command=list_all)
     got = add_command(
         actions,
         "get",
         "print the value of a setting",
-        "Print the current value of a setting that can be changed.",
+        "Print the present value of a setting.",
         ["robbie param get mapping.resolution_m"],
     )
     _add_setting_argument(got)
@@ -70,17 +66,39 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     )
     _add_setting_argument(changed)
     changed.add_argument("value", help="new value, in YAML as in a profile")
-    changed.add_argument(
-        "--timeout",
-        metavar="SECONDS",
-        type=float,
-        default=5.0,
-        help="time to wait for the module's answer (5)",
-    )
     changed.set_defaults(command=change)
+    dumped = add_command(
+        actions,
+        "dump",
+        "write all settings as a profile",
+        "Write the present values of all settings as a profile, whose parent is the profile of the run. So "
+        "`robbie run FILE` starts with them, and `robbie param load FILE` sets them again.",
+        ["robbie param dump profiles/tuned.yaml", "robbie param dump"],
+    )
+    dumped.add_argument("file", metavar="FILE", nargs="?", help="file to write (standard output)")
+    dumped.set_defaults(command=dump)
+    loaded = add_command(
+        actions,
+        "load",
+        "set the settings in a file",
+        "Set the settings that a file contains, as written by `robbie param dump`, or any profile's "
+        "modules. Nothing is changed if one of them is unknown or would have to be changed but cannot. If a "
+        "module refuses a value, those changed before get their old values back.",
+        ["robbie param load profiles/tuned.yaml"],
+    )
+    loaded.add_argument("file", metavar="FILE", help="file to read; its parents are not read")
+    loaded.set_defaults(command=load)
+    for action in (changed, loaded):
+        action.add_argument(
+            "--timeout",
+            metavar="SECONDS",
+            type=float,
+            default=ANSWER_TIMEOUT_S,
+            help=f"time to wait for each module's answer ({ANSWER_TIMEOUT_S:g})",
+        )
     for action in (listed, got):
         action.add_argument("--json", action="store_true", help="print JSON for a program to read")
-    for action in (listed, got, changed):
+    for action in (listed, got, changed, dumped, loaded):
         add_run_argument(action)
 
 
@@ -92,93 +110,140 @@ def _add_setting_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def list_all(arguments: argparse.Namespace) -> int:
-    """Print all changeable settings."""
-    run = choose_run(arguments.run)
+    """Print all settings."""
+    parameters = Parameters(choose_run(arguments.run))
     found = [
         {"module": module, "setting": name, **entry}
-        for module in ([arguments.module] if arguments.module else _modules(run))
-        for name, entry in _settings(run, module).items()
+        for module in ([arguments.module] if arguments.module else parameters.modules)
+        for name, entry in parameters.of_module(module).items()
+        if entry["changeable"] or not arguments.changeable
     ]
     if arguments.json:
         print(json.dumps(found, indent=2))
         return 0
     if not found:
-        print("no module has a setting that can be changed")
+        print("no module has a setting" + " that can be changed" * arguments.changeable)
         return 0
-    table = PlainTable("setting", "value", "type", "means")
+    table = PlainTable("setting", "value", "type", "change", "means")
     for entry in found:
         value = Text(inline(entry["value"]), "bold" if entry["changed"] else "")
         name = f"{entry['module']}.{entry['setting']}"
-        table.add_row(name, value, entry["type"], entry["description"])
+        may_change = "yes" if entry["changeable"] else "-"
+        table.add_row(name, value, entry["type"], may_change, entry["description"])
     console().print(table)
     return 0
 
 
 def get(arguments: argparse.Namespace) -> int:
     """Print one setting."""
-    run = choose_run(arguments.run)
-    _, _, entry = _find(run, arguments.setting)
+    _, _, entry = Parameters(choose_run(arguments.run)).find(arguments.setting)
     print(json.dumps(entry, indent=2) if arguments.json else inline(entry["value"]))
     return 0
 
 
 def change(arguments: argparse.Namespace) -> int:
     """Ask a module to change a setting, and print what it answers."""
-    run = choose_run(arguments.run)
-    module, name, before = _find(run, arguments.setting)
-    with closing(Tool(run, f"robbie param set {module}.{name}")) as tool:
-        tool.subscribe(SettingChanged.type_name, SettingChanged.version, module)
-        tool.ready()
-        tool.wait_for(tool.is_subscribed, OPEN_TIMEOUT_S)
-        request = secrets.randbits(63)
-        tool.publish(SettingChange(request=request, setting=name, value=arguments.value), module)
-        answers = _answers(tool, request)
-        if not tool.wait_for(lambda: next(answers) is not None, arguments.timeout):
-            raise NoAnswer(
-                f"no answer within {arguments.timeout:g} s; {module} is {_state(run, module)}, and will "
-                "make the change once it handles the request"
-            )
-        answer = next(answers)
-    assert answer is not None
-    if answer.error:
-        raise SettingError(f"{module} refuses: {answer.error}", name)
-    print(f"{module}.{name} is {answer.value}, was {inline(before['value'])}")
+    parameters = Parameters(choose_run(arguments.run))
+    _, _, before = parameters.find_changeable(arguments.setting)
+    value = parameters.set_text(arguments.setting, arguments.value, arguments.timeout)
+    print(f"{arguments.setting} is {value}, was {inline(before['value'])}")
     return 0
 
 
-def _answers(tool: Tool, request: int) -> Iterator[SettingChanged | None]:
-    """Yield None until the answer to a request has arrived, and from then on the answer."""
-    answer: SettingChanged | None = None
-    while True:
-        received: Received | None = tool.take() if answer is None else None
-        if received is not None:
-            said = SettingChanged.decode(received.data)
-            answer = said if said.request == request else None
-        yield answer
+def dump(arguments: argparse.Namespace) -> int:
+    """Write all settings."""
+    run = choose_run(arguments.run)
+    text = "".join(f"{line}\n" for line in _dumped(run, Parameters(run)))
+    if arguments.file is None:
+        sys.stdout.write(text)
+        return 0
+    try:
+        Path(arguments.file).write_text(text)
+    except OSError as error:
+        raise CannotLoad(f"cannot write {arguments.file}: {error.strerror}") from error
+    print(f"wrote {arguments.file}")
+    return 0
 
 
-def _modules(run: KnownRun) -> list[str]:
-    return [module.name for module in RunPlan.load(run.folder).modules]
+def _dumped(run: KnownRun, parameters: Parameters) -> Iterator[str]:
+    profile = run.record.profile if run.record else ""
+    yield f"# settings of run {run.run_id}"
+    if profile:
+        yield f"parents: [{inline(profile)}]"
+    yield "modules:"
+    for module in parameters.modules:
+        settings = parameters.of_module(module)
+        if not settings:
+            warn(f"{module} has no settings, or has not started yet")
+            continue
+        yield f"  {inline(module)}:"
+        yield "    settings:"
+        for name, entry in settings.items():
+            yield f"      {inline(name)}: {inline(entry['value'])}"
 
 
-def _settings(run: KnownRun, module: str) -> dict[str, Entry]:
-    if module not in (names := _modules(run)):
-        near = did_you_mean(module, names) or f"; there are {', '.join(names)}"
-        raise NotChangeable(f"no module is named {module!r}{near}")
-    return SettingsFile(run.folder, module).read()
+def load(arguments: argparse.Namespace) -> int:
+    """Set the settings in a file that differ, all or none."""
+    run = choose_run(arguments.run)
+    parameters = Parameters(run)
+    wanted = _read(Path(arguments.file))
+    before = _check(parameters, wanted, arguments.file)
+    done: list[str] = []
+    try:
+        for path in before:
+            parameters.set(path, wanted[path], arguments.timeout)
+            done.append(path)
+    except RobbieError as error:
+        _take_back(parameters, {path: before[path] for path in reversed(done)}, arguments.timeout)
+        raise CannotLoad(f"{path}: {error}") from error
+    for path, value in before.items():
+        print(f"{path} is {inline(wanted[path])}, was {inline(value)}")
+    print(f"{len(before)} of {len(wanted)} settings changed; the others had these values already")
+    return 0
 
 
-def _find(run: KnownRun, path: str) -> tuple[str, str, Entry]:
-    module, dot, name = path.partition(".")
-    if not dot:
-        raise NotChangeable(f"expected MODULE.SETTING; got {path!r}")
-    settings = _settings(run, module)
-    if name not in settings:
-        near = did_you_mean(name, settings) or f"; it has {', '.join(settings) or 'none'}"
-        raise NotChangeable(f"{module} has no setting {name!r} that can be changed while it runs{near}")
-    return module, name, settings[name]
+def _read(file: Path) -> dict[str, Any]:
+    """Return the settings of all modules in a file, by MODULE.SETTING."""
+    try:
+        content = read_text(file.read_text(), str(file)).plain()
+    except (OSError, UnicodeDecodeError) as error:
+        raise CannotLoad(f"cannot read {file}: {error}") from error
+    modules = content.get("modules") if isinstance(content, Mapping) else None
+    if not isinstance(modules, Mapping):
+        raise CannotLoad(f"{file}: expected `modules:` with the settings of each, as in a profile")
+    found: dict[str, Any] = {}
+    for module, described in modules.items():
+        settings = described.get("settings") if isinstance(described, Mapping) else None
+        if settings is None:
+            continue
+        if not isinstance(settings, Mapping):
+            raise CannotLoad(f"{file}: the settings of {module} are no map")
+        found |= {f"{module}.{name}": value for name, value in settings.items()}
+    return found
 
 
-def _state(run: KnownRun, module: str) -> str:
-    with closing(RunObserver(run.run_id)) as observer:
-        return next(state_name(figures) for figures in observer.modules() if figures.name == module)
+def _check(parameters: Parameters, wanted: Mapping[str, Any], file: str) -> dict[str, Any]:
+    """Return the present values of the settings that must change; all or none can be."""
+    before: dict[str, Any] = {}
+    problems: list[str] = []
+    for path, value in wanted.items():
+        try:
+            _, _, entry = parameters.find(path)
+            if entry["value"] == value:
+                continue
+            parameters.find_changeable(path)
+        except NotChangeable as error:
+            problems.append(str(error))
+        else:
+            before[path] = entry["value"]
+    if problems:
+        raise CannotLoad("\n".join([f"{file}: nothing was changed:", *problems]))
+    return before
+
+
+def _take_back(parameters: Parameters, before: Mapping[str, Any], timeout_s: float) -> None:
+    for path, value in before.items():
+        try:
+            parameters.set(path, value, timeout_s)
+        except RobbieError as error:
+            warn(f"{path} was changed, and could not get its old value {inline(value)} back: {error}")

@@ -28,6 +28,7 @@ COMMANDS = (
     "pub",
     "call",
     "param",
+    "graph",
     "gui",
     "top",
     "log",

@@ -29,7 +29,7 @@ class NotChangeable(RobbieError, LookupError):
 
 
 class SettingsFile:
-    """The file in the run's folder with a module's changeable settings: the module writes it, tools read it.
+    """The file in the run's folder with a module's settings and their values: the module writes it.
 
     Args:
         run_folder: the run's folder.
@@ -40,12 +40,16 @@ class SettingsFile:
         self._path = run_folder / FOLDER / f"{module}.json"
 
     def read(self) -> dict[str, dict[str, Any]]:
-        """Return an entry for each changeable setting; empty if the module has none, or never ran."""
+        """Return an entry for each setting; empty if the module has none, or never ran."""
         try:
             content: dict[str, dict[str, Any]] = json.loads(self._path.read_text())
         except (OSError, ValueError):
             return {}
         return content
+
+    def read_changeable(self) -> dict[str, dict[str, Any]]:
+        """Return an entry for each setting that can be changed while the module runs."""
+        return {name: entry for name, entry in self.read().items() if entry["changeable"]}
 
     def changed(self) -> dict[str, Any]:
         """Return the values that were changed in this run."""
@@ -76,14 +80,22 @@ class SettingChanges:
         self._module = module
         self._bus = bus
         self._file = file
-        self._settings = changeable_settings(type(module))
+        declared = settings_of(type(module))
+        self._settings = {name: one for name, one in declared.items() if one.changeable}
+        # Read now, because `setup()` may reuse the attributes; the others are read when the file is written.
+        self._fixed = {
+            name: _entry(one, getattr(module, name), changed=False)
+            for name, one in declared.items()
+            if not one.changeable and file is not None
+        }
         self._changed = set(file.changed()) if file is not None else set()
         self._log = logging.getLogger(module.name)
 
     def listen(self) -> None:
-        """Subscribe to requests for changes, if the module has a changeable setting."""
-        if self._settings:
+        """Write the settings, and subscribe to requests for changes if any can be changed."""
+        if self._settings or self._fixed:
             self._keep()
+        if self._settings:
             self._bus.subscriptions.subscribe(
                 SettingChange, self._on_change, MessageHandling.ALWAYS_DELIVER, self._module.name
             )
@@ -134,22 +146,23 @@ class SettingChanges:
     def _keep(self) -> None:
         if self._file is None:
             return
-        entries = {
-            name: {
-                "value": getattr(self._module, name),
-                "type": declared.describe(),
-                "outline": declared.outline(),
-                "description": declared.description,
-                "changed": name in self._changed,
-            }
+        changeable = {
+            name: _entry(declared, getattr(self._module, name), changed=name in self._changed)
             for name, declared in self._settings.items()
         }
         try:
-            self._file.write(entries)
+            self._file.write(self._fixed | changeable)
         except OSError as error:
             self._log.warning("changed settings will be lost at a restart: %s", error)
 
 
-def changeable_settings(module_class: type[Module]) -> dict[str, Setting]:
-    """Return the settings of a class that may be changed while it runs."""
-    return {name: declared for name, declared in settings_of(module_class).items() if declared.changeable}
+def _entry(declared: Setting, value: object, *, changed: bool) -> dict[str, Any]:
+    """Describe a setting; the text of a secret is where it is kept."""
+    return {
+        "value": value,
+        "type": declared.describe(),
+        "outline": declared.outline(),
+        "description": declared.description,
+        "changeable": declared.changeable,
+        "changed": changed,
+    }

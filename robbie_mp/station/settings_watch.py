@@ -19,7 +19,7 @@ READ_PERIOD_S = 1.0
 MAX_ANSWERS = 64
 """Maximum number of answers that wait until their pages read them."""
 Entry = dict[str, Any]
-"""A setting as in a SettingsFile: value, type, outline, description, changed."""
+"""A setting as in a SettingsFile: value, type, outline, description, changeable, changed."""
 
 
 class SettingsWatch:
@@ -48,7 +48,7 @@ class SettingsWatch:
         """Read the files again if that is due. Panels that a page shows call this."""
         if time.monotonic() >= self._next_s:
             self._next_s = time.monotonic() + READ_PERIOD_S
-            self.changeable = {name: file.read() for name, file in self._files.items()}
+            self.changeable = {name: file.read_changeable() for name, file in self._files.items()}
 
     def take_answer(self, request: int) -> SettingChanged | None:
         """Return a module's answer to a request, once."""

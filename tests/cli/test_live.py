@@ -11,6 +11,7 @@ import pytest
 
 from robbie_mp.cli import completers, main
 from robbie_mp.cli.runs import live_runs
+from robbie_mp.profile.load import load_profile
 from tests._support.robot import Robot, kill, wait_until
 
 PROFILE = """
@@ -37,6 +38,11 @@ class Person:
         output, self.errors = self._capsys.readouterr()
         return output
 
+    def fails(self, *words: str) -> str:
+        self._capsys.readouterr()
+        assert main([*words, "--run", self._run_id]) != 0
+        return self._capsys.readouterr().err
+
     def gets(self, *words: str) -> Any:
         return json.loads(self.types(*words, "--json"))
 
@@ -52,11 +58,27 @@ def person(robot: Robot, capsys: pytest.CaptureFixture[str]) -> Iterator[Person]
 
 def test_all_commands_on_a_live_run_work(person: Person, tmp_path: Path) -> None:
     lists_what_there_is(person)
+    draws_what_there_is(person)
     echoes(person)
     measures_rates(person)
     publishes(person)
     changes_settings(person)
     calls(person)
+    dumps_and_loads_settings(person, tmp_path)
+
+
+def draws_what_there_is(person: Person) -> None:
+    graph = person.gets("graph", "--seconds", "0.2")
+    wheels = next(one for one in graph["topics"] if one["topic"] == "wheels")
+    assert (wheels["publishers"], wheels["subscribers"]) == (["pulse"], ["listener"])
+    assert 1 < wheels["hz"] < 100
+    assert {"listener", "pulse", "tunable"} <= set(graph["modules"])
+    picture = person.types("graph", "--seconds", "0").splitlines()
+    assert picture[0] == "flowchart LR"
+    assert any("wheels<br/>robbie_msgs/msg/DriveCommand" in line for line in picture)
+    assert person.types("graph", "--dot", "--seconds", "0").startswith("digraph run {")
+    with pytest.raises(SystemExit):
+        main(["graph", "--seconds", "-1"])
 
 
 def lists_what_there_is(person: Person) -> None:
@@ -140,7 +162,10 @@ def publishes(person: Person) -> None:
 
 
 def changes_settings(person: Person) -> None:
-    (entry,) = person.gets("param", "list")
+    every = {f"{one['module']}.{one['setting']}": one for one in person.gets("param", "list")}
+    assert (every["pulse.burst"]["value"], every["pulse.burst"]["changeable"]) == (1, False)
+    assert person.types("param", "get", "pulse.burst") == "1\n"
+    (entry,) = person.gets("param", "list", "--changeable")
     assert (entry["module"], entry["setting"], entry["value"]) == ("tunable", "gain", 2)
     assert entry["type"] == "int, at least 0 and at most 100"
     assert person.types("param", "set", "tunable.gain", "5") == "tunable.gain is 5, was 2\n"
@@ -178,3 +203,32 @@ def calls(person: Person) -> None:
     person.types("call", "Add", "{c: 1}", "--topic", "sums", code=1)
     assert "has no field 'c'" in person.errors
     assert person.gets("list", "services")[0]["requests"] == 2
+
+
+def dumps_and_loads_settings(person: Person, tmp_path: Path) -> None:
+    file = person.robot.folder / "profiles" / "tuned.yaml"
+    assert person.types("param", "dump", str(file)) == f"wrote {file}\n"
+    text = file.read_text()
+    assert person.types("param", "dump") == text
+    assert text.splitlines()[1:3] == ["parents: [robot]", "modules:"]
+    tuned = load_profile("tuned", person.robot.folder)
+    settings = {module.name: module.settings for module in tuned.modules}
+    assert (settings["tunable"]["gain"], settings["pulse"]["burst"]) == (5, 1)
+
+    file.write_text(text.replace("gain: 5", "gain: 7"))
+    assert "tunable.gain is 7, was 5\n1 of " in person.types("param", "load", str(file))
+    assert person.types("param", "get", "tunable.gain") == "7\n"
+    assert "0 of " in person.types("param", "load", str(file))
+
+    file.write_text("modules: {tunable: {settings: {gain: 8, gian: 1}}, pulse: {settings: {burst: 2}}}")
+    person.types("param", "load", str(file), code=1)
+    assert "nothing was changed" in person.errors
+    assert "tunable has no setting 'gian'; did you mean 'gain'" in person.errors
+    assert "pulse has no setting 'burst' that can be changed while it runs" in person.errors
+    wrong = {"": "expected `modules:`", "modules: {a: {settings: 1}}": "are no map", "{": "YAML"}
+    for text, said in wrong.items():
+        file.write_text(text)
+        assert said in person.fails("param", "load", str(file))
+    person.types("param", "load", str(tmp_path / "none.yaml"), code=1)
+    person.types("param", "dump", str(tmp_path / "none" / "none.yaml"), code=1)
+    assert person.types("param", "get", "tunable.gain") == "7\n", "nothing of this changed anything"

@@ -84,7 +84,8 @@ def test_changes_are_kept_for_the_next_incarnation(tmp_path: Path) -> None:
     changes.change("high", 3)
     assert file.changed() == {"high": 3.0}
     assert file.read()["low"] == {
-        "value": 1.0, "type": "float, at least 0", "description": "lower bound", "changed": False,
+        "value": 1.0, "type": "float, at least 0", "description": "lower bound", "changeable": True,
+        "changed": False,
         "outline": {"kind": "float", "is_list": False, "choices": [], "minimum": 0.0, "maximum": None},
     }  # fmt: skip
 
