@@ -64,6 +64,8 @@ if TYPE_CHECKING:
     from robbie_mp.state_machine import IllegalTransition as IllegalTransition
     from robbie_mp.state_machine import StateMachine as StateMachine
     from robbie_mp.state_machine import TimeOut as TimeOut
+    from robbie_mp.tool.script import AttachedRun as AttachedRun
+    from robbie_mp.tool.script import attach as attach
     from robbie_mp.transport.records import MessageHandling as MessageHandling
 
 _HOMES = {
@@ -88,6 +90,7 @@ _HOMES = {
     "robbie_mp.state_machine": ("IllegalTransition", "StateMachine", "TimeOut"),
     "robbie_mp.module.stamp_matcher": ("MatchCounts",),
     "robbie_mp.module.synchronizer": ("CannotSynchronize", "Input", "Synchronizer"),
+    "robbie_mp.tool.script": ("AttachedRun", "attach"),
     "robbie_mp.transport.records": ("MessageHandling",),
 }  # fmt: skip
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

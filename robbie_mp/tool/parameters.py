@@ -11,6 +11,7 @@ from robbie_mp.module.setting_changes import NotChangeable, SettingsFile
 from robbie_mp.module.settings import SettingError
 from robbie_mp.observe import RunObserver
 from robbie_mp.profile.show import inline
+from robbie_mp.run.control import RunNotControlled
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.suggest import did_you_mean
@@ -34,11 +35,18 @@ class Parameters(Mapping[str, Any]):
         run.parameters.set("mapping.resolution_m", 0.1)
 
     Values are those that the modules use now. A module's settings are known once it has started.
+
+    Raises:
+        RunNotControlled: the run is still starting, or has ended.
     """
 
     def __init__(self, run: KnownRun):
         self._run = run
-        self._modules = [module.name for module in RunPlan.load(run.folder).modules]
+        try:
+            plan = RunPlan.load(run.folder)
+        except FileNotFoundError as error:
+            raise RunNotControlled(f"run {run.run_id} is still starting, or has ended") from error
+        self._modules = [module.name for module in plan.modules]
 
     def __getitem__(self, path: str) -> Any:
         """Return the value of a setting.
