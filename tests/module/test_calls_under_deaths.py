@@ -223,6 +223,7 @@ class Run(RuleBasedStateMachine):
             for place, wire in ((self.server, self.server_wire), (self.client, self.client_wire)):
                 while place.queue and place.is_open:
                     self.handle(place, wire)
+        self.no_call_ends_twice_and_no_request_is_handled_twice()
         assert self.made <= set(self.ends)
         assert len(self.calls.client) == 0
 
