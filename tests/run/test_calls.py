@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -9,7 +10,7 @@ from typing import NamedTuple
 
 import pytest
 
-from tests._support.robot import Ended, Robot, wait_until
+from tests._support.robot import COMMAND, LIMIT_S, Ended, Robot, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -17,7 +18,7 @@ MODULES = '''
 import os
 import time
 
-from robbie_mp import Module, Reply, Request, setting, uint32
+from robbie_mp import CallRefused, Feedback, Goal, Module, Reply, Request, Result, setting, uint32
 
 
 class Doubled(Reply, name="zoo_msgs/srv/Double_Response"):
@@ -91,8 +92,90 @@ class Doubler(Module):
         return Doubled(number=2 * request.number)
 
 
-class Idle(Module):
-    """Serves nothing."""
+class Counted(Feedback, name="zoo_msgs/action/Count_Feedback"):
+    number: uint32
+
+
+class Finished(Result, name="zoo_msgs/action/Count_Result"):
+    number: uint32
+
+
+class Count(Goal[Counted, Finished], name="zoo_msgs/action/Count_Goal"):
+    first: uint32
+    last: uint32
+
+
+class Abacus(Module):
+    """Counts; its goals survive it, if it may remember them."""
+
+    period_s = 0.05
+    remembers: bool = setting(False, "continue goals after a restart")
+
+    def setup(self):
+        self.active, self.number = None, 0
+        if self.restored is not None and self.remembers:
+            self.active = self.resume_goal(Count, self.restored["goal"])
+            self.number = self.restored["number"]
+        self.serve_goals(Count, self.on_goal)
+
+    def on_goal(self, active):
+        if active.goal.last < active.goal.first:
+            raise CallRefused("counts only forwards")
+        if self.active is not None and self.active.is_active:
+            self.active.preempt("another goal came")
+        self.active, self.number = active, active.goal.first
+
+    def tick(self):
+        if self.active is None or not self.active.is_active:
+            self.checkpoint(None)
+            return
+        self.checkpoint({"goal": self.active.memory, "number": self.number})
+        self.active.feedback(Counted(number=self.number))
+        if self.number >= self.active.goal.last:
+            self.active.succeed(Finished(number=self.number))
+        self.number += 1
+
+
+class Patient(Module):
+    """Calls, and sends a goal that takes too long; then it has no ticks any more."""
+
+    period_s = 0.3
+
+    def setup(self):
+        self.journal = Journal(self)
+
+    def tick(self):
+        self.period_s = None
+        self.call(Double(number=2), self.on_end, self.on_end)
+        self.call(Double(number=2), self.on_end, self.on_end, topic="nowhere")
+        self.send_goal(Count(first=1, last=1000), self.on_end, self.on_end, self.on_end, timeout_s=0.5)
+
+    def on_end(self, end):
+        self.journal.write(self.clock.monotonic_ns(), type(end).__name__)
+
+
+class Pupil(Module):
+    """Sends one goal."""
+
+    last: int = setting(40, "number to count to")
+    period_s = 0.02
+
+    def setup(self):
+        self.journal = Journal(self)
+        self.sent = None
+
+    def tick(self):
+        if self.sent is None:
+            goal = Count(first=1, last=self.last)
+            self.sent = self.send_goal(goal, self.on_end, self.on_end, self.on_number)
+
+    def on_number(self, counted):
+        self.journal.write("feedback", counted.number)
+        self.status = str(counted.number)
+
+    def on_end(self, end):
+        self.journal.write("end", type(end).__name__, end)
+        self.status = type(end).__name__
 '''
 
 
@@ -229,3 +312,99 @@ modules:
     Ended.wait_for(process)
     assert "ServedTwice: second and first both serve zoo_msgs/srv/Double_Request" in robot.log("second")
     assert not handled(robot, "second")
+
+
+PUPILS = """
+modules:
+  abacus: {class: "zoo.calls:Abacus", settings: {remembers: %s}, restart: {max_restarts: 50}}
+  pupil: {class: "zoo.calls:Pupil", settings: {last: %d}}
+core: {restart: {max_restarts: 50}}
+"""
+
+
+def pupils(robot: Robot, remembers: str, last: int) -> None:
+    """Start to count, and wait for the third number."""
+    write(robot, PUPILS % (remembers, last))
+    robot.start()
+    robot.until(lambda modules: modules["pupil"]["status"] == "3")
+
+
+def ends(robot: Robot) -> list[str]:
+    return [words[1] for words in lines(robot, "pupil") if words[0] == "end"]
+
+
+def numbers(robot: Robot) -> list[int]:
+    return [int(words[1]) for words in lines(robot, "pupil") if words[0] == "feedback"]
+
+
+def test_goal_ends_once_when_its_server_dies(robot: Robot) -> None:
+    pupils(robot, "false", 1_000_000)
+    kill(robot, "core")
+    before = numbers(robot)[-1]
+    wait_until(lambda: numbers(robot)[-1] > before + 2)
+    assert not ends(robot)
+    kill(robot, "abacus")
+    robot.until(lambda modules: modules["pupil"]["status"] == "ServerDied")
+    assert ends(robot) == ["ServerDied"]
+
+
+def test_goal_that_its_server_remembers_survives_all_kills(robot: Robot) -> None:
+    pupils(robot, "true", 60)
+    kill(robot, "abacus")
+    kill(robot, "core")
+    robot.until(lambda modules: modules["pupil"]["status"] == "Finished")
+    assert ends(robot) == ["Finished"]
+    assert sorted(set(numbers(robot))) == list(range(1, 61))
+
+
+def test_goals_from_the_command_line(robot: Robot) -> None:
+    pupils(robot, "false", 1_000_000)
+    done = robot.command("call", "Count", "{first: 1, last: 3}", "--json")
+    assert done.stdout.splitlines() == [f'{{"number": {number}}}' for number in (1, 2, 3, 3)], done.stderr
+    assert ends(robot) == ["GoalPreempted"]
+    refused = robot.command("call", "zoo_msgs/Count", "{first: 2, last: 1}")
+    assert (refused.returncode, refused.stderr) == (1, "counts only forwards\n")
+    counting = subprocess.Popen(
+        [*COMMAND, "call", "Count", "{first: 1, last: 1000000}", "--json"],
+        cwd=robot.folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert counting.stdout is not None
+    assert counting.stdout.readline() == '{"number": 1}\n'
+    counting.send_signal(signal.SIGINT)
+    stdout, stderr = counting.communicate(timeout=LIMIT_S)
+    assert counting.returncode == 1, stdout
+    assert stderr == "(cancelling; Ctrl-C again leaves the goal alone)\nCtrl-C\n"
+
+
+LOCKSTEP = """
+modules:
+  time:
+    class: robbie_mp.services.simulated_time:SimulatedTime
+    settings: {start_s: 1000.0, duration_s: 1.5, rate: null}
+    ends_run: true
+  doubler: {class: "zoo.calls:Doubler"}
+  abacus: {class: "zoo.calls:Abacus"}
+  patient: {class: "zoo.calls:Patient"}
+clock: {source: time, lockstep: true}
+core: {deadline_s: 60.0}
+"""
+
+
+def test_calls_in_lockstep_end_at_the_same_time_in_each_run(robot: Robot) -> None:
+    write(robot, LOCKSTEP)
+    courses = []
+    for number in range(2):
+        robot.output = robot.folder / f"out{number}"
+        ended = robot.run()
+        assert ended.exit_code == 0, ended.stderr
+        courses.append(list(lines(robot, "patient")))
+    assert courses[0] == courses[1]
+    kinds = [kind for _, kind in courses[0]]
+    assert kinds.count("Counted") >= 9
+    assert kinds[:2] == ["NoServer", "Doubled"]
+    assert kinds[-1] == "CallTimedOut"
+    assert int(courses[0][0][0]) == 1_000_000_000_000
+    assert int(courses[0][-1][0]) - 1_000_000_000_000 == pytest.approx(0.5e9, abs=0.06e9)
