@@ -14,7 +14,7 @@ from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.profile import add_set_argument
 from robbie_mp.cli.run import add_output_arguments, check, run_robot
 from robbie_mp.profile.load import load_profile
-from robbie_mp.profile.model import ClockSettings, ModuleSpec, Profile
+from robbie_mp.profile.model import MEASURED, ClockSettings, ModuleSpec, Profile
 from robbie_mp.profile.preflight import Preflight
 from robbie_mp.profile.problem import Place, Problem, ProfileError, refuse
 from robbie_mp.profile.workspace import find_workspace
@@ -83,6 +83,13 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         action="store_true",
         help="send each message only after everything caused by the last one is handled: repeatable results",
     )
+    parser.add_argument(
+        "--charge",
+        metavar="measured|FOLDER",
+        default="",
+        help="with --lockstep: a module is busy as long as its handler took, or took in an earlier run, "
+        "whose output has the FOLDER handler_times",
+    )
     add_limit_argument(parser)
     add_set_argument(parser)
     add_output_arguments(parser)
@@ -114,6 +121,11 @@ def _checked(arguments: argparse.Namespace, settings: dict[str, Any]) -> tuple[P
         raise refuse("--set changes a profile; name one after the log")
     else:
         profile = _alone(settings)
+    if arguments.charge and not (arguments.lockstep or profile.clock.lockstep):
+        raise refuse("--charge works only with --lockstep: otherwise handlers take their own time")
+    if arguments.charge:
+        charge = arguments.charge if arguments.charge == MEASURED else str(_handler_times(arguments.charge))
+        profile = replace(profile, clock=replace(profile.clock, charge=charge))
     if arguments.lockstep:
         profile = replace(profile, clock=replace(profile.clock, lockstep=True))
     return check(profile)
@@ -134,6 +146,14 @@ def _as_typed(error: ProfileError, overrides: Sequence[str]) -> ProfileError:
         )
         for problem in error.problems
     )
+
+
+def _handler_times(given: str) -> Path:
+    """Return the folder with the handler times of an earlier run."""
+    folder = Path(given).absolute()
+    if not any(folder.glob("*.txt")):
+        raise refuse(f"{given} has no handler times; name the folder handler_times in the output of a run")
+    return folder
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:

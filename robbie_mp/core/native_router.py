@@ -38,6 +38,7 @@ def make_router(
     report: Callable[[str], None],
     *,
     lockstep: bool = False,
+    charged_ns: Callable[[], int] | None = None,
 ) -> Router:
     """Make the router of a run; see `Router` for the other arguments.
 
@@ -49,9 +50,10 @@ def make_router(
         connect: opens the memory of one incarnation of a module.
         report: called with a line for each fault.
         lockstep: whether one message is handled at a time in the whole run.
+        charged_ns: in lockstep, the run's time, if modules are charged for the time of their handlers.
     """
     if native is None or lockstep:
-        return Router(tables, limits, slots, connect, report, lockstep=lockstep)
+        return Router(tables, limits, slots, connect, report, lockstep=lockstep, charged_ns=charged_ns)
     return NativeRouter(native, tables, limits, slots, connect, report)
 
 

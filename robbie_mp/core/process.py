@@ -4,7 +4,7 @@ import gc
 import logging
 import signal
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from types import FrameType
 
@@ -32,6 +32,7 @@ class CoreProcess:
         spin_s: how long to poll for the next message before sleeping.
         lockstep: whether one message is handled at a time in the whole run.
         native: what is written in C; None: Python does it.
+        charged_ns: in lockstep, the run's time, if modules are charged for the time of their handlers.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class CoreProcess:
         *,
         lockstep: bool = False,
         native: Native | None = None,
+        charged_ns: Callable[[], int] | None = None,
     ):
         self._run_id = run_id
         self._native = native
@@ -62,6 +64,7 @@ class CoreProcess:
             self._connect,
             logging.getLogger("core").error,
             lockstep=lockstep,
+            charged_ns=charged_ns,
         )
 
     def run(self) -> None:

@@ -193,10 +193,20 @@ class LockstepQueues(Queues):
         ledger: all references.
         slots: the modules.
         tools: slots of tools and of the supervisor, which get their messages at once.
+        now_ns: the run's time, if modules are charged for the time that their handlers take: then a module
+            gets no message while it is still busy. None: handlers take no time of the run.
     """
 
-    def __init__(self, words: Words, ledger: Ledger, slots: Sequence[Slot], tools: Set[int]):
+    def __init__(
+        self,
+        words: Words,
+        ledger: Ledger,
+        slots: Sequence[Slot],
+        tools: Set[int],
+        now_ns: Callable[[], int] | None = None,
+    ):
         super().__init__(words, ledger, slots)
+        self._now_ns = now_ns
         self._in_step = [slot for slot in slots if slot.index not in tools]
         self._tools = tools
 
@@ -221,8 +231,16 @@ class LockstepQueues(Queues):
         super().end_round()
 
     def is_settled(self) -> bool:
-        """Whether no module has a message or will get one."""
-        return not self._is_anyone_busy() and not any(slot.waiting for slot in self._in_step)
+        """Whether no module has a message, or will get one at the present time."""
+        return not self._is_anyone_busy() and not self._ready_for_messages()
+
+    def _ready_for_messages(self) -> list[Slot]:
+        """Return the modules with messages waiting that are not busy by the run's time."""
+        waiting = [slot for slot in self._in_step if slot.waiting]
+        if self._now_ns is None or not waiting:
+            return waiting
+        now_ns = self._now_ns()
+        return [slot for slot in waiting if not _is_charged(slot, now_ns)]
 
     def _is_anyone_busy(self) -> bool:
         return any(slot.link is not None and self._is_busy(slot.link) for slot in self._in_step)
@@ -236,7 +254,7 @@ class LockstepQueues(Queues):
         return any(self._ledger.reference(reference)[2].is_open for reference in link.pushed)
 
     def _hand_out(self) -> None:
-        waiting = [slot for slot in self._in_step if slot.waiting]
+        waiting = self._ready_for_messages()
         if not waiting:
             return
         slot = min(waiting, key=self._next_sequence)  # of equal ones, the first in the profile
@@ -252,3 +270,12 @@ class LockstepQueues(Queues):
 
     def _next_sequence(self, slot: Slot) -> int:
         return self._ledger.reference(next(iter(slot.waiting)))[0]
+
+
+def _is_charged(slot: Slot, now_ns: int) -> bool:
+    """Whether a module is still busy with its last message, by the run's time."""
+    if slot.link is None:
+        return False
+    words = slot.link.out_words
+    since_ns = words[layout.OUT_CHARGED_SINCE_NS]
+    return since_ns <= now_ns < since_ns + words[layout.OUT_CHARGED_NS]

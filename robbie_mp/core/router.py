@@ -70,6 +70,7 @@ class Router:
         connect: opens the memory of one incarnation of a module.
         report: called with a line for each fault.
         lockstep: whether one message is handled at a time in the whole run.
+        charged_ns: in lockstep, the run's time, if modules are charged for the time of their handlers.
     """
 
     def __init__(
@@ -81,6 +82,7 @@ class Router:
         report: Callable[[str], None],
         *,
         lockstep: bool = False,
+        charged_ns: Callable[[], int] | None = None,
     ):
         self._words = tables.words
         self._report = report
@@ -91,7 +93,7 @@ class Router:
         self._ledger = self._make_ledger(tables)
         self._lockstep = lockstep
         self._queues = (
-            LockstepQueues(self._words, self._ledger, self._slots, tools | {SUPERVISOR_SLOT})
+            LockstepQueues(self._words, self._ledger, self._slots, tools | {SUPERVISOR_SLOT}, charged_ns)
             if lockstep
             else self._make_queues()
         )

@@ -1,6 +1,7 @@
 """Decides when a module's `tick()` is due: by a clock, or when the module that turns the clock grants it."""
 
 import time
+from collections.abc import Callable
 from typing import Protocol
 
 from robbie_mp.messages import Tick
@@ -106,15 +107,29 @@ class GrantedTicks:
         module: the module that ticks.
         words: the module's out segment, which shows its period.
         inbox: receives the grants.
+        now_ns: returns the run's time.
+        charge: makes of the measured time of a handler, in ns, the time for which the module is busy by the
+            run's clock; None: handlers take no time of the run.
     """
 
-    def __init__(self, module: Module, words: Words, inbox: Inbox):
+    def __init__(
+        self,
+        module: Module,
+        words: Words,
+        inbox: Inbox,
+        now_ns: Callable[[], int],
+        charge: Callable[[int], int] | None = None,
+    ):
         self._module = module
         self._words = words
+        self._now_ns = now_ns
+        self._charge = charge
         self._ticks = 0
         self._calls = calls_of(module)
         self._calls.is_granted = True
-        inbox.subscriptions.subscribe(Tick, self._on_tick, MessageHandling.ALWAYS_DELIVER, module.name)
+        # A busy module skips ticks, as it does without lockstep.
+        handling = MessageHandling.KEEP_ONLY_NEWEST if charge else MessageHandling.ALWAYS_DELIVER
+        inbox.subscriptions.subscribe(Tick, self._on_tick, handling, module.name)
         inbox.before_release = self._end_handling
 
     def begin(self) -> None:
@@ -129,8 +144,14 @@ class GrantedTicks:
         self._words[layout.OUT_TICK_PERIOD_NS] = period_ns
 
     def _end_handling(self) -> None:
+        """Show what other processes must know once they see that a message was handled."""
         self._calls.end_handling()
         self.begin()
+        if self._charge is not None:
+            words = self._words
+            measured_ns = time.monotonic_ns() - words[layout.OUT_ACTIVITY_SINCE_NS]
+            words[layout.OUT_CHARGED_SINCE_NS] = self._now_ns()
+            words[layout.OUT_CHARGED_NS] = self._charge(measured_ns)
 
     def _on_tick(self, _tick: Tick) -> None:
         self._calls.run_granted()

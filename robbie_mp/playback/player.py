@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from operator import attrgetter
 from typing import NamedTuple, Protocol
 
 from robbie_mp.errors import RobbieError
@@ -27,6 +28,7 @@ class DueTick(NamedTuple):
 
     due_ns: int
     module: str
+    """'' if no module ticks: a module is not busy any more at that time, and gets a message that waits."""
 
 
 class Outlet(Protocol):
@@ -43,6 +45,9 @@ class Outlet(Protocol):
 
     def next_tick(self) -> DueTick | None:
         """Return the tick to grant next; None if modules tick by their own clock."""
+
+    def next_free(self) -> DueTick | None:
+        """Return when a busy module gets a message that waits for it; None if none waits for that."""
 
     def send_tick(self, tick: DueTick) -> bool:
         """Grant a tick; False if there is no room for it now."""
@@ -155,35 +160,58 @@ class Player:
         goes_on = not self.time.paused or self._steps > 0
         if message is None and self._jump is None and self._begins_again and goes_on:
             self._jump = self.tape.begin_ns, "loop"
+        free = self._outlet.next_free() if message is None or self._jump is not None else None
+        if free is not None and (goes_on or self._jump is not None):
+            return self._send_tick(free)  # what waits for busy modules is handled before the end and a jump
         if self._jump is not None:
             return self._make_jump(*self._jump)
         if message is None or not goes_on:
             self.time.held = message is None
             return False
-        tick = self._tick_until(message.time_ns)
-        at_ns = tick.due_ns if tick else message.time_ns
-        if not self._is_due(at_ns):
+        return self._play_next(message)
+
+    def _play_next(self, message: LoggedMessage) -> bool:
+        """Send the next message, or a tick that is due before it; False if that is impossible now."""
+        if not self._is_due(self._at_ns(message, self._tick_until(message.time_ns))):
             self.time.held = False
             return False
-        return self._send(message, tick, at_ns)
-
-    def _send(self, message: LoggedMessage, tick: DueTick | None, at_ns: int) -> bool:
-        """Send a tick if there is one, else the message, if that is possible now."""
         if not self._outlet.has_room(len(message.data)):
             self.time.held = True
             return False
-        self.time.advance_to(at_ns)
-        is_sent = self._outlet.send_tick(tick) if tick else self._outlet.send(message)
+        # Again: in lockstep, only now is it certain which modules are busy, and which want ticks.
+        tick = self._tick_until(message.time_ns)
+        if not self._is_due(self._at_ns(message, tick)):
+            return False
+        return self._send_tick(tick) if tick else self._send(message)
+
+    def _send(self, message: LoggedMessage) -> bool:
+        self.time.advance_to(message.time_ns)
+        is_sent = self._outlet.send(message)
         self.time.held = not is_sent
-        if is_sent and tick is None:
+        if is_sent:
             self.tape.take()
             self.played += 1
             self._steps = max(0, self._steps - 1)
         return is_sent
 
+    def _send_tick(self, tick: DueTick) -> bool:
+        """Send a tick if that is possible now."""
+        if not self._outlet.has_room(0):
+            self.time.held = True
+            return False
+        self.time.advance_to(tick.due_ns)
+        is_sent = self._outlet.send_tick(tick)
+        self.time.held = not is_sent
+        return is_sent
+
+    @staticmethod
+    def _at_ns(message: LoggedMessage, tick: DueTick | None) -> int:
+        return tick.due_ns if tick else message.time_ns
+
     def _tick_until(self, until_ns: int) -> DueTick | None:
         """Return the next tick to grant, if it is due before the next message."""
-        tick = self._outlet.next_tick()
+        ticks = [tick for tick in (self._outlet.next_free(), self._outlet.next_tick()) if tick]
+        tick = min(ticks, key=attrgetter("due_ns"), default=None)
         return tick if tick and tick.due_ns <= until_ns else None
 
     def _is_due(self, at_ns: int) -> bool:

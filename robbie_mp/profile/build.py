@@ -94,6 +94,9 @@ class _Builder:
         if clock.lockstep and clock.source is None:
             text = "clock.lockstep: expected clock.source to name the module that grants each step"
             self.report(content["lockstep"].place, text)
+        if clock.charge and not clock.lockstep:
+            text = "clock.charge: expected clock.lockstep: true; handlers take their own time otherwise"
+            self.report(content["charge"].place, text)
         return clock
 
     def module(self, name: str, node: Node, siblings: dict[str, Node]) -> ModuleSpec:

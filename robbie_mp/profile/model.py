@@ -202,6 +202,11 @@ class ToolLimits:
     """Messages that each tool may have in its inbound ring."""
 
 
+MEASURED = "measured"
+HANDLER_TIMES = "handler_times"
+"""The folder in a run's output with the time of each handler, in a file for each module."""
+
+
 @dataclass(frozen=True)
 class ClockSettings:
     """Which clock the run follows."""
@@ -210,6 +215,9 @@ class ClockSettings:
     """The module that turns the run's clock (plays a log, steps a simulation); None: the machine's clock."""
     lockstep: bool = False
     """The whole robot handles one message at a time, in order; the source grants each tick."""
+    charge: str = ""
+    """In lockstep, whether a module is busy by the run's clock while it handles a message: '' no; MEASURED as
+    long as the handler took; or the folder with the times of an earlier run."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from robbie_mp.transport import layout, names
 from robbie_mp.transport.board import Board
 from robbie_mp.transport.layout import SegmentKind
 from robbie_mp.transport.segment import Segment, SegmentMissing
+from robbie_mp.transport.tables import CoreTables
 from robbie_mp.transport.words import Words, new_fence
 
 
@@ -35,6 +36,7 @@ class Lockstep:
         self._run_id = run_id
         self._core_segment = Segment.attach(names.core(run_id), SegmentKind.CORE)
         self._core = self._core_segment.words
+        self._tables = CoreTables.attach(self._core)
         self._out = out_words
         self._in = in_words
         self._board = board
@@ -75,13 +77,41 @@ class Lockstep:
         For a module that is just being restarted, this is the period of its last incarnation.
         """
         for slot in range(1, len(self._names) + 1):
-            name, incarnation = self._names[slot - 1], self._board.incarnation(slot)
-            mapped = self._mapped.get(slot)
-            if mapped is None or mapped[0] != incarnation:
-                mapped = self._map(slot, incarnation)
-            if mapped is not None and mapped[1].words[layout.OUT_READY]:
-                self._periods[name] = mapped[1].words[layout.OUT_TICK_PERIOD_NS]
+            mapped = self._mapped_now(slot)
+            if mapped is not None and mapped.words[layout.OUT_READY]:
+                self._periods[self._names[slot - 1]] = mapped.words[layout.OUT_TICK_PERIOD_NS]
         return {name: period_ns for name, period_ns in self._periods.items() if period_ns}
+
+    def next_free_ns(self, now_ns: int) -> int | None:
+        """Return when the next module that is busy by the run's clock gets a message that waits for it.
+
+        Call this when all is settled. Modules are busy only if the profile charges them for their handlers.
+
+        Args:
+            now_ns: the run's time.
+        """
+        free_ns = [
+            until_ns
+            for slot in range(1, len(self._names) + 1)
+            if (until_ns := self._busy_until_ns(slot, now_ns)) is not None
+            and self._core[self._tables.publisher(slot) + layout.PUBLISHER_WAITING]
+        ]
+        return min(free_ns, default=None)
+
+    def _busy_until_ns(self, slot: int, now_ns: int) -> int | None:
+        mapped = self._mapped_now(slot)
+        if mapped is None:
+            return None
+        since_ns, charged_ns = mapped.words[layout.OUT_CHARGED_SINCE_NS], mapped.words[layout.OUT_CHARGED_NS]
+        return since_ns + charged_ns if since_ns <= now_ns < since_ns + charged_ns else None
+
+    def _mapped_now(self, slot: int) -> Segment | None:
+        """Return the outbound segment of a module's present incarnation; None if it has none."""
+        incarnation = self._board.incarnation(slot)
+        mapped = self._mapped.get(slot)
+        if mapped is None or mapped[0] != incarnation:
+            mapped = self._map(slot, incarnation)
+        return mapped[1] if mapped else None
 
     def _map(self, slot: int, incarnation: int) -> tuple[int, Segment] | None:
         if (old := self._mapped.pop(slot, None)) is not None:

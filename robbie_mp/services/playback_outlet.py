@@ -125,6 +125,10 @@ class PacedOutlet(BusOutlet):
         """Return None: modules tick by the clock."""
         return None
 
+    def next_free(self) -> DueTick | None:
+        """Return None: modules are busy by the machine's clock."""
+        return None
+
     def send_tick(self, tick: DueTick) -> bool:
         """Never called."""
         raise NotImplementedError(tick)
@@ -157,8 +161,8 @@ class LockstepOutlet(BusOutlet):
         return self._lockstep.is_settled()
 
     def is_empty(self) -> bool:
-        """Whether everything that the last message or tick caused has finished."""
-        return self._lockstep.is_settled()
+        """Whether everything that the last message or tick caused has finished, at any time."""
+        return self._lockstep.is_settled() and self.next_free() is None
 
     def wake(self) -> None:
         """Schedule the module's next tick for when everything has finished."""
@@ -170,8 +174,16 @@ class LockstepOutlet(BusOutlet):
         following = self.schedule.next()
         return DueTick(*following) if following else None
 
+    def next_free(self) -> DueTick | None:
+        """Return when a busy module gets a message that waits for it."""
+        free_ns = self._lockstep.next_free_ns(self._now_ns())
+        return DueTick(free_ns, "") if free_ns is not None else None
+
     def send_tick(self, tick: DueTick) -> bool:
         """Grant a tick; False if there is no room for it now."""
+        if not tick.module:
+            # No module gets this message. It makes the core look which module is free now.
+            return self._module.publish(Tick(due=Time.from_nanoseconds(tick.due_ns)))
         self.schedule.granted(tick.module)
         self._remember(0)
         if self._module.publish(Tick(due=Time.from_nanoseconds(tick.due_ns)), topic=tick.module):

@@ -64,6 +64,9 @@ class SimulatedTime(ClockSource):
         now_ns = self.clock_writer.now_ns or 0
         self.schedule.update(self.lockstep.periods(), now_ns)
         following = self.schedule.next()
+        free_ns = self.lockstep.next_free_ns(now_ns)
+        if free_ns is not None and (following is None or free_ns <= following[0]):
+            following = free_ns, ""  # a message waits for a module that is busy until then
         simulated_s = (now_ns - self.began_ns) / 1e9
         self.status = f"{simulated_s:.1f} s simulated, {self.ticks} ticks"
         if self.duration_s is not None and simulated_s >= self.duration_s:
@@ -77,7 +80,7 @@ class SimulatedTime(ClockSource):
             if (due_ns - self.began_ns) / 1e9 > passed_s:
                 return False
         self.clock_writer.pause(due_ns)
-        if self.publish(Tick(due=Time.from_nanoseconds(due_ns)), topic=name):
+        if self.publish(Tick(due=Time.from_nanoseconds(due_ns)), topic=name) and name:
             self.schedule.granted(name)
             self.ticks += 1
         return True

@@ -7,6 +7,7 @@ from robbie_mp.core.process import CoreProcess
 from robbie_mp.core.router import SlotLimits
 from robbie_mp.profile.model import QueueLimits
 from robbie_mp.run.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, RunPlan
+from robbie_mp.run.run_clock import RunClock
 from robbie_mp.supervisor.scheduling import apply_scheduling
 
 SUPERVISOR_QUEUE = SlotLimits(queue_messages=1000, queue_bytes=1 << 20, memory_bytes=SUPERVISOR_MEMORY_BYTES)
@@ -22,8 +23,16 @@ def run_core(plan: RunPlan) -> None:
     apply_scheduling(scheduling, logging.getLogger(CORE))
     message_bytes = max(message_bytes, TOOL_MEMORY_BYTES)
     spin_s, lockstep = scheduling.spin_us / 1e6, plan.clock.lockstep
+    charged_ns = RunClock.attach(plan.run_id).now_ns if plan.clock.charge else None
     CoreProcess(
-        plan.run_id, plan.sizes, slots, message_bytes, spin_s, lockstep=lockstep, native=native()
+        plan.run_id,
+        plan.sizes,
+        slots,
+        message_bytes,
+        spin_s,
+        lockstep=lockstep,
+        native=native(),
+        charged_ns=charged_ns,
     ).run()
 
 

@@ -17,6 +17,7 @@ from robbie_mp.module.calls.peers import RunPeers
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.config import Config
 from robbie_mp.module.envelope import Envelope
+from robbie_mp.module.handler_times import HandlerTimes, recorded_times
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.module import Module, ModuleContext
 from robbie_mp.module.outbox import Outbox
@@ -33,6 +34,7 @@ from robbie_mp.module.ticks import (
 )
 from robbie_mp.observe.channels import ChannelNames, messages_waiting
 from robbie_mp.profile.check import load_class
+from robbie_mp.profile.model import HANDLER_TIMES, MEASURED
 from robbie_mp.run.lockstep import ClockSource, Lockstep
 from robbie_mp.run.plan import PlannedModule, RunPlan
 from robbie_mp.run.run_clock import RunClock
@@ -105,7 +107,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     apply_scheduling(planned.scheduling, module.log, module.nice)
     ticks: Ticks
     if plan.clock.lockstep and isinstance(clock, RunClock):
-        ticks = GrantedTicks(module, words, inbox)
+        ticks = GrantedTicks(module, words, inbox, clock.now_ns, charge_of(plan, module))
     else:
         max_wait_s = MAX_RUN_CLOCK_WAIT_S if isinstance(clock, RunClock) else MAX_WAIT_S
         ticks = TimedTicks(module, clock, words, max_wait_s)
@@ -155,6 +157,22 @@ def run_clock(
         memory.wakeup.wait(MAX_RUN_CLOCK_WAIT_S)
     write_text(memory.out.words, layout.OUT_STATUS, LINE_WORDS, "")
     return clock
+
+
+def charge_of(plan: RunPlan, module: Module) -> Callable[[int], int] | None:
+    """Return what decides how long a module's handlers take by the run's clock; None: they take no time.
+
+    Raises:
+        HandlerTimesMissing: the profile names a folder that has none.
+    """
+    if not plan.clock.charge:
+        return None
+    recorded = None
+    if plan.clock.charge != MEASURED:
+        folder = Path(plan.workspace) / plan.clock.charge
+        recorded = recorded_times(folder, module.name)
+    file = Path(plan.output_directory) / HANDLER_TIMES / f"{module.name}.txt"
+    return HandlerTimes(file, recorded, module.log).charge
 
 
 def read_settings(

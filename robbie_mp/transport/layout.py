@@ -178,6 +178,9 @@ OUT_TICK_PERIOD_NS = HEADER_WORDS + 17  # in lockstep: period of its ticks; 0: n
 OUT_AWAITS_SETTLED = HEADER_WORDS + 18  # in lockstep: wake it when no message is left to handle
 OUT_COPIED = HEADER_WORDS + 19  # messages copied because too much of their publishers' memory is pinned
 OUT_HOT_PATH = HEADER_WORDS + 20  # a HotPath; 0: the process has not chosen yet
+# In lockstep with charged handlers: the run's time at which the last one began, and how long it took.
+OUT_CHARGED_SINCE_NS = HEADER_WORDS + 21
+OUT_CHARGED_NS = HEADER_WORDS + 22
 OUT_STATUS = HEADER_WORDS + 24
 OUT_STATES = OUT_STATUS + LINE_WORDS  # states of its state machines, a text like the status line
 OUT_DECLARATIONS = OUT_STATES + LINE_WORDS + 6

@@ -374,6 +374,19 @@ class Chronicle(Module):
             file.write(line + "\n")
 
 
+class Detector(Journal):
+    """Journals the messages that it sees; each takes it a while."""
+
+    work_s: float = setting(0.12, "time for each")
+
+    def setup(self) -> None:
+        self.subscribe(DriveCommand, self.on_command, MessageHandling.KEEP_ONLY_NEWEST)
+
+    def on_command(self, command: DriveCommand) -> None:
+        time.sleep(self.work_s)
+        self.note(round(command.linear_m_per_s))
+
+
 class StandingBase(Module):
     """Answers emergency stops as a base does."""
 

@@ -75,3 +75,17 @@ def test_stock_playback_profiles_have_a_playback_that_controls_the_clock(profile
     names = [module.name for module in loaded.modules]
     assert sorted(names) == ["mapping", "playback"]
     assert loaded.clock.source == "playback"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--charge", "measured"], "--charge works only with --lockstep"),
+        (["--charge", "nowhere", "--lockstep"], "nowhere has no handler times"),
+    ],
+)
+def test_charge_that_is_impossible_is_refused(
+    log: Path, words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["play", str(log), *words]) == 2
+    assert said in capsys.readouterr().err

@@ -176,3 +176,54 @@ def test_newest_message_of_those_of_one_handler_is_kept() -> None:
         order.append(take_one(run, busy, newest))
         run.run_core()
     assert order == [(busy.slot, 1), (busy.slot, 2), (busy.slot, 3), (newest.slot, 3)]
+
+
+def charge(module: SimulatedModule, since_ns: int, charged_ns: int) -> None:
+    """Show how long the module is busy by the run's clock, as it does before it releases a message."""
+    module.out[layout.OUT_CHARGED_SINCE_NS] = since_ns
+    module.out[layout.OUT_CHARGED_NS] = charged_ns
+
+
+def test_busy_module_gets_the_newest_message_when_its_time_is_over() -> None:
+    now_ns = 0
+    run = SimulatedRun(lockstep=True, charged_ns=lambda: now_ns)
+    kinds = MessageHandling.KEEP_ONLY_NEWEST, MessageHandling.ALWAYS_DELIVER
+    publisher, channel, (slow, quick) = connected(run, *kinds)
+    publisher.publish(channel, 1)
+    run.run_core()
+    delivery = slow.take()
+    assert delivery is not None
+    charge(slow, 0, 100)
+    slow.endpoint.release(delivery)
+    run.run_core()
+    assert take_one(run, slow, quick) == (quick.slot, 1)
+    for value, now_ns in ((2, 30), (3, 60), (4, 99)):  # noqa: B007
+        publisher.publish(channel, value)
+        run.run_core()
+        assert take_one(run, slow, quick) == (quick.slot, value)
+        run.run_core()
+        assert run.is_settled, "time must be able to go on"
+        assert slow.take() is None
+    now_ns = 100
+    publisher.publish(channel, 5)
+    run.run_core()
+    assert not run.is_settled
+    assert take_one(run, slow, quick) == (slow.slot, 5)
+    run.run_core()
+    assert take_one(run, slow, quick) == (quick.slot, 5)
+    run.run_core()
+    assert run.is_settled
+
+
+def test_module_is_not_busy_when_time_has_been_set_back() -> None:
+    now_ns = 1000
+    run = SimulatedRun(lockstep=True, charged_ns=lambda: now_ns)
+    publisher, channel, (slow,) = connected(run, MessageHandling.ALWAYS_DELIVER)
+    charge(slow, 1000, 100)
+    publisher.publish(channel, 1)
+    run.run_core()
+    assert slow.take() is None and run.is_settled
+    now_ns = 500
+    publisher.publish(channel, 2)
+    run.run_core()
+    assert take_one(run, slow) == (slow.slot, 1)

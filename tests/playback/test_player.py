@@ -241,3 +241,29 @@ def test_clock_goes_back_only_at_announced_jumps_and_messages_stay_in_order(
     times = [at_ns for _, at_ns in rig.outlet.sent]
     backwards = sum(after < before for before, after in pairwise(times))
     assert backwards <= len(rig.outlet.jumps)
+
+
+@pytest.mark.parametrize("rate", [None, 5.0])
+def test_busy_modules_get_what_waits_for_them_at_their_time_and_before_the_end(
+    log: Log, rate: float | None
+) -> None:
+    rig = with_ticks(log, rate)
+    rig.outlet.ticks = []
+    free_ns = [START_NS + TICK_NS // 3, START_NS + 2 * TICK_NS, log.end_ns + TICK_NS]
+    rig.outlet.free_ns = list(free_ns)
+    rig.run(LENGTH_S / 5 + 0.1)
+    assert rig.outlet.numbers == ALL
+    assert lateness_s(rig) == [0.0] * COUNT
+    assert [at_ns for _, at_ns in rig.outlet.ticked] == free_ns
+    assert rig.player.ended
+
+
+@pytest.mark.parametrize("rate", [None, 1.0])
+def test_busy_modules_get_what_waits_for_them_before_a_jump(log: Log, rate: float | None) -> None:
+    rig = with_ticks(log, rate, paused=True)
+    rig.outlet.ticks = []
+    rig.outlet.free_ns = [START_NS + TICK_NS]
+    rig.player.control("seek", 1.0)
+    rig.run(0.1)
+    assert [at_ns for _, at_ns in rig.outlet.ticked] == [START_NS + TICK_NS]
+    assert [after_ns for _, after_ns, _ in rig.outlet.jumps] == [START_NS + 10**9]

@@ -344,3 +344,9 @@ def test_profile_without_modules_cannot_run(robot: Robot, text: str) -> None:
     robot.write("demo", text)
     with pytest.raises(ProfileError, match="profile demo has no modules to run; list them under `modules:`"):
         runnable(robot.load(), robot.preflight())
+
+
+def test_charged_handlers_need_lockstep(robot: Robot) -> None:
+    robot.write("demo", "modules: {time: {class: 'mods:Camera'}}\nclock: {source: time, charge: measured}")
+    with pytest.raises(ProfileError, match=r"demo.yaml:2: clock.charge: expected clock.lockstep: true"):
+        robot.load()

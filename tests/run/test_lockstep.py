@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from itertools import pairwise
 
 import pytest
 
@@ -100,3 +101,39 @@ def test_logs_of_two_runs_are_equal_except_for_the_states_of_processes(robot: Ro
     assert rest.returncode == 0, rest.stdout
     equal = {(one["type_name"], one["topic"]): one["equal"] for one in json.loads(rest.stdout)}
     assert equal["robbie_msgs/msg/DriveCommand", "relayed"] > 20
+
+
+CHARGED = """
+modules:
+  time:
+    class: robbie_mp.services.simulated_time:SimulatedTime
+    settings: {{duration_s: 2.0}}
+    ends_run: true
+  camera: {{class: "zoo.modules:Ticker", settings: {{period_s: 0.05}}}}
+  detector: {{class: "zoo.modules:Detector", settings: {{work_s: {work_s}}}}}
+clock: {{source: time, lockstep: true{charge}}}
+core: {{deadline_s: 60.0}}
+"""
+
+
+def detected(robot: Robot, work_s: float, charge: str) -> list[int]:
+    robot.output = robot.folder / f"charged{len(list(robot.folder.glob('charged*')))}"
+    robot.write_profile(CHARGED.format(work_s=work_s, charge=f", charge: {charge}" if charge else ""))
+    ended = robot.run()
+    assert ended.exit_code == 0, ended.stderr
+    return robot.journal("detector")
+
+
+def test_charged_handler_skips_messages_and_recorded_times_repeat_the_run(robot: Robot) -> None:
+    every = detected(robot, 0.0, "")
+    assert every == list(range(1, len(every) + 1)) and len(every) == pytest.approx(40, abs=1)
+    charged = detected(robot, 0.12, "measured")
+    assert 5 <= len(charged) <= 2.0 / 0.12 + 1
+    assert all(later - earlier >= 2 for earlier, later in pairwise(charged))
+    times = robot.output / "handler_times"
+    assert len((times / "detector.txt").read_text().splitlines()) == len(charged)
+    for _ in range(2):
+        assert detected(robot, 0.0, str(times)) == charged  # however fast the detector is now
+        assert (robot.output / "handler_times" / "detector.txt").read_text() == (
+            times / "detector.txt"
+        ).read_text()

@@ -129,9 +129,11 @@ class SimulatedRun:
         in_flight_bytes: int = 1 << 30,
         memory_bytes: int = 1 << 40,
         lockstep: bool = False,
+        charged_ns: Callable[[], int] | None = None,
         log: StateLog | None = None,
     ):
         self.lockstep = lockstep
+        self.charged_ns = charged_ns
         self.log = log
         sizes = TableSizes(slots, 8, subscriptions, handles, references or 4 * handles)
         self.words = self.memory.zeros(sizes.words)
@@ -164,6 +166,7 @@ class SimulatedRun:
             self._connect,
             self.reports.append,
             lockstep=self.lockstep,
+            charged_ns=self.charged_ns,
         )
 
     def make(self, slot: int, incarnation: int, fuse: Fuse | None = None) -> SimulatedModule:

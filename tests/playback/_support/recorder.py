@@ -55,6 +55,8 @@ class OutletRecorder:
         self.jumps: list[tuple[int, int, str]] = []
         self.ticks: list[DueTick] = []
         """In lockstep: each module's next."""
+        self.free_ns: list[int] = []
+        """In lockstep: when busy modules get what waits for them."""
         self.ticked: list[tuple[DueTick, int]] = []
 
     def send(self, message: LoggedMessage) -> bool:
@@ -72,8 +74,14 @@ class OutletRecorder:
     def next_tick(self) -> DueTick | None:
         return min(self.ticks, default=None)
 
+    def next_free(self) -> DueTick | None:
+        return DueTick(self.free_ns[0], "") if self.free_ns else None
+
     def send_tick(self, tick: DueTick) -> bool:
         self.ticked.append((tick, self._clock.now_ns()))
+        if not tick.module:
+            self.free_ns.remove(tick.due_ns)
+            return True
         self.ticks.remove(tick)
         self.ticks.append(DueTick(tick.due_ns + TICK_NS, tick.module))
         return True
