@@ -7,7 +7,7 @@
 #include <structmember.h>
 
 /* Where a Subscription of subscriptions.py has these. */
-enum { AT_DECODER = 2, AT_HANDLER = 3, SUBSCRIPTION_FIELDS = 5 };
+enum { AT_DECODER = 2, AT_HANDLER = 3, SUBSCRIPTION_FIELDS = 6 };
 
 struct subscriber_object {
     PyObject_HEAD

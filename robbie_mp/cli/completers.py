@@ -7,11 +7,15 @@ import argparse
 from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from robbie_mp.cli.runs import choose_run
 from robbie_mp.errors import RobbieError
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.visible_text import is_visible
+
+if TYPE_CHECKING:
+    from robbie_mp.profile.reader import Node
 
 Completer = Callable[..., list[str]]
 
@@ -87,6 +91,31 @@ def profiles(**_: object) -> list[str]:
         return find_workspace(Path.cwd()).names()
     except (RobbieError, OSError):
         return []
+
+
+def _of_profile(names: Callable[["Node"], Iterable[str]]) -> Completer:
+    """Return a completer for names in the merged profile on the command line."""
+
+    def complete(parsed_args: argparse.Namespace, **_: object) -> list[str]:
+        from robbie_mp.profile.merge import merge_profile  # noqa: PLC0415
+        from robbie_mp.profile.workspace import locate  # noqa: PLC0415
+
+        try:
+            found = names(merge_profile(*locate(parsed_args.profile, Path.cwd())))
+            return [name for name in found if is_visible(name)]
+        except (RobbieError, OSError, AttributeError, TypeError):
+            return []
+
+    return complete
+
+
+def _keys(tree: "Node", section: str) -> list[str]:
+    node = tree.value.get(section) if isinstance(tree.value, dict) else None
+    return list(node.value) if node is not None and isinstance(node.value, dict) else []
+
+
+profile_modules = _of_profile(lambda tree: _keys(tree, "modules"))
+profile_variables = _of_profile(lambda tree: [f"{name}=" for name in _keys(tree, "variables")])
 
 
 def logs(prefix: str, **_: object) -> list[str]:

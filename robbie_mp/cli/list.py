@@ -20,13 +20,14 @@ from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.transport.segment import SegmentMissing
 from robbie_mp.transport.tables import ChannelName
 from robbie_mp.views.plain_table import PlainTable
-from robbie_mp.views.run_figures import STYLES, state_name
+from robbie_mp.views.run_figures import STYLES, renamed_topics, state_name
 from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
 Row = dict[str, Any]
+RENAMED = "renamed"
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -70,6 +71,7 @@ def _modules(run: KnownRun) -> list[Row]:
                 "pid": module.pid,
                 "restarts": module.restarts,
                 "status": module.status,
+                RENAMED: renamed_topics(module.renamed),
             }
             for module in observer.modules()[1:]
         ]
@@ -153,6 +155,8 @@ TABLES = {"modules": _modules, "types": _types, "topics": _topics, "services": _
 
 def _print(rows: Sequence[Row]) -> None:
     table = PlainTable()
+    if not any(row.get(RENAMED) for row in rows):
+        rows = [{heading: value for heading, value in row.items() if heading != RENAMED} for row in rows]
     for heading, value in rows[0].items():
         table.add_column(heading, justify="right" if isinstance(value, int) else "left", no_wrap=True)
     for row in rows:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from robbie_mp.cli import completers
 from robbie_mp.cli.log_files import add_limit_argument
 from robbie_mp.cli.parser import add_command
-from robbie_mp.cli.profile import add_set_argument
+from robbie_mp.cli.profile import add_set_argument, load
 from robbie_mp.cli.run import add_output_arguments, check, run_robot
 from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.model import MEASURED, ClockSettings, ModuleSpec, Profile
@@ -116,9 +116,9 @@ def play(arguments: argparse.Namespace) -> int:
 
 def _checked(arguments: argparse.Namespace, settings: dict[str, Any]) -> tuple[Profile, Preflight]:
     if arguments.profile:
-        profile = _robot(arguments.profile, settings, arguments.overrides)
-    elif arguments.overrides:
-        raise refuse("--set changes a profile; name one after the log")
+        profile = _robot(arguments, settings)
+    elif arguments.overrides or arguments.variables or arguments.without:
+        raise refuse("--set, --var and --without change a profile; name one after the log")
     else:
         profile = _alone(settings)
     if arguments.charge and not (arguments.lockstep or profile.clock.lockstep):
@@ -178,13 +178,14 @@ def _alone(settings: dict[str, Any]) -> Profile:
     return Profile("play", (playback,), clock=ClockSettings(source=PLAYBACK), workspace=workspace)
 
 
-def _robot(name: str, settings: dict[str, Any], overrides: Sequence[str]) -> Profile:
+def _robot(arguments: argparse.Namespace, settings: dict[str, Any]) -> Profile:
     """Return the robot's profile with the settings of its playback.
 
     Raises:
         ProfileError: it has no playback, or is wrong otherwise.
     """
-    profile = load_profile(name)
+    name = arguments.profile
+    profile = load_profile(name, variables=arguments.variables, without=arguments.without)
     modules = {module.name for module in profile.modules}
     if PLAYBACK in modules and profile.clock.source != PLAYBACK:
         raise refuse(f"profile {name!r} needs `clock: {{source: {PLAYBACK}}}`: the playback sets the clock")
@@ -193,5 +194,6 @@ def _robot(name: str, settings: dict[str, Any], overrides: Sequence[str]) -> Pro
             f"profile {name!r} has no module {PLAYBACK!r}, only {', '.join(sorted(modules))}; a profile that "
             "plays logs has `parents: [robbie:playback]`, and null for each module that the log replaces"
         )
-    given = [f"{PLAYBACK}.{key}={json.dumps(value)}" for key, value in settings.items()]
-    return load_profile(name, overrides=[*given, *overrides])
+    # A file's name may look like a variable.
+    given = [f"{PLAYBACK}.{key}={json.dumps(value).replace('${', '$${')}" for key, value in settings.items()]
+    return load(arguments, given)

@@ -3,13 +3,14 @@
 import argparse
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from robbie_mp.cli import completers
 from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.profile.load import load_profile
+from robbie_mp.profile.model import Profile
 from robbie_mp.profile.preflight import last_line, preflight
 from robbie_mp.profile.show import Line, as_tree, origins, to_lines
 
@@ -41,8 +42,23 @@ def add_profile_arguments(parser: argparse.ArgumentParser) -> None:
     add_set_argument(parser)
 
 
+def load(arguments: argparse.Namespace, given: Sequence[str] = ()) -> Profile:
+    """Load the profile that the arguments of `add_profile_arguments` name.
+
+    Args:
+        arguments: the arguments.
+        given: further overrides, before those of the command line.
+    """
+    return load_profile(
+        arguments.profile,
+        overrides=[*given, *arguments.overrides],
+        variables=arguments.variables,
+        without=arguments.without,
+    )
+
+
 def add_set_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the option that changes values of a profile: `overrides`."""
+    """Add the options that change a profile: `overrides`, `variables`, `without`."""
     parser.add_argument(
         "--set",
         dest="overrides",
@@ -51,22 +67,45 @@ def add_set_argument(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="set a module's setting or a key of config; may be repeated",
     )
+    variables = parser.add_argument(
+        "--var",
+        dest="variables",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        help="give a variable of the profile a value; may be repeated",
+    )
+    variables.completer = completers.profile_variables  # type: ignore[attr-defined]
+    without = parser.add_argument(
+        "--without",
+        metavar="MODULE",
+        action="append",
+        default=[],
+        help="leave out a module of the profile; may be repeated",
+    )
+    without.completer = completers.profile_modules  # type: ignore[attr-defined]
 
 
 def show(arguments: argparse.Namespace) -> int:
     """Print a profile."""
-    profile = load_profile(arguments.profile, overrides=arguments.overrides)
+    profile = load(arguments)
     findings = preflight(profile)
     for module, failure in findings.failures.items():
         warn(f"module {module} cannot be imported: {last_line(failure)}")
     tree = as_tree(profile, findings.settings)
     origin_of = origins(profile, tree)
     if arguments.json:
-        described = {"name": profile.name, "workspace": str(profile.workspace), **tree}
+        described = {
+            "name": profile.name,
+            "workspace": str(profile.workspace),
+            "left_out": dict(profile.left_out),
+            **tree,
+        }
         described["origins"] = {"/".join(path): origin for path, origin in origin_of.items()}
         print(json.dumps(described, indent=2))
     else:
-        _print_lines([Line(f"# profile {profile.name}"), *to_lines(tree, origin_of)])
+        left_out = (Line(f"# {name} is left out: {why}") for name, why in profile.left_out.items())
+        _print_lines([Line(f"# profile {profile.name}"), *left_out, *to_lines(tree, origin_of)])
     return 0
 
 

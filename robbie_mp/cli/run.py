@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 from robbie_mp.checkpoint.file import checkpoint_file, set_aside
 from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
-from robbie_mp.cli.profile import add_profile_arguments
+from robbie_mp.cli.profile import add_profile_arguments, load
 from robbie_mp.cli.screen import RunScreen
-from robbie_mp.profile.load import load_profile
 from robbie_mp.profile.model import Profile
 from robbie_mp.profile.preflight import Preflight, last_line, preflight, runnable
 from robbie_mp.supervisor.run import RunResult, default_output_directory, run_profile
@@ -35,6 +34,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         [
             "robbie run robot",
             "robbie run sim/arena --set mapping.resolution_m=0.1",
+            "robbie run robot --var simulated=true --without camera",
             "robbie run robot --quiet --json > summary.json",
         ],
     )
@@ -59,7 +59,7 @@ def add_output_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a profile."""
-    profile, findings = check(load_profile(arguments.profile, overrides=arguments.overrides))
+    profile, findings = check(load(arguments))
     if arguments.fresh:
         _set_checkpoints_aside(profile)
     return run_robot(profile, findings, arguments)

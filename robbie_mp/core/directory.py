@@ -9,7 +9,7 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.transport import layout
 from robbie_mp.transport.layout import MAX_PATTERNS
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling
-from robbie_mp.transport.tables import ROW_OPEN, ChannelName, CoreTables, SubscriptionRow
+from robbie_mp.transport.tables import ROW_OPEN, ChannelName, CoreTables, SubscriptionRow, takes_topic
 from robbie_mp.transport.words import WORD_BYTES, WORD_MAX
 
 MAX_INTERVAL_US = 10**9
@@ -72,7 +72,7 @@ class Subscription:
             self.is_open
             and channel.type_name == self.type_name
             and channel.version == self.version
-            and self.topic in ("", channel.topic)
+            and takes_topic(self.topic, channel.topic)
         )
 
 

@@ -11,6 +11,7 @@ class Envelope(NamedTuple):
     """What the bus knows about a message besides its content."""
 
     topic: str
+    """As the module's code names it, whatever the profile calls it."""
     sequence: int
     """The message's place in the one order of all messages of the run."""
     sender: str

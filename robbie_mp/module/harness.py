@@ -37,6 +37,7 @@ from robbie_mp.module.module import Module, ModuleContext, calls_of, check_perio
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.settings import check_settings
 from robbie_mp.module.subscriptions import Subscriptions
+from robbie_mp.module.wiring import UNCHANGED, Wiring
 from robbie_mp.transport.records import ANY_VERSION
 from robbie_mp.transport.tables import ChannelName
 
@@ -83,6 +84,8 @@ class ModuleHarness(Generic[ModuleClass]):
             harness.
         name: the module's name in the profile.
         restored: the state that the module finds in `restored`, such as `checkpoint` of another harness.
+        topics: new names of topics by the module's own, as in a profile. `send` and `take` use the new ones.
+        namespace: comes before the names of the module's topics, as in a profile.
 
     Attributes:
         module: the module under test.
@@ -101,9 +104,11 @@ class ModuleHarness(Generic[ModuleClass]):
         output_directory: Path | None = None,
         name: str = "module",
         restored: object = None,
+        topics: Mapping[str, str] | None = None,
+        namespace: str = "",
     ):
         self.clock = ManualClock()
-        self.bus = HarnessBus(self.clock, name)
+        self.bus = HarnessBus(self.clock, name, Wiring(topics, namespace))
         self._checkpoints = HarnessCheckpoints(restored)
         checked = check_settings(module_class, settings or {})
         module_class.check(checked)
@@ -448,14 +453,15 @@ class HarnessCheckpoints:
 class HarnessBus:
     """A bus with one module on it."""
 
-    def __init__(self, clock: ManualClock, name: str = "module"):
+    def __init__(self, clock: ManualClock, name: str = "module", wiring: Wiring = UNCHANGED):
         self._clock = clock
+        self._wiring = wiring
         self.peers = HarnessPeers(name, clock)
         self.questions: list[list[int]] = []
         """Questions of the module about its calls, which the harness answers."""
         numbers = count()
         self._name = ChannelName("", 0, "")
-        self.subscriptions = Subscriptions(lambda _: next(numbers), lambda: self._name)
+        self.subscriptions = Subscriptions(lambda _: next(numbers), lambda: self._name, wiring)
         self._current: Envelope | None = None
         self._sequence = 0
         self.published: list[Published] = []
@@ -471,7 +477,8 @@ class HarnessBus:
         """Run every handler that subscribes to a message, but of those with patterns only the first."""
         self._sequence += 1
         self._name = name
-        self._current = Envelope(name.topic, self._sequence, sender, self._clock.monotonic_ns())
+        own_topic = self._wiring.own(name.type_name, name.topic)
+        self._current = Envelope(own_topic, self._sequence, sender, self._clock.monotonic_ns())
         matched_pattern = False
         for subscription in self.subscriptions:
             by_pattern = subscription.name.version == ANY_VERSION
@@ -495,7 +502,8 @@ class HarnessBus:
             return True
         if isinstance(message, Request | Goal):
             self.peers.kept.add(message.call)
-        self.published.append(Published(type(message).decode(message.encode()), topic))
+        actual = self._wiring.actual(message.type_name, topic)
+        self.published.append(Published(type(message).decode(message.encode()), actual))
         return True
 
     def publish_encoded(
@@ -506,7 +514,8 @@ class HarnessBus:
             raise PublishAfterStop(f"this module published a {type_name} after it was stopped")
         check_type(type_name, version)
         check_encapsulation(type_name, memoryview(data).cast("B"))
-        self.published_encoded.append(PublishedEncoded(type_name, version, bytes(data), topic))
+        actual = self._wiring.actual(type_name, topic)
+        self.published_encoded.append(PublishedEncoded(type_name, version, bytes(data), actual))
         return True
 
     @contextmanager

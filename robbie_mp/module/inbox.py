@@ -12,6 +12,7 @@ from robbie_mp._hot.choice import Native
 from robbie_mp.errors import RobbieError
 from robbie_mp.module.pins import Pins
 from robbie_mp.module.subscriptions import Subscription, Subscriptions
+from robbie_mp.module.wiring import UNCHANGED, Wiring
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import LEAD_BYTES
 from robbie_mp.transport.endpoint import Endpoint
@@ -34,6 +35,7 @@ class Inbox:
         words: the module's out segment, for the counters.
         channel_name: returns type, version and topic of a channel's messages.
         native: what is written in C, which endpoint and views use as well; None: Python does it.
+        wiring: the names that the profile gives to the module's topics.
     """
 
     def __init__(
@@ -43,13 +45,14 @@ class Inbox:
         words: Words,
         channel_name: Callable[[int], ChannelName],
         native: Native | None = None,
+        wiring: Wiring = UNCHANGED,
     ):
         self._endpoint = endpoint
         self._views = views
         self._words = words
         self._log = logging.getLogger("robbie.receive")
         self._channel_name = channel_name
-        self.subscriptions = Subscriptions(self._request, self.name_current)
+        self.subscriptions = Subscriptions(self._request, self.name_current, wiring)
         self._by_number = self.subscriptions.by_number
         unreferenced: Any = deque() if native is None else native.Unreferenced()
         self._unreferenced: deque[int] = unreferenced
@@ -71,7 +74,11 @@ class Inbox:
         handler = subscription.handler
         handler_name = getattr(handler, "__qualname__", type(handler).__qualname__)
         return self._endpoint.subscribe(
-            *subscription.name, subscription.handling, handler_name, is_optional=subscription.is_optional
+            *subscription.name,
+            subscription.handling,
+            handler_name,
+            is_optional=subscription.is_optional,
+            own_topic=subscription.own_topic,
         )
 
     @property
@@ -107,7 +114,7 @@ class Inbox:
     def handle(self, delivery: Delivery) -> None:
         """Run the handler of a message; then release the message, or pin it while anything refers to it."""
         self._current = delivery
-        _, _, decoder, handler, _ = self._by_number[delivery.declaration]
+        _, _, decoder, handler, *_ = self._by_number[delivery.declaration]
         pin: weakref.ref[Any] | None = None
         whole: Any = None
         try:

@@ -18,6 +18,7 @@ from robbie_mp.messages.message import check_message, check_message_type
 from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.clock import Clock
 from robbie_mp.module.envelope import MessageType
+from robbie_mp.module.wiring import UNCHANGED, Wiring
 from robbie_mp.transport import layout
 from robbie_mp.transport.blocks import Block, BlockStore, block_bytes
 from robbie_mp.transport.endpoint import Endpoint
@@ -44,6 +45,7 @@ class Outbox:
         words: the module's out segment, for the counters.
         clock: stamps the messages (monotonic).
         native: what is written in C, which endpoint and blocks use as well; None: Python does it.
+        wiring: the names that the profile gives to the module's topics.
     """
 
     def __init__(
@@ -53,16 +55,18 @@ class Outbox:
         words: Words,
         clock: Clock,
         native: Native | None = None,
+        wiring: Wiring = UNCHANGED,
     ):
         self._endpoint = endpoint
         self._blocks = blocks
         self._words = words
         self._monotonic_ns = clock.monotonic_ns
         self._log = logging.getLogger("robbie.publish")
+        self._wiring = wiring
         self._lock = endpoint.lock
         self._declarations: dict[tuple[type[Message], str], int] = {}
         self._channels: dict[ChannelName, int] = {}
-        """The same by name, with types that have no class in this program."""
+        """The same by own name, with types that have no class in this program."""
         self._unreferenced: deque[int] = deque()
         """Blocks of loans whose arrays were still referred to at the end; filled by finalizers."""
         self._held: dict[int, weakref.ref[Any]] = {}
@@ -244,7 +248,8 @@ class Outbox:
             )
         declaration = self._channels.get(name)
         if declaration is None:
-            declaration = self._channels[name] = self._endpoint.advertise(*name)
+            actual = name._replace(topic=self._wiring.actual(name.type_name, name.topic))
+            declaration = self._channels[name] = self._endpoint.advertise(*actual, own_topic=name.topic)
         return declaration
 
     def _allocate(self, size: int, block: Block | None) -> Block | None:

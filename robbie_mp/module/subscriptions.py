@@ -7,6 +7,7 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message
 from robbie_mp.messages.message import check_message_type
 from robbie_mp.module.envelope import EncodedMessage, MessageType
+from robbie_mp.module.wiring import UNCHANGED, TopicsMeet, Wiring
 from robbie_mp.transport.records import ANY_VERSION, MessageHandling
 from robbie_mp.transport.tables import ChannelName
 
@@ -47,12 +48,15 @@ class Subscription(NamedTuple):
     """One subscription of a module."""
 
     name: ChannelName
-    """Type, version and topic ('' for all topics); with ANY_VERSION, shell patterns for type and topic."""
+    """Type, version and topic in the run ('' for all topics, 'laser/' for all that begin so); with
+    ANY_VERSION, shell patterns for type and topic."""
     handling: MessageHandling
     decoder: Decoder
     handler: Callable[[Any], None]
     is_optional: bool = True
     """Whether the module works without these messages, so that nobody needs to publish them."""
+    own_topic: str = ""
+    """The topic as the module's code names it; the profile may have given it another name."""
 
 
 class Subscriptions:
@@ -61,13 +65,20 @@ class Subscriptions:
     Args:
         request: requests the messages of a subscription; returns the number that they will carry.
         current_name: returns type, version and topic of the message that is being handled.
+        wiring: the names that the profile gives to the module's topics.
 
     Attributes:
         by_number: the subscriptions by the number that their messages carry.
     """
 
-    def __init__(self, request: Callable[[Subscription], int], current_name: Callable[[], ChannelName]):
+    def __init__(
+        self,
+        request: Callable[[Subscription], int],
+        current_name: Callable[[], ChannelName],
+        wiring: Wiring = UNCHANGED,
+    ):
         self._request = request
+        self._wiring = wiring
         self._as_bytes = _AsBytes(current_name)
         self._by_name: dict[ChannelName, Subscription] = {}
         self.by_number: dict[int, Subscription] = {}
@@ -97,10 +108,12 @@ class Subscriptions:
         Raises:
             NotAMessageType: `message_type` is not a class of messages.
             SubscribedTwice: the module has already subscribed to them.
+            TopicsMeet: it has, on another topic to which the profile gives the same name.
         """
         check_message_type(message_type, "subscribe")
-        name = ChannelName(message_type.type_name, message_type.version, topic)
-        self._add(Subscription(name, handling, message_type, handler, optional))
+        type_name = message_type.type_name
+        name = ChannelName(type_name, message_type.version, self._wiring.subscribed(type_name, topic))
+        self._add(Subscription(name, handling, message_type, handler, optional, topic))
 
     def subscribe_encoded(
         self, type_pattern: str, handler: Callable[[EncodedMessage], None], topic_pattern: str
@@ -113,8 +126,9 @@ class Subscriptions:
         """
         if not type_pattern:
             raise EmptyPattern
-        name = ChannelName(type_pattern, ANY_VERSION, topic_pattern)
-        self._add(Subscription(name, MessageHandling.ALWAYS_DELIVER, self._as_bytes, handler))
+        name = ChannelName(type_pattern, ANY_VERSION, self._wiring.subscribed(type_pattern, topic_pattern))
+        handling = MessageHandling.ALWAYS_DELIVER
+        self._add(Subscription(name, handling, self._as_bytes, handler, own_topic=topic_pattern))
 
     def forget(self, message_type: type[Message], topic: str) -> None:
         """Forget a subscription, so that `request_again` leaves it out.
@@ -123,7 +137,9 @@ class Subscriptions:
             message_type: the class of the messages.
             topic: as given to `subscribe`.
         """
-        del self._by_name[ChannelName(message_type.type_name, message_type.version, topic)]
+        type_name = message_type.type_name
+        actual = self._wiring.actual(type_name, topic)
+        del self._by_name[ChannelName(type_name, message_type.version, actual)]
 
     def request_again(self) -> None:
         """Request the messages of all subscriptions from a core that does not know them."""
@@ -134,6 +150,9 @@ class Subscriptions:
     def _add(self, subscription: Subscription) -> None:
         name = subscription.name
         if name in self._by_name:
+            other = self._by_name[name].own_topic
+            if other != subscription.own_topic:
+                raise TopicsMeet(name.type_name, subscription.own_topic, other, name.topic)
             raise SubscribedTwice(name.type_name, name.topic)
         self._by_name[name] = subscription
         self.by_number[self._request(subscription)] = subscription

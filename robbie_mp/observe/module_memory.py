@@ -24,6 +24,8 @@ class ModuleMemory:
         self.publishes: list[ChannelName] = []
         self.needs: list[ChannelName] = []
         """Its subscriptions without the optional ones."""
+        self.topics: dict[str, str] = {}
+        """The names of its topics in the run, by its own names."""
 
     @property
     def is_there(self) -> bool:
@@ -70,6 +72,7 @@ class ModuleMemory:
             return
         for row in DeclarationRow.read_all(self._out.words, self._declared):
             self._declared += 1
+            self.topics[row.own_topic] = row.name.topic
             if row.kind == Outbound.ADVERTISE:
                 self.publishes.append(row.name)
             elif not row.is_optional:

@@ -2,6 +2,7 @@
 
 import os
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 
 import numpy as np
@@ -93,29 +94,42 @@ class RunObserver:
             if not self._board.is_left_by_tool(slot)
         ]
 
+    def own_topics(self) -> dict[str, list[str]]:
+        """Return the topics that each module has used, 10 s after its start, as its own code names them."""
+        return {name: list(memory.topics) for name, memory, _ in self._settled()}
+
     def unconnected(self) -> dict[str, tuple[Unconnected, ...]]:
         """Return the subscriptions of each module for which nobody has published 10 s after its start.
 
         The start is the moment when messages began to flow, or when the module was restarted later. Channels
         stay in the core's tables, so a publisher that dies does not leave its subscribers unconnected.
         """
-        went_ns = self._board.went_ns
-        if not went_ns:
+        settled = list(self._settled())
+        if not settled:
             return {}
-        due_ns = time.monotonic_ns() - round(PATIENCE_S * 1e9)
         published: dict[ChannelName, list[str]] = {row.name: [] for row in self._tables.channels()}
-        needs: dict[str, list[ChannelName]] = {}
-        for slot in range(self._board.slots - 1):  # the core is last and declares nothing
-            row = self._board.read(slot)
-            memory = self._memory(slot, row.incarnation)
-            memory.read_declarations()
-            for name in memory.publishes if row.pid else ():
-                published.setdefault(name, []).append(row.name)
-            is_due = row.pid and max(went_ns, row.started_ns) < due_ns and memory.is_ready
-            if is_due and not row.name.startswith(TOOL_PREFIX):
-                needs[row.name] = memory.needs
-        found = {name: tuple(unconnected(wanted, published)) for name, wanted in needs.items()}
+        for name, memory, _ in self._declared():
+            for channel in memory.publishes:
+                published.setdefault(channel, []).append(name)
+        found = {name: tuple(unconnected(memory.needs, published)) for name, memory, _ in settled}
         return {name: alone for name, alone in found.items() if alone}
+
+    def _settled(self) -> Iterator[tuple[str, ModuleMemory, int]]:
+        """Yield the modules that have run long enough to judge what they are connected to."""
+        went_ns = self._board.went_ns
+        due_ns = time.monotonic_ns() - round(PATIENCE_S * 1e9)
+        for name, memory, started_ns in self._declared() if went_ns else ():
+            if max(went_ns, started_ns) < due_ns and memory.is_ready and not name.startswith(TOOL_PREFIX):
+                yield name, memory, started_ns
+
+    def _declared(self) -> Iterator[tuple[str, ModuleMemory, int]]:
+        """Yield name, declarations and start of each process but the core, which declares nothing."""
+        for slot in range(self._board.slots - 1):
+            row = self._board.read(slot)
+            if row.pid:
+                memory = self._memory(slot, row.incarnation)
+                memory.read_declarations()
+                yield row.name, memory, row.started_ns
 
     def channels(self) -> list[ChannelFigures]:
         """Return the figures of all channels."""
@@ -254,6 +268,7 @@ class RunObserver:
             subscriptions=subscriptions,
             publishes=tuple(memory.publishes),
             unconnected=alone.get(row.name, ()),
+            renamed={own: actual for own, actual in memory.topics.items() if own != actual},
         )
 
     def _memory(self, slot: int, incarnation: int) -> ModuleMemory:

@@ -25,11 +25,25 @@ from robbie_mp.profile.model import (
 from robbie_mp.profile.problem import Place, Problem, ProfileError
 from robbie_mp.profile.reader import Node
 from robbie_mp.suggest import did_you_mean
+from robbie_mp.transport.layout import NAME_BYTES
 
 T = TypeVar("T")
-PROFILE_KEYS = ("parents", "description", "modules", "config", "core", "spares", "trace", "tools", "clock")
+PROFILE_KEYS = (
+    "parents",
+    "description",
+    "variables",
+    "namespace",
+    "modules",
+    "config",
+    "core",
+    "spares",
+    "trace",
+    "tools",
+    "clock",
+)
 MODULE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,47}")
 RESERVED_NAMES = ("core", "supervisor")
+NAMESPACE = re.compile(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*")
 CONFIG_KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
 CLASS_PATH = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 
@@ -60,6 +74,7 @@ class _Builder:
         self.current_folder = current_folder
         self.problems: list[Problem] = []
         self.depends_on: dict[str, tuple[str, ...]] = {}
+        self.default_namespace = ""
 
     def profile(self, name: str, tree: Node, workspace: Path) -> Profile:
         content = self.map_of(tree, "profile")
@@ -67,6 +82,7 @@ class _Builder:
         modules = self.map_of(content.get("modules"), "modules")
         self.depends_on, problems = read_dependencies(modules)
         self.problems += problems
+        self.default_namespace = self.namespace(content)
         return Profile(
             name=name,
             modules=tuple(self.module(key, node, modules) for key, node in modules.items()),
@@ -77,8 +93,11 @@ class _Builder:
             tools=self.section(ToolLimits, self.map_of(content.get("tools"), "tools"), "tools"),
             clock=self.clock(self.map_of(content.get("clock"), "clock"), list(modules)),
             description=self.value(str, content.get("description"), "description", ""),
+            variables={
+                name: node.value for name, node in self.map_of(content.get("variables"), "variables").items()
+            },
             workspace=workspace,
-            origins=_origins(tree),
+            origins=self.inherited_origins(content, modules) | _origins(tree),
         )
 
     def core(self, content: dict[str, Node]) -> CoreLimits:
@@ -107,7 +126,7 @@ class _Builder:
             self.report(node.place, f"{where}: this name is taken by the framework; use another")
         content = self.map_of(node, where)
         settings = self.map_of(content.get("settings"), f"{where}.settings")
-        typed_in = [key for key, value in settings.items() if isinstance(value.place.source, str)]
+        typed_in = [key for key, value in settings.items() if value.place.is_typed]
         return self.section(
             ModuleSpec,
             content,
@@ -115,6 +134,8 @@ class _Builder:
             name=name,
             class_path=self.class_path(node, content, where, [other for other in siblings if other != name]),
             settings={key: value.plain() for key, value in settings.items()},
+            topics=self.topics(content, where),
+            namespace=self.namespace(content, where) if "namespace" in content else self.default_namespace,
             folder_of=dict.fromkeys(typed_in, self.current_folder),
             restart=self.nested(RestartPolicy, content, where, "restart"),
             depends_on=self.depends_on[name],
@@ -123,6 +144,44 @@ class _Builder:
             checkpoint=self.nested(CheckpointPolicy, content, where, "checkpoint"),
             scheduling=self.nested(Scheduling, content, where, "scheduling"),
         )
+
+    def inherited_origins(
+        self, content: dict[str, Node], modules: dict[str, Node]
+    ) -> dict[tuple[str, ...], Place]:
+        """The places of values that the modules have from the profile as a whole."""
+        node = content.get("namespace")
+        if node is None:
+            return {}
+        return {("modules", name, "namespace"): node.place for name in modules}
+
+    def topics(self, module: dict[str, Node], where: str) -> dict[str, str]:
+        found: dict[str, str] = {}
+        for own, node in self.map_of(module.get("topics"), f"{where}.topics").items():
+            name = node.value
+            if not isinstance(name, str):
+                self.report(
+                    node.place,
+                    f"{where}.topics.{own}: expected the name of a topic; got {node.plain()!r:.60}",
+                )
+            elif max(len(own.encode()), len(name.encode())) > NAME_BYTES:
+                text = f"{where}.topics.{own}: expected names of at most {NAME_BYTES} bytes"
+                self.report(node.place, text)
+            elif own == name:
+                self.report(node.place, f"{where}.topics.{own}: expected another name than {own!r}")
+            else:
+                found[own] = name
+        return found
+
+    def namespace(self, content: dict[str, Node], where: str = "") -> str:
+        node = content.get("namespace")
+        if node is None or node.value == "":
+            return ""
+        if not isinstance(node.value, str) or not NAMESPACE.fullmatch(node.value):
+            place = f"{where}.namespace" if where else "namespace"
+            expected = "expected letters, digits, _ and -, with / between parts, as in red or team/red"
+            self.report(node.place, f"{place}: {expected}; got {node.plain()!r:.60}")
+            return ""
+        return node.value
 
     def class_path(self, module: Node, content: dict[str, Node], where: str, siblings: list[str]) -> str:
         node = content.get("class")

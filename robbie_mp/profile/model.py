@@ -108,6 +108,10 @@ class ModuleSpec:
     class_path: str
     """Written as `package.module:Class`."""
     settings: Mapping[str, object] = field(default_factory=dict)
+    topics: Mapping[str, str] = field(default_factory=dict)
+    """New names of topics by the names that the class uses."""
+    namespace: str = ""
+    """Comes before the names of all its topics, with a slash between; '' for none."""
     restart: RestartPolicy = RestartPolicy()
     depends_on: tuple[str, ...] = ()
     """Names of modules; when one of them is restarted, so is this module."""
@@ -235,6 +239,10 @@ class Profile:
     tools: ToolLimits = ToolLimits()
     clock: ClockSettings = ClockSettings()
     description: str = ""
+    variables: Mapping[str, object] = field(default_factory=dict)
+    """Their values in this run, which have been inserted everywhere."""
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    """Why modules are left out, by name: their condition, or `--without`."""
     workspace: Path = Path()
     """The folder that contains profiles/; imports and relative paths start from it."""
     origins: Mapping[tuple[str, ...], Place] = field(default_factory=dict)

@@ -15,6 +15,13 @@ class Place:
     """The file, or the option as typed."""
     line: int = 0
     """Line number from 1; 0 on the command line."""
+    via: "Place | None" = None
+    """Where the value of the variable was written, if there is a variable at this place."""
+
+    @property
+    def is_typed(self) -> bool:
+        """Whether the value was typed on the command line."""
+        return isinstance((self.via or self).source, str)
 
     def __str__(self) -> str:
         """Return file:line, with the file relative to the current directory if it is below it."""
@@ -22,7 +29,7 @@ class Place:
             return self.source
         here = Path.cwd()
         file = self.source.relative_to(here) if self.source.is_relative_to(here) else self.source
-        return f"{file}:{self.line}"
+        return f"{file}:{self.line}" + (f" ({self.via})" if self.via else "")
 
 
 @dataclass(frozen=True)

@@ -110,6 +110,8 @@ def _syntax_error(error: yaml.MarkedYAMLError, source: Path | str) -> ProfileErr
     text = " ".join(part for part in (error.context, error.problem) if part)
     if "'\\t'" in text:
         text += "; indent with spaces, not with tabs"
+    if mark and "${" in (mark.get_snippet() or ""):
+        text += '; inside { } and [ ], quote variables: "${name}"'
     return refuse(f"YAML: {text}", _at(source, mark.line + 1 if mark else 1))
 
 

@@ -44,6 +44,7 @@ def as_tree(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> d
     modules = {module.name: _module_tree(module, settings.get(module.name, {})) for module in profile.modules}
     return {
         "description": profile.description,
+        "variables": dict(profile.variables),
         "modules": modules,
         "config": dict(profile.config),
         "core": _plain(profile.core),
@@ -55,7 +56,7 @@ def as_tree(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> d
 
 def _module_tree(module: ModuleSpec, settings: Mapping[str, object]) -> dict[str, Any]:
     tree = {"class": module.class_path, "settings": {**module.settings, **settings}}
-    rest = _plain(module)
+    rest = _plain(module) | {"topics": dict(module.topics)}
     return tree | {
         key: rest[key] for key in rest if key not in ("name", "class_path", "settings", "folder_of")
     }
@@ -119,4 +120,5 @@ def inline(value: object) -> str:
         visible(text) != text
     ):  # PyYAML would write control characters unescaped, and read some of them as blanks
         text = _dump(value, allow_unicode=False)
+    text = text.replace("${", "$${")  # what looks like a variable is none any more
     return text.removesuffix("\n").removesuffix("\n...").rstrip("\n")

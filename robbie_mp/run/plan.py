@@ -39,6 +39,9 @@ class PlannedModule:
     name: str
     class_path: str
     settings: dict[str, Any]
+    topics: dict[str, str]
+    """New names of topics by the module's own."""
+    namespace: str
     folder_of: dict[str, str]
     """For path settings that are not relative to the workspace: the folder they are relative to."""
     memory: MemoryLimits
@@ -162,6 +165,8 @@ def _planned(module: ModuleSpec) -> PlannedModule:
         name=module.name,
         class_path=module.class_path,
         settings=dict(module.settings),
+        topics=dict(module.topics),
+        namespace=module.namespace,
         folder_of={name: str(folder) for name, folder in module.folder_of.items()},
         memory=module.memory,
         queue=module.queue,

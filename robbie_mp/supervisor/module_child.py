@@ -32,6 +32,7 @@ from robbie_mp.module.ticks import (
     Ticks,
     TimedTicks,
 )
+from robbie_mp.module.wiring import Wiring
 from robbie_mp.observe.channels import ChannelNames, messages_waiting
 from robbie_mp.profile.check import load_class
 from robbie_mp.profile.model import HANDLER_TIMES, MEASURED
@@ -66,13 +67,13 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     core_segment = Segment.attach(names.core(plan.run_id), SegmentKind.CORE)
     core_wakeup = attach_wakeup(plan.run_id, core_segment, native)
     endpoint = make_endpoint(memory, slot, incarnation, plan.sizes, core_wakeup.post, native)
-    limits = planned.memory
-    sizes = limits.segment_bytes, limits.limit_bytes
+    sizes = planned.memory.segment_bytes, planned.memory.limit_bytes
     blocks = make_block_store(plan.run_id, slot, incarnation, *sizes, native)
-    outbox = Outbox(endpoint, blocks, words, SystemClock(), native)
+    wiring = Wiring(planned.topics, planned.namespace)
+    outbox = Outbox(endpoint, blocks, words, SystemClock(), native, wiring)
     core = core_segment.words
     channel_name = ChannelNames(core)
-    inbox = Inbox(endpoint, make_views(plan.run_id, native), words, channel_name, native)
+    inbox = Inbox(endpoint, make_views(plan.run_id, native), words, channel_name, native, wiring)
     board = Board(Segment.attach(names.board(plan.run_id), SegmentKind.BOARD).words)
     if (process_bytes := planned.memory.process_bytes) is not None:
         resource.setrlimit(resource.RLIMIT_AS, (process_bytes, process_bytes))
@@ -81,8 +82,8 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     checkpoints = open_checkpoints(plan, slot, incarnation)
     clock = run_clock(plan, name, module_class, memory)
     settings_file = SettingsFile(run_folder, name)
-    peers = RunPeers(plan.run_id, slot, incarnation, core, board)
-    bus = SharedMemoryBus(outbox, inbox, _Describer(channel_name, board, clock), peers)
+    peers = RunPeers(plan.run_id, slot, incarnation, core, board, wiring)
+    bus = SharedMemoryBus(outbox, inbox, _Describer(channel_name, board, clock, wiring), peers)
     context = ModuleContext(
         name=name,
         settings=read_settings(plan, planned, module_class, settings_file.changed()),
@@ -207,12 +208,16 @@ def open_checkpoints(plan: RunPlan, slot: int, incarnation: int) -> CheckpointKe
 class _Describer:
     """Makes envelopes from the core's tables and the board."""
 
-    def __init__(self, channel_name: ChannelNames, board: Board, clock: SystemClock | RunClock):
+    def __init__(
+        self, channel_name: ChannelNames, board: Board, clock: SystemClock | RunClock, wiring: Wiring
+    ):
         self._channel_name = channel_name
+        self._own = wiring.own
         self._clock_at = clock.at
         self._board = board
 
     def __call__(self, delivery: Delivery) -> Envelope:
-        topic = self._channel_name(delivery.channel).topic
+        name = self._channel_name(delivery.channel)
+        topic = self._own(name.type_name, name.topic)
         sender = self._board.name(layout.unpack_source(delivery.source)[0])
         return Envelope(topic, delivery.sequence, sender, self._clock_at(delivery.stamp_ns))

@@ -149,7 +149,9 @@ def _run(
             lambda: _each_turn(tree, memory, control, tools, watch),
             spares=_spares(profile, run_folder, environment),
         )
-        watch = ConnectionWatch(observer, tree.say)
+        watch = ConnectionWatch(
+            observer, tree.say, {module.name: list(module.topics) for module in plan.modules}
+        )
         tools = AttachedTools(tree, memory, plan.tool_names)
         control = ControlServer(run_folder, tree, tools=tools)
         connections.callback(control.close)

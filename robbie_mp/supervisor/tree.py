@@ -103,6 +103,7 @@ class OrderedStop:
 IDLE_POLL_S = 0.1
 CLOCK_STEP_S = 0.01
 SAY_AWAITED_AFTER_S = 5.0
+MAX_NAMED = 6
 
 
 class NoSuchChild(RobbieError, LookupError):
@@ -379,6 +380,8 @@ class Tree:
             for child in self.children
             if not child.was_settled
         ]
+        if len(awaited) > MAX_NAMED:
+            awaited[MAX_NAMED:] = [f"{len(awaited) - MAX_NAMED} more"]
         self.say(Kind.INFO, f"after {waited_s:.0f} s, the start still waits for {', '.join(awaited)}")
 
     def _check_clock_step(self) -> None:

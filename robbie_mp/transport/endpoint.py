@@ -128,9 +128,9 @@ class Endpoint:
 
     # -- declarations ----------------------------------------------------------------------------------
 
-    def advertise(self, type_name: str, version: int, topic: str) -> int:
-        """Declare a channel; return its number, with which you publish."""
-        number = self._declare(Outbound.ADVERTISE, type_name, version, topic)
+    def advertise(self, type_name: str, version: int, topic: str, own_topic: str | None = None) -> int:
+        """Declare a channel; return its number, with which you publish. Arguments as for `subscribe`."""
+        number = self._declare(Outbound.ADVERTISE, type_name, version, topic, own_topic=own_topic)
         self.send(Outbound.ADVERTISE, number)
         return number
 
@@ -143,16 +143,18 @@ class Endpoint:
         handler: str = "",
         *,
         is_optional: bool = False,
+        own_topic: str | None = None,
     ) -> int:
         """Declare a subscription; return its number, which deliveries carry.
 
         Args:
             type_name: type of the messages.
             version: version of the messages; ANY_VERSION: type and topic are shell patterns.
-            topic: topic of the messages; '' for all topics.
+            topic: topic of the messages; '' for all topics, 'laser/' for all that begin so.
             handling: what to do with messages that come faster than they are handled.
             handler: name of the function that handles them, for observers.
             is_optional: whether the module works without them, for observers.
+            own_topic: the topic as the module's code names it, for observers; None: the same.
         """
         if version == ANY_VERSION:
             if self._patterns == layout.MAX_PATTERNS:
@@ -161,7 +163,9 @@ class Endpoint:
                     f"{self._patterns} patterns; let one pattern replace several"
                 )
             self._patterns += 1
-        number = self._declare(Outbound.SUBSCRIBE, type_name, version, topic, handling, handler, is_optional)
+        number = self._declare(
+            Outbound.SUBSCRIBE, type_name, version, topic, handling, handler, is_optional, own_topic
+        )
         self.send(Outbound.SUBSCRIBE, number)
         return number
 
@@ -174,8 +178,10 @@ class Endpoint:
         handling: MessageHandling = MessageHandling.ALWAYS_DELIVER,
         handler: str = "",
         is_optional: bool = False,
+        own_topic: str | None = None,
     ) -> int:
-        for text in (type_name, topic):
+        own = topic if own_topic is None else own_topic
+        for text in (type_name, topic, own):
             try:
                 size = len(text.encode())
             except UnicodeEncodeError as error:
@@ -193,7 +199,7 @@ class Endpoint:
                     "pairs of message type and topic"
                 )
             name = ChannelName(type_name, version, topic)
-            row = DeclarationRow(number, kind, name, handling, handler, topic, is_optional)
+            row = DeclarationRow(number, kind, name, handling, handler, own, is_optional)
             row.write(self._out, self._declaration_fence)
             self._declarations += 1
         return number

@@ -34,7 +34,12 @@ class ChannelName(NamedTuple):
         """Whether a subscription to this type, version and topic gets the messages of a channel."""
         if self.version == ANY_VERSION:
             return fnmatchcase(channel.type_name, self.type_name) and fnmatchcase(channel.topic, self.topic)
-        return self[:2] == channel[:2] and self.topic in ("", channel.topic)
+        return self[:2] == channel[:2] and takes_topic(self.topic, channel.topic)
+
+
+def takes_topic(subscribed: str, topic: str) -> bool:
+    """Whether a subscription by type gets a topic: '' gets all, and 'laser/' gets all that begin so."""
+    return subscribed in ("", topic) or (subscribed.endswith("/") and topic.startswith(subscribed))
 
 
 class ChannelRow:

@@ -10,7 +10,7 @@ from robbie_mp.observe.talk import Talk, talk_of
 from robbie_mp.transport.layout import HotPath
 from robbie_mp.views.plain_table import PlainTable
 from robbie_mp.views.quantities import long_time, rate, seconds, size
-from robbie_mp.views.run_figures import STYLES, state_name
+from robbie_mp.views.run_figures import STYLES, renamed_topics, state_name
 from robbie_mp.visible_text import one_line
 
 ALARM = "bold red"
@@ -223,6 +223,13 @@ MODULE_COLUMNS: tuple[ModuleColumn, ...] = (
         "up",
         lambda row: Text(long_time(_uptime_s(row)) if row.figures.pid else "-", justify="right"),
         _uptime_s,
+    ),
+    ModuleColumn(
+        "renamed topics",
+        lambda row: Text(one_line(", ".join(renamed_topics(row.figures.renamed)))),
+        lambda row: ", ".join(renamed_topics(row.figures.renamed)),
+        is_text=True,
+        is_line=True,
     ),
     ModuleColumn(
         "last end",

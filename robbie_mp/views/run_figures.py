@@ -1,7 +1,7 @@
 """Figures of a run, as a table for people and as plain data for programs (see docs/reference.md)."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
 from datetime import UTC, datetime
 from typing import Any
@@ -50,6 +50,11 @@ def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str
     return made
 
 
+def renamed_topics(renamed: Mapping[str, str]) -> list[str]:
+    """The topics that the profile renamed: the module's own names, and those in the run."""
+    return [f"{own or NO_TOPIC} → {actual or NO_TOPIC}" for own, actual in renamed.items()]
+
+
 def _live_line(module: ModuleFigures) -> str:
     return "  ".join(filter(None, (module.status, *map(str, module.unconnected))))
 
@@ -73,13 +78,14 @@ FIGURES: dict[str, Callable[[ModuleFigures], Text]] = {
 LIVE_FIGURES = ("cpu s", "restarts", "in", "out", "dropped")
 """The figures that leave room for the status line in 80 columns."""
 
+NO_TOPIC = "''"
 SCHEMA = 1
 """Increase this when a key of `run_as_data` is removed or changes its meaning."""
 TIMES = tuple(field.name for field in fields(WorkHistograms))
 _AS_THEY_ARE = tuple(
     field.name
     for field in fields(ModuleFigures)
-    if field.name not in ("state", "work", "publishes", "subscriptions", "unconnected")
+    if field.name not in ("state", "work", "publishes", "subscriptions", "unconnected", "renamed")
 )
 
 
@@ -100,6 +106,7 @@ def as_data(module: ModuleFigures, now_ns: int | None = None) -> dict[str, Any]:
             {"type_name": name, "version": version, "topic": topic}
             for name, version, topic in module.publishes
         ],
+        "renamed": dict(module.renamed),
         "unconnected": [asdict(entry) for entry in module.unconnected],
     }
 

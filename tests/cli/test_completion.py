@@ -36,6 +36,8 @@ def robbie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("PATH", f"{program.parent}:{os.environ['PATH']}")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
     make_workspace(tmp_path / "mouse")
+    with open(tmp_path / "mouse" / "profiles" / "robot.yaml", "a") as profile:
+        profile.write("variables: {simulated: true}\n")
     monkeypatch.chdir(tmp_path / "mouse")
     return tmp_path / "mouse"
 
@@ -49,6 +51,8 @@ def robbie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("robbie pub --ra", {"--rate"}),
         ("robbie log cu", {"cut"}),
         ("robbie log --fol", {"--follow"}),
+        ("robbie run robot --without s", {"sensor"}),
+        ("robbie run robot --var si", {"simulated="}),
     ],
 )
 def test_bash_completion_works(robbie: Path, typed: str, offered: set[str]) -> None:

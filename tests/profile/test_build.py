@@ -63,7 +63,7 @@ CASES = [
     (
         "xyz: 1",
         1,
-        "xyz: unknown key; expected one of parents, description, modules, config, core",
+        "xyz: unknown key; expected one of parents, description, variables, namespace, modules, ",
     ),
     ("- a", 1, "expected a map with the keys of a profile (modules, config, …)"),
     ("modules: [a]", 1, "modules: expected a map; got ['a']"),

@@ -72,7 +72,11 @@ def test_every_key_of_a_module_is_documented_with_its_default() -> None:
     table = documented("Keys of a module")
     assert table == {
         "class": "required",
-        **dict.fromkeys(["settings", "restart", "memory", "queue", "checkpoint", "scheduling"], "{}"),
+        "if": "true",
+        "namespace": "''",
+        **dict.fromkeys(
+            ["settings", "topics", "restart", "memory", "queue", "checkpoint", "scheduling"], "{}"
+        ),
         "depends_on": "[]",
         "record": "null",
         **plain,

@@ -50,7 +50,7 @@ class Slow(Module):
 def watch(found: Callable[[], dict[str, Any]], now_s: Callable[[], float]) -> tuple[Any, list[str]]:
     said: list[str] = []
     observer: Any = SimpleNamespace(unconnected=found)
-    return ConnectionWatch(observer, lambda kind, text: said.append(f"{kind}: {text}"), now_s), said
+    return ConnectionWatch(observer, lambda kind, text: said.append(f"{kind}: {text}"), clock=now_s), said
 
 
 def test_unconnected_subscription_is_said_once_and_only_when_found_twice() -> None:

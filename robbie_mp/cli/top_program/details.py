@@ -21,7 +21,7 @@ from robbie_mp.trace.reader import crash_reports, last_entries
 from robbie_mp.views.plain_table import PlainTable
 from robbie_mp.views.process_table import ALARM, ModuleRow, doing, module_rows
 from robbie_mp.views.quantities import long_time, rate, seconds, size, sparkline
-from robbie_mp.views.run_figures import STYLES, state_name
+from robbie_mp.views.run_figures import STYLES, renamed_topics, state_name
 from robbie_mp.visible_text import one_line
 
 LOG_LINES = 20
@@ -148,6 +148,8 @@ def _books(module: ModuleFigures) -> Iterable[RenderableType]:
         yield Text()
         names = (f"{name} {topic}".strip() for name, _, topic in module.publishes)
         yield Text("publishes " + one_line(", ".join(names)))
+    if module.renamed:
+        yield Text("topics renamed by the profile: " + one_line(", ".join(renamed_topics(module.renamed))))
 
 
 def _log(output_directory: Path | None, module: str) -> Iterable[RenderableType]:

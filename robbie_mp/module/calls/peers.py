@@ -4,12 +4,12 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
+from robbie_mp.module.wiring import SERVICE_TOPIC, UNCHANGED, Wiring
 from robbie_mp.observe.declarations import read_declarations
 from robbie_mp.transport.board import TOOL_PREFIX, Board
 from robbie_mp.transport.tables import ROW_OPEN, ChannelName, CoreTables, SubscriptionRow
 from robbie_mp.transport.words import Words
 
-SERVICE_TOPIC = "call"
 _UNKNOWN = -1
 
 
@@ -75,14 +75,24 @@ class RunPeers:
         slot, incarnation: of this module.
         core: the core segment.
         board: the board.
+        wiring: the names that the profile gives to the module's topics, and so to its services.
     """
 
-    def __init__(self, run_id: str, slot: int, incarnation: int, core: Words, board: Board):
+    def __init__(
+        self,
+        run_id: str,
+        slot: int,
+        incarnation: int,
+        core: Words,
+        board: Board,
+        wiring: Wiring = UNCHANGED,
+    ):
         self._run_id = run_id
         self._slot = slot
         self.incarnation = incarnation
         self._tables = CoreTables.attach(core)
         self._board = board
+        self._wiring = wiring
         self.name = board.name(slot)
         self.can_serve = not self.name.startswith(TOOL_PREFIX)
 
@@ -90,7 +100,7 @@ class RunPeers:
 
     def find_server(self, service: ChannelName) -> Server | None:
         """Return the module that serves requests; if there are several, the one that is started first."""
-        return min(self._servers(service), key=lambda server: server.slot, default=None)
+        return min(self._servers(self._actual(service)), key=lambda server: server.slot, default=None)
 
     def serves(self, server: Server) -> bool:
         """Whether a server's subscription is still open."""
@@ -108,8 +118,11 @@ class RunPeers:
 
     def rival(self, service: ChannelName) -> str | None:
         """Return a module that serves the same and that the profile starts before this one."""
-        found = (server for server in self._servers(service) if server.slot < self._slot)
+        found = (server for server in self._servers(self._actual(service)) if server.slot < self._slot)
         return next((server.module for server in found), None)
+
+    def _actual(self, service: ChannelName) -> ChannelName:
+        return service._replace(topic=self._wiring.actual(service.type_name, service.topic))
 
     def _is_open(self, row: SubscriptionRow, server: Server) -> bool:
         return row.state == ROW_OPEN and row.slot == server.slot and row.name == server.service
