@@ -12,6 +12,7 @@ its messages for a second is detached. So a thread of each listener takes them, 
 of this process.
 """
 
+import logging
 import math
 import os
 import threading
@@ -24,6 +25,10 @@ from weakref import WeakSet, finalize
 
 from robbie_mp.errors import RobbieError
 from robbie_mp.messages import Message, MessageError
+from robbie_mp.messages.calls import ReplyType, Request, reply_type
+from robbie_mp.module.calls.calls import Calls
+from robbie_mp.module.calls.errors import CallError
+from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.envelope import Envelope, MessageType
 from robbie_mp.observe import RunObserver
 from robbie_mp.observe.declarations import read_declarations
@@ -33,6 +38,7 @@ from robbie_mp.supervisor.states import state_name
 from robbie_mp.tool.message_stream import MessageStream
 from robbie_mp.tool.parameters import Parameters
 from robbie_mp.tool.tool import LONGEST_WAIT_S, Detached, Received, RunEnded, Tool, attach_again
+from robbie_mp.tool.tool_bus import ToolBus
 from robbie_mp.transport.segment import SegmentMissing
 from robbie_mp.transport.tables import ChannelName
 
@@ -50,7 +56,7 @@ class NotAttached(RobbieError, RuntimeError):
 
 
 def attach(run: str | None = None) -> "AttachedRun":
-    """Attach this program to a running robot, to listen, publish, and read and change parameters.
+    """Attach this program to a running robot, to listen, publish, call, and read and change parameters.
 
         with robbie_mp.attach() as run:
             scan = run.latest(LaserScan)
@@ -72,8 +78,9 @@ def attach(run: str | None = None) -> "AttachedRun":
 class AttachedRun:
     """A run that this program is attached to; see `attach`. Any thread may use it.
 
-    Each loop over `listen`, and publishing, takes one of the places for tools that the profile has
-    (`tools.count`). They become free at the end of the loop, of the `with` block, or of the process.
+    Each loop over `listen`, each call while it waits, and publishing, takes one of the places for tools that
+    the profile has (`tools.count`). They become free at the end of the loop, of the `with` block, or of the
+    process.
 
     Attributes:
         run_id: the id of the run.
@@ -196,6 +203,44 @@ class AttachedRun:
                 old.close()
                 self._publisher.ready()
             return self._publisher.publish(message, topic)
+
+    def call(self, request: Request[ReplyType], *, topic: str = "", timeout_s: float = 5.0) -> ReplyType:
+        """Send a request to the module that serves it, and wait for the reply.
+
+            path = run.call(FindPath(x_m=2.0, y_m=1.0))
+
+        Args:
+            request: the request.
+            topic: the name of the service, if the module gave it one.
+            timeout_s: time to wait.
+
+        Returns:
+            The reply.
+
+        Raises:
+            CallError: there is no reply; its class says why: `NoServer`, `ServerDied`, `CallLost`,
+                `CallTimedOut`, `CallRefused` or `CallNotSent`.
+            InvalidTimeout: the timeout is not a positive number.
+            ControlRefused, NotAttached, RunEnded, RunNotControlled: as for `listen`.
+        """
+        self._check_process()
+        self._check_open()
+        replies: list[ReplyType] = []
+        errors: list[CallError] = []
+        with closing(ToolBus(self._run, f"{PURPOSE}: call {type(request).__name__}")) as bus:
+            calls = Calls(bus, SystemClock(), logging.getLogger("robbie.call"))
+            bus.on_new_place = calls.client.forget_place
+            bus.ready()
+            calls.client.call(
+                request, reply_type(type(request)), replies.append, errors.append, timeout_s, topic
+            )
+            while not (replies or errors):
+                if not bus.handle_next():
+                    bus.wait(calls.wait_s())
+                calls.run()
+        if errors:
+            raise errors[0]
+        return replies[0]
 
     @property
     def modules(self) -> dict[str, str]:

@@ -16,18 +16,21 @@ import pytest
 import robbie_mp
 from robbie_mp import Header, Message, Time, float64
 from robbie_mp.messages import DriveCommand, Image
+from robbie_mp.module.calls.errors import CallRefused, CallTimedOut, NoServer
 from robbie_mp.module.setting_changes import NotChangeable
 from robbie_mp.module.settings import SettingError
 from robbie_mp.run.live_runs import NoSuchRun
 from robbie_mp.tool.script import AttachedRun, NotAttached, NothingHeard
 from robbie_mp.tool.tool import RunEnded
 from tests._support.robot import PROJECT, Robot, wait_until
+from tests._support.zoo_modules import Add
 
 PROFILE = """
 modules:
   listener: {class: "zoo.modules:Listener", queue: {messages: 100000}}
   pulse: {class: "zoo.modules:Pulse", settings: {period_s: 0.02, burst: 1}}
   tunable: {class: "zoo.modules:Tunable", settings: {gain: 2}}
+  adder: {class: "zoo.modules:Adder"}
 tools: {count: 3}
 """
 
@@ -53,8 +56,9 @@ def test_script_does_everything_on_one_robot(robot: Robot, run: AttachedRun) -> 
     says_why_nothing_comes(run)
     publishes(robot, run)
     reads_and_changes_parameters(run)
+    calls(robot, run)
     is_refused_in_a_fork(run)
-    assert run.modules == {"listener": "RUNNING", "pulse": "RUNNING", "tunable": "RUNNING"}
+    assert run.modules == dict.fromkeys(("listener", "pulse", "tunable", "adder"), "RUNNING")
     notices_the_end(robot, run)
 
 
@@ -156,6 +160,18 @@ def reads_and_changes_parameters(run: AttachedRun) -> None:
         parameters.set("pulse.burst", 3)
     with pytest.raises(NotChangeable, match="did you mean 'gain'"):
         parameters["tunable.gian"]
+
+
+def calls(robot: Robot, run: AttachedRun) -> None:
+    assert run.call(Add(a=2, b=3), topic="sums").total == 5
+    with pytest.raises(CallRefused, match="-1 is negative"):
+        run.call(Add(a=-1), topic="sums")
+    with pytest.raises(NoServer):
+        run.call(Add())
+    os.kill(robot.top()["adder"]["pid"], signal.SIGSTOP)
+    with pytest.raises(CallTimedOut):
+        run.call(Add(a=1), topic="sums", timeout_s=0.2)
+    os.kill(robot.top()["adder"]["pid"], signal.SIGCONT)
 
 
 def is_refused_in_a_fork(run: AttachedRun) -> None:
