@@ -1,19 +1,22 @@
-"""`robbie new DIR`: create a workspace for a robot, ready to run."""
+"""`robbie new`: create a workspace for a robot, ready to run, or copy a stock robot."""
 
 import argparse
 import re
+import shutil
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.stock_robots import STOCK_ROBOTS, needed_files, stock_folder
 from robbie_mp.errors import RobbieError
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
 TEMPLATE = "workspace_template"
+EXAMPLE_TEMPLATE = "example_template"
 SUFFIX = ".template"
 """Hides the template's files from linters and importers; it is removed from the names of the copies."""
 
@@ -33,20 +36,40 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "new",
         "create a workspace for a new robot, ready to run",
         "Create a workspace with a module, a device, a worker, a message, a profile, a test and a README. "
+        "Or copy a stock robot: its profiles and everything that they need. "
         "The folder must be empty or not exist.",
-        ["robbie new my-robot", "cd my-robot; python3 -m unittest; robbie run robot"],
+        [
+            "robbie new my-robot",
+            "cd my-robot; python3 -m unittest; robbie run robot",
+            "robbie new --example demo",
+        ],
     )
-    parser.add_argument("folder", type=Path, metavar="DIR", help="folder; its name becomes the robot's name")
-    parser.set_defaults(command=new)
+    parser.add_argument(
+        "folder", type=Path, metavar="DIR", nargs="?", help="folder; its name becomes the robot's name"
+    )
+    parser.add_argument(
+        "--example", choices=STOCK_ROBOTS, help="copy this robot; without DIR, into a folder of the same name"
+    )
+    parser.set_defaults(command=new, usage_error=parser.error)
 
 
 def new(arguments: argparse.Namespace) -> int:
     """Create a workspace, and print what to do next."""
-    made = make_workspace(arguments.folder)
-    print(f"made {arguments.folder} with {len(made)} files. Next:")
-    print(f"    cd {arguments.folder}")
-    print("    python3 -m unittest")
-    print("    robbie run robot")
+    example: str | None = arguments.example
+    if example:
+        folder = arguments.folder or Path(example)
+        made = copy_example(example, folder)
+        extras = ",".join(STOCK_ROBOTS[example].extras)
+        commands = [f"pip install 'robbie-mp[{extras}]'", f"cd {folder}", f"robbie run {example}"]
+    elif arguments.folder:
+        folder = arguments.folder
+        made = make_workspace(folder)
+        commands = [f"cd {folder}", "python3 -m unittest", "robbie run robot"]
+    else:
+        arguments.usage_error("name a folder for the new robot, or an --example")
+    print(f"made {folder} with {len(made)} files. Next:")
+    for command in commands:
+        print(f"    {command}")
     return 0
 
 
@@ -57,13 +80,39 @@ def make_workspace(folder: Path) -> list[Path]:
         FolderInUse: the folder is not empty, or is a file.
         NoRobotName: its name has no Latin letter.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise FolderInUse(f"{folder} is not empty; name an empty folder or one that does not exist")
+    _check_unused(folder)
     title = folder.absolute().name
     package = "_".join(re.findall(r"[a-z0-9]+", title.lower())).lstrip("0123456789_")
     if not package:
         raise NoRobotName(f"the folder's name {title!r} names the robot, so it must contain a Latin letter")
     return _copy(files("robbie_mp.cli") / TEMPLATE, folder, {"title": title, "package": package})
+
+
+def copy_example(name: str, folder: Path) -> list[Path]:
+    """Copy a stock robot into a folder and return the paths of the copies.
+
+    Raises:
+        FolderInUse: the folder is not empty, or is a file.
+        NoStockRobots: this installation has none.
+    """
+    robot, source = STOCK_ROBOTS[name], stock_folder()
+    _check_unused(folder)
+    made = []
+    for file in (*needed_files(source, robot.profiles), Path("LICENSE")):
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        made.append(Path(shutil.copyfile(source / file, folder / file)))
+    words = {
+        "title": folder.absolute().name,
+        "example": name,
+        "extras": ",".join(robot.extras),
+        "profiles": ", ".join(f"`{profile}`" for profile in robot.profiles),
+    }
+    return made + _copy(files("robbie_mp.cli") / EXAMPLE_TEMPLATE, folder, words)
+
+
+def _check_unused(folder: Path) -> None:
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise FolderInUse(f"{folder} is not empty; name an empty folder or one that does not exist")
 
 
 def _copy(source: Traversable, target: Path, words: dict[str, str]) -> list[Path]:

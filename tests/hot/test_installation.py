@@ -2,7 +2,6 @@
 
 import os
 import shlex
-import shutil
 import subprocess
 import sys
 import tarfile
@@ -15,6 +14,7 @@ import pytest
 
 from robbie_mp._hot.choice import PURE_PYTHON, why_not
 from tests._support.implementations import NATIVE
+from tests._support.sources import copy_sources
 from tests.docs._support.pages import ROOT
 
 pytestmark = pytest.mark.slow
@@ -39,10 +39,7 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The source distribution."""
     folder = tmp_path_factory.mktemp("sdist")
     sources = folder / "sources"
-    ignored = shutil.ignore_patterns("__pycache__", "*.so")
-    shutil.copytree(ROOT / "robbie_mp", sources / "robbie_mp", ignore=ignored)
-    for name in ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, sources)
+    copy_sources(sources)
     run(sys.executable, "setup.py", "-q", "sdist", "--dist-dir", folder / "made", cwd=sources)
     (made,) = (folder / "made").iterdir()
     return made
