@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 
 from robbie_mp.recording.reader import LoggedMessage, open_log
 from tests.robot.test_stock_robot import PROJECT, StockRobot
@@ -44,6 +46,18 @@ def kind(message: LoggedMessage) -> str:
     return "scan" if channel.type_name == "sensor_msgs/msg/LaserScan" else ""
 
 
+def frames(recording: Path) -> dict[str, str]:
+    """The parent of each frame that a log's transforms place, as a tool for ROS 2 reads them."""
+    found = {}
+    for part in recording.glob("*.mcap"):
+        with part.open("rb") as file:
+            reader = make_reader(file, decoder_factories=[DecoderFactory()])
+            for _, _, _, message in reader.iter_decoded_messages(topics=["/tf", "/tf_static"]):
+                for transform in message.transforms:
+                    found[transform.child_frame_id] = transform.header.frame_id
+    return found
+
+
 @pytest.fixture
 def workspace(tmp_path: Path) -> Path:
     """The project with one more profile, in which mapping is killed."""
@@ -65,6 +79,7 @@ def test_recorded_run_gives_the_same_map_when_it_is_played(tmp_path: Path, works
     assert all(modules[name]["dropped"] == modules[name]["left"] for name in ("mapping", "logger"))
     live = results(robot.output)
     (recording,) = (tmp_path / "logs").iterdir()
+    assert frames(recording) == {"laser": "base_link", "base_link": "odom", "odom": "map"}
     # What came while the robot was being stopped may be in the log, and not in the map.
     handled = counted(robot.output)
     messages = for_mapping(recording)[: handled["odometry_messages"] + handled["scans"]]
