@@ -1,6 +1,6 @@
 """Plays many histories in Python and in C, and compares every store.
 
-    python -m tests.hot._support.many_histories COUNT [--from NUMBER] [--progress FILE]
+    python -m tests.hot._support.many_histories COUNT [--from NUMBER] [--progress FILE] [--builds FOLDER]
 
 A history is drawn from its number, which a failure names. With `--progress`, it goes on where the last call
 with this file stopped, until COUNT histories have been played in all.
@@ -103,10 +103,11 @@ def main() -> None:
     parser.add_argument("count", type=int, help="histories to play in all")
     parser.add_argument("--from", type=int, default=0, dest="first", metavar="NUMBER", help="the first (0)")
     parser.add_argument("--progress", type=Path, metavar="FILE", help="where to go on")
+    parser.add_argument("--builds", type=Path, metavar="FOLDER", help="where to keep the test build")
     options = parser.parse_args()
     progress = Progress(options.progress, options.first)
     with tempfile.TemporaryDirectory() as folder:
-        built = fused_module(Path(folder))
+        built = fused_module(options.builds or Path(folder))
     with faster_play():
         while progress.count < options.count:
             try:
