@@ -23,7 +23,7 @@ from typing import Any
 import posix_ipc
 import pytest
 
-from robbie_mp import RobbieError
+from robbie_mp import MessageHandling, RobbieError
 from tests.hot._support.build import HOT, fused_module
 
 WARM_UP = 20
@@ -107,11 +107,13 @@ class Plays:
             crowd(number)
 
     def waking(self) -> None:
-        """A semaphore, waited for with and without success."""
+        """A semaphore, waited for with and without success, also by the core."""
         for _ in range(5):
             self._wake()
 
     def _wake(self) -> None:
+        from tests.core._support import simulated_run  # noqa: PLC0415
+
         name = f"/robbie-testcount{os.getpid()}"
         made = posix_ipc.Semaphore(name, posix_ipc.O_CREX)
         opened = self.built.Semaphore(name)
@@ -120,6 +122,13 @@ class Plays:
             self.built.Semaphore(name)
         opened.post()
         assert opened.value == 1 and opened.wait(1.0) and not opened.wait(0) and not opened.wait(0.001)
+        router: Any = (run := simulated_run.SimulatedRun()).router
+        publisher, channel, subscribers = simulated_run.connected(run, MessageHandling.ALWAYS_DELIVER)
+        for value in range(3):
+            assert publisher.publish(channel, value)
+            opened.post()
+            assert router.work_alone(opened.post, 0.0)
+            assert subscribers[0].handle_all() == [value]
         opened.close()
         with contextlib.suppress(Exception):
             opened.post()
