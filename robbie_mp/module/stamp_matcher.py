@@ -162,16 +162,19 @@ class StampMatcher:
 
     def _best(self) -> tuple[list[int], bool]:
         """Return the places in the queues of the best set so far, and whether no better one can come."""
-        pivot_ns = max(queue[0][0] for queue in self._queues)
-        best = self._narrowest(pivot_ns, [[stamp_ns for stamp_ns, _ in queue] for queue in self._queues])
+        oldest_ns = [queue[0][0] for queue in self._queues]
+        pivot_ns = max(oldest_ns)
+        if min(oldest_ns) == pivot_ns:
+            return [0] * len(oldest_ns), True
+        stamps_ns = [[stamp_ns for stamp_ns, _ in queue] for queue in self._queues]
+        best = self._narrowest(pivot_ns, stamps_ns)
         # A topic that has not reached the pivot may still send a message that is nearer to it.
-        hoped = []
-        for queue, min_period_ns in zip(self._queues, self._min_periods_ns, strict=True):
-            stamps_ns = [stamp_ns for stamp_ns, _ in queue]
-            if stamps_ns[-1] < pivot_ns:
-                stamps_ns.append(max(pivot_ns, stamps_ns[-1] + min_period_ns))
-            hoped.append(stamps_ns)
-        return best, self._narrowest(pivot_ns, hoped) == best
+        is_certain = True
+        for stamps, min_period_ns in zip(stamps_ns, self._min_periods_ns, strict=True):
+            if stamps[-1] < pivot_ns:
+                stamps.append(max(pivot_ns, stamps[-1] + min_period_ns))
+                is_certain = False
+        return best, is_certain or self._narrowest(pivot_ns, stamps_ns) == best
 
     def _narrowest(self, pivot_ns: int, stamps_ns: Sequence[Sequence[int]]) -> list[int]:
         """Return the places of the set with the smallest span among those that contain the pivot.

@@ -81,7 +81,7 @@ def deliver(found: Found, topics: Stamps, order: list[int]) -> Sets:
     return found.sets
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(st.data(), streams(), st.integers(0, 12))
 def test_sets_are_those_of_an_exhaustive_search_in_any_order_of_arrival(
     data: st.DataObject, topics: Stamps, tolerance: int
@@ -90,7 +90,7 @@ def test_sets_are_those_of_an_exhaustive_search_in_any_order_of_arrival(
     assert deliver(Found(len(topics), tolerance), topics, order) == every_set(topics, tolerance)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.data(), streams(), st.integers(0, 12))
 def test_known_periods_do_not_change_the_sets(data: st.DataObject, topics: Stamps, tolerance: int) -> None:
     periods = tuple(min((b - a for a, b in pairwise(s)), default=0) for s in topics)
@@ -99,7 +99,7 @@ def test_known_periods_do_not_change_the_sets(data: st.DataObject, topics: Stamp
     assert deliver(found, topics, order) == every_set(topics, tolerance)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.data(), st.integers(2, 3), st.integers(0, 12), st.integers(1, 4))
 def test_whatever_arrives_is_bounded_in_order_near_and_counted(
     data: st.DataObject, topics: int, tolerance: int, max_waiting: int
