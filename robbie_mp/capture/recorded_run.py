@@ -4,7 +4,6 @@ import platform
 import re
 import socket
 import time
-from datetime import datetime
 from pathlib import Path
 
 from robbie_mp.messages import UnknownType
@@ -13,6 +12,7 @@ from robbie_mp.recording.format import RunMetadata
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_clock import RunClock
 from robbie_mp.run.run_directory import PROFILE_FILE
+from robbie_mp.utc import file_stamp
 from robbie_mp.version import installed_version
 
 UNSAFE = re.compile(r"[^A-Za-z0-9_.-]+")
@@ -79,7 +79,7 @@ class RecordedRun:
         for begun in sorted(folder.glob(f"*-{ending}")):
             return begun
         profile = UNSAFE.sub("_", self.plan.profile_name)
-        return folder / f"{datetime.now():%Y%m%d-%H%M%S}-{profile}-{ending}"
+        return folder / f"{file_stamp()}-{profile}-{ending}"
 
     def close(self) -> None:
         """Unmap the run's clock."""

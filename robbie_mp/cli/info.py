@@ -2,7 +2,6 @@
 
 import argparse
 import json
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ from robbie_mp.recording.info import LogInfo, describe, part_data
 from robbie_mp.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.recording.part import LogPart
 from robbie_mp.recording.reader import open_log
+from robbie_mp.utc import time_text
 from robbie_mp.views import quantities
 from robbie_mp.views.plain_table import PlainTable
 
@@ -79,7 +79,7 @@ def _lines(info: LogInfo) -> list[tuple[str, str | Text]]:
         ("log", str(info.path)),
         ("messages", f"{info.messages}"),
         ("duration", f"{info.duration_s:.3f} s"),
-        ("from", f"{_time(info.start_ns)} to {_time(info.end_ns)}"),
+        ("from", f"{time_text(info.start_ns / 1e9)} to {time_text(info.end_ns / 1e9)}"),
         ("size", f"{info.bytes} bytes ({quantities.size(info.bytes)}), {_compression(info)}"),
     ]
     if run := info.run:
@@ -102,10 +102,6 @@ def _state(info: LogInfo) -> Text:
 
 def _compression(info: LogInfo) -> str:
     return f"compression {', '.join(info.compressions)}" if info.compressions else "without chunks"
-
-
-def _time(time_ns: int) -> str:
-    return datetime.fromtimestamp(time_ns / 1e9).astimezone().isoformat(" ", "milliseconds")
 
 
 def _channels(info: LogInfo) -> PlainTable:

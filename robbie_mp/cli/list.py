@@ -173,12 +173,12 @@ def _list_runs(as_json: bool) -> int:
     if not runs:
         print("no run on this machine; start one with `robbie run PROFILE`")
         return 0
-    table = PlainTable("run", "profile", "supervisor", "since (UTC)", "modules")
+    table = PlainTable("run", "profile", "supervisor", "since", "modules")
     for run, states in runs:
         record = run.record
         shown = ", ".join(f"{name} {state}" for name, state in states.items()) or "starting"
         if record is not None:
-            since = record.started_at[:19].replace("T", " ")
+            since = f"{record.started_at[:19]}Z"
             table.add_row(run.run_id, record.profile, str(record.supervisor_pid), since, shown)
     console().print(table)
     return 0

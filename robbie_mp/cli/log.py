@@ -22,6 +22,7 @@ from robbie_mp.suggest import did_you_mean
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.reader import LOG_FOLDER, TraceFollower, crash_reports, entries, module_names
+from robbie_mp.utc import time_of_day
 from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         [
             "robbie log show --module laser --last 50",
             "robbie log --follow --kind error,warning",
-            "robbie log --crashes output/demo/20260101-120000-4711",
+            "robbie log --crashes output/demo/20260101T120000Z-4711",
             "robbie log --record error,warning,info,system --module laser",
         ],
     )
@@ -183,9 +184,7 @@ class EntryPrinter:
         if self._as_json:
             print(entry.to_line().decode(), end="")
             return
-        stamp = time.strftime("%H:%M:%S", time.localtime(entry.time_s))
-        milliseconds = int(entry.time_s * 1000) % 1000
-        head = f"{stamp}.{milliseconds:03d} {one_line(entry.module)}#{entry.incarnation} "
+        head = f"{time_of_day(entry.time_s)} {one_line(entry.module)}#{entry.incarnation} "
         logger = f"{entry.logger}: " if entry.logger not in ("", entry.module) else ""
         lines = [f"{entry.kind} {logger}{entry.text}", *entry.traceback.splitlines()]
         text = "\n    ".join(line for part in lines for line in part.split("\n"))

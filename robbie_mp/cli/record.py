@@ -6,7 +6,6 @@ import math
 import sys
 import time
 from contextlib import closing
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,6 +30,7 @@ from robbie_mp.tool.message_stream import MessageStream
 from robbie_mp.tool.tool import RunEnded
 from robbie_mp.transport.records import ANY_VERSION
 from robbie_mp.transport.tables import ChannelName
+from robbie_mp.utc import file_stamp
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -95,7 +95,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
 def record(arguments: argparse.Namespace) -> int:
     """Record, and print a description of the log."""
     run = choose_run(arguments.run)
-    folder = arguments.output or Path(f"{datetime.now():%Y%m%d-%H%M%S}-{run.run_id}")
+    folder = arguments.output or Path(f"{file_stamp()}-{run.run_id}")
     if folder.exists():
         raise FolderExists(f"{folder} exists already; name a new folder with -o")
     selection = Selection.by_either(arguments.pattern or ["*"], arguments.exclude)

@@ -4,7 +4,6 @@ import argparse
 import json
 import sys
 import time
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -78,7 +77,7 @@ def check(profile: Profile) -> tuple[Profile, Preflight]:
 
 def run_robot(profile: Profile, findings: Preflight, arguments: argparse.Namespace) -> int:
     """Run a checked profile to its end, show what happens, and print a summary."""
-    output = arguments.output or default_output_directory(profile.name, datetime.now())
+    output = arguments.output or default_output_directory(profile.name)
     screen = RunScreen(quiet=arguments.quiet or arguments.json)
     started_s = time.monotonic()
     summary: dict[str, object] = {}

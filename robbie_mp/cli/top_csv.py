@@ -4,13 +4,13 @@ import csv
 import sys
 import time
 from contextlib import ExitStack, closing
-from datetime import UTC, datetime
 from typing import IO
 
 from robbie_mp.cli.output import PlainStream
 from robbie_mp.errors import RobbieError
 from robbie_mp.observe import ModuleFigures, ModuleRates, RunObserver, RunReading, rates_between
 from robbie_mp.run.run_directory import KnownRun, is_live
+from robbie_mp.utc import time_text
 from robbie_mp.views.run_figures import state_name
 
 TOTALS = ("replaced", "overflowed", "left", "lost")
@@ -76,7 +76,7 @@ def _record(run: KnownRun, observer: RunObserver, file: IO[str], interval_s: flo
 
 def _row(now: RunReading, module: ModuleFigures, rates: ModuleRates) -> list[object]:
     return [
-        datetime.fromtimestamp(now.wall_time_s, UTC).isoformat(timespec="milliseconds"),
+        time_text(now.wall_time_s),
         module.name,
         state_name(module),
         *(getattr(module, name) for name in FIGURES),

@@ -5,7 +5,6 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from datetime import datetime
 from pathlib import Path
 
 from robbie_mp._hot.choice import why_not
@@ -32,6 +31,7 @@ from robbie_mp.trace.kinds import Kind
 from robbie_mp.trace.reader import LOG_FOLDER
 from robbie_mp.transport.board import TOOL_PREFIX
 from robbie_mp.transport.words import check_machine
+from robbie_mp.utc import file_stamp
 
 SUMMARY_FILE = "summary.json"
 
@@ -238,6 +238,6 @@ def _spares(profile: Profile, run_folder: Path, environment: Mapping[str, str]) 
     return SpareCommand(profile.spares.count, argv, computing_with(environment, SPARE_COMPUTE_THREADS))
 
 
-def default_output_directory(profile_name: str, now: datetime) -> Path:
+def default_output_directory(profile_name: str) -> Path:
     """Return the default folder for a run's results, a new one for each run."""
-    return Path("output") / profile_name / f"{now:%Y%m%d-%H%M%S}-{os.getpid()}"
+    return Path("output") / profile_name / f"{file_stamp()}-{os.getpid()}"

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from robbie_mp.linux.private_files import make_private_folder, write_private
+from robbie_mp.utc import time_text
 from robbie_mp.visible_text import visible
 
 CRASH_FOLDER = "crashes"
@@ -75,7 +76,7 @@ class CrashReport:
 
     def lines(self) -> list[str]:
         """Return the report as text for people."""
-        stamp = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(self.time_s))
+        stamp = time_text(self.time_s)
         words = self.last_words
         made = [
             f"{self.module}, start {self.incarnation}, pid {self.pid}: {self.reason}",

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
-from datetime import UTC, datetime
 from typing import Any
 
 from rich.text import Text
@@ -13,6 +12,7 @@ from robbie_mp.observe.talk import Talk, talk_of
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.supervisor import states
 from robbie_mp.supervisor.states import ChildState
+from robbie_mp.utc import time_text
 from robbie_mp.views.plain_table import PlainTable
 from robbie_mp.visible_text import one_line
 
@@ -123,7 +123,7 @@ def run_as_data(run: KnownRun, now: RunReading, rates: RunRates | None) -> dict[
         "schema": SCHEMA,
         "run_id": run.run_id,
         "profile": run.record.profile if run.record else "",
-        "time": datetime.fromtimestamp(now.wall_time_s, UTC).isoformat(),
+        "time": time_text(now.wall_time_s),
         "uptime_s": (now.at_ns - now.modules[0].started_ns) / 1e9,
         "interval_s": rates.interval_s if rates else None,
         "messages_flow": now.messages_flow,

@@ -1,6 +1,5 @@
 """All figures of one module: its activity, durations, message counters, log and last crash."""
 
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from robbie_mp.cli.top_program.feed import History, Snapshot
 from robbie_mp.observe import ModuleFigures
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.reader import crash_reports, last_entries
+from robbie_mp.utc import time_of_day
 from robbie_mp.views.plain_table import PlainTable
 from robbie_mp.views.process_table import ALARM, ModuleRow, doing, module_rows
 from robbie_mp.views.quantities import long_time, rate, seconds, size, sparkline
@@ -192,7 +192,7 @@ def read_module_log(output_directory: Path, module: str, line_count: int) -> Mod
         line_count: maximum number of lines.
     """
     entries = last_entries(output_directory, module, line_count)
-    lines = [f"{_clock(entry.time_s)} {line}" for entry in entries for line in _lines(entry)]
+    lines = [f"{time_of_day(entry.time_s)} {line}" for entry in entries for line in _lines(entry)]
     return ModuleLog(tuple(lines[-line_count:]), _last_crash(output_directory, module))
 
 
@@ -202,10 +202,6 @@ def _lines(entry: Entry) -> list[str]:
 
 def _last_crash(output_directory: Path, module: str) -> tuple[str, ...]:
     for report in crash_reports(output_directory, module, newest=1):
-        title = f"start {report.incarnation}, {_clock(report.time_s)}, {report.reason}"
+        title = f"start {report.incarnation}, {time_of_day(report.time_s)}, {report.reason}"
         return (title, *report.lines()[1:CRASH_LINES])
     return ()
-
-
-def _clock(time_s: float) -> str:
-    return time.strftime("%H:%M:%S", time.localtime(time_s))

@@ -19,6 +19,7 @@ from robbie_mp.trace.crash import CrashReport, report_files
 from robbie_mp.trace.entry import Entry
 from robbie_mp.trace.kinds import Kind, read_recorded
 from robbie_mp.trace.reader import TraceFollower, crash_reports, module_names, trace_folder
+from robbie_mp.utc import time_of_day
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -194,10 +195,8 @@ def newest(entries: deque[Entry], wanted: Filter, after: int) -> list[Entry]:
 
 
 def line_of(entry: Entry) -> str:
-    """Return an entry as text, with its time on the robot's clock."""
-    stamp = time.strftime("%H:%M:%S", time.localtime(entry.time_s))
-    milliseconds = int(entry.time_s * 1000) % 1000
-    head = f"{stamp}.{milliseconds:03d} {entry.module}#{entry.incarnation} {entry.kind} {entry.text}"
+    """Return an entry as text, with its time in UTC."""
+    head = f"{time_of_day(entry.time_s)} {entry.module}#{entry.incarnation} {entry.kind} {entry.text}"
     return f"{head}\n{entry.traceback}" if entry.traceback else head
 
 
