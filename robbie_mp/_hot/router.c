@@ -3,6 +3,7 @@
  * A module may have written anything into its records. So each is checked before the first store: what Python
  * would refuse, and what it would have to do besides, is not done here. */
 #include "router.h"
+#include <stdlib.h>
 
 static const uint64_t MAX_OFFSET = UINT64_MAX >> 1;
 
@@ -21,14 +22,28 @@ static shared_word *reference_row(const struct books *books, uint64_t index)
     return books->reference_rows + index * REFERENCE_WORDS;
 }
 
+/* Only the core writes the indexes in its rows. If one is wrong, its memory is damaged: it ends here, before it
+ * writes where the index leads, and its successor looks at all rows. */
+static uint64_t index_within(uint64_t index, uint64_t count)
+{
+    if (index >= count)
+        abort();
+    return index;
+}
+
 static uint32_t message_of(const struct books *books, uint32_t reference)
 {
-    return (uint32_t)load(reference_row(books, reference) + REFERENCE_HANDLE);
+    uint64_t index = load(reference_row(books, reference) + REFERENCE_HANDLE);
+    return (uint32_t)index_within(index, books->handle_count);
 }
 
 static struct subscription *subscription_of(const struct books *books, uint32_t reference)
 {
-    return books->subscriptions[load(reference_row(books, reference) + REFERENCE_SUBSCRIPTION)];
+    uint64_t index = load(reference_row(books, reference) + REFERENCE_SUBSCRIPTION);
+    struct subscription *found = books->subscriptions[index_within(index, books->subscription_count)];
+    if (found == NULL)
+        abort();
+    return found;
 }
 
 static struct message read_message(const struct books *books, uint32_t index)
