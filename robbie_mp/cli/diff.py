@@ -102,8 +102,8 @@ def _as_data(one: ChannelComparison) -> dict[str, object]:
 
 def _print(found: Sequence[ChannelComparison]) -> None:
     table = PlainTable()
-    for heading in ("topic", "type", "sender"):
-        table.add_column(heading, no_wrap=True)
+    for heading, left_out in (("topic", 0), ("type", 2), ("sender", 1)):
+        table.add_column(heading, left_out=left_out, shrinks=True, no_wrap=True)
     for heading in ("equal", "different", "only in A", "only in B"):
         table.add_column(heading, justify="right", no_wrap=True)
     for one in found:

@@ -106,10 +106,10 @@ def _compression(info: LogInfo) -> str:
 
 def _channels(info: LogInfo) -> PlainTable:
     table = PlainTable()
-    for heading in ("topic", "type", "version", "sender"):
-        table.add_column(heading, no_wrap=True)
-    for heading in ("messages", "Hz", "dropped"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    for heading, left_out in (("topic", 0), ("type", 0), ("version", 1), ("sender", 3)):
+        table.add_column(heading, left_out=left_out, shrinks=heading != "version", no_wrap=True)
+    for heading, left_out in (("messages", 0), ("Hz", 2), ("dropped", 4)):
+        table.add_column(heading, left_out=left_out, justify="right", no_wrap=True)
     for one in info.channels:
         channel = one.channel
         table.add_row(
@@ -126,10 +126,10 @@ def _channels(info: LogInfo) -> PlainTable:
 
 def _parts(info: LogInfo) -> PlainTable:
     table = PlainTable()
-    table.add_column("part", no_wrap=True)
-    for heading in ("bytes", "messages", "chunks", "duration"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("is", no_wrap=True)
+    table.add_column("part", shrinks=True, no_wrap=True)
+    for heading, left_out in (("bytes", 2), ("messages", 0), ("chunks", 1), ("duration", 3)):
+        table.add_column(heading, left_out=left_out, justify="right", no_wrap=True)
+    table.add_column("is", shrinks=True, no_wrap=True)
     for part in info.parts:
         data = part_data(part)
         table.add_row(

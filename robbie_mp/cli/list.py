@@ -153,12 +153,24 @@ def _services(run: KnownRun) -> list[Row]:
 TABLES = {"modules": _modules, "types": _types, "topics": _topics, "services": _services}
 
 
+LEFT_OUT = ("version", "bytes", "pid", RENAMED, "topics", "subscribers", "publishers", "restarts")
+"""Columns that a narrow terminal does not show, the least important one first."""
+SHRINKING = ("type", "topic", "status", RENAMED)
+"""Columns of texts that are shortened on a narrow terminal, as lists are."""
+
+
 def _print(rows: Sequence[Row]) -> None:
     table = PlainTable()
     if not any(row.get(RENAMED) for row in rows):
         rows = [{heading: value for heading, value in row.items() if heading != RENAMED} for row in rows]
     for heading, value in rows[0].items():
-        table.add_column(heading, justify="right" if isinstance(value, int) else "left", no_wrap=True)
+        table.add_column(
+            heading,
+            left_out=LEFT_OUT.index(heading) + 1 if heading in LEFT_OUT else 0,
+            shrinks=isinstance(value, list) or heading in SHRINKING,
+            justify="right" if isinstance(value, int) else "left",
+            no_wrap=True,
+        )
     for row in rows:
         cells = (", ".join(value) if isinstance(value, list) else str(value) for value in row.values())
         table.add_row(*(Text(one_line(cell), STYLES.get(cell, "")) for cell in cells))
@@ -173,7 +185,10 @@ def _list_runs(as_json: bool) -> int:
     if not runs:
         print("no run on this machine; start one with `robbie run PROFILE`")
         return 0
-    table = PlainTable("run", "profile", "supervisor", "since", "modules")
+    table = PlainTable()
+    for place, heading in enumerate(("run", "profile", "supervisor", "since", "modules")):
+        left_out = {"supervisor": 1, "since": 2}.get(heading, 0)
+        table.add_column(heading, left_out=left_out, shrinks=heading == "modules", no_wrap=place < 4)
     for run, states in runs:
         record = run.record
         shown = ", ".join(f"{name} {state}" for name, state in states.items()) or "starting"

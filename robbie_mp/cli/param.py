@@ -124,7 +124,9 @@ def list_all(arguments: argparse.Namespace) -> int:
     if not found:
         print("no module has a setting" + " that can be changed" * arguments.changeable)
         return 0
-    table = PlainTable("setting", "value", "type", "change", "means")
+    table = PlainTable()
+    for heading, left_out in (("setting", 0), ("value", 0), ("type", 2), ("change", 1), ("means", 3)):
+        table.add_column(heading, left_out=left_out, shrinks=heading in ("type", "means"))
     for entry in found:
         value = Text(inline(entry["value"]), "bold" if entry["changed"] else "")
         name = f"{entry['module']}.{entry['setting']}"

@@ -243,6 +243,11 @@ PRINTED = (
     "module", "state", "cpu%", "mem", "in/s", "out/s", "queue", "drop", "repl", "lost", "refused",
     "lat p99 ms", "hnd p99 ms", "rst", "up", "status",
 )  # fmt: skip
+LEFT_OUT = (
+    "up", "repl", "refused", "hnd p99 ms", "queue", "mem", "lost", "lat p99 ms", "rst", "drop", "out/s",
+    "in/s", "cpu%",
+)  # fmt: skip
+"""Columns that a narrow terminal does not show, the least important one first."""
 
 
 def _whole_time_ms(heading: str, kind: str) -> ModuleColumn:
@@ -270,7 +275,13 @@ def modules_table(reading: RunReading, rates: RunRates | None) -> PlainTable:
     made = PlainTable()
     for column in columns:
         is_last = column.heading == "status"
-        made.add_column(column.heading, justify="left" if column.is_text else "right", no_wrap=not is_last)
+        made.add_column(
+            column.heading,
+            left_out=LEFT_OUT.index(column.heading) + 1 if column.heading in LEFT_OUT else 0,
+            shrinks=is_last,
+            justify="left" if column.is_text else "right",
+            no_wrap=not is_last,
+        )
     for row in module_rows(reading, rates):
         cells = [column.cell(row) for column in columns]
         cells[-1].no_wrap, cells[-1].overflow = True, "ellipsis"

@@ -37,8 +37,8 @@ def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str
     made.add_column("module", no_wrap=True)
     made.add_column("state", no_wrap=True)
     for heading in columns or FIGURES:
-        made.add_column(heading, justify="right", no_wrap=True)
-    made.add_column("status" if live else "ended")  # the one column that shrinks on a narrow terminal
+        made.add_column(heading, left_out=LEFT_OUT.index(heading) + 1, justify="right", no_wrap=True)
+    made.add_column("status" if live else "ended", shrinks=True)
     for module in modules[1:]:
         state = state_name(module)
         made.add_row(
@@ -75,6 +75,8 @@ FIGURES: dict[str, Callable[[ModuleFigures], Text]] = {
     "lost": lambda module: _alarming(module.total("lost")),
     "refused": lambda module: _alarming(module.refused),
 }
+LEFT_OUT = ("left", "waiting", "replaced", "refused", "cpu s", "lost", "out", "in", "dropped", "restarts")
+"""The figures that a narrow terminal does not show, the least important one first."""
 LIVE_FIGURES = ("cpu s", "restarts", "in", "out", "dropped")
 """The figures that leave room for the status line in 80 columns."""
 
