@@ -67,7 +67,7 @@ class Exchange:
             self.inbox.subscriptions.subscribe(parcel, self._handle, MessageHandling.ALWAYS_DELIVER, topic)
         idle: Any = SimpleNamespace(are_due=lambda: False, wait_s=lambda: 0.0)
         never: Any = SimpleNamespace(wait=lambda _timeout_s: False)
-        module: Any = SimpleNamespace(stop_requested=False, period_s=None)
+        module: Any = SimpleNamespace(stop_requested=False, period_s=None, _calls=idle)
         self.runner = ModuleRunner(
             module, receiver.endpoint, self.inbox, self.outbox, never, receiver.out, bool, module, idle, bool
         )
