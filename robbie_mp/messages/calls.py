@@ -12,6 +12,14 @@ REQUEST_SUFFIX, RESPONSE_SUFFIX = "_Request", "_Response"
 GOAL_SUFFIX, FEEDBACK_SUFFIX, RESULT_SUFFIX = "_Goal", "_Feedback", "_Result"
 
 
+def number_call(message: Message, call: int) -> None:
+    """Set the field `call` of a message that is about to be sent.
+
+    Messages are immutable for everybody else. A copy would take longer than the rest of the call.
+    """
+    object.__setattr__(message, "call", call)
+
+
 class Reply(Message, template=True):
     """The answer to a request; see `Request`. Its first field, `call`, is set when it is sent."""
 

@@ -420,6 +420,8 @@ class HarnessPeers:
         """Whether there is a server."""
         return self.has_server
 
+    is_open = serves
+
     def incarnation_of(self, _server: Server) -> int:
         """Return the number of the server's process."""
         return self.server_incarnation

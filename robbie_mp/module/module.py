@@ -397,9 +397,10 @@ class Module:
             TooManyCalls: 1000 calls of this module have not ended.
             InvalidTimeout: the timeout is not a positive number.
             WrongThread: this is not the module's main thread.
+            CalledInSetup: not every module is ready; call from the first message or tick on.
             FieldError, MessageTooLarge, PublishAfterStop: as for `publish`.
         """
-        self._calls.check_thread()
+        self._calls.check_begun()
         self._calls.client.call(request, reply_type(type(request)), on_reply, on_error, timeout_s, topic)
 
     def serve_goals(
@@ -489,10 +490,10 @@ class Module:
             What you need to cancel the goal.
 
         Raises:
-            TooManyCalls, InvalidTimeout, WrongThread, FieldError, MessageTooLarge, PublishAfterStop: as for
-                `call`.
+            TooManyCalls, InvalidTimeout, WrongThread, CalledInSetup, FieldError, MessageTooLarge,
+                PublishAfterStop: as for `call`.
         """
-        self._calls.check_thread()
+        self._calls.check_begun()
         feedbacks, results = goal_types(type(goal))
         client, feed = self._calls.client, on_feedback or _ignore
         number = client.call(goal, results, on_result, on_error, timeout_s, topic, feedbacks, feed)

@@ -215,9 +215,14 @@ class _Describer:
         self._own = wiring.own
         self._clock_at = clock.at
         self._board = board
+        self._names: dict[int, str] = {}
+        """Names of slots, which never change."""
 
     def __call__(self, delivery: Delivery) -> Envelope:
         name = self._channel_name(delivery.channel)
         topic = self._own(name.type_name, name.topic)
-        sender = self._board.name(layout.unpack_source(delivery.source)[0])
+        slot = layout.unpack_source(delivery.source)[0]
+        sender = self._names.get(slot)
+        if sender is None:
+            sender = self._names[slot] = self._board.name(slot)
         return Envelope(topic, delivery.sequence, sender, self._clock_at(delivery.stamp_ns))

@@ -79,6 +79,7 @@ def run_as_tool(
         module.setup()
         check_period(module)
         bus.ready()
+        calls.begin()
         on_ready(module)
         try:
             _work(module, bus, is_stopped)

@@ -21,7 +21,7 @@ from robbie_mp import (
 from robbie_mp.messages import DeclarationError, schema_text
 from robbie_mp.messages.calls import reply_type
 from robbie_mp.module.calls.client import MAX_CALLS
-from robbie_mp.module.calls.errors import InvalidTimeout, ServedTwice, TooManyCalls, WrongReply
+from robbie_mp.module.calls.errors import CalledInSetup, InvalidTimeout, ServedTwice, TooManyCalls, WrongReply
 
 
 class FoundPath(Reply, name="test_calls/srv/FindPath_Response"):
@@ -238,6 +238,16 @@ def test_number_of_calls_is_bounded() -> None:
 def test_timeout_must_be_positive_and_finite(timeout_s: float) -> None:
     with ModuleHarness(Client) as harness, pytest.raises(InvalidTimeout, match="greater than 0"):
         harness.module.ask(timeout_s=timeout_s)
+
+
+def test_call_in_setup_is_refused() -> None:
+    class Hasty(Client):
+        def setup(self) -> None:
+            super().setup()
+            self.ask()
+
+    with pytest.raises(CalledInSetup, match="from the first message or tick on"), ModuleHarness(Hasty):
+        pass
 
 
 def test_error_function_may_call_again() -> None:

@@ -74,6 +74,8 @@ class Wire:
     def serves(self, _server: Server) -> bool:
         return self.run.server.is_open
 
+    is_open = serves
+
     def incarnation_of(self, _server: Server) -> int:
         return self.run.server.incarnation
 

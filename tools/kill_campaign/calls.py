@@ -2,8 +2,8 @@
 
 Further lines of the journals (see `tools.kill_campaign.journal`):
 
-    C number t                  the client is about to make this call
-    D number outcome t          the call has ended: `reply`, or the name of the error
+    C number t                  the client is about to make this call, or with `g` to send this goal
+    D number outcome t          it has ended: `reply`, or the name of the error
     H client call number t      the server's handler was entered
 """
 
@@ -13,17 +13,31 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from robbie_mp import CallError, Module, Reply, Request, setting, uint64
+from robbie_mp import (
+    ActiveGoal,
+    CallError,
+    Feedback,
+    Goal,
+    Module,
+    Reply,
+    Request,
+    Result,
+    SentGoal,
+    setting,
+    uint64,
+)
 from tools.kill_campaign.journal import Journal, read_journal
 from tools.kill_campaign.modules import PAUSE_FILE, QUIET
 
+STEPS = 5
+CANCEL_EVERY = 17
 SERVER = "callee"
 CLIENTS = ("caller", "caller_back")
 PARTS: dict[str, dict[str, Any]] = {
     SERVER: {"class": "tools.kill_campaign.calls:Callee"},
     **{name: {"class": "tools.kill_campaign.calls:Caller"} for name in CLIENTS},
 }
-OUTCOMES = {"reply", "ServerDied", "CallLost", "CallTimedOut"}
+OUTCOMES = {"reply", "ServerDied", "CallLost", "CallTimedOut", "GoalCancelled"}
 """How calls may end in a campaign; a server that is killed comes back, so NoServer is wrong."""
 
 
@@ -39,8 +53,29 @@ class Square(Request[Squared], name="campaign_msgs/srv/Square_Request"):
     number: uint64
 
 
+class Climbed(Feedback, name="campaign_msgs/action/Climb_Feedback"):
+    """The steps done so far."""
+
+    steps: uint64
+
+
+class Top(Result, name="campaign_msgs/action/Climb_Result"):
+    """The number of steps."""
+
+    steps: uint64
+
+
+class Climb(Goal[Climbed, Top], name="campaign_msgs/action/Climb_Goal"):
+    """Steps to be done."""
+
+    steps: uint64
+
+
 class Callee(Module):
-    """Serves, and journals what it handles; it takes a little time, so that it dies in its handler, too."""
+    """Serves, and journals what it handles; it takes a little time, so that it dies in its handler, too.
+
+    It works on all goals at once, one step in each tick.
+    """
 
     handle_s: float = setting(0.002, "duration of a handler", minimum=0.0)
     period_s = 0.1
@@ -49,7 +84,9 @@ class Callee(Module):
         """Journal a new incarnation, and serve."""
         self.journal = Journal(self.output_directory / f"{self.name}.journal")
         self.journal.note("S", 0)
+        self.climbing: dict[ActiveGoal[Climb, Climbed, Top], int] = {}
         self.serve(Square, self.on_square)
+        self.serve_goals(Climb, self.on_climb)
 
     def on_square(self, request: Square) -> Squared:
         """Journal a request."""
@@ -57,8 +94,18 @@ class Callee(Module):
         time.sleep(self.handle_s)
         return Squared(number=request.number**2)
 
+    def on_climb(self, active: ActiveGoal[Climb, Climbed, Top]) -> None:
+        """Journal a goal, and begin."""
+        self.journal.note("H", active.client, active.goal.call, f"g{active.goal.steps}")
+        self.climbing[active] = 0
+
     def tick(self) -> None:
-        """Say when nothing is outstanding."""
+        """Do one step of each goal; say when nothing is outstanding."""
+        self.climbing = {active: steps + 1 for active, steps in self.climbing.items() if active.is_active}
+        for active, steps in self.climbing.items():
+            active.feedback(Climbed(steps=steps))
+            if steps >= active.goal.steps:
+                active.succeed(Top(steps=steps))
         is_paused = (self.output_directory / PAUSE_FILE).exists()
         self.status = f"paused, {self.outstanding} outstanding" if is_paused else "serves"
 
@@ -77,6 +124,7 @@ class Caller(Module):
         self.journal = Journal(self.output_directory / f"{self.name}.journal")
         self.journal.note("S", self.incarnation)
         self.number = self.waiting = 0
+        self.goal: SentGoal | None = None
 
     def tick(self) -> None:
         """Call, unless paused."""
@@ -96,14 +144,28 @@ class Caller(Module):
             lambda error: self._fail(number, error),
             timeout_s=self.timeout_s,
         )
+        if self.goal is None or not self.goal.is_active:
+            self.goal = self._climb(f"g{number}")
+        elif number % CANCEL_EVERY == 0:
+            self.goal.cancel("another one comes")
+
+    def _climb(self, name: str) -> SentGoal:
+        """Send a goal, which ends soon."""
+        self.waiting += 1
+        self.journal.note("C", name)
+        return self.send_goal(
+            Climb(steps=STEPS),
+            lambda top: self._end(name, "reply" if top.steps == STEPS else "wrong"),
+            lambda error: self._fail(name, error),
+        )
 
     def _quiet(self) -> str:
         return QUIET if not self.outstanding else f"paused, {self.outstanding} outstanding"
 
-    def _fail(self, number: int, error: CallError) -> None:
+    def _fail(self, number: int | str, error: CallError) -> None:
         self._end(number, type(error).__name__)
 
-    def _end(self, number: int, outcome: str) -> None:
+    def _end(self, number: int | str, outcome: str) -> None:
         self.waiting -= 1
         self.journal.note("D", number, outcome)
 
@@ -143,7 +205,7 @@ def _judge_client(name: str, path: Path, outcomes: Counter[str]) -> Iterator[str
             yield f"{name} {incarnation}: call {words[0]} ended twice, or was never made"
         else:
             waiting.remove(words[0])
-            outcomes[words[1]] += 1
+            outcomes["goal reached" if words[0][0] == "g" and words[1] == "reply" else words[1]] += 1
             if words[1] not in OUTCOMES:
                 yield f"{name} {incarnation}: call {words[0]} ended with {words[1]}"
     for number in sorted(waiting):

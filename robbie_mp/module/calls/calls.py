@@ -6,7 +6,7 @@ import threading
 
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.client import ClientCalls
-from robbie_mp.module.calls.errors import WrongThread
+from robbie_mp.module.calls.errors import CalledInSetup, WrongThread
 from robbie_mp.module.calls.server import ServiceCalls
 from robbie_mp.module.clock import Clock
 
@@ -32,6 +32,7 @@ class Calls:
         self.server = ServiceCalls(bus, log)
         self._thread = threading.get_ident()
         self.is_granted = False
+        self._has_begun = False
 
     def check_thread(self) -> None:
         """Check that the module's main thread runs.
@@ -42,12 +43,24 @@ class Calls:
         if threading.get_ident() != self._thread:
             raise WrongThread("call and serve only in the module's main thread, as handlers and ticks do")
 
+    def check_begun(self) -> None:
+        """Check that all modules are ready, and this thread is the module's main thread.
+
+        Raises:
+            CalledInSetup: they are not.
+            WrongThread: another thread runs.
+        """
+        self.check_thread()
+        if not self._has_begun:
+            raise CalledInSetup("not every module serves yet; call from the first message or tick on")
+
     def begin(self) -> None:
         """Begin, when all modules are ready.
 
         Raises:
             ServedTwice: another module serves the same.
         """
+        self._has_begun = True
         if self.server.are_any:
             self.server.check_rivals()
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from robbie_mp.messages import CallRefusal, CallsAnswer, CallsQuestion, GoalCancel, GoalEnd, Message, replace
-from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX
+from robbie_mp.messages import CallRefusal, CallsAnswer, CallsQuestion, GoalCancel, GoalEnd, Message
+from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX, number_call
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.errors import (
     CallError,
@@ -90,7 +90,8 @@ class ClientCalls:
         self._calls: dict[int, _Call] = {}
         self._failed: list[tuple[OnError, CallError]] = []
         """Calls that have failed; their errors are still to be reported."""
-        self._servers: dict[ChannelName, Server] = {}
+        self._servers: dict[ChannelName, tuple[Server, int]] = {}
+        """The servers found last, and their incarnations then."""
         self._listened: set[type[Any]] = set()
         self._listens_as = ""
         """The topic of this module's replies."""
@@ -165,7 +166,8 @@ class ClientCalls:
             number, label, server, on_reply, report, now_ns, timeout_ns, now_ns, incarnation, incarnation
         )
         made.on_feedback = on_feedback
-        if self._bus.publish(replace(request, call=number), service.topic):
+        number_call(request, number)
+        if self._bus.publish(request, service.topic):
             self._calls[number] = made
         else:
             self._failed.append((report, CallNotSent(f"{label}: this module's memory or ring is full")))
@@ -332,14 +334,16 @@ class ClientCalls:
         self._failed.append((call.on_error, error))
 
     def _find_server(self, service: ChannelName) -> Server | None:
-        server = self._servers.get(service)
+        """Return the server of a service: the one that was found last, unless it seems to be gone."""
         peers = self._bus.peers
-        if server is None or not peers.serves(server):
-            server = peers.find_server(service)
-            if server is None:
-                self._servers.pop(service, None)
-            else:
-                self._servers[service] = server
+        server, incarnation = self._servers.get(service, (None, 0))
+        if server is not None and peers.is_open(server) and peers.incarnation_of(server) == incarnation:
+            return server
+        server = peers.find_server(service)
+        if server is None:
+            self._servers.pop(service, None)
+        else:
+            self._servers[service] = server, peers.incarnation_of(server)
         return server
 
     def _log_error(self, error: CallError) -> None:

@@ -73,6 +73,10 @@ class InvalidTimeout(RobbieError, ValueError):
     """The timeout of a call is not a positive, finite number of seconds."""
 
 
+class CalledInSetup(RobbieError, RuntimeError):
+    """A module called in `setup()`, when its server may not serve yet; call from the first tick on."""
+
+
 class WrongThread(RobbieError, RuntimeError):
     """A module called or served in another thread than its main one."""
 

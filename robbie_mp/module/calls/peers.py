@@ -57,6 +57,9 @@ class Peers(Protocol):
     def serves(self, server: Server) -> bool:
         """Whether a server still serves, although it may be restarting just now."""
 
+    def is_open(self, server: Server) -> bool:
+        """The same, if the server has the incarnation that it had when it was found; this takes less time."""
+
     def incarnation_of(self, server: Server) -> int:
         """Return the number of a server's newest process."""
 
@@ -107,6 +110,13 @@ class RunPeers:
         if server.row == _UNKNOWN:
             return any(found.slot == server.slot for found in self._servers(server.service))
         return self._is_open(self._tables.subscription_row(server.row), server)
+
+    def is_open(self, server: Server) -> bool:
+        """Whether the row of a server's subscription is open; it may be that of another subscription."""
+        if server.row == _UNKNOWN:
+            return self.serves(server)
+        row = self._tables.subscription_row(server.row)
+        return row.state == ROW_OPEN and row.slot == server.slot
 
     def incarnation_of(self, server: Server) -> int:
         """Return the number of a server's newest process."""

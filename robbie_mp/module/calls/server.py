@@ -6,7 +6,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from robbie_mp.messages import CallRefusal, CallsAnswer, CallsQuestion, GoalCancel, GoalEnd, Message, replace
+from robbie_mp.messages import CallRefusal, CallsAnswer, CallsQuestion, GoalCancel, GoalEnd, Message
 from robbie_mp.messages.calls import (
     Feedback,
     FeedbackType,
@@ -16,6 +16,7 @@ from robbie_mp.messages.calls import (
     Result,
     ResultType,
     goal_types,
+    number_call,
     reply_type,
 )
 from robbie_mp.module.bus import Bus
@@ -124,7 +125,8 @@ class ActiveGoal(Generic[GoalType, FeedbackType, ResultType]):
             raise WrongReply(
                 f"{message!r:.80} does not belong to {type(self.goal).__name__}; send a {wanted.__name__}"
             )
-        self._server.send(self.client, replace(message, call=self.key[1]))
+        number_call(message, self.key[1])
+        self._server.send(self.client, message)
 
     def _check_active(self) -> None:
         if not self.is_active:
@@ -182,7 +184,8 @@ class ServiceCalls:
                     f"the handler of {request_type.__name__} returned {reply!r}; "
                     f"return a {replies.__name__}, or raise CallRefused"
                 )
-            self.send(client, replace(reply, call=request.call))
+            number_call(reply, request.call)
+            self.send(client, reply)
 
         on_request.__qualname__ = getattr(handler, "__qualname__", type(handler).__qualname__)
         self.listen(request_type, on_request, topic)
