@@ -118,7 +118,7 @@ class ModuleRunner:
                 self._handle(delivery)
         if was_one and self._ends:
             return
-        if self._calls.are_due():
+        if self._calls.are_used and self._calls.are_due():
             self._begin(Activity.TICK)
             self._calls.run()
             self._idle()
@@ -154,7 +154,10 @@ class ModuleRunner:
                 idle += 1
 
     def _wait(self) -> None:
-        woken = self._wakeup.wait(min(self._ticks.wait_s(), self._calls.wait_s()))
+        wait_s = self._ticks.wait_s()
+        if self._calls.are_used:
+            wait_s = min(wait_s, self._calls.wait_s())
+        woken = self._wakeup.wait(wait_s)
         if woken and self._outbox.awaits_room and self._outbox.room_was_made():
             self._ticks.expedite()
         if self._has_just_settled is not None and self._has_just_settled():

@@ -22,6 +22,7 @@ class Calls:
     Attributes:
         client: the calls that it makes.
         server: the services that it offers.
+        are_used: whether the module has ever called or served; if not, the rest costs nothing.
         is_granted: whether time passes only by granted ticks, as in lockstep; then `run_granted` does what
             depends on the module's clock.
     """
@@ -31,15 +32,17 @@ class Calls:
         self.client = ClientCalls(bus, clock, log)
         self.server = ServiceCalls(bus, log)
         self._thread = threading.get_ident()
+        self.are_used = False
         self.is_granted = False
         self._has_begun = False
 
     def check_thread(self) -> None:
-        """Check that the module's main thread runs.
+        """Check that the module's main thread runs, which is about to call or serve.
 
         Raises:
             WrongThread: another thread does.
         """
+        self.are_used = True
         if threading.get_ident() != self._thread:
             raise WrongThread("call and serve only in the module's main thread, as handlers and ticks do")
 
