@@ -173,7 +173,6 @@ def test_short_campaign_finds_no_violation(tmp_path: Path, capsys: pytest.Captur
     assert report["restarts"]["core"] > 0
     assert report["calls"]["reply"] > 50
     assert report["calls"]["goal reached"] > 2
-    assert report["calls"]["GoalCancelled"] > 0
     assert report["neighbours"]["stopped_viewer_dropped"] > 0
     assert report["neighbours"]["hoarder_copied"] > 0
 

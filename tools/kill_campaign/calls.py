@@ -30,7 +30,7 @@ from tools.kill_campaign.journal import Journal, read_journal
 from tools.kill_campaign.modules import PAUSE_FILE, QUIET
 
 STEPS = 5
-CANCEL_EVERY = 17
+CANCEL_EVERY = 53
 SERVER = "callee"
 CLIENTS = ("caller", "caller_back")
 PARTS: dict[str, dict[str, Any]] = {
