@@ -92,7 +92,7 @@ class MessageLogger(Module):
         slot = self.run.plan.names.index(self.name)
         recording = self.run.recording_folder(self.folder or self.output_directory, self.name)
         self.tally = self._open_tally()
-        self.unended: UnendedParts | None = UnendedParts(recording, self.tally.next_part if self.tally else 0)
+        self.unended = UnendedParts(recording, self.tally.next_part) if self.tally else None
         self.session = RecordingSession(
             self.run,
             self.selection,

@@ -105,7 +105,8 @@ class SupervisedChild:
         self._is_retried = False
         self.awaits_retry = False
         self.unfinished = ""
-        self._has_run = False
+        self._owes_results = False
+        """Whether it has run since an incarnation of it ended in order last."""
 
     @property
     def pid(self) -> int | None:
@@ -251,7 +252,7 @@ class SupervisedChild:
 
     def stop_now(self, reason: str) -> None:
         """Kill its process and all it forked, because the run ends."""
-        self._has_run = False  # nobody expects results from now on
+        self._owes_results = False  # nobody expects results from now on
         self._then = Then.STOPPED
         self.kill(reason)
 
@@ -268,7 +269,7 @@ class SupervisedChild:
     def do_not_restart(self, reason: str) -> None:
         """Start no further incarnation: the run stops."""
         self._may_restart = False
-        if self.state is ChildState.BACKOFF and self._has_run:
+        if self.state is ChildState.BACKOFF and self._owes_results:
             self.unfinished = f"it had ended ({self.reason}) and was not started again"
         if self.awaits_retry:
             self.awaits_retry = False  # it remains FAILED
@@ -307,7 +308,7 @@ class SupervisedChild:
     def _check_ready(self) -> None:
         if self._incarnations.is_ready(self.spec.name, self.incarnation):
             self._budget.running()
-            self._has_run = True
+            self._owes_results = True
             self._move(ChildState.RUNNING, "ready")
 
     def _starved_s(self, now_s: float) -> float:
@@ -408,12 +409,14 @@ class SupervisedChild:
             self._crash_watch.report(status, reason, was_killed_by_us=bool(self._kill_reason))
         if self._is_opened:
             self._incarnations.died(self.spec.name, self.incarnation)
+        if status is not None and status.is_clean:
+            self._owes_results = False
         if self._then is Then.RESTART and self._may_restart:
             self._due_s = self._clock()
             self._move(ChildState.BACKOFF, reason, status, 0.0)
             return
         if self._then is not None:
-            if not self._may_restart and self._has_run and not self._is_orderly(status):
+            if not self._may_restart and self._owes_results and not self._is_orderly(status):
                 self.unfinished = reason
             self._move(ChildState.STOPPED, reason, status)
             return
