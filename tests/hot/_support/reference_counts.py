@@ -125,6 +125,7 @@ class Plays:
         router: Any = (run := simulated_run.SimulatedRun()).router
         publisher, channel, subscribers = simulated_run.connected(run, MessageHandling.ALWAYS_DELIVER)
         for value in range(3):
+            publisher.advertise(f"other {value}")  # which C leaves to Python
             assert publisher.publish(channel, value)
             opened.post()
             assert router.work_alone(opened.post, 0.0)
@@ -142,7 +143,7 @@ class Plays:
         for keep in range(4):
             exchange = exchanges.Exchange(self.built, self.parcel)
             exchange.keep(keep)
-            for size in (0, 60, 5000, 40_000):
+            for size in map(int, ("0", "60", "5000", "40000")):  # large ones are new objects
                 for topic in range(3):
                     exchange.publish(topic, size)
                 exchange.publish_damaged()
