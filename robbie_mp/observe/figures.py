@@ -1,8 +1,7 @@
 """The figures of a run at one moment: counters since its start, and current values."""
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import psutil
 
@@ -130,8 +129,8 @@ class ModuleFigures:
     """Type, version and topic of the channels that it has declared."""
     unconnected: tuple[Unconnected, ...] = ()
     """Its subscriptions for which nobody has published, 10 s after its start."""
-    renamed: Mapping[str, str] = field(default_factory=dict)
-    """The names of topics in the run by the module's own, where the profile changed them."""
+    renamed: tuple[tuple[str, str], ...] = ()
+    """The module's own name and the name in the run of each topic that the profile renamed."""
 
     def total(self, column: str) -> int:
         """Sum of a column over the subscriptions."""

@@ -268,7 +268,7 @@ class RunObserver:
             subscriptions=subscriptions,
             publishes=tuple(memory.publishes),
             unconnected=alone.get(row.name, ()),
-            renamed={own: actual for own, actual in memory.topics.items() if own != actual},
+            renamed=tuple((own, actual) for own, actual in memory.topics.items() if own != actual),
         )
 
     def _memory(self, slot: int, incarnation: int) -> ModuleMemory:

@@ -1,7 +1,7 @@
 """Figures of a run, as a table for people and as plain data for programs (see docs/reference.md)."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -50,9 +50,9 @@ def table(modules: Sequence[ModuleFigures], *, live: bool, columns: Sequence[str
     return made
 
 
-def renamed_topics(renamed: Mapping[str, str]) -> list[str]:
+def renamed_topics(renamed: Iterable[tuple[str, str]]) -> list[str]:
     """The topics that the profile renamed: the module's own names, and those in the run."""
-    return [f"{own or NO_TOPIC} → {actual or NO_TOPIC}" for own, actual in renamed.items()]
+    return [f"{own or NO_TOPIC} → {actual or NO_TOPIC}" for own, actual in renamed]
 
 
 def _live_line(module: ModuleFigures) -> str:
