@@ -291,13 +291,13 @@ class Listener(Generic[MessageType]):
         self._type = message_type
         self._topic = topic
         self._timeout_s = timeout_s
-        self._end_s = math.inf if duration_s is None else time.monotonic() + duration_s
         self._last: Received | None = None
         self._damaged = 0
         name = ChannelName(message_type.type_name, message_type.version, topic)
         on_topic = f" on {topic}" if topic else ""
         stream = MessageStream(run, [name], f"{PURPOSE}: listen to {message_type.__name__}{on_topic}")
         self._intake = _Intake(stream, max(1, max_waiting))
+        self._end_s = math.inf if duration_s is None else time.monotonic() + duration_s
         # The thread does not refer to this object, so it ends when a notebook has forgotten the loop.
         self._finalizer = finalize(self, self._intake.stop)
 

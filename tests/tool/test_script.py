@@ -46,7 +46,7 @@ def run(robot: Robot) -> Iterator[AttachedRun]:
     robot.until(lambda modules: modules["listener"]["handled"] > 2)
     with robbie_mp.attach(robot.known_run().run_id) as run:
         yield run
-    assert not [thread for thread in threading.enumerate() if thread.name == "robbie listen"]
+    wait_until(lambda: all(thread.name != "robbie listen" for thread in threading.enumerate()))
 
 
 def test_script_does_everything_on_one_robot(robot: Robot, run: AttachedRun) -> None:
@@ -72,7 +72,7 @@ def listens(run: AttachedRun) -> None:
     assert numbers == list(range(numbers[0], numbers[0] + 20))
     assert [command.header.stamp.sec for command in kept] == numbers, "copies stay valid"
     assert run.latest(DriveCommand).header.stamp.sec > numbers[-1]
-    with run.listen(DriveCommand, duration_s=0.3) as listener:
+    with run.listen(DriveCommand, duration_s=1.0) as listener:
         heard = list(listener)
         assert heard
         assert listener.envelope.sender == "pulse"
