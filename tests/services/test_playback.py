@@ -159,6 +159,21 @@ def test_runs_in_lockstep_are_identical_even_if_the_playback_is_killed(
     assert witnessed(player_robot) == first
 
 
+def test_charged_handler_times_of_an_earlier_playback_repeat_it(player_robot: Robot, log: Path) -> None:
+    options = ["--lockstep", "--rate", "max", "--topics", "DriveCommand", "battery", "--charge"]
+    ended = Ended.wait_for(start(player_robot, log, *options, "measured"))
+    assert ended.exit_code == 0, ended.stderr
+    first, times = witnessed(player_robot), player_robot.output / "handler_times"
+    assert len(first) > COUNT
+    player_robot.output = player_robot.folder / "again"
+    ended = Ended.wait_for(start(player_robot, log, *options, str(times)))
+    assert ended.exit_code == 0, ended.stderr
+    assert witnessed(player_robot) == first
+    assert (player_robot.output / "handler_times" / "witness.txt").read_text() == (
+        times / "witness.txt"
+    ).read_text()
+
+
 def test_seek_and_end_do_not_wait_for_an_image_that_a_page_shows(player_robot: Robot, tmp_path: Path) -> None:
     """Only for handlers: what was handled may be kept for ever."""
     limit_s = PATIENCE_NS / 1e9 / 2
