@@ -65,7 +65,7 @@ class Exchange:
         self.inbox = Inbox(receiver.endpoint, self.views, receiver.out, ChannelNames(self.run.words), native)
         for topic in TOPICS[:2]:
             self.inbox.subscriptions.subscribe(parcel, self._handle, MessageHandling.ALWAYS_DELIVER, topic)
-        idle: Any = SimpleNamespace(are_due=lambda: False, wait_s=lambda: 0.0)
+        idle: Any = SimpleNamespace(are_used=False, are_due=lambda: False, wait_s=lambda: 0.0)
         never: Any = SimpleNamespace(wait=lambda _timeout_s: False)
         module: Any = SimpleNamespace(stop_requested=False, period_s=None, _calls=idle)
         self.runner = ModuleRunner(
