@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
 Row = dict[str, Any]
+PAST = "past_publishers"
+"""Key of a topic's modules that do not publish now, with their states: they have ended."""
 RENAMED = "renamed"
 
 
@@ -95,6 +97,7 @@ def _topics(run: KnownRun) -> list[Row]:
     declared = read_declarations(run.run_id)
     with closing(RunObserver(run.run_id)) as observer:
         counts = {(entry.type_name, entry.version, entry.topic): entry for entry in observer.channels()}
+        states = {module.name: state_name(module) for module in observer.modules()}
     keys = {
         (entry.type_name, entry.version, entry.topic)
         for entry in declared
@@ -104,6 +107,8 @@ def _topics(run: KnownRun) -> list[Row]:
     for type_name, version, topic in sorted({*keys, *counts}):
         count = counts.get((type_name, version, topic))
         name = ChannelName(type_name, version, topic)
+        publishers = [e.module for e in declared if e.is_publisher and e.name == name]
+        past = [module for module in (count.publishers if count else ()) if module not in publishers]
         rows.append(
             {
                 "type": type_name,
@@ -111,7 +116,8 @@ def _topics(run: KnownRun) -> list[Row]:
                 "topic": topic,
                 "messages": count.messages if count else 0,
                 "bytes": count.bytes if count else 0,
-                "publishers": [e.module for e in declared if e.is_publisher and e.name == name],
+                "publishers": publishers,
+                PAST: {module: states.get(module, "-") for module in past},
                 "subscribers": _subscribers(name, declared),
             }
         )
@@ -153,6 +159,13 @@ def _services(run: KnownRun) -> list[Row]:
 TABLES = {"modules": _modules, "types": _types, "topics": _topics, "services": _services}
 
 
+def _with_past_publishers(row: Row) -> Row:
+    """Show the modules that published before they ended beside those that run."""
+    past = [f"{module} ({state})" for module, state in row[PAST].items()]
+    shown = {heading: value for heading, value in row.items() if heading != PAST}
+    return {**shown, "publishers": [*row["publishers"], *past]}
+
+
 LEFT_OUT = ("version", "bytes", "pid", RENAMED, "topics", "subscribers", "publishers", "restarts")
 """Columns that a narrow terminal does not show, the least important one first."""
 SHRINKING = ("type", "topic", "status", RENAMED)
@@ -161,6 +174,8 @@ SHRINKING = ("type", "topic", "status", RENAMED)
 
 def _print(rows: Sequence[Row]) -> None:
     table = PlainTable()
+    if PAST in rows[0]:
+        rows = [_with_past_publishers(row) for row in rows]
     if not any(row.get(RENAMED) for row in rows):
         rows = [{heading: value for heading, value in row.items() if heading != RENAMED} for row in rows]
     for heading, value in rows[0].items():

@@ -36,6 +36,7 @@ class Declarations:
         """Open a channel."""
         row = link.declaration(record[1])
         channel = self._directory.channel(row.name, link.slot)
+        self._directory.note_publisher(channel, link.slot)
         link.channels = {**link.channels, record[1]: channel}
 
     def on_subscribe(self, _slot: Slot, link: Link, record: Record) -> None:

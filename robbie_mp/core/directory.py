@@ -165,6 +165,11 @@ class Directory:
         self._tables.channel_row(index).write(name)
         return self._add_channel(index, name)
 
+    def note_publisher(self, channel: Channel, slot: int) -> None:
+        """Note that the module in a slot publishes on a channel; others take the slots of tools."""
+        if slot not in self._tools:
+            self._tables.channel_row(channel.index).note_publisher(slot)
+
     def _add_channel(self, index: int, name: ChannelName) -> Channel:
         channel = self._channels[name] = self._new_channel(index, self._tables.channel(index), name)
         for entry in self.subscriptions:

@@ -150,6 +150,8 @@ class ChannelFigures:
     """When the newest message was published, monotonic clock; 0: there was none."""
     intervals_squared: int = 0
     """Sum of the squared times between two messages, of stamps in whole µs, in µs², modulo 2^64."""
+    publishers: tuple[str, ...] = ()
+    """Modules that have ever declared that they publish on it, also those that have ended."""
 
 
 @dataclass(frozen=True)

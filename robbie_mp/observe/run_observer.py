@@ -134,7 +134,14 @@ class RunObserver:
     def channels(self) -> list[ChannelFigures]:
         """Return the figures of all channels."""
         return [
-            ChannelFigures(*row.name, row.messages, row.bytes, row.last_stamp_ns, row.intervals_squared_us2)
+            ChannelFigures(
+                *row.name,
+                row.messages,
+                row.bytes,
+                row.last_stamp_ns,
+                row.intervals_squared_us2,
+                tuple(self._board.name(slot) for slot in row.publishers if slot < self._board.slots),
+            )
             for row in self._tables.channels()
         ]
 

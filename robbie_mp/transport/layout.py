@@ -116,7 +116,9 @@ CHANNEL_LAST_STAMP_NS = 4
 CHANNEL_INTERVALS_SQUARED = 5  # of stamps in whole µs; sum over all messages, in µs², modulo 2^64
 CHANNEL_TYPE = 6
 CHANNEL_TOPIC = CHANNEL_TYPE + NAME_WORDS
-CHANNEL_WORDS = 32
+CHANNEL_PUBLISHERS = CHANNEL_TOPIC + NAME_WORDS  # a bit for each slot that has ever advertised it
+CHANNEL_PUBLISHERS_WORDS = 4  # the slots from 256 on are not noted
+CHANNEL_WORDS = CHANNEL_PUBLISHERS + CHANNEL_PUBLISHERS_WORDS
 
 # A subscription's row. `routed = delivered + replaced + dropped + lost + waiting`, waiting being derived.
 SUBSCRIPTION_STATE = 0

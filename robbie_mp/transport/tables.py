@@ -76,6 +76,19 @@ class ChannelRow:
             read_text(words, at + layout.CHANNEL_TOPIC, NAME_WORDS),
         )
 
+    def note_publisher(self, slot: int) -> None:
+        """Note that a slot has advertised the channel; only the core may, as often as it likes."""
+        word, bit = divmod(slot, 64)
+        if word < layout.CHANNEL_PUBLISHERS_WORDS:
+            self._words[self._at + layout.CHANNEL_PUBLISHERS + word] |= 1 << bit
+
+    @property
+    def publishers(self) -> list[int]:
+        """The slots that have advertised the channel, also those whose modules have ended."""
+        at = self._at + layout.CHANNEL_PUBLISHERS
+        words = [self._words[at + word] for word in range(layout.CHANNEL_PUBLISHERS_WORDS)]
+        return [slot for slot in range(64 * len(words)) if words[slot // 64] >> slot % 64 & 1]
+
     @property
     def messages(self) -> int:
         """Messages routed so far."""

@@ -65,6 +65,7 @@ def test_all_commands_on_a_live_run_work(person: Person, tmp_path: Path) -> None
     changes_settings(person)
     calls(person)
     dumps_and_loads_settings(person, tmp_path)
+    remembers_who_published(person)
 
 
 def draws_what_there_is(person: Person) -> None:
@@ -232,3 +233,11 @@ def dumps_and_loads_settings(person: Person, tmp_path: Path) -> None:
     person.types("param", "load", str(tmp_path / "none.yaml"), code=1)
     person.types("param", "dump", str(tmp_path / "none" / "none.yaml"), code=1)
     assert person.types("param", "get", "tunable.gain") == "7\n", "nothing of this changed anything"
+
+
+def remembers_who_published(person: Person) -> None:
+    person.types("module", "stop", "pulse")
+    topics = {topic["topic"]: topic for topic in person.gets("list", "topics")}
+    assert topics["wheels"]["publishers"] == []
+    assert topics["wheels"]["past_publishers"] == {"pulse": "STOPPED"}, "or a tool that has published"
+    assert "pulse (STOPPED)" in person.types("list", "topics")
