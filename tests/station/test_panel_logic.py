@@ -37,7 +37,7 @@ def test_page_gets_new_entries_and_at_most_as_many_as_it_shows() -> None:
     last = entries[-1].number
     assert [one.number for one in newest(entries, everything, last - 2)] == [last - 1, last]
     assert len(newest(entries, everything, 0)) == SHOWN
-    assert line_of(entries[0]).endswith(".250 laser#1 info spins")
+    assert line_of(entries[0]).endswith(".250Z laser#1 info spins")
 
 
 def test_message_is_a_tree_whose_long_arrays_are_abbreviated() -> None:
