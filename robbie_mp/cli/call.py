@@ -25,6 +25,7 @@ from robbie_mp.suggest import did_you_mean
 from robbie_mp.tool.tool_bus import ToolBus
 from robbie_mp.views.known_types import types_of_run
 from robbie_mp.views.message_text import FieldPath, message_of_yaml, to_json, to_yaml
+from robbie_mp.visible_text import one_line
 
 if TYPE_CHECKING:
     from argparse import _SubParsersAction
@@ -120,7 +121,7 @@ class _Caller:
                 print("(cancelling; Ctrl-C again leaves the goal alone)", file=sys.stderr, flush=True)
                 self._is_goal = False
         if isinstance(self._end, CallError):
-            raise self._end
+            raise type(self._end)(one_line(str(self._end)))  # a server's words may have more lines
         self._print(self._end)
         return 0
 

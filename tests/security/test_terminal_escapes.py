@@ -32,9 +32,9 @@ modules:
 config: {"greeting": "\\x1b[2J\\u202e"}
 """
 NAMES_IT = {
-    "run", "record", "play", "playback", "list", "type", "echo", "hz", "bw", "pub", "param", "gui", "top",
-    "log", "info", "log-repair", "diff", "export", "import-carmen", "import-rosbag", "module", "stop",
-    "profile", "clean", "doctor", "new", "completion",
+    "run", "record", "play", "playback", "list", "type", "echo", "hz", "bw", "pub", "call", "graph", "param",
+    "gui", "top", "log", "info", "log-repair", "diff", "export", "import-carmen", "import-rosbag", "module",
+    "stop", "profile", "clean", "doctor", "new", "completion",
 }  # fmt: skip
 """Commands that a test below runs with hostile input."""
 
@@ -159,7 +159,7 @@ def test_runs_with_hostile_modules_print_plainly(
 ) -> None:
     monkeypatch.chdir(hostile_run.folder)
     run = reader.run
-    for what in ("runs", "modules", "types", "topics"):
+    for what in ("runs", "modules", "types", "topics", "services"):
         shown = run("list", what)
         assert what in ("runs", "types") or "\\x1b]0;owned\\x07" in shown
         run("list", what, "--json")
@@ -195,6 +195,11 @@ def test_runs_with_hostile_modules_print_plainly(
     run("type", "show", "zoo_msgs/Odd")
     run("pub", "PoseStamped", "{header: {frame_id: 1\x1b}}", "--once")
     run("pub", "PoseStamped", '{header: {frame_id: "\\u202e"}}', "--topic", HOSTILE, "--once")
+    assert "owned" in run("call", "Tell", "--topic", HOSTILE)
+    run("call", "Tell", "--topic", HOSTILE, "--json")
+    run("call", "Tell", "{text: refuse it}", "--topic", HOSTILE)
+    for picture in ("--mermaid", "--dot", "--json"):
+        assert "owned" in run("graph", picture)
     run("module", "restart", HOSTILE, may_have_lines=True)
     run("module", "restart", "listener")
     run("playback", "pause")

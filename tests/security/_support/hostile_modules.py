@@ -3,7 +3,7 @@
 import os
 import sys
 
-from robbie_mp import Header, Message, Module, setting
+from robbie_mp import CallRefused, Header, Message, Module, Reply, Request, setting
 from robbie_mp.messages import PoseStamped
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202egnp\x08\x7f\r[bold]x\nFORGED laser RUNNING"
@@ -11,6 +11,18 @@ HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202egnp\x08\x7f\r[bold]x\nFORGED lase
 
 class Odd(Message, name="zoo_msgs/msg/Odd", version=1):
     """A type that its module gives another name."""
+
+    text: str = ""
+
+
+class Told(Reply, name="zoo_msgs/srv/Tell_Response"):
+    """What it tells those who ask."""
+
+    text: str
+
+
+class Tell(Request[Told], name="zoo_msgs/srv/Tell_Request"):
+    """Asks it to tell something."""
 
     text: str = ""
 
@@ -30,6 +42,13 @@ class Hostile(Module):
         os.write(1, HOSTILE.encode() + b"\xff\n")
         Odd.type_name = f"zoo_msgs/msg/{HOSTILE}"
         self.number = 0
+        self.serve(Tell, self.on_tell, topic=HOSTILE)
+
+    def on_tell(self, request: Tell) -> Told:
+        """Say it in replies and refusals."""
+        if request.text:
+            raise CallRefused(HOSTILE)
+        return Told(text=HOSTILE)
 
     def tick(self) -> None:
         """Say it in messages."""
