@@ -131,7 +131,8 @@ def test_queue_losses_are_counted_by_topic_and_all_else_is_in_the_log(robot: Rob
         in_log = {(c.topic, c.sender): number for c, number in log.counts.items()}
     assert RunMetadata.from_metadata(run).profile == "robot"
     assert "robbie_mp.services.message_logger:MessageLogger" in run["profile_yaml"]
-    assert set(counts) == {FRONT, ODOMETRY}
+    # On a loaded machine some are dropped before the first one arrives, and their sender is not known.
+    assert {key._replace(sender="source") for key in counts} == {FRONT, ODOMETRY}
     for key in (FRONT, ODOMETRY):
         assert counts[key].recorded == in_log[key.topic, key.sender]
     missing = sum(count.dropped for count in counts.values())
