@@ -95,7 +95,7 @@ void write_figures(struct books *books)
 bool somebody_waits(const struct books *books)
 {
     for (uint64_t index = 0; index < books->slot_count; index++)
-        if (books->slots[index]->waiting->count != 0)
+        if (books->slots[index]->waiting->count != 0 && books->slots[index]->link != NULL)
             return true;
     return false;
 }

@@ -305,12 +305,27 @@ static void route(struct router *router, struct slot *slot, const struct channel
         give_back(router, index);
 }
 
-/* Whether a message for these subscriptions may push another one out of a queue. */
-static bool may_drop(const struct books *books, const struct channel *channel)
+/* Whether nothing but a block is given back when a message ends: no dead publisher must be announced as gone. */
+static bool is_simple(const struct books *books, uint32_t handle)
 {
-    for (uint64_t nth = 0; nth < channel->subscription_count; nth++)
-        if (books->slots[channel->subscriptions[nth]->slot]->waiting->count != 0)
+    return publisher_of(books, load(handle_row(books, handle) + HANDLE_SOURCE)) != NULL;
+}
+
+/* Whether a message for these subscriptions may end another one of a dead publisher. */
+static bool may_end_another(const struct books *books, const struct channel *channel, uint64_t size)
+{
+    uint64_t count = channel->subscription_count;
+    for (uint64_t nth = 0; nth < count; nth++) {
+        const struct subscription *subscription = channel->subscriptions[nth];
+        const struct slot *slot = books->slots[subscription->slot];
+        if (slot->waiting->count == 0)
+            continue;
+        if (slot->waiting->count + count > slot->queue_messages ||
+            slot->waiting_bytes + count * size > slot->queue_bytes)
             return true;
+        if (subscription->queued != NO_REFERENCE && !is_simple(books, message_of(books, subscription->queued)))
+            return true;
+    }
     return false;
 }
 
@@ -324,7 +339,7 @@ static bool on_publish(struct router *router, struct slot *slot, struct link *li
         return false;
     if (books->free_handles->count == 0 || books->free_references->count < channel->subscription_count)
         return false;
-    if (router->is_special && may_drop(books, channel))
+    if (router->is_special && may_end_another(books, channel, size))
         return false;
     const struct message message = {
         .sequence = load(books->words + CORE_LAST_SEQUENCE) + 1,
@@ -350,16 +365,14 @@ static bool is_in(const struct books *books, const struct reference_list *list, 
            load(reference_row(books, record[1]) + REFERENCE_SEQUENCE) == record[2];
 }
 
-/* Whether nothing but a block is given back when a reference ends: no dead publisher must be announced as gone. */
+/* Whether nothing but a block is given back when a reference ends. */
 static bool ends_simply(const struct router *router, uint32_t reference)
 {
     if (!router->is_special)
         return true;
     const struct books *books = router->books;
     uint32_t handle = message_of(books, reference);
-    if (books->holders[handle] > 1)
-        return true;
-    return publisher_of(books, load(handle_row(books, handle) + HANDLE_SOURCE)) != NULL;
+    return books->holders[handle] > 1 || is_simple(books, handle);
 }
 
 /* Take a reference out of what a module has been sent. */

@@ -37,23 +37,70 @@ class Declarations:
         row = link.declaration(record[1])
         channel = self._directory.channel(row.name, link.slot)
         self._directory.note_publisher(channel, link.slot)
+        if row.is_latched:
+            self._directory.latch(channel, link.slot)
         link.channels = {**link.channels, record[1]: channel}
 
-    def on_subscribe(self, _slot: Slot, link: Link, record: Record) -> None:
-        """Open a subscription, or continue the one of an earlier incarnation."""
+    def on_subscribe(self, slot: Slot, link: Link, record: Record) -> None:
+        """Open a subscription, or continue the one of an earlier incarnation.
+
+        If its module has finished its setup before, it gets what is kept of latched channels now. Nothing is
+        pushed until the record has been taken, so if the core dies, its successor finds what was given.
+        """
         row = link.declaration(record[1])
         entry = self._directory.subscribe(link.slot, row.name, MessageHandling(row.handling))
         entry.declaration = row.number
         entry.declared_by = link.incarnation
+        if link.ready:
+            self._queues.trim(slot, self._give(slot, link, entry))
 
     def on_ready(self, slot: Slot, link: Link, _record: Record) -> None:
-        """Start sending messages to a module; close earlier subscriptions that it has not declared again."""
+        """Start sending messages to a module; close earlier subscriptions that it has not declared again.
+
+        First it gets what is kept of latched channels. Before the word that says that it is ready, nothing is
+        pushed; after it, nothing is given. So if the core dies in between, its successor finds what was given.
+        """
+        given: list[int] = []
+        if self._words[slot.at + layout.PUBLISHER_READY] != link.incarnation:
+            mine = [entry for entry in self._directory.subscriptions if entry.slot == link.slot]
+            for entry in mine:
+                if entry.declared_by != link.incarnation and entry.is_open:
+                    self._close(entry, Outcome.DROPPED)
+            for entry in mine:
+                if entry.is_open:
+                    given += self._give(slot, link, entry)
+            self._words[slot.at + layout.PUBLISHER_READY] = link.incarnation
         link.ready = True
-        self._words[slot.at + layout.PUBLISHER_READY] = link.incarnation
-        for entry in list(self._directory.subscriptions):
-            if entry.slot == link.slot and entry.declared_by != link.incarnation and entry.is_open:
-                self._close(entry, Outcome.DROPPED)
         self._queues.pump(slot, link)
+        self._queues.trim(slot, frozenset(given))
+
+    def _give(self, slot: Slot, link: Link, entry: Subscription) -> list[int]:
+        """Let a subscription wait for the newest message of each latched channel that it does not have.
+
+        Returns:
+            The references, which wait in the module's queue; nothing is pushed.
+        """
+        latches = self._directory.latches(entry)
+        if not latches:
+            return []
+        ledger, words = self._ledger, self._words
+        kept = sorted(ledger.reference(latch.queued)[:2] for latch in latches if latch.queued is not None)
+        if entry.newest_only:
+            waits_for = 0 if entry.queued is None else ledger.reference(entry.queued)[0]
+            kept = [(sequence, handle) for sequence, handle in kept[-1:] if sequence > waits_for]
+        live = map(ledger.reference, (*slot.waiting, *link.pushed, *link.pinned))
+        has = {handle for _, handle, subscription in live if subscription is entry}
+        given = []
+        for _, handle in kept:
+            if handle in has:
+                continue
+            if not ledger.has_free_reference():
+                words[layout.CORE_NOT_GIVEN] = words[layout.CORE_NOT_GIVEN] + 1
+                continue
+            reference = ledger.open_late_reference(entry, handle)
+            self._queues.add_late(slot, entry, reference, ledger.handle(handle).size)
+            given.append(reference)
+        return given
 
     def close_all(self, slot: int, outcome: Outcome) -> None:
         """Close all subscriptions of a module that will not come back."""

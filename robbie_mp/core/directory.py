@@ -49,7 +49,16 @@ class Subscription:
     Its counts are only in its row of the tables.
     """
 
-    def __init__(self, index: int, at: int, slot: int, name: ChannelName, handling: MessageHandling):
+    def __init__(
+        self,
+        index: int,
+        at: int,
+        slot: int,
+        name: ChannelName,
+        handling: MessageHandling,
+        *,
+        is_latch: bool = False,
+    ):
         self.index = index
         self.at = at
         self.slot = slot
@@ -61,6 +70,8 @@ class Subscription:
         self.type_name, self.version, self.topic = name
         self.pattern = Pattern(name.type_name, name.topic) if name.version == ANY_VERSION else None
         self.newest_only = handling is MessageHandling.KEEP_ONLY_NEWEST
+        self.is_latch = is_latch
+        """Whether it is the core's own, to keep the newest message of one channel for later subscribers."""
         self.queued: int | None = None
         """The reference that waits, of a subscription that keeps only the newest."""
 
@@ -72,7 +83,7 @@ class Subscription:
             self.is_open
             and channel.type_name == self.type_name
             and channel.version == self.version
-            and takes_topic(self.topic, channel.topic)
+            and (self.topic == channel.topic if self.is_latch else takes_topic(self.topic, channel.topic))
         )
 
 
@@ -119,6 +130,7 @@ class Directory:
     """
 
     def __init__(self, tables: CoreTables, books: Books, tools: frozenset[int] = frozenset()):
+        self._core_slot = tables.sizes.slots - 1
         self._tables = tables
         self._books = books
         self._new_channel, self._new_subscription = books.of(Channel), books.of(Subscription)
@@ -131,7 +143,7 @@ class Directory:
     def _read_subscriptions(self) -> None:
         for row in self._tables.subscriptions():
             at = self._tables.subscription(row.index)
-            entry = self._new_subscription(row.index, at, row.slot, row.name, row.handling)
+            entry = self._make(row.index, at, row.slot, row.name, row.handling)
             entry.is_open = row.state == ROW_OPEN
             self._enter(entry)
 
@@ -193,6 +205,29 @@ class Directory:
             _connect(channel, entry)
         return entry
 
+    def latch(self, channel: Channel, slot: int) -> None:
+        """Have the core keep the newest message of a channel, as the module in a slot asks.
+
+        Raises:
+            TableFull: there are as many subscriptions as the profile allows. Tools may only fill three quarters
+                of the table.
+        """
+        rows = len(self.subscriptions)
+        if slot in self._tools and rows >= self._tables.sizes.subscriptions * 3 // 4:
+            raise TableFull(f"no room to latch {channel.type_name} on topic '{channel.topic}': {rows} are in use")
+        name = ChannelName(channel.type_name, channel.version, channel.topic)
+        self.subscribe(self._core_slot, name, MessageHandling.KEEP_ONLY_NEWEST)
+
+    def latches(self, entry: Subscription) -> list[Subscription]:
+        """Return the core's own subscriptions that keep a message which a subscription gets."""
+        return [
+            latch
+            for channel in self._channels.values()
+            if entry in channel.subscriptions
+            for latch in channel.subscriptions
+            if latch.is_latch and latch.queued is not None
+        ]
+
     def find(self, slot: int, name: ChannelName, handling: MessageHandling) -> Subscription | None:
         """Return the subscription of a module, open or closed, or the open subscription of a tool."""
         wanted = (*name, handling is MessageHandling.KEEP_ONLY_NEWEST)
@@ -209,9 +244,14 @@ class Directory:
         index = self._free_row(name)
         is_reused = index < len(self.subscriptions)
         self._tables.subscription_row(index).write(slot, name, handling, is_reused=is_reused)
-        entry = self._new_subscription(index, self._tables.subscription(index), slot, name, handling)
+        entry = self._make(index, self._tables.subscription(index), slot, name, handling)
         self._enter(entry)
         return entry
+
+    def _make(
+        self, index: int, at: int, slot: int, name: ChannelName, handling: MessageHandling
+    ) -> Subscription:
+        return self._new_subscription(index, at, slot, name, handling, is_latch=slot == self._core_slot)
 
     def _enter(self, entry: Subscription) -> None:
         self.subscriptions[entry.index : entry.index + 1] = [entry]

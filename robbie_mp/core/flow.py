@@ -5,7 +5,7 @@
 crash of the core; `ledger` says why.
 """
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 
 from robbie_mp.core.directory import Channel, Subscription
 from robbie_mp.core.ledger import Handle, Ledger, Outcome
@@ -224,40 +224,62 @@ class RoomMaker:
     Args:
         ledger: all messages and references.
         queues: the queues of the modules.
-        slots: the modules.
+        slots: the modules, and the core's own slot last.
     """
 
     def __init__(self, ledger: Ledger, queues: Queues, slots: Sequence[Slot]):
         self._ledger = ledger
         self._queues = queues
         self._slots = slots
+        self._latches = slots[-1]
 
     def on_make_room(self, _slot: Slot, link: Link, record: Record) -> None:
         """Drop a module's oldest waiting messages until few enough, with few enough bytes, are left.
 
         The record limits what is left, not what is dropped. So if a core dies over it and its successor
         handles it again, the two drop no more than one would have.
+
+        The newest messages of latched channels are dropped only if that makes enough room, the largest first.
         """
-        _, messages, memory_bytes, before_ns, *_ = record
+        _, messages, memory_bytes, before_ns, latched_bytes, *_ = record
         ledger = self._ledger
         live = ledger.live_of(link.source)
-        sizes = [block_bytes(ledger.handle(index).size) for index in live]
-        left, left_bytes = len(live), sum(sizes)
+        sizes = {index: block_bytes(ledger.handle(index).size) for index in live}
+        left, left_bytes = len(live), sum(sizes.values())
         if left <= messages and left_bytes <= memory_bytes:
             return
-        waiting = self._waiting(frozenset(live))
-        for index, size in zip(live, sizes, strict=True):
-            if ledger.handle(index).stamp_ns >= before_ns:
+        latched = []
+        for index, references in self._droppable(live).items():
+            is_young = ledger.handle(index).stamp_ns >= before_ns
+            if any(slot is self._latches for slot, _ in references):
+                if not is_young or len(references) == 1:  # no subscriber is about to take it
+                    latched.append((index, references))
+            elif not is_young and (left > messages or left_bytes > memory_bytes):
+                self._drop(references)
+                left, left_bytes = left - 1, left_bytes - sizes[index]
+        if left_bytes - sum(sizes[index] for index, _ in latched) > latched_bytes:
+            return
+        latched.sort(key=lambda entry: -sizes[entry[0]])
+        for index, references in latched:
+            if left_bytes <= latched_bytes:
                 return
-            references = waiting.get(index, [])
-            if references and len(references) == ledger.holders(index):
-                for slot, reference in references:
-                    self._queues.remove(slot, reference)
-                    ledger.finish(reference, Outcome.DROPPED)
-                    self._queues.outdate(slot)
-                left, left_bytes = left - 1, left_bytes - size
-                if left <= messages and left_bytes <= memory_bytes:
-                    return
+            self._drop(references)
+            left_bytes -= sizes[index]
+
+    def _drop(self, references: Iterable[tuple[Slot, int]]) -> None:
+        for slot, reference in references:
+            self._queues.remove(slot, reference)
+            self._ledger.finish(reference, Outcome.DROPPED)
+            self._queues.outdate(slot)
+
+    def _droppable(self, live: Sequence[int]) -> dict[int, list[tuple[Slot, int]]]:
+        """Return the messages of which all references wait, in the given order, with these references."""
+        waiting = self._waiting(frozenset(live))
+        return {
+            index: waiting[index]
+            for index in live
+            if index in waiting and len(waiting[index]) == self._ledger.holders(index)
+        }
 
     def _waiting(self, handles: Container[int]) -> dict[int, list[tuple[Slot, int]]]:
         """Find the waiting references to some messages, by message, each with the slot of its subscriber."""

@@ -184,6 +184,26 @@ class Ledger:
             opened.append((subscription, index))
         return opened
 
+    def has_free_reference(self) -> bool:
+        """Whether there is a row for one more reference."""
+        return bool(self._free_references)
+
+    def open_late_reference(self, subscription: Subscription, handle: int) -> int:
+        """Enter the claim of a subscription to a message that has been routed before; return its row.
+
+        The subscription's last sequence stays: the subscription may have had later messages.
+        """
+        words, sequence = self._words, self._handles[handle][0]
+        index = self._free_references.pop()
+        at = self._references_at + index * _REFERENCE_WORDS
+        routed = words[subscription.at + _ROUTED] + 1
+        self._write_reference((at + 1) * WORD_BYTES, sequence, handle, subscription.index, 0)
+        words[at] = _HELD | routed << 8  # commits
+        words[subscription.at + _ROUTED] = routed
+        self._references[index] = (sequence, handle, subscription)
+        self._holders[handle] += 1
+        return index
+
     def reference(self, index: int) -> tuple[int, int, Subscription]:
         """Sequence, handle and subscription of a live reference.
 

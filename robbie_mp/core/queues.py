@@ -4,8 +4,7 @@
 see `robbie_mp.module.lockstep`.
 """
 
-from collections.abc import Callable, Sequence, Set
-from operator import attrgetter
+from collections.abc import Callable, Container, Sequence, Set
 
 from robbie_mp.core.directory import Subscription
 from robbie_mp.core.ledger import Handle, Ledger, Outcome
@@ -18,7 +17,6 @@ from robbie_mp.transport.words import WORD_BYTES, Words, row_writer
 _DELIVER = int(Inbound.DELIVER)
 _SOURCE_SLOT = layout.SOURCE_SLOT
 _WAITING_PEAK = layout.PUBLISHER_WAITING_PEAK
-_waiting = attrgetter("waiting")
 
 
 class Queues:
@@ -82,6 +80,33 @@ class Queues:
             self.remove(slot, oldest)
             self._ledger.finish(oldest, Outcome.DROPPED)
 
+    def add_late(self, slot: Slot, subscription: Subscription, reference: int, size: int) -> None:
+        """Queue a message that is older than others in the queue at its place in the order; push nothing."""
+        ledger = self._ledger
+        if subscription.newest_only:
+            if (old := subscription.queued) is not None:
+                self.remove(slot, old)
+                ledger.finish(old, Outcome.REPLACED)
+            subscription.queued = reference
+        sequence = ledger.reference(reference)[0]
+        later = [other for other in slot.waiting if ledger.reference(other)[0] > sequence]
+        slot.waiting[reference] = size
+        slot.waiting_bytes += size
+        for other in later:
+            slot.waiting.move_to_end(other)
+        self.outdate(slot)
+
+    def trim(self, slot: Slot, spared: Container[int]) -> None:
+        """Drop the oldest messages of a queue that is too long, but some messages only if no other is left."""
+        ledger = self._ledger
+        droppable = sorted(slot.waiting, key=lambda reference: reference in spared)  # stable: the oldest first
+        for reference in droppable[:-1]:
+            if len(slot.waiting) <= slot.queue_messages and slot.waiting_bytes <= slot.queue_bytes:
+                return
+            self.remove(slot, reference)
+            ledger.finish(reference, Outcome.DROPPED)
+            self.outdate(slot)
+
     def remove(self, slot: Slot, reference: int) -> None:
         """Take a message out of the queue."""
         slot.waiting_bytes -= slot.waiting.pop(reference)
@@ -143,8 +168,8 @@ class Queues:
         slot.waiting_bytes += size
 
     def somebody_waits(self) -> bool:
-        """Whether messages wait for a module."""
-        return any(map(_waiting, self._slots))
+        """Whether messages wait for a module that is connected."""
+        return any(slot.waiting and slot.link is not None for slot in self._slots)
 
     def post(self) -> None:
         """Wake the modules that have been sent records, in that order."""
@@ -192,7 +217,7 @@ class LockstepQueues(Queues):
         words: the core segment, for the figures.
         ledger: all references.
         slots: the modules.
-        tools: slots of tools and of the supervisor, which get their messages at once.
+        tools: slots of tools, of the supervisor and of the core, which are not waited for.
         now_ns: the run's time, if modules are charged for the time that their handlers take: then a module
             gets no message while it is still busy. None: handlers take no time of the run.
     """

@@ -66,7 +66,7 @@ class Router:
     Args:
         tables: the core's tables, which this object alone writes.
         limits: bounds of the rings.
-        slots: bounds of each slot's queue; slot 0 is the supervisor's.
+        slots: bounds of each slot's queue; slot 0 is the supervisor's, the last one the core's own.
         connect: opens the memory of one incarnation of a module.
         report: called with a line for each fault.
         lockstep: whether one message is handled at a time in the whole run.
@@ -93,7 +93,9 @@ class Router:
         self._ledger = self._make_ledger(tables)
         self._lockstep = lockstep
         self._queues = (
-            LockstepQueues(self._words, self._ledger, self._slots, tools | {SUPERVISOR_SLOT}, charged_ns)
+            LockstepQueues(
+                self._words, self._ledger, self._slots, tools | {SUPERVISOR_SLOT, len(slots) - 1}, charged_ns
+            )
             if lockstep
             else self._make_queues()
         )
@@ -158,6 +160,7 @@ class Router:
             self._members,
             self._blocks,
             self._flow,
+            self._declarations,
         ).run()
 
     # -- the loop's view -------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ whatever the module has written into its ring since:
 - The last message whose handle row is committed is routed to the subscribers that it has not reached yet.
 - If the tables show that a message was entered, its record is taken from the ring.
 - If a message was counted as refused, its block is given back and its record is taken from the ring.
+- A subscription of a module that is ready is handled, and its record is taken from the ring.
 - Every other record is handled again. The steps it stands for do nothing when they were done before.
 
 A row without a commit proves nothing: an earlier core may have died and left it for a record that its
@@ -17,6 +18,7 @@ Everything that the router does has its counterpart here, so read this page with
 
 from collections.abc import Mapping, Sequence
 
+from robbie_mp.core.declarations import Declarations
 from robbie_mp.core.directory import Channel, Directory, Subscription
 from robbie_mp.core.flow import FreedBlocks, MessageFlow
 from robbie_mp.core.ledger import Ledger, Outcome
@@ -43,6 +45,7 @@ class Takeover:
         members: without links yet.
         blocks: the way back of memory.
         flow: the way of messages.
+        declarations: handles what modules declare.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class Takeover:
         members: Members,
         blocks: FreedBlocks,
         flow: MessageFlow,
+        declarations: Declarations,
     ):
         self._words = words
         self._slots = slots
@@ -64,6 +68,7 @@ class Takeover:
         self._members = members
         self._blocks = blocks
         self._flow = flow
+        self._declarations = declarations
 
     def run(self) -> None:
         """Take over. A core that dies during this leaves what its own successor can take over."""
@@ -79,6 +84,7 @@ class Takeover:
         for link in self._members.links:
             try:
                 self._finish_publishing(link, entered)
+                self._finish_subscribing(link)
             except MODULE_ERRORS as error:
                 self._members.fault(link, error)
         for index in handles:
@@ -247,6 +253,16 @@ class Takeover:
             link.outbound.take()
         elif self._refused_record(self._slots[link.slot]) == record and link.outbound.waiting():
             self._blocks.free(link, link.outbound.peek()[6])
+            link.outbound.take()
+
+    def _finish_subscribing(self, link: Link) -> None:
+        """Handle the record at a ring's tail if it is a subscription of a module that is ready.
+
+        The dead core may have given it messages of latched channels. They are still in the module's queue,
+        because nothing has been pushed since; later, this core could not tell which ones were given.
+        """
+        if link.ready and link.outbound.waiting() and link.outbound.glance() == Outbound.SUBSCRIBE:
+            self._declarations.on_subscribe(self._slots[link.slot], link, link.outbound.peek())
             link.outbound.take()
 
     def _refused_record(self, slot: Slot) -> tuple[int, int] | None:

@@ -49,7 +49,7 @@ class Needs:
         core, memories = profile.core, [module.memory for module in profile.modules]
         slots = len(memories) + 1
         rows = slots + profile.tools.count
-        tables = core_words(rows, core.channels, core.subscriptions, core.handles, core.references)
+        tables = core_words(rows + 1, core.channels, core.subscriptions, core.handles, core.references)
         rings = slots * (out_words(core.ring_records) + in_words(core.credits))
         words = board_words(rows + 1) + CLOCK_WORDS + tables + rings
         fixed_bytes = words * WORD_BYTES + SUPERVISOR_SEGMENT_BYTES

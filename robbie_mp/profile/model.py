@@ -147,6 +147,10 @@ class CoreLimits:
     channels: int = bounded(1024, 1, MAX_ENTRIES)
     """Pairs of message type and topic."""
     subscriptions: int = bounded(1024, 1, MAX_ENTRIES)
+    latched_messages: int = bounded(1024, 1, MAX_ENTRIES)
+    """Newest messages of latched channels that the core keeps for later subscribers."""
+    latched_bytes: int = bounded(256 << 20, 1, MAX_BYTES)
+    """Their size in total. Beyond either limit, the oldest is dropped; one message may be larger."""
     ring_records: int = bounded(1024, 16, 1 << 20, choices=tuple(1 << n for n in range(4, 21)))
     """Records of each outbound ring; a power of two."""
     credits: int = bounded(64, 1, MAX_ENTRIES)

@@ -18,7 +18,8 @@ def run_core(plan: RunPlan) -> None:
     modules = [_slot(module.queue, memory_bytes=module.memory.limit_bytes) for module in plan.modules]
     tool = _slot(plan.tool_queue, plan.tools.credits, memory_bytes=TOOL_MEMORY_BYTES, is_tool=True)
     message_bytes = max((module.memory.limit_bytes for module in plan.modules), default=0)
-    slots = [SUPERVISOR_QUEUE, *modules, *[tool] * plan.tools.count]
+    latched = SlotLimits(plan.core.latched_messages, plan.core.latched_bytes)
+    slots = [SUPERVISOR_QUEUE, *modules, *[tool] * plan.tools.count, latched]
     scheduling = plan.core.scheduling
     apply_scheduling(scheduling, logging.getLogger(CORE))
     message_bytes = max(message_bytes, TOOL_MEMORY_BYTES)

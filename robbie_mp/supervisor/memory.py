@@ -80,7 +80,8 @@ class RunMemory:
         queue = plan.tool_queue
         tools = [SlotBounds(queue.messages, queue.bytes, TOOL_MEMORY_BYTES)] * plan.tools.count
         supervisor = SlotBounds(memory_bytes=SUPERVISOR_MEMORY_BYTES)
-        self.board.create(plan.names, [supervisor, *map(_bounds, plan.modules), *tools])
+        latched = SlotBounds(plan.core.latched_messages, plan.core.latched_bytes)
+        self.board.create(plan.names, [supervisor, *map(_bounds, plan.modules), *tools, latched])
         now_ns = time.monotonic_ns()
         running = STATES.index(ChildState.RUNNING) + 1
         self.board.write(
@@ -89,7 +90,7 @@ class RunMemory:
         clock = Segment.create(names.clock(run_id), layout.CLOCK_WORDS, SegmentKind.CLOCK)
         self._clock_words = made.enter_context(contextlib.closing(clock)).words
         limits = plan.core
-        sizes = TableSizes(rows - 1, limits.channels, limits.subscriptions, limits.handles, limits.references)
+        sizes = TableSizes(rows, limits.channels, limits.subscriptions, limits.handles, limits.references)
         self._core_wakeup = made.enter_context(contextlib.closing(Wakeup.create(run_id)))
         tag = self._core_wakeup.tag
         core = Segment.create(names.core(run_id), sizes.words, SegmentKind.CORE, wakeup_tag=tag)

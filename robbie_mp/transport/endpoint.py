@@ -26,7 +26,7 @@ from robbie_mp.transport.records import (
 )
 from robbie_mp.transport.ring import RingPlace
 from robbie_mp.transport.tables import ChannelName, DeclarationRow
-from robbie_mp.transport.words import Words, new_fence
+from robbie_mp.transport.words import WORD_MAX, Words, new_fence
 
 # Looking up an enumeration's member costs more than everything else that is done with it for a message.
 _PUBLISH, _RELEASE = Outbound.PUBLISH, Outbound.RELEASE
@@ -87,6 +87,7 @@ class Endpoint:
         self._declaration_fence = new_fence()
         self._declarations = 0
         self._patterns = 0
+        self._is_ready = False
         self._backlog: deque[tuple[Outbound, int, int, int]] = deque()
         # Publishing leaves this room in the ring for releases, which must not be refused.
         self._reserve = min(2 * credit, ring_records // 2)
@@ -128,9 +129,26 @@ class Endpoint:
 
     # -- declarations ----------------------------------------------------------------------------------
 
-    def advertise(self, type_name: str, version: int, topic: str, own_topic: str | None = None) -> int:
-        """Declare a channel; return its number, with which you publish. Arguments as for `subscribe`."""
-        number = self._declare(Outbound.ADVERTISE, type_name, version, topic, own_topic=own_topic)
+    def advertise(
+        self,
+        type_name: str,
+        version: int,
+        topic: str,
+        own_topic: str | None = None,
+        *,
+        is_latched: bool = False,
+    ) -> int:
+        """Declare a channel; return its number, with which you publish.
+
+        Args:
+            type_name: type of the messages.
+            version: version of the messages.
+            topic: topic of the messages.
+            own_topic: as for `subscribe`.
+            is_latched: whether the core keeps the channel's newest message for later subscribers.
+        """
+        handling = MessageHandling.KEEP_ONLY_NEWEST if is_latched else MessageHandling.ALWAYS_DELIVER
+        number = self._declare(Outbound.ADVERTISE, type_name, version, topic, handling, own_topic=own_topic)
         self.send(Outbound.ADVERTISE, number)
         return number
 
@@ -167,6 +185,8 @@ class Endpoint:
             Outbound.SUBSCRIBE, type_name, version, topic, handling, handler, is_optional, own_topic
         )
         self.send(Outbound.SUBSCRIBE, number)
+        if self._is_ready:
+            self.send(Outbound.READY)  # has the core send what it keeps of latched channels
         return number
 
     def _declare(
@@ -209,6 +229,7 @@ class Endpoint:
     def send(self, kind: Outbound, first: int = 0, second: int = 0, third: int = 0) -> None:
         """Push a record that must not be refused, and wake the core."""
         with self.lock:
+            self._is_ready |= kind is Outbound.READY
             self._backlog.append((kind, first, second, third))
             self._flush()
         self.wake_core()
@@ -230,7 +251,9 @@ class Endpoint:
             self.wake_core()
         return True
 
-    def make_room(self, messages: int, memory_bytes: int, before_ns: int) -> None:
+    def make_room(
+        self, messages: int, memory_bytes: int, before_ns: int, latched_bytes: int = WORD_MAX
+    ) -> None:
         """Have the core drop this module's oldest waiting messages until few enough are left.
 
         This does nothing if the ring is full: the core must handle the records in it first.
@@ -239,11 +262,13 @@ class Endpoint:
             messages: maximum number of messages to be left.
             memory_bytes: maximum size of their blocks.
             before_ns: only messages with an earlier stamp are dropped.
+            latched_bytes: if their blocks are still larger than this, messages that the core keeps for later
+                subscribers are dropped as well.
         """
         with self.lock:
             if self._backlog or self._outbound.room() <= self._reserve:
                 return
-            self._outbound.push(Outbound.MAKE_ROOM, messages, memory_bytes, before_ns, 0, 0, 0)
+            self._outbound.push(Outbound.MAKE_ROOM, messages, memory_bytes, before_ns, latched_bytes, 0, 0)
         self.wake_core()
 
     def done(self, delivery: Delivery) -> None:

@@ -50,7 +50,8 @@ NAME_BYTES = (NAME_WORDS - 1) * 8
 LINE_WORDS = 33  # a text of up to 256 bytes: status lines, reasons
 
 # board: one row for each slot. Slot 0 is the supervisor, which publishes and subscribes like a module. The
-# core, which does not, has the last row.
+# core has the last row. It is never connected with itself; the newest messages of latched channels wait in its
+# slot.
 BOARD_GO = HEADER_WORDS
 BOARD_SLOTS = HEADER_WORDS + 1
 BOARD_GO_NS = HEADER_WORDS + 2  # when BOARD_GO was set, monotonic clock
@@ -87,6 +88,7 @@ CORE_HANDLES_USED = HEADER_WORDS + 9
 CORE_REFERENCES_USED = HEADER_WORDS + 10
 CORE_SETTLED = HEADER_WORDS + 11  # in lockstep: the last sequence when no message was left to handle
 CORE_HOT_PATH = HEADER_WORDS + 12  # a HotPath; 0: the core has not chosen yet
+CORE_NOT_GIVEN = HEADER_WORDS + 13  # latched messages that a new subscriber did not get: no reference was free
 CORE_TABLES = HEADER_WORDS + 16
 
 # A publisher's row, one for each slot.
@@ -190,7 +192,7 @@ DECLARATION_COUNT = 256
 MAX_PATTERNS = 32  # subscriptions by patterns of a module: the core looks at each for every new channel
 DECLARATION_KIND = 0
 DECLARATION_VERSION = 1
-DECLARATION_HANDLING = 2
+DECLARATION_HANDLING = 2  # of a channel, KEEP_ONLY_NEWEST: it is latched
 DECLARATION_TYPE = 4
 DECLARATION_TOPIC = DECLARATION_TYPE + NAME_WORDS
 DECLARATION_HANDLER = DECLARATION_TOPIC + NAME_WORDS  # name of a subscription's function

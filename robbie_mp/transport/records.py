@@ -9,7 +9,7 @@ Outbound, from a module to the core (kind, then up to six words):
     DONE         reference, sequence                              handled, but its memory is still in use
     RELEASE      reference, sequence                              handled, and its memory is not in use
     WAIT_FREED   blocks                                           wake me when this total of blocks is freed
-    MAKE_ROOM    messages, bytes, before_ns                       drop my oldest waiting ones, down to these
+    MAKE_ROOM    messages, bytes, before_ns, latched_bytes        drop my oldest waiting ones, down to these
 
 and, from the supervisor only:
 

@@ -264,6 +264,11 @@ class DeclarationRow(NamedTuple):
         handling = words[at + layout.DECLARATION_HANDLING]
         return cls(number, kind, name, handling, handler, own_topic, is_optional)
 
+    @property
+    def is_latched(self) -> bool:
+        """Whether it is a channel whose newest message the core keeps for later subscribers."""
+        return self.kind == Outbound.ADVERTISE and self.handling == MessageHandling.KEEP_ONLY_NEWEST
+
     @classmethod
     def read_all(cls, words: Words, first: int = 0) -> Iterator[Self]:
         """Copy the rows of an out segment that have been written, from the row `first` on."""

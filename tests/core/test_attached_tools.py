@@ -17,7 +17,7 @@ class Watched:
 
     def __init__(self, deaths: tuple[int, ...] = ()):
         self.run = SimulatedRun(queue_messages=5, handles=16)
-        self.run.limits = [*self.run.limits[:TOOL], SlotLimits(3, 1 << 20, TOOL_CREDIT, is_tool=True)]
+        self.run.limits[TOOL] = SlotLimits(3, 1 << 20, TOOL_CREDIT, is_tool=True)
         self.run.restart_core()
         self.run.fuse.stores = 0
         self.run.fuse.deaths = list(deaths)
@@ -136,6 +136,7 @@ def test_tool_is_faulted_when_the_table_is_full() -> None:
     rows = watched.run.tables.sizes.subscriptions
     for number in range(rows - 1):
         watched.listener.subscribe(topic=f"topic {number}")
+        watched.run.run_core()
     watched.attach()
     assert "no room for a subscription" in watched.run.reports[0]
     watched.publish(1)

@@ -163,7 +163,7 @@ def reuse_of_rows(deaths: tuple[int, ...]) -> SimulatedRun:
     """A tool's second pattern gets a row before its first one, where another tool has left."""
     run = SimulatedRun(handles=16)
     tools = [SlotLimits(20, 1 << 20, CREDIT, is_tool=True)] * 2
-    run.limits = [*run.limits[:2], *tools]
+    run.limits = [*run.limits[:2], *tools, run.limits[-1]]
     run.restart_core()
     publisher = publishing(run)
     channel = publisher.advertise()

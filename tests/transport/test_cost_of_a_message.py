@@ -54,10 +54,10 @@ class Chain:
         self.native = native
         self.posts = Counter[str]()
         self.images: list[int] = []
-        sizes = TableSizes(3, channels=8, subscriptions=8, handles=600, references=600)
+        sizes = TableSizes(4, channels=8, subscriptions=8, handles=600, references=600)
         tables = CoreTables.create(zeros(sizes.words), sizes)
         limits = RouterLimits(RING_RECORDS, CREDIT, message_bytes=1 << 24)
-        bounds = [SlotLimits(1000, 1 << 30)] * 3
+        bounds = [SlotLimits(1000, 1 << 30)] * 4
         self.out = [zeros(layout.out_words(RING_RECORDS)) for _ in bounds]
         self.into = [zeros(layout.in_words(CREDIT)) for _ in bounds]
         self.core = make_router(native, tables, limits, bounds, self._connect, print)

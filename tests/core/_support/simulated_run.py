@@ -72,8 +72,8 @@ class SimulatedModule:
             type_pattern, ANY_VERSION, topic_pattern, MessageHandling.ALWAYS_DELIVER
         )
 
-    def advertise(self, topic: str = "", type_name: str = TYPE) -> int:
-        return self.endpoint.advertise(type_name, 1, topic)
+    def advertise(self, topic: str = "", type_name: str = TYPE, *, is_latched: bool = False) -> int:
+        return self.endpoint.advertise(type_name, 1, topic, is_latched=is_latched)
 
     def publish(self, channel: int, value: int, size: int = 8) -> bool:
         """Publish a number; it travels as the stamp, so no payload is needed."""
@@ -131,18 +131,20 @@ class SimulatedRun:
         lockstep: bool = False,
         charged_ns: Callable[[], int] | None = None,
         log: StateLog | None = None,
+        latched_messages: int = 100,
+        latched_bytes: int = 1 << 30,
     ):
         self.lockstep = lockstep
         self.charged_ns = charged_ns
         self.log = log
-        sizes = TableSizes(slots, 8, subscriptions, handles, references or 4 * handles)
+        sizes = TableSizes(slots + 1, 8, subscriptions, handles, references or 4 * handles)
         self.words = self.memory.zeros(sizes.words)
         self.tables = CoreTables.create(self.words, sizes)
         self.fuse = self.memory.fuse()
         limits = SlotLimits(
             queue_messages, queue_bytes, in_flight_bytes=in_flight_bytes, memory_bytes=memory_bytes
         )
-        self.limits = [limits] * slots
+        self.limits = [*[limits] * slots, SlotLimits(latched_messages, latched_bytes)]
         self.reports: list[str] = []
         self.modules: dict[tuple[int, int], SimulatedModule] = {}
         self.crashes = 0
