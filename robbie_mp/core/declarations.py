@@ -57,8 +57,9 @@ class Declarations:
     def on_ready(self, slot: Slot, link: Link, _record: Record) -> None:
         """Start sending messages to a module; close earlier subscriptions that it has not declared again.
 
-        First it gets what is kept of latched channels. Before the word that says that it is ready, nothing is
-        pushed; after it, nothing is given. So if the core dies in between, its successor finds what was given.
+        First it gets what is kept of latched channels. Nothing is pushed before the word that says that it is
+        ready, and nothing is given after it. So if the core dies meanwhile, its successor finds what was
+        given.
         """
         given: list[int] = []
         if self._words[slot.at + layout.PUBLISHER_READY] != link.incarnation:
@@ -97,6 +98,8 @@ class Declarations:
             if not ledger.has_free_reference():
                 words[layout.CORE_NOT_GIVEN] = words[layout.CORE_NOT_GIVEN] + 1
                 continue
+            if words[layout.CORE_SETTLED]:
+                words[layout.CORE_SETTLED] = 0  # in lockstep: there is something to handle
             reference = ledger.open_late_reference(entry, handle)
             self._queues.add_late(slot, entry, reference, ledger.handle(handle).size)
             given.append(reference)

@@ -209,12 +209,14 @@ class Directory:
         """Have the core keep the newest message of a channel, as the module in a slot asks.
 
         Raises:
-            TableFull: there are as many subscriptions as the profile allows. Tools may only fill three quarters
-                of the table.
+            TableFull: there are as many subscriptions as the profile allows. Tools may only fill three
+                quarters of the table.
         """
         rows = len(self.subscriptions)
         if slot in self._tools and rows >= self._tables.sizes.subscriptions * 3 // 4:
-            raise TableFull(f"no room to latch {channel.type_name} on topic '{channel.topic}': {rows} are in use")
+            raise TableFull(
+                f"no room to latch {channel.type_name} on topic '{channel.topic}': {rows} are in use"
+            )
         name = ChannelName(channel.type_name, channel.version, channel.topic)
         self.subscribe(self._core_slot, name, MessageHandling.KEEP_ONLY_NEWEST)
 

@@ -97,9 +97,11 @@ class Queues:
         self.outdate(slot)
 
     def trim(self, slot: Slot, spared: Container[int]) -> None:
-        """Drop the oldest messages of a queue that is too long, but some messages only if no other is left."""
+        """Drop the oldest messages of a queue that is too long, the spared ones only if no other is left."""
         ledger = self._ledger
-        droppable = sorted(slot.waiting, key=lambda reference: reference in spared)  # stable: the oldest first
+        droppable = sorted(
+            slot.waiting, key=lambda reference: reference in spared
+        )  # stable: the oldest first
         for reference in droppable[:-1]:
             if len(slot.waiting) <= slot.queue_messages and slot.waiting_bytes <= slot.queue_bytes:
                 return

@@ -31,6 +31,7 @@ TAKEN_NAMES = frozenset(
     {
         "type_name",
         "version",
+        "is_latched",
         "has_views",
         "encoded_size",
         "encode_into",

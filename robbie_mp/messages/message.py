@@ -42,6 +42,8 @@ class MessageType(type):
         upgrades: for each older version, the step to the next one.
         template: whether the class is no message type, but gives its fields to the message types that
             inherit from it, in front of theirs; see `robbie_mp.messages.calls`.
+        latched: whether the core keeps the newest message of each topic for later subscribers; `publish` can
+            ask for it too. This is no part of the wire format.
 
     Raises:
         DeclarationError: the class cannot be a message type; the text says why.
@@ -58,6 +60,7 @@ class MessageType(type):
         version: int = 1,
         upgrades: Mapping[int, Upgrade] | None = None,
         template: bool = False,
+        latched: bool = False,
     ) -> MessageType:
         """Create the class."""
         if not bases:
@@ -82,6 +85,7 @@ class MessageType(type):
             "__slots__": (),
             "type_name": name,
             "version": version,
+            "is_latched": latched,
             "_constants": declaration.constants,
             "_upgrades": dict(upgrades or {}),
             "_source": {},
@@ -133,6 +137,8 @@ class Message(metaclass=MessageType):
     """Its ROS name, such as `sensor_msgs/msg/LaserScan`."""
     version: ClassVar[int]
     """Version number from 1; it grows whenever the fields change."""
+    is_latched: ClassVar[bool]
+    """Whether the core keeps the newest message of each topic for later subscribers."""
 
     has_views: ClassVar[bool]
     """Whether a decoded message may hold arrays that are views of the buffer it was decoded from."""

@@ -35,18 +35,30 @@ class Bus(Protocol):
         """Number of this module's messages that subscribers still wait for or hold."""
 
     def publish_encoded(
-        self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
+        self,
+        type_name: str,
+        version: int,
+        data: bytes | bytearray | memoryview,
+        topic: str,
+        latched: bool = False,
     ) -> bool:
         """Publish an encoded message; False if it was refused, as `publish`."""
 
     def advertise(self, message_type: type[Message], topic: str) -> None:
         """Declare that the module may publish messages of a type, before it does."""
 
-    def publish(self, message: Message, topic: str) -> bool:
-        """Publish a message; False if it was refused (and counted) because memory or ring is full."""
+    def publish(self, message: Message, topic: str, latched: bool = False) -> bool:
+        """Publish a message; False if it was refused (and counted) because memory or ring is full.
+
+        With `latched`, here and below, later subscribers of the channel get its newest message first.
+        """
 
     def loan(
-        self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
+        self,
+        message_type: type[MessageType],
+        topic: str,
+        fields: Mapping[str, object],
+        latched: bool = False,
     ) -> AbstractContextManager[MessageType]:
         """Lend a message to be filled in place; it is published at the end of the `with` block."""
 

@@ -364,6 +364,19 @@ class ModuleHarness(Generic[ModuleClass]):
         """Every encoded message that the module has published."""
         return self.bus.published_encoded
 
+    def latched(self, message_type: type[MessageType], topic: str = "") -> MessageType | None:
+        """Return the message that a module would get first if it subscribed now.
+
+        Args:
+            message_type: the class of the message.
+            topic: its topic.
+
+        Returns:
+            The newest message of the type on the topic, None if the module has not published any as latched.
+        """
+        data = self.bus.latched.get(ChannelName(message_type.type_name, message_type.version, topic))
+        return None if data is None else message_type.decode(data)
+
     def take(self, message_type: type[MessageType], topic: str | None = None) -> list[MessageType]:
         """Take the messages of a type out of what the module has published.
 
@@ -469,6 +482,8 @@ class HarnessBus:
         self.published: list[Published] = []
         self.published_encoded: list[PublishedEncoded] = []
         self.stopped = False
+        self.latched: dict[ChannelName, bytes] = {}
+        """The newest message of each latched channel."""
 
     @property
     def outstanding(self) -> int:
@@ -494,7 +509,7 @@ class HarnessBus:
         """Check the type; there is nobody to tell."""
         check_message_type(message_type, "advertise")
 
-    def publish(self, message: Message, topic: str) -> bool:
+    def publish(self, message: Message, topic: str, latched: bool = False) -> bool:
         """Collect a message."""
         check_message(message, "publish")
         if self.stopped:
@@ -505,11 +520,19 @@ class HarnessBus:
         if isinstance(message, Request | Goal):
             self.peers.kept.add(message.call)
         actual = self._wiring.actual(message.type_name, topic)
-        self.published.append(Published(type(message).decode(message.encode()), actual))
+        data = message.encode()
+        self.published.append(Published(type(message).decode(data), actual))
+        name = ChannelName(message.type_name, message.version, actual)
+        self._note(name, data, latched or message.is_latched)
         return True
 
     def publish_encoded(
-        self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
+        self,
+        type_name: str,
+        version: int,
+        data: bytes | bytearray | memoryview,
+        topic: str,
+        latched: bool = False,
     ) -> bool:
         """Collect an encoded message."""
         if self.stopped:
@@ -518,11 +541,20 @@ class HarnessBus:
         check_encapsulation(type_name, memoryview(data).cast("B"))
         actual = self._wiring.actual(type_name, topic)
         self.published_encoded.append(PublishedEncoded(type_name, version, bytes(data), actual))
+        self._note(ChannelName(type_name, version, actual), bytes(data), latched)
         return True
+
+    def _note(self, name: ChannelName, data: bytes, latched: bool) -> None:
+        if latched or name in self.latched:
+            self.latched[name] = data
 
     @contextmanager
     def loan(
-        self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
+        self,
+        message_type: type[MessageType],
+        topic: str,
+        fields: Mapping[str, object],
+        latched: bool = False,
     ) -> Iterator[MessageType]:
         """Collect a message that is filled in place."""
         check_message_type(message_type, "loan")
@@ -531,7 +563,7 @@ class HarnessBus:
         message = plan.write(memoryview(buffer))
         yield message
         message.forget_arrays()
-        self.publish(message_type.decode(bytes(buffer)), topic)
+        self.publish(message_type.decode(bytes(buffer)), topic, latched)
 
     def wake_after_freed(self, messages: int) -> None:
         """Do nothing: there is always room."""

@@ -249,7 +249,13 @@ class Module:
         self._bus.subscriptions.subscribe_encoded(type_pattern, handler, topic)
 
     def publish_encoded(
-        self, type_name: str, version: int, data: bytes | bytearray | memoryview, *, topic: str = ""
+        self,
+        type_name: str,
+        version: int,
+        data: bytes | bytearray | memoryview,
+        *,
+        topic: str = "",
+        latched: bool = False,
     ) -> bool:
         """Publish an encoded message, such as one from a log; its type needs no class in this program.
 
@@ -260,6 +266,7 @@ class Module:
             version: version of that type.
             data: the encoded message (XCDR1, little endian) with its 4 bytes of encapsulation; it is copied.
             topic: the topic to publish on.
+            latched: as for `publish`.
 
         Returns:
             False if the message was refused, as for `publish`.
@@ -269,7 +276,7 @@ class Module:
             DeclarationError, VersionError: a type cannot have this name or version.
             MessageTooLarge, PublishAfterStop: as for `publish`.
         """
-        return self._bus.publish_encoded(type_name, version, data, topic)
+        return self._bus.publish_encoded(type_name, version, data, topic, latched)
 
     def advertise(self, message_type: type[Message], *, topic: str = "") -> None:
         """Announce that this module may publish messages of a type, before it publishes the first.
@@ -290,12 +297,21 @@ class Module:
         """
         self._bus.advertise(message_type, topic)
 
-    def publish(self, message: Message, *, topic: str = "") -> bool:
+    def publish(self, message: Message, *, topic: str = "", latched: bool = False) -> bool:
         """Publish a message to all its subscribers.
+
+        A latched topic is for what rarely changes and every later subscriber needs, such as a map:
+
+            self.publish(OccupancyGrid(...), topic="map", latched=True)
+
+        The core keeps the newest message of a latched topic. A module that starts or restarts later gets it
+        first, even if the publisher has died since. Publish again only when something has changed.
 
         Args:
             message: the message; later changes to it do not reach the subscribers.
             topic: the topic to publish on.
+            latched: make the topic latched for this type; it stays so. With a type that is declared with
+                `latched=True`, every topic is.
 
         Returns:
             False if the message was refused because this module's memory or ring is full. (The core may
@@ -308,10 +324,10 @@ class Module:
             MessageTooLarge: the message is larger than this module's memory.
             PublishAfterStop: the module has already been stopped.
         """
-        return self._bus.publish(message, topic)
+        return self._bus.publish(message, topic, latched)
 
     def loan(
-        self, message_type: type[MessageType], *, topic: str = "", **fields: object
+        self, message_type: type[MessageType], *, topic: str = "", latched: bool = False, **fields: object
     ) -> AbstractContextManager[MessageType]:
         """Write a message directly into shared memory; it is published at the end of the `with` block.
 
@@ -326,12 +342,13 @@ class Module:
         Args:
             message_type: the class of the message.
             topic: the topic to publish on.
+            latched: as for `publish`.
             fields: the values of the fields; for an array to be filled in place, its number of elements.
 
         Raises:
             MessageTooLarge, PublishAfterStop, FieldError, NotAMessage: as for `publish`.
         """
-        return self._bus.loan(message_type, topic, fields)
+        return self._bus.loan(message_type, topic, fields, latched)
 
     def serve(
         self,

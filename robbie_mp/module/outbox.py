@@ -32,6 +32,9 @@ _MIN_REQUEST_INTERVAL_NS = 10_000_000
 """Least time between two such requests: subscribers hold the messages that the core could not drop."""
 _MIN_AGE_TO_DROP_NS = 50_000_000
 """A younger message is not dropped: its subscriber may be about to take it, as in a burst."""
+_MAX_WAIT_FOR_ROOM_NS = 25_000_000
+"""Longest wait, each of two times, for the core to drop the last message of a latched channel."""
+_ROOM_POLL_S = 0.0005
 MAX_READY_BLOCK_BYTES = 4096
 """For messages up to this size a block is kept ready; for larger ones, writing costs more than allocating."""
 
@@ -67,6 +70,8 @@ class Outbox:
         self._declarations: dict[tuple[type[Message], str], int] = {}
         self._channels: dict[ChannelName, int] = {}
         """The same by own name, with types that have no class in this program."""
+        self._latched: set[ChannelName] = set()
+        """Channels whose newest message the core keeps, by own name."""
         self._unreferenced: deque[int] = deque()
         """Blocks of loans whose arrays were still referred to at the end; filled by finalizers."""
         self._held: dict[int, weakref.ref[Any]] = {}
@@ -139,8 +144,11 @@ class Outbox:
             if (message_type, topic) not in self._declarations:
                 self._declare(message_type, topic)
 
-    def publish(self, message: Message, topic: str) -> bool:
+    def publish(self, message: Message, topic: str, latched: bool = False) -> bool:
         """Encode a message into a new block and pass it to the core."""
+        if latched:
+            check_message(message, "publish")
+            self._latch(_name_of(type(message), topic))
         if self._native is not None:
             done = self._native.publish(message, topic)
             if done is True:
@@ -159,6 +167,8 @@ class Outbox:
             if block is None or len(self._blocks.taken) > layout.MAX_OUTSTANDING:
                 block = self._allocate(size, block)
                 if block is None:
+                    block = self._replace_latched(_name_of(type(message), topic), size)
+                if block is None:
                     return self._refuse_for_memory(size, message.type_name, topic)
             try:
                 message.encode_into(block.buffer, block.offset)
@@ -168,7 +178,12 @@ class Outbox:
             return self._hand_over(declaration, block, size, message.type_name, topic)
 
     def publish_encoded(
-        self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
+        self,
+        type_name: str,
+        version: int,
+        data: bytes | bytearray | memoryview,
+        topic: str,
+        latched: bool = False,
     ) -> bool:
         """Copy an encoded message into a new block and pass it to the core."""
         source = memoryview(data).cast("B")
@@ -178,8 +193,10 @@ class Outbox:
             name = ChannelName(type_name, version, topic)
             if name not in self._channels:
                 check_type(type_name, version)
+            if latched:
+                self._latch(name)
             declaration = self._advertise(name)
-            block = self._allocate(size, self._blocks.reuse(size))
+            block = self._allocate(size, self._blocks.reuse(size)) or self._replace_latched(name, size)
             if block is None:
                 return self._refuse_for_memory(size, type_name, topic)
             block.buffer[block.offset : block.offset + size] = source
@@ -187,20 +204,29 @@ class Outbox:
 
     @contextmanager
     def loan(
-        self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
+        self,
+        message_type: type[MessageType],
+        topic: str,
+        fields: Mapping[str, object],
+        latched: bool = False,
     ) -> Iterator[MessageType]:
         """Lay a message out in a block, and pass it to the core after the caller has filled it.
 
         If memory is full, the caller fills a private buffer and the message is counted as refused: a driver
         does not fail because the bus is full.
         """
+        check_message_type(message_type, "loan")
+        name = _name_of(message_type, topic)
         with self._lock:
+            if latched:
+                self._latch(name)
             declaration = self._declarations.get((message_type, topic))
             if declaration is None:
-                check_message_type(message_type, "loan")
                 declaration = self._declare(message_type, topic)
             plan = lay_out(message_type, fields)
             block = self._allocate(plan.size, self._blocks.reuse(plan.size))
+            if block is None:
+                block = self._replace_latched(name, plan.size)
         start = block.buffer[block.offset : block.offset + plan.size] if block else bytearray(plan.size)
         whole = np.frombuffer(start, np.uint8)
         message = plan.write(whole.data)
@@ -231,26 +257,46 @@ class Outbox:
                 self._native.close()
             self._declarations.clear()
             self._channels.clear()
+            self._latched.clear()
             self._blocks.close()
 
     # -- inside ----------------------------------------------------------------------------------------
 
     def _declare(self, message_type: type[Message], topic: str) -> int:
-        declaration = self._advertise(ChannelName(message_type.type_name, message_type.version, topic))
+        name = _name_of(message_type, topic)
+        if message_type.is_latched:
+            self._latch(name)
+        declaration = self._advertise(name)
         self._declarations[message_type, topic] = declaration
         return declaration
 
     def _advertise(self, name: ChannelName) -> int:
+        self._check_open(name)
+        declaration = self._channels.get(name)
+        if declaration is None:
+            actual = name._replace(topic=self._wiring.actual(name.type_name, name.topic))
+            declaration = self._channels[name] = self._endpoint.advertise(
+                *actual, own_topic=name.topic, is_latched=name in self._latched
+            )
+        return declaration
+
+    def _latch(self, name: ChannelName) -> None:
+        """Have the core keep the newest message of a channel; one that is known already is declared again."""
+        if name in self._latched:
+            return
+        with self._lock:
+            self._check_open(name)
+            self._latched.add(name)
+            if self._channels.pop(name, None) is not None:
+                for key in [key for key in self._declarations if _name_of(*key) == name]:
+                    del self._declarations[key]
+
+    def _check_open(self, name: ChannelName) -> None:
         if self._closed:
             raise PublishAfterStop(
                 f"this module published a {name.type_name} after it was stopped; "
                 "publish last messages in teardown(), and end threads there"
             )
-        declaration = self._channels.get(name)
-        if declaration is None:
-            actual = name._replace(topic=self._wiring.actual(name.type_name, name.topic))
-            declaration = self._channels[name] = self._endpoint.advertise(*actual, own_topic=name.topic)
-        return declaration
 
     def _allocate(self, size: int, block: Block | None) -> Block | None:
         """Allocate a block if none was ready; refuse if too many blocks are in use."""
@@ -265,6 +311,24 @@ class Outbox:
                 self._blocks.free([block.number])
                 return None
         return block
+
+    def _replace_latched(self, name: ChannelName, size: int) -> Block | None:
+        """Make room for a message of a latched channel, whose last message may be what fills the memory.
+
+        The core drops the last one, so this waits until the core has answered, though not for long.
+        """
+        if name not in self._latched:
+            return None
+        blocks = self._blocks
+        capacity = block_bytes(size)
+        for left_bytes in (blocks.room_bytes - capacity, blocks.taken_bytes - capacity):
+            self._ask_for_room(max(0, min(left_bytes, blocks.enough_bytes)), max(0, left_bytes))
+            until_ns = time.monotonic_ns() + _MAX_WAIT_FOR_ROOM_NS
+            while time.monotonic_ns() < until_ns:
+                if (block := self._allocate(size, blocks.reuse(size))) is not None:
+                    return block
+                time.sleep(_ROOM_POLL_S)
+        return None
 
     def _hand_over(self, declaration: int, block: Block, size: int, type_name: str, topic: str) -> bool:
         if self._endpoint.publish(declaration, block, size, self._monotonic_ns()):
@@ -292,20 +356,29 @@ class Outbox:
             self.collect_freed()
             self._make_room(min(blocks.room_bytes - block_bytes(size), blocks.enough_bytes))
 
-    def _make_room(self, enough_bytes: int) -> None:
-        """Ask the core to drop old messages that only wait, unless few enough are left."""
+    def _make_room(self, enough_bytes: int, latched_bytes: int = WORD_MAX) -> None:
+        """Ask the core to drop old messages that only wait, unless few enough are left.
+
+        Args:
+            enough_bytes: size of what may remain in use.
+            latched_bytes: if more than this is left, what the core keeps for later subscribers may go too.
+        """
         blocks = self._blocks
         if blocks.taken_bytes <= enough_bytes and len(blocks.taken) <= _TARGET_IN_FLIGHT:
             return
-        now_ns = self._monotonic_ns()
-        if now_ns - self._asked_ns >= _MIN_REQUEST_INTERVAL_NS:
-            self._asked_ns = now_ns
-            self._endpoint.make_room(_TARGET_IN_FLIGHT, max(0, enough_bytes), now_ns - _MIN_AGE_TO_DROP_NS)
+        if self._monotonic_ns() - self._asked_ns >= _MIN_REQUEST_INTERVAL_NS:
+            self._ask_for_room(max(0, enough_bytes), latched_bytes)
+
+    def _ask_for_room(self, enough_bytes: int, latched_bytes: int) -> None:
+        self._asked_ns = now_ns = self._monotonic_ns()
+        before_ns = now_ns - _MIN_AGE_TO_DROP_NS
+        self._endpoint.make_room(_TARGET_IN_FLIGHT, enough_bytes, before_ns, latched_bytes)
 
     def _refuse_for_memory(self, size: int, type_name: str, topic: str) -> bool:
         """Refuse a message, and ask the core to make room for the next."""
         blocks = self._blocks
-        self._make_room(min(blocks.taken_bytes - block_bytes(size), blocks.enough_bytes))
+        left_bytes = max(0, blocks.taken_bytes - block_bytes(size))
+        self._make_room(min(left_bytes, blocks.enough_bytes), left_bytes)
         return self._refuse(type_name, topic)
 
     def _hand_over_copy(self, declaration: int, block: Block, size: int, type_name: str, topic: str) -> None:
@@ -341,3 +414,7 @@ class Outbox:
                 type_name, topic, self._refused,
             )  # fmt: skip
         return False
+
+
+def _name_of(message_type: type[Message], topic: str) -> ChannelName:
+    return ChannelName(message_type.type_name, message_type.version, topic)

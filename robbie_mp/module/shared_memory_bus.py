@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
+from typing import Protocol
 
 from robbie_mp.messages import Message
 from robbie_mp.module.calls.peers import Peers
@@ -9,6 +10,10 @@ from robbie_mp.module.envelope import Envelope, MessageType
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.transport.records import Delivery
+
+
+class _Publish(Protocol):
+    def __call__(self, message: Message, topic: str, latched: bool = False) -> bool: ...
 
 
 class SharedMemoryBus:
@@ -24,7 +29,7 @@ class SharedMemoryBus:
     def __init__(self, outbox: Outbox, inbox: Inbox, describe: Callable[[Delivery], Envelope], peers: Peers):
         self.peers = peers
         self._outbox = outbox
-        self.publish: Callable[[Message, str], bool] = outbox.publish
+        self.publish: _Publish = outbox.publish
         """Publish a message; False if it was refused."""
         self._inbox = inbox
         self.subscriptions = inbox.subscriptions
@@ -36,20 +41,29 @@ class SharedMemoryBus:
         return self._outbox.outstanding
 
     def publish_encoded(
-        self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
+        self,
+        type_name: str,
+        version: int,
+        data: bytes | bytearray | memoryview,
+        topic: str,
+        latched: bool = False,
     ) -> bool:
         """Publish an encoded message; False if it was refused."""
-        return self._outbox.publish_encoded(type_name, version, data, topic)
+        return self._outbox.publish_encoded(type_name, version, data, topic, latched)
 
     def advertise(self, message_type: type[Message], topic: str) -> None:
         """Declare that the module may publish messages of a type."""
         self._outbox.advertise(message_type, topic)
 
     def loan(
-        self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
+        self,
+        message_type: type[MessageType],
+        topic: str,
+        fields: Mapping[str, object],
+        latched: bool = False,
     ) -> AbstractContextManager[MessageType]:
         """Lend a message to be filled in place."""
-        return self._outbox.loan(message_type, topic, fields)
+        return self._outbox.loan(message_type, topic, fields, latched)
 
     def wake_after_freed(self, messages: int) -> None:
         """Wake this module when all subscribers have released this number of its messages."""

@@ -168,9 +168,9 @@ class Tool:
         self._words[layout.OUT_READY] = 1
         self._endpoint.send(Outbound.READY)
 
-    def publish(self, message: Message, topic: str) -> bool:
+    def publish(self, message: Message, topic: str, latched: bool = False) -> bool:
         """Publish a message; False if it was refused because the memory or the ring is full."""
-        return self.outbox.publish(message, topic)
+        return self.outbox.publish(message, topic, latched)
 
     def take(self) -> Received | None:
         """Return the next message, or None if there is none.

@@ -70,25 +70,34 @@ class ToolBus:
         with self._lock:
             self._tool.outbox.advertise(message_type, topic)
 
-    def publish(self, message: Message, topic: str) -> bool:
+    def publish(self, message: Message, topic: str, latched: bool = False) -> bool:
         """Publish a message; False if it was refused, or the tool is not attached at the moment."""
         with self._lock:
-            return self._is_attached and self._tool.outbox.publish(message, topic)
+            return self._is_attached and self._tool.outbox.publish(message, topic, latched)
 
     def publish_encoded(
-        self, type_name: str, version: int, data: bytes | bytearray | memoryview, topic: str
+        self,
+        type_name: str,
+        version: int,
+        data: bytes | bytearray | memoryview,
+        topic: str,
+        latched: bool = False,
     ) -> bool:
         """Publish a message given as bytes; False as for `publish`."""
         with self._lock:
             outbox = self._tool.outbox
-            return self._is_attached and outbox.publish_encoded(type_name, version, data, topic)
+            return self._is_attached and outbox.publish_encoded(type_name, version, data, topic, latched)
 
     @contextmanager
     def loan(
-        self, message_type: type[MessageType], topic: str, fields: Mapping[str, object]
+        self,
+        message_type: type[MessageType],
+        topic: str,
+        fields: Mapping[str, object],
+        latched: bool = False,
     ) -> Iterator[MessageType]:
         """Lend a message that is written in place, in shared memory."""
-        with self._lock, self._tool.outbox.loan(message_type, topic, fields) as message:
+        with self._lock, self._tool.outbox.loan(message_type, topic, fields, latched) as message:
             yield message
 
     def wake_after_freed(self, messages: int) -> None:

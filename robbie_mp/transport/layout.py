@@ -50,8 +50,8 @@ NAME_BYTES = (NAME_WORDS - 1) * 8
 LINE_WORDS = 33  # a text of up to 256 bytes: status lines, reasons
 
 # board: one row for each slot. Slot 0 is the supervisor, which publishes and subscribes like a module. The
-# core has the last row. It is never connected with itself; the newest messages of latched channels wait in its
-# slot.
+# core has the last row. It is never connected with itself: the newest messages of latched channels wait
+# in its queue.
 BOARD_GO = HEADER_WORDS
 BOARD_SLOTS = HEADER_WORDS + 1
 BOARD_GO_NS = HEADER_WORDS + 2  # when BOARD_GO was set, monotonic clock
@@ -88,7 +88,7 @@ CORE_HANDLES_USED = HEADER_WORDS + 9
 CORE_REFERENCES_USED = HEADER_WORDS + 10
 CORE_SETTLED = HEADER_WORDS + 11  # in lockstep: the last sequence when no message was left to handle
 CORE_HOT_PATH = HEADER_WORDS + 12  # a HotPath; 0: the core has not chosen yet
-CORE_NOT_GIVEN = HEADER_WORDS + 13  # latched messages that a new subscriber did not get: no reference was free
+CORE_NOT_GIVEN = HEADER_WORDS + 13  # latched messages that new subscribers missed: no reference was free
 CORE_TABLES = HEADER_WORDS + 16
 
 # A publisher's row, one for each slot.

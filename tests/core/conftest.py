@@ -15,14 +15,13 @@ ONCE = ("test_lockstep", "test_recovery_mutations", "test_working_alone")
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Play every test of the core twice."""
     if metafunc.module.__name__.rpartition(".")[2] not in ONCE:
-        metafunc.fixturenames.append("hot_path")
         metafunc.parametrize("hot_path", ["Python", "C"], indirect=True)
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def hot_path(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """All simulated runs of a test use the hot path in this language."""
-    if request.param == "C":
+    if getattr(request, "param", "Python") == "C":
         monkeypatch.setattr(
             SimulatedRun, "memory", FusedMemory(request.getfixturevalue("built"), with_c=True)
         )

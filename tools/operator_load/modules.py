@@ -140,9 +140,14 @@ class Camera(Module):
     def tick(self) -> None:
         """Move the scene a little, and publish it."""
         self.ticks += 1
-        sizes = {"height": self.height, "width": self.width, "step": 3 * self.width}
         with self.loan(
-            Image, **sizes, encoding="rgb8", data=self.picture.size, topic=f"camera/{self.place}"
+            Image,
+            topic=f"camera/{self.place}",
+            height=self.height,
+            width=self.width,
+            step=3 * self.width,
+            encoding="rgb8",
+            data=self.picture.size,
         ) as image:
             np.copyto(image.data, np.roll(self.picture, 4 * self.ticks, axis=1).reshape(-1))
 
