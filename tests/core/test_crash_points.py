@@ -158,6 +158,69 @@ SCENARIOS = (
     fan_out, backpressure, full_table, full_ring, newest_replaced, owner_dead, subscriber_dead, both_dead,
     short_of_memory, rows_used_again, stopped_and_started,
 )  # fmt: skip
+
+
+def come_late(history: History) -> None:
+    history.publish(1)
+    history.publish(2)
+    history.core()
+    for slot in (2, 3):
+        history.handle(slot)
+        history.kill(slot)
+        history.start(slot)
+        history.publish(1)
+        history.handle(slot)
+    history.core()
+    for slot in (2, 3):
+        history.join(slot)
+        history.keep(slot)
+        history.publish(2)
+        history.begin_and_die(slot)
+        history.join(slot)
+    history.core()
+
+
+def outlive_the_publisher(history: History) -> None:
+    history.publish(1)
+    history.core()
+    history.kill(1)
+    history.begin_and_die(2)
+    history.stop(3)
+    history.start(2)
+    history.start(3)
+    history.core()
+    history.start(1)
+    history.publish(1)
+    history.publish(2)
+    history.core()
+
+
+def late_and_short_of_memory(history: History) -> None:
+    for _ in range(8):
+        history.publish(1)
+        history.publish(2)
+        history.core()
+    history.kill(2)
+    history.start(2)
+    history.make_room(1, 1)
+    history.core()
+    history.join(3)
+    history.drop_latched(1)
+    history.core()
+    history.join(2)
+    history.publish(2)
+    history.core()
+
+
+LATCHED_SCENARIOS = (come_late, outlive_the_publisher, late_and_short_of_memory)
+"""Played with a latched channel."""
+LATCHED_SETTINGS: tuple[dict[str, Any], ...] = (
+    {"latched": True},
+    {"latched": True, "by_patterns": True},
+    {"latched": True, "queue_messages": 1, "handles": 12, "in_flight_bytes": 16},
+    {"latched": True, "handles": 4},
+    {"latched": True, "latched_bytes": 4},
+)
 STRIDE = 5
 PAIR_STRIDES: dict[Scenario, tuple[int, int]] = {rows_used_again: (1, 5)}
 """Of first and second deaths: here one single first death can have a message entered twice."""
@@ -188,9 +251,21 @@ def play(
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_core_may_die_before_any_store(scenario: Scenario, number: int, pytestconfig: pytest.Config) -> None:
     is_exhaustive = number == 0 or pytestconfig.getoption("--exhaustive")
-    settings = SETTINGS[number]
+    _kill_core(scenario, SETTINGS[number], 0 if is_exhaustive else number, 1 if is_exhaustive else STRIDE)
+
+
+@pytest.mark.parametrize("number", range(len(LATCHED_SETTINGS)))
+@pytest.mark.parametrize("scenario", (*LATCHED_SCENARIOS, both_dead, stopped_and_started))
+def test_core_of_latched_channel_may_die_before_any_store(
+    scenario: Scenario, number: int, pytestconfig: pytest.Config
+) -> None:
+    is_exhaustive = (number == 0 and scenario is come_late) or pytestconfig.getoption("--exhaustive")
+    _kill_core(scenario, LATCHED_SETTINGS[number], 0 if is_exhaustive else number, 1 if is_exhaustive else 7)
+
+
+def _kill_core(scenario: Scenario, settings: dict[str, Any], first: int, stride: int) -> None:
     stores = play(scenario, settings, ()).run.fuse.stores
-    deaths = range(0 if is_exhaustive else number, stores, 1 if is_exhaustive else STRIDE)
+    deaths = range(first, stores, stride)
     for death in deaths:
         history = play(scenario, settings, (death,))
         assert history.run.crashes == 1

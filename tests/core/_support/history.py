@@ -1,6 +1,7 @@
 """A small robot whose every event the test decides, with a journal that the core's books are checked by.
 
-Slots 1 and 2 publish, 2 takes everything, 3 keeps only the newest; all may die and come back at any time.
+Slots 1 and 2 publish, 2 takes everything, 3 keeps only the newest; all may die and come back at any time. Their
+channel may be latched: then each that comes back is given the newest message first.
 """
 
 import contextlib
@@ -30,8 +31,12 @@ class History:
         lockstep: bool = False,
         in_flight_bytes: int = 1 << 30,
         log: StateLog | None = None,
+        latched: bool = False,
+        latched_bytes: int = 1 << 30,
     ) -> None:
+        self.latched = latched
         self.run = SimulatedRun(
+            latched_bytes=latched_bytes,
             queue_messages=queue_messages,
             handles=handles,
             in_flight_bytes=in_flight_bytes,
@@ -48,6 +53,8 @@ class History:
         self.incarnations = dict.fromkeys(SLOTS, 0)
         self.seen: dict[int, list[int]] = {2: [], 3: []}
         self.seen_values: dict[int, list[int]] = {2: [], 3: []}
+        self.lives: dict[int, list[list[int]]] = {2: [], 3: []}
+        """What each incarnation of a subscriber has seen."""
         self.taken: list[int] = []
         """Sequences in the order in which anybody began to handle them."""
         self.died_with = {2: 0, 3: 0}
@@ -58,25 +65,38 @@ class History:
         for slot in (3, 2, 1):
             self.start(slot)
 
-    def start(self, slot: int) -> None:
+    def start(self, slot: int, *, joins_late: bool = False) -> None:
         if slot in self.alive:
             return
         self.incarnations[slot] += 1
+        if slot in self.lives:
+            self.lives[slot].append([])
         fuse = self.fuses.get(slot) if self.incarnations[slot] == 1 else None
         module = self.alive[slot] = self.run.start(slot, self.incarnations[slot], fuse)
         try:
+            if joins_late:
+                module.ready()
+                self.run.run_core()
             if slot == 2 and self.by_patterns:
                 module.subscribe_by_patterns("test_msgs/*")
                 module.subscribe_by_patterns("*")
             elif slot in HANDLINGS:
                 module.subscribe(HANDLINGS[slot])
             if slot in PUBLISHERS:
-                self.channels[slot] = module.advertise()
+                self.channels[slot] = module.advertise(is_latched=self.latched)
             module.ready()
         except Died:
             self.kill(slot)
             self.start(slot)
         self.run.run_core()
+
+    def join(self, slot: int) -> None:
+        """Come back, and subscribe only after the setup."""
+        self.kill(slot)
+        self.start(slot, joins_late=True)
+        if joined := slot in HANDLINGS:
+            self.stopped.add(slot)  # its subscription was closed, as it was not declared at first
+        assert joined or slot in PUBLISHERS
 
     def kill(self, slot: int) -> None:
         if slot in self.alive:
@@ -123,7 +143,8 @@ class History:
             delivery = module.take()
             if delivery is None:
                 return None
-            self.taken.append(delivery.sequence)
+            if self.lives[slot][-1] or not self.latched:  # or else it may be given
+                self.taken.append(delivery.sequence)
             respond = module.endpoint.release if answer is Outbound.RELEASE else module.endpoint.done
             respond(delivery)
         except Died:
@@ -133,6 +154,7 @@ class History:
             if not survived or delivery is None:
                 return None
         self.seen[slot].append(delivery.sequence)
+        self.lives[slot][-1].append(delivery.sequence)
         self.seen_values[slot].append(delivery.stamp_ns)
         return delivery if slot in self.alive else None
 
@@ -151,6 +173,14 @@ class History:
             except Died:
                 self.kill(slot)
 
+    def drop_latched(self, slot: int) -> None:
+        """Be so short of memory that what the core keeps for later subscribers is dropped too."""
+        if slot in self.alive and slot in PUBLISHERS:
+            try:
+                self.alive[slot].endpoint.make_room(0, 0, WORD_MAX, latched_bytes=0)
+            except Died:
+                self.kill(slot)
+
     def begin_and_die(self, slot: int) -> None:
         """Die in the middle of a handler."""
         module = self.alive.get(slot)
@@ -165,8 +195,13 @@ class History:
 
     def check_books(self) -> None:
         """I3: one order, nothing twice. I4: nothing uncounted."""
-        for sequences in self.seen.values():
-            assert sequences == sorted(set(sequences)), f"out of order or twice: {sequences}"
+        for lives in self.lives.values():
+            before: list[int] = []
+            for life in lives:
+                news = life[1:] if self.latched and life[:1] <= before[-1:] else life
+                assert life == sorted(set(life)), f"out of order or twice: {lives}"
+                assert not before or not news or before[-1] < news[0], f"out of order or twice: {lives}"
+                before += news
         for index, slot in enumerate((3, 2)):
             counts = self.run.counts(index)
             ended = counts["delivered"] + counts["replaced"] + counts["dropped"] + counts["lost"]
@@ -192,20 +227,23 @@ class History:
         self.check_books()
         assert not self.run.lockstep or self.run.is_settled
         assert self.run.reports == []
-        assert self.run.live_handles() == self.run.live_references() == 0, "not everything was freed"
+        kept = self._check_latched()
+        assert self.run.live_handles() == self.run.live_references() == kept, "not everything was freed"
         for slot, module in list(self.alive.items()):
             try:
                 module.collect_freed()
             except Died:
                 self.kill(slot)
                 continue
-            assert not module.blocks_out, f"blocks never came back: {module.blocks_out}"
+            assert len(module.blocks_out) <= kept, f"blocks never came back: {module.blocks_out}"
         routed, refused = self._published_by_the_books()
         assert routed + refused == len(self.published)
         assert routed == self.run.words[layout.CORE_LAST_SEQUENCE]
         for index, slot in enumerate((3, 2)):
             counts = self.run.counts(index)
-            assert counts["routed"] == routed or (slot in self.stopped and counts["routed"] < routed)
+            was_closed, was_given = slot in self.stopped, self.latched and self.incarnations[slot] > 1
+            assert counts["routed"] >= routed or was_closed
+            assert counts["routed"] <= routed or was_given
             assert counts["delivered"] + counts["lost"] == len(self.seen[slot]) + self.died_with[slot]
             assert set(self.seen_values[slot]) <= set(self.published), "a message was changed"
 
@@ -214,6 +252,28 @@ class History:
         return len(self.alive) == len(SLOTS) and not (
             any(self.kept.values()) or any(self.run.waiting(slot) for slot in HANDLINGS)
         )
+
+    def _check_latched(self) -> int:
+        """Let both subscribers come back; return how many messages the core keeps for those that do."""
+        keeps = self.run.live_handles()
+        if not self.latched:
+            return 0
+        assert keeps <= 1
+        newest = self.run.newest_live()
+        for comes_back in (self.start, self.join):
+            for slot in HANDLINGS:
+                self.kill(slot)
+                comes_back(slot)
+                while slot not in self.alive:
+                    self.start(slot)
+                self.handle(slot)
+                while slot not in self.alive:
+                    self.start(slot)
+                    self.handle(slot)
+                assert self.lives[slot][-1] == ([newest] if keeps else []), f"slot {slot} came late"
+        self.run.run_core()
+        self.check_books()
+        return keeps
 
     def _published_by_the_books(self) -> tuple[int, int]:
         words, rows = self.run.words, [self.run.tables.publisher(slot) for slot in PUBLISHERS]

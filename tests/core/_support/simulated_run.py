@@ -281,6 +281,10 @@ class SimulatedRun:
     def live_handles(self) -> int:
         return sum(self.words[self.tables.handle(i)] != 0 for i in range(self.tables.sizes.handles))
 
+    def newest_live(self) -> int:
+        """Sequence of the newest message that is kept; 0: none."""
+        return max(self.words[self.tables.handle(i)] for i in range(self.tables.sizes.handles))
+
     def live_references(self) -> int:
         return sum(self.words[self.tables.reference(i)] != 0 for i in range(self.tables.sizes.references))
 
