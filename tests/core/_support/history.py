@@ -1,7 +1,7 @@
 """A small robot whose every event the test decides, with a journal that the core's books are checked by.
 
-Slots 1 and 2 publish, 2 takes everything, 3 keeps only the newest; all may die and come back at any time. Their
-channel may be latched: then each that comes back is given the newest message first.
+Slots 1 and 2 publish, 2 takes everything, 3 keeps only the newest; all may die and come back at any time.
+Their channel may be latched: then each that comes back is given the newest message first.
 """
 
 import contextlib

@@ -1,0 +1,90 @@
+"""A robot with a latched map: a module that starts late has it, whatever was killed before."""
+
+import os
+import signal
+
+from tests._support.robot import Robot
+
+MODULES = '''
+import numpy as np
+
+from robbie_mp import Module, setting
+from robbie_mp.messages import Image, Message, int64
+
+
+class Beacon(Message, name="zoo_msgs/msg/Beacon", version=1, latched=True):
+    number: int64
+
+
+class Mapper(Module):
+    """Publishes maps, each larger than half of its memory, and says how many there were."""
+
+    period_s = 0.1
+    count: int = setting(5, "maps to publish")
+
+    def setup(self):
+        self.done = (self.restored or 0)
+        self.data = np.zeros(40_000_000, np.uint8)
+
+    def tick(self):
+        if self.done < self.count:
+            self.done += 1
+            self.checkpoint(self.done)
+            self.publish(Image(height=self.done, data=self.data), topic="map", latched=True)
+            self.publish(Beacon(number=self.done))
+        self.status = f"{self.done} maps"
+
+
+class Reader(Module):
+    """Says which map and which beacon it has got first, and last."""
+
+    def setup(self):
+        self.maps, self.beacons = [], []
+        self.subscribe(Image, self.on_map, topic="map")
+        self.subscribe(Beacon, self.on_beacon)
+
+    def on_map(self, image):
+        self.maps.append(image.height)
+        self.show()
+
+    def on_beacon(self, beacon):
+        self.beacons.append(beacon.number)
+        self.show()
+
+    def show(self):
+        self.status = f"{self.maps[:1]} {self.beacons[:1]}"
+'''
+PROFILE = """
+modules:
+  mapper:
+    class: "zoo.maps:Mapper"
+    memory: {limit_bytes: 64000000}
+    restart: {policy: never}
+  reader: {class: "zoo.maps:Reader"}
+"""
+
+
+def test_late_module_has_the_newest_map_though_publisher_and_core_were_killed(robot: Robot) -> None:
+    (robot.folder / "zoo" / "maps.py").write_text(MODULES)
+    robot.write_profile(PROFILE)
+    robot.start()
+    figures = robot.until(lambda modules: modules["mapper"]["status"] == "5 maps")
+    assert figures["mapper"]["refused"] == 0, "an older map must give way"
+    os.kill(figures["mapper"]["pid"], signal.SIGKILL)
+    robot.until(lambda modules: modules["mapper"]["state"] == "FAILED")
+    os.kill(figures["core"]["pid"], signal.SIGKILL)
+    robot.until(lambda modules: modules["core"]["restarts"] == 1 and modules["core"]["state"] == "RUNNING")
+    for restarts in (1, 2):
+        figures = robot.until(
+            lambda modules, restarts=restarts: (
+                modules["reader"]["state"] == "RUNNING" and modules["reader"]["restarts"] == restarts - 1
+            )
+        )
+        os.kill(figures["reader"]["pid"], signal.SIGKILL)
+        figures = robot.until(
+            lambda modules, restarts=restarts: (
+                modules["reader"]["restarts"] == restarts and modules["reader"]["status"] == "[5] [5]"
+            )
+        )
+    assert figures["core"]["waiting"] == 2
+    assert figures["core"]["waiting_bytes"] > 40_000_000
