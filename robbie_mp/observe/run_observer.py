@@ -222,10 +222,8 @@ class RunObserver:
         memory = self._memory(slot, 0 if is_core else row.incarnation)
         last = memory.own_words()
         own = last if row.pid else NO_WORDS  # a dead module's counts are in the row
-        queue = [0] * layout.PUBLISHER_WORDS
-        if not is_core:
-            at = self._tables.publisher(slot)
-            queue = [self._words[at + column] for column in range(layout.PUBLISHER_WORDS)]
+        at = self._tables.publisher(slot)
+        queue = [self._words[at + column] for column in range(layout.PUBLISHER_WORDS)]
         core_refused = queue[layout.PUBLISHER_REFUSED]
         usage = read_usage(row.pid) if row.pid else ProcessUsage()
         activity = own[layout.OUT_ACTIVITY]
