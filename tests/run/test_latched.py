@@ -2,6 +2,7 @@
 
 import os
 import signal
+from typing import Any
 
 from tests._support.robot import Robot
 
@@ -75,16 +76,18 @@ def test_late_module_has_the_newest_map_though_publisher_and_core_were_killed(ro
     os.kill(figures["core"]["pid"], signal.SIGKILL)
     robot.until(lambda modules: modules["core"]["restarts"] == 1 and modules["core"]["state"] == "RUNNING")
     for restarts in (1, 2):
-        figures = robot.until(
-            lambda modules, restarts=restarts: (
-                modules["reader"]["state"] == "RUNNING" and modules["reader"]["restarts"] == restarts - 1
-            )
-        )
+        figures = until(robot, restarts - 1)
         os.kill(figures["reader"]["pid"], signal.SIGKILL)
-        figures = robot.until(
-            lambda modules, restarts=restarts: (
-                modules["reader"]["restarts"] == restarts and modules["reader"]["status"] == "[5] [5]"
-            )
-        )
+        figures = until(robot, restarts, "[5] [5]")
     assert figures["core"]["waiting"] == 2
     assert figures["core"]["waiting_bytes"] > 40_000_000
+
+
+def until(robot: Robot, restarts: int, status: str = "") -> dict[str, dict[str, Any]]:
+    """Wait until the reader runs again, and shows a status."""
+
+    def is_back(modules: dict[str, dict[str, Any]]) -> bool:
+        reader = modules["reader"]
+        return (reader["state"], reader["restarts"]) == ("RUNNING", restarts) and status in reader["status"]
+
+    return robot.until(is_back)
