@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from robbie_mp import Header, ModuleHarness, SettingError, Time
-from robbie_mp.messages import DriveCommand, Image, LaserScan, ModuleState, TwistStamped
+from robbie_mp.messages import DriveCommand, Image, LaserScan, ModuleState, OccupancyGrid, TwistStamped
 from robbie_mp.profile.load import load_profile
 from robbie_mp.services.message_logger import MessageLogger
 from robbie_mp.state_machine import IllegalTransition, mermaid
@@ -144,6 +144,18 @@ def test_profile_that_reduces_latency_is_valid(tmp_path: Path) -> None:
     niceness = {module.name: module.scheduling.nice for module in profile.modules}
     assert niceness == {"mapping": 5, "logger": None}
     assert MessageLogger.nice > 0
+
+
+def test_late_module_gets_the_newest_map() -> None:
+    names = run("latched")
+    with ModuleHarness(names["Mapper"]) as harness:
+        harness.advance(5.0)
+        newest = harness.latched(OccupancyGrid, "map")
+        assert newest is not None
+        assert newest.data.size == 4
+        calibration = harness.latched(names["Calibration"])
+        assert calibration is not None
+        assert calibration.scale == 1.5
 
 
 def test_tests_on_the_page_pass() -> None:

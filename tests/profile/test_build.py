@@ -35,7 +35,15 @@ def test_every_key_of_a_profile_is_understood(robot: Robot) -> None:
             memory: {segment_bytes: 8192, limit_bytes: 16384}
             queue: {messages: 8, bytes: 9}
         config: {robot.radius_m: 0.25, robot.name: r, fast: true, arms: 2}
-        core: {handles: 10, references: 11, channels: 12, subscriptions: 13, ring_records: 16, credits: 14}
+        core:
+            handles: 10
+            references: 11
+            channels: 12
+            subscriptions: 13
+            latched_messages: 15
+            latched_bytes: 17
+            ring_records: 16
+            credits: 14
         """,
     )
     profile = robot.load()
@@ -48,7 +56,7 @@ def test_every_key_of_a_profile_is_understood(robot: Robot) -> None:
     assert (a.start_deadline_s, a.stop_grace_s) == (6.0, 7.0)
     assert (a.memory.segment_bytes, a.memory.limit_bytes) == (8192, 16384)
     assert (a.queue.messages, a.queue.bytes) == (8, 9)
-    assert profile.core == CoreLimits(10, 11, 12, 13, 16, 14)
+    assert profile.core == CoreLimits(10, 11, 12, 13, 15, 17, 16, 14)
     assert profile.config == {"robot.radius_m": 0.25, "robot.name": "r", "fast": True, "arms": 2}
     assert profile.description == "All of it"
 
