@@ -29,6 +29,8 @@ class SubscriptionFigures:
     """0: type and topic are shell patterns."""
     is_open: bool = True
     """Whether messages are routed to it; not after its module has stopped for good."""
+    is_latch: bool = False
+    """Whether it is the core's own, which keeps the newest message of one channel for later subscribers."""
 
     @property
     def waiting(self) -> int:

@@ -205,6 +205,7 @@ class RunObserver:
                 left=row.left_waiting(counts.dropped),
                 version=name.version,
                 is_open=row.state == ROW_OPEN,
+                is_latch=slot == self._board.slots - 1,
             )
             found[slot] = (*found.get(slot, ()), figures)
         return found

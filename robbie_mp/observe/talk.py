@@ -48,7 +48,9 @@ def _taking(
     taking = [
         entry
         for entry in subscriptions
-        if entry.is_open and ChannelName(entry.type_name, entry.version, entry.topic).takes(name)
+        if entry.is_open
+        and not entry.is_latch
+        and ChannelName(entry.type_name, entry.version, entry.topic).takes(name)
     ]
     by_pattern = [entry for entry in taking if entry.version == ANY_VERSION]
     return [entry for entry in taking if entry not in by_pattern[1:]]
