@@ -7,7 +7,7 @@
 #include <stdint.h>
 
 enum {
-    LAYOUT_VERSION = 11,
+    LAYOUT_VERSION = 12,
     SEGMENT_KIND_BOARD = 1,
     SEGMENT_KIND_CORE = 2,
     SEGMENT_KIND_OUT = 3,
