@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Iterable
-from contextlib import closing
 from typing import NamedTuple
 
 from robbie_mp.cli import completers
@@ -10,11 +9,10 @@ from robbie_mp.errors import RobbieError
 from robbie_mp.messages import UnknownType
 from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.messages.registry import full_name
-from robbie_mp.observe import RunObserver
-from robbie_mp.observe.declarations import read_declarations
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.suggest import did_you_mean
 from robbie_mp.transport.tables import ChannelName
+from robbie_mp.views.known_channels import channels_of_run
 from robbie_mp.views.known_types import types_of_run
 
 
@@ -62,14 +60,6 @@ def choose_messages(run: KnownRun, arguments: argparse.Namespace) -> ChosenMessa
     return ChosenMessages(
         types, choose_channel(arguments.messages, arguments.topic, types, channels_of_run(run))
     )
-
-
-def channels_of_run(run: KnownRun) -> set[ChannelName]:
-    """Return the channels that modules publish or have published, or subscribe to by type and topic."""
-    with closing(RunObserver(run.run_id)) as observer:
-        routed = {ChannelName(one.type_name, one.version, one.topic) for one in observer.channels()}
-    declared = {entry.name for entry in read_declarations(run.run_id) if not entry.is_by_patterns}
-    return routed | declared
 
 
 def choose_channel(name: str, topic: str, types: KnownTypes, channels: Iterable[ChannelName]) -> ChannelName:

@@ -51,7 +51,7 @@ def _types(run: KnownRun) -> Iterable[str]:
 
 
 def _topics(run: KnownRun) -> Iterable[str]:
-    from robbie_mp.cli.channel_choice import channels_of_run  # noqa: PLC0415
+    from robbie_mp.views.known_channels import channels_of_run  # noqa: PLC0415
 
     return {channel.topic for channel in channels_of_run(run)} - {""}
 

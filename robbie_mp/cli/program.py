@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 
+from robbie_mp.cli.interrupts import interrupts_end_at_once
 from robbie_mp.cli.output import plain_output
 from robbie_mp.cli.parser import BAD_USAGE, Parser
-from robbie_mp.cli.start import interrupts_end_at_once
 from robbie_mp.errors import RobbieError
 from robbie_mp.version import installed_version
 

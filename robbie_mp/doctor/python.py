@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-import robbie_mp
 from robbie_mp._hot.choice import why_not
 from robbie_mp.doctor.finding import Finding, fail, ok, warn
 from robbie_mp.profile.model import Profile
@@ -52,7 +51,7 @@ def is_gil_enabled() -> bool:
 
 def own_requirements() -> list[Requirement]:
     """Return Robbie-MP's requirements: of the installed package, or of the checkout it runs from."""
-    project = Path(robbie_mp.__file__).parents[1] / "pyproject.toml"
+    project = Path(__file__).parents[2] / "pyproject.toml"
     if project.is_file():
         said = tomllib.loads(project.read_text())["project"]
         texts = list(said["dependencies"])
