@@ -161,7 +161,7 @@ def test_names_of_a_killed_test_are_removed_and_those_of_a_live_one_stay() -> No
     with subprocess.Popen(["sleep", "60"]) as process:
         process.kill()
     own_letters = "".join(chr(ord("a") + int(digit)) for digit in str(os.getpid()))
-    dead, live = f"{own_letters}{process.pid}", f"{own_letters}{os.getpid()}"
+    dead, live = f"{own_letters}{process.pid}x3", f"{own_letters}{os.getpid()}"
     semaphores = [SHARED_MEMORY / f"sem.robbie-{run}.0123456789abcdef" for run in (dead, live)]
     folders = [SHARED_MEMORY / f"robbie-{run}" for run in (dead, live)]
     for semaphore, folder in zip(semaphores, folders, strict=True):

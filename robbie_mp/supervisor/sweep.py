@@ -28,8 +28,8 @@ from robbie_mp.transport.shared_folder import (
 )
 
 SHARED_NAME = re.compile(rf"(?:sem\.)?robbie-({RUN_ID.pattern})(?:\.[0-9a-f]{{16}})?")
-UNCLAIMED_AGE_S = 5.0
-"""A run without folder and board may be starting while its names are younger than this."""
+UNCLAIMED_AGE_S = 60.0
+"""A run without folder and board may be starting while its names are younger than this, on a busy machine."""
 UNFINISHED_AGE_S = 60.0
 
 

@@ -30,6 +30,8 @@ from tests._support.places import PROJECT
 SHARED_MEMORY = Path("/dev/shm")
 LOOK_PERIOD_S = 0.05
 VARIABLE = "ROBBIE_TEST_SESSION"
+UNIT_TEST_RUN = "[a-z]+([0-9]+)(?:x[0-9]+)?"
+"""What unit tests call their memory: after their process, with a number if it makes several."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +65,8 @@ class Session:
         return self.owns(owner.pid) if owner.is_alive else None
 
     def is_named_after_others(self, run_id: str) -> bool:
-        """Whether a unit test of others made this memory: they name it after their process, as `test1234`."""
-        named = re.fullmatch(r"[a-z]+([0-9]+)", run_id)
+        """Whether a unit test of others made this memory: they name it after their process."""
+        named = re.fullmatch(UNIT_TEST_RUN, run_id)
         return named is not None and self.owns(int(named[1])) is False
 
     def is_mapped_by_others(self, run_id: str) -> bool:
@@ -110,9 +112,10 @@ def remove_names_of_dead_tests() -> list[str]:
     """
     removed = []
     for name in os.listdir(SHARED_MEMORY):
-        named = re.fullmatch(r"(?:sem\.)?robbie-([a-z]+([0-9]+))(?:\.[0-9a-f]{16})?", name)
-        if named and not psutil.pid_exists(int(named[2])):
-            removed += remove_names(named[1])
+        run_id = run_id_of(name)
+        named = re.fullmatch(UNIT_TEST_RUN, run_id)
+        if named and not psutil.pid_exists(int(named[1])):
+            removed += remove_names(run_id)
     return removed
 
 
