@@ -5,7 +5,8 @@ ROBBIE := .venv/bin/robbie
 
 # The slow tests of these folders start no robots and measure no times, so they share the processors.
 COMPUTING := tests/core tests/hot tests/hw tests/messages tests/recording tests/scene_graph tests/transport tests/workers
-PARALLEL := --numprocesses 2 --dist loadfile
+# A worker that dies, as at the end of a time limit, ends the run; with another one in its place, it may hang.
+PARALLEL := --numprocesses 2 --dist loadfile --max-worker-restart 0
 
 # What the installation compiles: a change of it, or of what is installed, installs again.
 INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/_hot/*.[ch])
