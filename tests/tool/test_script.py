@@ -94,9 +94,13 @@ def frees_its_place(robot: Robot, run: AttachedRun) -> None:
     """However a loop ends: by Ctrl-C, by an error in it, or because a notebook has forgotten it."""
     wait_until(lambda: not attached(robot))
     listener = run.listen(Image)  # nobody publishes it
-    threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
-    with pytest.raises(KeyboardInterrupt):
-        next(listener)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a parallel test run ignores it
+    try:
+        threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
+        with pytest.raises(KeyboardInterrupt):
+            next(listener)
+    finally:
+        signal.signal(signal.SIGINT, before)
     wait_until(lambda: not attached(robot))
     forgotten: Any = run.listen(DriveCommand)
     next(forgotten)
