@@ -507,8 +507,8 @@ class Module:
             What you need to cancel the goal.
 
         Raises:
-            TooManyCalls, InvalidTimeout, WrongThread, CalledInSetup, FieldError, MessageTooLarge,
-                PublishAfterStop: as for `call`.
+            TooManyCalls, InvalidTimeout, WrongThread, CalledInSetup: as for `call`.
+            FieldError, MessageTooLarge, PublishAfterStop: as for `call`.
         """
         self._calls.check_begun()
         feedbacks, results = goal_types(type(goal))
