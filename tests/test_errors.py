@@ -12,6 +12,7 @@ import robbie_mp
 from robbie_mp import RobbieError, SettingError
 from robbie_mp.linux.forks import ForkedProcess
 from robbie_mp.module.subscriptions import EmptyPattern, SubscribedTwice
+from robbie_mp.module.wiring import TopicsMeet
 from robbie_mp.profile.problem import Problem, ProfileError
 from robbie_mp.scene_graph.errors import SceneFileError, TooNew, TooOld, UnknownNode
 from robbie_mp.station.composer import FormError
@@ -20,6 +21,7 @@ PROBLEMS = [Problem("one"), Problem("two")]
 WITH_CONSTRUCTORS = [
     SubscribedTwice("std_msgs/msg/String", "talk"),
     EmptyPattern(),
+    TopicsMeet("std_msgs/msg/String", "left", "right", "camera"),
     ForkedProcess(),
     ProfileError(PROBLEMS),
     SceneFileError(PROBLEMS),

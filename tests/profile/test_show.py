@@ -122,7 +122,7 @@ def test_tree_of_an_unchecked_profile_is_that_of_its_files(robot: Robot) -> None
 
 
 @pytest.mark.parametrize(
-    "argv", [[], ["profile"], ["profile", "show"], ["nonsense"], ["profile", "show", "a", "-x"]]
+    "argv", [["profile"], ["profile", "show"], ["nonsense"], ["profile", "show", "a", "-x"]]
 )
 def test_bad_usage_is_exit_code_2(argv: list[str], capsys: Out) -> None:
     with pytest.raises(SystemExit) as ended:
