@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -157,7 +156,7 @@ def dump(arguments: argparse.Namespace) -> int:
     run = choose_run(arguments.run)
     text = "".join(f"{line}\n" for line in _dumped(run, Parameters(run)))
     if arguments.file is None:
-        sys.stdout.write(text)
+        print(text, end="")
         return 0
     try:
         Path(arguments.file).write_text(text)
