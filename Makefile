@@ -3,8 +3,9 @@
 PYTHON ?= python3
 ROBBIE := .venv/bin/robbie
 
-# The slow tests of these folders start no robots and measure no times, so they share the processors.
-COMPUTING := tests/core tests/hot tests/hw tests/messages tests/recording tests/scene_graph tests/transport tests/workers
+# The slow tests of these folders measure no times, so they share the processors.
+COMPUTING := tests/cli tests/core tests/docs tests/hot tests/hw tests/messages tests/recording tests/scene_graph \
+	tests/transport tests/workers
 # A worker that dies, as at the end of a time limit, ends the run; with another one in its place, it may hang.
 PARALLEL := --numprocesses 2 --dist loadfile --max-worker-restart 0
 
