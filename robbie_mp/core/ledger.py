@@ -169,19 +169,10 @@ class Ledger:
     ) -> list[tuple[Subscription, int]]:
         """Enter the claims of subscriptions to a message; return each with the index of its row."""
         opened = []
-        words = self._words
         sequence = self._handles[handle][0]
         for subscription in subscriptions:
-            index = self._free_references.pop()
-            at = self._references_at + index * _REFERENCE_WORDS
-            routed = words[subscription.at + _ROUTED] + 1
-            self._write_reference((at + 1) * WORD_BYTES, sequence, handle, subscription.index, 0)
-            words[at] = _HELD | routed << 8  # commits
-            words[subscription.at + _ROUTED] = routed
-            words[subscription.at + _LAST_SEQUENCE] = sequence
-            self._references[index] = (sequence, handle, subscription)
-            self._holders[handle] += 1
-            opened.append((subscription, index))
+            opened.append((subscription, self.open_late_reference(subscription, handle)))
+            self._words[subscription.at + _LAST_SEQUENCE] = sequence
         return opened
 
     def has_free_reference(self) -> bool:

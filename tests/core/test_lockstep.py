@@ -1,4 +1,4 @@
-"""In lockstep one message is handled at a time in the whole robot, in the one order, whoever dies."""
+"""In lockstep the whole robot handles one message at a time, in one order, even if a process dies."""
 
 from robbie_mp import MessageHandling
 from robbie_mp.transport import layout

@@ -24,9 +24,9 @@ from tests.hot._support.histories import crowd, history
 from tests.hot._support.trace import difference
 
 ROBOTS_EVERY = 8
-"""One of so many is a larger robot, which takes three times as long."""
+"""Every eighth history is that of a larger robot, which takes three times as long."""
 LOOK_EVERYWHERE = 64
-"""After one of so many, all memory is searched for words that were stored beside the macro."""
+"""After every 64th history, all memory is searched for words that were stored without the macro."""
 NOTED_EVERY = 1000
 
 

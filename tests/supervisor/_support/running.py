@@ -40,7 +40,7 @@ class FolderIncarnations:
         self.refuses: set[str] = set()
         self.busy: dict[str, Doing] = {}
         self.time_sources: set[str] = set()
-        """Who has not set the run's time yet; all others wait for that."""
+        """Modules that have not set the run's time yet; all others wait for them."""
         self.reclaims_at_once = False
         self.closed = 0
         self.times_all_started = 0
