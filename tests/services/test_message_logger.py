@@ -266,7 +266,8 @@ def test_what_killed_loggers_had_in_memory_is_counted(robot: Robot, sync_s: floa
         robot.until(lambda modules: modules["logger"]["restarts"] == kills)  # noqa: B023
     handled = robot.top()["logger"]["handled"]
     robot.until(lambda modules: modules["logger"]["handled"] > handled + 100)
-    robot.until(lambda modules: "killed logger" in modules["logger"]["status"])
+    if sync_s > 1:
+        robot.until(lambda modules: "killed logger" in modules["logger"]["status"])
     process.send_signal(signal.SIGINT)
     ended = Ended.wait_for(process)
     assert ended.exit_code == 0, ended.stderr
@@ -276,10 +277,11 @@ def test_what_killed_loggers_had_in_memory_is_counted(robot: Robot, sync_s: floa
     recorded_messages, missing = (
         sum(getattr(one, name) or 0 for one in channels) for name in ("messages", "dropped")
     )
-    assert missing >= (kills if sync_s < 1 else 100)
     # A logger that was killed right after it had counted a message makes one too many.
     assert 0 <= recorded_messages + missing - 2 * published <= kills
-    assert "they were in the memory of a logger that was killed" in robot.log("logger")
+    if sync_s > 1:  # otherwise a logger may be killed just after it has written everything
+        assert missing >= 100
+        assert "they were in the memory of a logger that was killed" in robot.log("logger")
 
 
 def snapshots(robot: Robot) -> list[Path]:
