@@ -37,7 +37,7 @@ LEFT_OUT = 1
 MAX_REASONS = 10
 """Different reasons that are reported for a channel."""
 UNSAFE = re.compile(r"[^\w.-]")
-"""What names of files had better not contain."""
+"""Characters that are not safe in the names of files."""
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:

@@ -115,7 +115,7 @@ class Link:
         self.has_ended = False
         """It broke the protocol or is dead, so no more of its records are handled."""
         self.wanted_release = into[layout.IN_WANT_RELEASE]
-        """What the word says with which the core asks it to post on a release."""
+        """The value of the word with which the core asks the module to post on a release."""
         self._first_record = self.outbound.tail
 
     def close(self) -> None:

@@ -13,7 +13,7 @@ SLOW_READ_S = 2e-6
 COARSE_S = 1e-5
 READS = 1000
 TIME_ERROR = 5
-"""What adjtimex(2) returns if no service sets the clock."""
+"""The value that adjtimex(2) returns if no service sets the clock."""
 TIMEX_BYTES = 512
 """More than the size of struct timex; all zero, it only reads."""
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _NATIVE = native()
 """Chosen here, because classes get their functions when they are made, and most are made by imports."""
 GENERATED = ("__new__", "encoded_size", "encode_into", "decode")
-"""What is generated for each class, unless C does it."""
+"""The methods that are generated for each class, unless they are in C."""
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)

@@ -116,7 +116,7 @@ class _Builder:
     extents: dict[str, _Extent] = field(default_factory=dict)
     """By type name."""
     nesting: int = 0
-    """How deep the one is that is being made."""
+    """The depth of the description that is being parsed."""
 
     def build(self, type_name: str, definition: str, version: int) -> type[Message]:
         annotations: dict[str, Any] = {}

@@ -32,7 +32,7 @@ UNKILLABLE_AFTER_S = 5.0
 
 
 class Then(Enum):
-    """What follows when a child in an ordered stop has ended."""
+    """The next step when a child in an ordered stop has ended."""
 
     STOPPED = auto()
     RESTART = auto()

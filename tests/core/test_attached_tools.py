@@ -75,7 +75,7 @@ def tools_come_and_go(watched: Watched) -> None:
     watched.publish(7)  # more than it may have and more than may wait
     in_hand = first.take()
     assert in_hand is not None
-    watched.detach(first)  # killed with a message in its hands
+    watched.detach(first)  # killed while it handles a message
     watched.publish(1)
     second = watched.attach(topic="left")
     watched.publish(1)

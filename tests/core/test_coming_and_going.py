@@ -1,4 +1,4 @@
-"""Modules die, come back, stay away or break the protocol: their messages are counted, and others are told."""
+"""Modules die, come back, stay away or break the protocol: messages are counted, others get notices."""
 
 from robbie_mp import MessageHandling
 from robbie_mp.core.members import MAX_NOTICES

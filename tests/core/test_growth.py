@@ -1,4 +1,4 @@
-"""What restarts leave behind in a core: nothing that grows with their number."""
+"""Restarts leave nothing behind in a core that grows with their number."""
 
 from itertools import count
 

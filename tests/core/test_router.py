@@ -1,4 +1,4 @@
-"""Who gets which message, in which order, and what becomes of it."""
+"""Each subscriber gets the messages it asked for, in order, and every message is counted."""
 
 import pytest
 

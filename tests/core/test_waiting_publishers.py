@@ -1,4 +1,4 @@
-"""Who waits for blocks or credit: when the core is woken for releases, and publishers for what was freed."""
+"""Publishers that wait for blocks or credit: a release wakes the core, and the core wakes the publisher."""
 
 from robbie_mp import MessageHandling
 from robbie_mp.transport import layout

@@ -1,4 +1,4 @@
-"""Who does the hot path, and what is said if it is not the C."""
+"""The hot path runs in C or in Python, and Robbie says why if it is not C."""
 
 import importlib
 import os

@@ -1,4 +1,4 @@
-"""What is built at installation, with a compiler and without one, and what is said then."""
+"""The installation builds the C with a compiler, and says plainly that it did not without one."""
 
 import os
 import shlex

@@ -1,4 +1,4 @@
-"""Whatever bytes the codec in C gets: it stays within its memory and does what C defines."""
+"""The codec in C stays within its memory and does only what C defines, for any bytes."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Whatever a module publishes, handles and keeps, C makes the same stores as Python, in the same order."""
+"""C makes the same stores as Python, in the same order, when a module publishes, handles and keeps."""
 
 import time
 from collections.abc import Callable

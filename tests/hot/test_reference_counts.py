@@ -1,4 +1,4 @@
-"""What the bindings of the hot path in C hold, they let go: no object is kept by a reference too many."""
+"""The bindings of the hot path in C let go of every object that they held."""
 
 import shutil
 import subprocess

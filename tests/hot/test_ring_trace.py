@@ -1,4 +1,4 @@
-"""Whatever is done with a ring, C makes the same stores as Python, in the same order, and says the same."""
+"""C makes the same stores as Python, in the same order, for every use of a ring, and returns the same."""
 
 from types import ModuleType
 from typing import Any
@@ -44,7 +44,7 @@ class Ends:
         self._makers = writer, reader
         self._place = RingPlace(self.words, 0, 2, CAPACITY, self.tail_words, 0)
         self._own: dict[int, int] = {}
-        """What the ends themselves had stored as head (0) and tail (1), if somebody wrote over it."""
+        """Head (0) and tail (1) as the ends had stored them, if something wrote over them."""
         self._reopen()
         self.fuse = self.words.fuse = self.tail_words.fuse = built.Fuse(Died)
 

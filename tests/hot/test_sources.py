@@ -9,7 +9,7 @@ from tests.hot._support.build import HOT, compile_c
 
 SOURCES = sorted([*HOT.glob("*.c"), *HOT.glob("*.h")])
 BELOW_PYTHON = ("ring.c", "books.c", "router.c", "endpoint.c", "wakeup.c", "clock.c")
-"""What knows nothing of Python, so that it runs under sanitizers and fuzzers."""
+"""Sources that do not include Python.h, so that they run under sanitizers and fuzzers."""
 OTHER_STORES = re.compile(
     r"\batomic_(?!thread_fence)\w+|\b__(atomic|sync)_|[.>]\s*atomic\b|\bvolatile\b|(?<!sizeof)\(\s*shared_word\s*\)|\basm\b"
 )

@@ -1,4 +1,4 @@
-"""Whatever the bytes are: a message or a DecodeError that says where; no crash, no huge allocation."""
+"""Any bytes give a message, or a DecodeError that says where; no crash, no huge allocation."""
 
 import tracemalloc
 

@@ -24,7 +24,7 @@ SCAN = LaserScan(header=Header(frame_id="laser"), ranges=np.arange(4), intensiti
 
 @pytest.fixture(autouse=True)
 def no_garbage_collection() -> Iterator[None]:
-    """What is let go must go at once: a block waits for it, and the collector may not come for long."""
+    """Objects must go as soon as nothing refers to them: the collector may run much later."""
     gc.disable()
     yield
     gc.enable()

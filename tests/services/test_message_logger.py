@@ -73,7 +73,7 @@ SNAPSHOTS = """
     queue: {messages: 100000}
 """
 NOT_RUNNING = ("core", "logger", "logger")
-"""Who was killed, restarted by hand, and killed."""
+"""The modules that were killed, restarted by hand, and killed."""
 QUEUE = 20
 WAITING = QUEUE + 64
 """Maximum number of messages that wait for the logger; the share of a topic may differ by as many."""

@@ -71,7 +71,7 @@ class Told:
         return found[len(words) :]
 
     def count(self, begin: str) -> int:
-        """How often something was told that begins so."""
+        """Count the notes that begin with this text."""
         return sum(line.startswith(begin) for line in self._file.read_text().splitlines())
 
 

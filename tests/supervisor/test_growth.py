@@ -60,7 +60,7 @@ def quick_run(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Callable[..., ru
 
 
 class Holdings:
-    """The least that supervisor and core were seen to hold: at other times they also hold what a start needs."""
+    """The least that supervisor and core were seen to hold; during a start they hold more."""
 
     def __init__(self) -> None:
         self.least: dict[str, int] = {}

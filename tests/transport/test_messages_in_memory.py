@@ -291,7 +291,7 @@ def test_asking_again_for_outstanding_messages_has_the_core_look_for_releases(pa
     sender = pair.run.modules[1, 1]
     before = sender.core_wakeups
     assert pair.outbox.outstanding == 1
-    assert sender.core_wakeups == before, "who publishes has woken it already"
+    assert sender.core_wakeups == before, "the publisher has woken it already"
     assert pair.outbox.outstanding == 1
     assert sender.core_wakeups > before
     pair.run.run_core()

@@ -269,7 +269,7 @@ class Mission:
 
     def _searched_walls(self) -> SearchedGrid | None:
         """Return which walls were searched. None if no camera works."""
-        for seen_s, what in ((self._camera_s, "the camera"), (self._searched_s, "who looks at images")):
+        for seen_s, what in ((self._camera_s, "the camera"), (self._searched_s, "the search for victims")):
             if self._clock() - seen_s > self.settings.silent_s:
                 self._note(f"{what} is silent: the mission continues without victims")
                 return None

@@ -59,7 +59,7 @@ class History:
         """Sequences in the order in which anybody began to handle them."""
         self.died_with = {2: 0, 3: 0}
         self.stopped: set[int] = set()
-        """Who was stopped at some time: meanwhile nothing was routed to it."""
+        """Modules that were stopped at some time: meanwhile the core routed nothing to them."""
         self.published: list[int] = []
         self.kept: dict[int, list[Delivery]] = {2: [], 3: []}
         for slot in (3, 2, 1):

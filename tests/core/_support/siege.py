@@ -24,7 +24,7 @@ class Siege:
         self.subscriber.subscribe()
         self.subscriber.ready()
         self.held: dict[int, Delivery] = {}
-        """What the hostile module has in its hands, by reference."""
+        """Messages that the hostile module holds, by reference."""
         self.hostile = self._start_hostile(1)
         self.published: list[int] = []
         self.seen: list[int] = []

@@ -262,7 +262,7 @@ class SimulatedRun:
         return self.words[self.tables.publisher(slot) + layout.PUBLISHER_IN_FLIGHT]
 
     def check_windows(self) -> None:
-        """What is in flight is known, and no more than may be."""
+        """Check that the core knows what is in flight, and that it is within its bounds."""
         ledger = self.router._ledger
         for slot in self.router._slots:
             if slot.link is None or slot.link.has_ended:

@@ -41,7 +41,7 @@ def parcel_class(built: ModuleType) -> type[Message]:
 
 
 class Exchange:
-    """What a test does with both modules, step by step; the subscriber keeps arrays if it is told to.
+    """What a test does with both modules, step by step; the subscriber keeps arrays if the test asks for it.
 
     Args:
         built: the test build.

@@ -78,7 +78,7 @@ def compare_histories(built: ModuleType, numbers: Iterable[int]) -> None:
 
 
 class Progress:
-    """What was played so far, kept in a file."""
+    """The histories played so far, kept in a file."""
 
     def __init__(self, path: Path | None, first: int):
         self._path = path

@@ -34,12 +34,12 @@ WINDOWS = 8
 LEAST = 2
 """References or blocks more in each round that count; every play does everything several times."""
 LASTING: list[object] = [None, True, False, NotImplemented, Ellipsis, (), "", b""]
-"""What lives as long as the interpreter, but is not listed by the garbage collector."""
+"""Objects that live as long as the interpreter, but that the garbage collector does not list."""
 
 WRONG: tuple[tuple[object, ...], ...] = (
     (), (None,), (2**64,), (1, 2, 3), ("", "", ""), ("",) * 7, (-1,) * 7, ([],) * 8, (None,) * 10,
 )  # fmt: skip
-"""Arguments that no method takes, or hardly any."""
+"""Arguments that few methods take, or none."""
 
 
 def references() -> dict[str, int]:
@@ -90,7 +90,7 @@ def _more(play: Callable[[], object]) -> dict[str, int]:
 
 
 class Plays:
-    """What is done, over a build of the sources in C."""
+    """Plays over a build of the sources in C."""
 
     def __init__(self, built: Any):
         from tests.hot._support.exchange import parcel_class  # noqa: PLC0415 (uses the build that was loaded)
@@ -166,7 +166,7 @@ class Plays:
             raise ZeroDivisionError
 
     def encoding(self) -> None:
-        """Whatever the codec's fuzzer makes up."""
+        """Encode and decode the random messages of the codec's fuzzer."""
         from tests.messages._support.codec_fuzz import fuzz  # noqa: PLC0415
 
         fuzz(1, 300)

@@ -25,11 +25,11 @@ def described(trace: bytes) -> list[str]:
 
 @dataclass
 class Played:
-    """What came of a simulated run."""
+    """The outcome of a simulated run."""
 
     trace: bytes
     error: str
-    """What it raised: a violation that only one of the two finds is a difference too."""
+    """The error it raised: a violation that only one of the two finds is a difference, too."""
 
 
 def played(

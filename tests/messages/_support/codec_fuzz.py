@@ -43,7 +43,7 @@ def python(message_type: type[Message], name: str) -> Callable[..., Any]:
 
 
 def outcome(function: Callable[..., Any], /, *values: Any, **fields: Any) -> Any:
-    """What a call returns, or its error with the text."""
+    """Return the result of a call, or its error with the text."""
     try:
         return exact(function(*values, **fields))
     except Exception as error:

@@ -16,7 +16,7 @@ class Odd(Message, name="zoo_msgs/msg/Odd", version=1):
 
 
 class Told(Reply, name="zoo_msgs/srv/Tell_Response"):
-    """What it tells those who ask."""
+    """Its answer."""
 
     text: str
 

@@ -17,9 +17,9 @@ needs_chromium = pytest.mark.skipif(
     reason="THE OPERATOR'S PAGE IS NOT TESTED: no Chromium here; on Debian: apt-get install chromium",
 )
 DRIVER = "GL Driver Message (OpenGL, Performance"
-"""What a machine without a graphics card says of its own drawing."""
+"""The warning of a browser that draws without a graphics card."""
 GIVEN_UP = "/emergency-stop' failed: WebSocket is closed before the connection is established"
-"""What it says when the page gives up a connection that takes too long, as on a busy machine, for another."""
+"""Its message when the page drops a connection that takes too long, as on a busy machine, for another."""
 TABLET = {"viewport": {"width": 768, "height": 1024}, "has_touch": True}
 LAPTOP = {"viewport": {"width": 1280, "height": 800}}
 COMPLAINTS = ("error", "warning")
