@@ -12,6 +12,7 @@ from tests._support.left_behind import leaving_nothing_behind
 from tests._support.others_runs import VARIABLE, OthersRuns, Session, remove_names_of_dead_tests, watched
 from tests._support.robot import Robot, robot_in
 from tools.loop_disk import LoopDisk, NoLoopDisk
+from tools.test_network.network import Network, NoTestNetwork
 
 HERE = Path(__file__).parent
 SLOW_FOLDERS = [HERE / "robot", HERE / "security" / "station", HERE / "tools"]
@@ -53,6 +54,19 @@ def disk() -> Iterator[LoopDisk]:
         made = LoopDisk().__enter__()
     except NoLoopDisk as error:
         pytest.skip(f"NOT TESTED, no disk can be frozen here: {error}")
+    try:
+        yield made
+    finally:
+        made.__exit__(None, None, None)
+
+
+@pytest.fixture
+def network() -> Iterator[Network]:
+    """The hosts "robot" and "laptop", with a perfect network between them that a test makes bad."""
+    try:
+        made = Network("robot", "laptop").__enter__()
+    except NoTestNetwork as error:
+        pytest.skip(f"NOT TESTED, there can be no bad network here: {error}")
     try:
         yield made
     finally:
