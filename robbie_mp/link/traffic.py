@@ -1,0 +1,50 @@
+"""The classes of traffic over a link, and what each promises."""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+
+class TrafficClass(IntEnum):
+    """How messages of a channel cross the link. The lower the number, the earlier they go."""
+
+    URGENT = 0
+    """In order, repeated until acknowledged, before everything else: the emergency stop."""
+    COMMAND = 1
+    """At once or never: the newest only, and thrown away when it is older than it may be."""
+    STATE = 2
+    """The newest only, at a limited rate. What the network loses is counted, not sent again."""
+    RELIABLE = 3
+    """In order, and sent again after a break, from a store of limited size."""
+    BULK = 4
+    """Large messages: the newest of each channel, compressed, sent when nothing else waits."""
+
+
+class Manners(NamedTuple):
+    """How a class treats its messages."""
+
+    is_resent: bool
+    """Whether what is lost is sent again; then the receiver takes it in order, else what it gets."""
+    keeps_only_newest: bool
+    """Whether a message that waits is replaced by a newer one of its channel."""
+    waits_for_room: bool
+    """Whether it waits while the link has as much under way as it can carry."""
+
+
+MANNERS = {
+    TrafficClass.URGENT: Manners(is_resent=True, keeps_only_newest=False, waits_for_room=False),
+    TrafficClass.COMMAND: Manners(is_resent=False, keeps_only_newest=True, waits_for_room=False),
+    TrafficClass.STATE: Manners(is_resent=False, keeps_only_newest=True, waits_for_room=True),
+    TrafficClass.RELIABLE: Manners(is_resent=True, keeps_only_newest=False, waits_for_room=True),
+    TrafficClass.BULK: Manners(is_resent=True, keeps_only_newest=True, waits_for_room=True),
+}
+
+CLASSES = tuple(TrafficClass)
+
+
+def class_named(name: str) -> TrafficClass:
+    """Return the class of a name in lower case, such as "state".
+
+    Raises:
+        KeyError: there is none.
+    """
+    return TrafficClass[name.upper()] if name.islower() else TrafficClass[name]

@@ -1,0 +1,120 @@
+"""Headers survive the way over the network, and no bytes make `unpack` raise."""
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robbie_mp.link.header import (
+    MAX_COUNTS,
+    MAX_HOPS,
+    MAX_PARTS,
+    MAX_WORD,
+    ROBOT_NAME,
+    Beat,
+    ChannelId,
+    Data,
+    Packet,
+    Report,
+    pack,
+    unpack,
+)
+from robbie_mp.link.traffic import CLASSES
+
+WORDS = st.integers(0, MAX_WORD)
+TIMES = st.integers(-(1 << 63), (1 << 63) - 1)
+ROBOTS = st.sampled_from(["red", "b", "Robot-7_x", "r" * 32])
+TOPICS = st.text(st.characters(codec="utf-8"), max_size=24)
+
+
+@st.composite
+def data_headers(draw: st.DrawFn) -> Data:
+    sequence = draw(st.integers(1, MAX_WORD))
+    parts = draw(st.integers(0, MAX_PARTS))
+    header = Data(
+        draw(ROBOTS),
+        draw(st.sampled_from(CLASSES)),
+        draw(st.integers(0, 3)),
+        draw(st.integers(0, 65535)),
+        draw(WORDS),
+        sequence,
+        draw(st.integers(1, sequence)),
+        draw(st.integers(0, max(0, parts - 1))),
+        parts,
+        draw(TIMES),
+        draw(WORDS),
+    )
+    if header.part or not parts:
+        return header
+    return header._replace(
+        name=ChannelId("sensor_msgs/msg/Image", draw(st.integers(1, (1 << 32) - 1)), draw(TOPICS)),
+        size=draw(st.integers(0, (1 << 32) - 1)),
+        sources=tuple(draw(st.lists(ROBOTS, min_size=1, max_size=MAX_HOPS))),
+    )
+
+
+REPORTS = st.builds(
+    Report,
+    ROBOTS,
+    st.sampled_from(CLASSES),
+    WORDS,
+    WORDS,
+    st.integers(1, MAX_WORD),
+    st.lists(st.tuples(st.integers(0, 65535), WORDS, WORDS), max_size=20).map(tuple),
+)
+BEATS = st.builds(Beat, ROBOTS, WORDS, WORDS, TIMES, TIMES, TIMES)
+PACKETS = st.one_of(data_headers(), REPORTS, BEATS)
+
+
+@settings(max_examples=60)
+@given(PACKETS)
+def test_every_header_is_unpacked_as_it_was_packed(packet: Packet) -> None:
+    assert unpack(pack(packet)) == packet
+
+
+@settings(max_examples=60)
+@given(PACKETS, st.data())
+def test_every_changed_header_is_refused_or_keeps_the_limits(packet: Packet, choose: st.DataObject) -> None:
+    header = bytearray(pack(packet))
+    for _ in range(choose.draw(st.integers(1, 4))):
+        header[choose.draw(st.integers(0, len(header) - 1))] = choose.draw(st.integers(0, 255))
+    found = unpack(bytes(header))
+    if found is not None:
+        assert pack(found) == bytes(header)
+        assert ROBOT_NAME.fullmatch(found.robot)
+
+
+@settings(max_examples=60)
+@given(PACKETS, st.binary(min_size=1, max_size=8))
+def test_a_header_that_is_cut_or_has_more_at_its_end_is_refused(packet: Packet, more: bytes) -> None:
+    header = pack(packet)
+    assert unpack(header + more) is None
+    assert unpack(header[: -len(more)]) is None
+
+
+@settings(max_examples=60)
+@given(st.binary(max_size=200))
+def test_no_bytes_make_unpack_raise(rest: bytes) -> None:
+    assert unpack(rest) is None
+    for kind in range(5):
+        unpack(b"RL\x01" + bytes([kind]) + b"\x03red" + rest)
+
+
+def test_a_header_that_names_too_much_is_refused() -> None:
+    name = ChannelId("sensor_msgs/msg/Image", 1, "camera")
+    good = Data("red", CLASSES[2], 0, 1, 7, 5, 1, 0, 1, 0, 0, name, 10, ("red",))
+    assert unpack(pack(good)) == good
+    bad: list[Packet] = [
+        good._replace(sources=("red",) * (MAX_HOPS + 1)),
+        good._replace(sources=()),
+        good._replace(sources=("red/blue",)),
+        good._replace(robot="*"),
+        good._replace(parts=MAX_PARTS + 1),
+        good._replace(oldest=6),
+        good._replace(oldest=0),
+        good._replace(flags=4),
+        good._replace(name=name._replace(type_name="no type")),
+        good._replace(name=name._replace(version=0)),
+        good._replace(name=name._replace(topic="x" * 97)),
+        Report("red", CLASSES[0], 1, 2, 3, ((0, 0, 0),) * (MAX_COUNTS + 1)),
+        Report("red", CLASSES[0], 1, 2, 0, ()),
+    ]
+    assert [unpack(pack(packet)) for packet in bad] == [None] * len(bad)
