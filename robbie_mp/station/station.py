@@ -25,9 +25,9 @@ from robbie_mp.station.listening import AddressUnusable, listen
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.map_marks import MapMarks, PlacesWatch
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels
-from robbie_mp.station.rate_limits import limited
 from robbie_mp.station.run_watch import RunWatch
 from robbie_mp.station.settings_watch import SettingsWatch
+from robbie_mp.trace.log_limit import limited
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import Page

@@ -21,8 +21,8 @@ from robbie_mp.station.page_events import PageEvents, with_known_packets
 from robbie_mp.station.page_limit import with_page_limit
 from robbie_mp.station.panel_classes import load_panels, panels_in_order
 from robbie_mp.station.playback_bar import PlaybackBar
-from robbie_mp.station.rate_limits import limited
 from robbie_mp.station.server import PageServer
+from robbie_mp.trace.log_limit import limited
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
