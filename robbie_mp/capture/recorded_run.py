@@ -8,10 +8,17 @@ from pathlib import Path
 
 from robbie_mp.messages import UnknownType
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
+from robbie_mp.observe.channels import latched_channels
 from robbie_mp.recording.format import RunMetadata
+from robbie_mp.recording.newest import KeepLimits
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_clock import RunClock
 from robbie_mp.run.run_directory import PROFILE_FILE
+from robbie_mp.transport import layout, names
+from robbie_mp.transport.layout import SegmentKind
+from robbie_mp.transport.segment import Segment
+from robbie_mp.transport.tables import ChannelName
+from robbie_mp.transport.words import Words
 from robbie_mp.utc import file_stamp
 from robbie_mp.version import installed_version
 
@@ -23,6 +30,9 @@ class RecordedRun:
 
     Args:
         folder: the folder of the run.
+
+    Attributes:
+        begin: the sequence number of the last message that the core had routed when this object was made.
     """
 
     def __init__(self, folder: Path):
@@ -30,7 +40,23 @@ class RecordedRun:
         self.folder = folder
         self._types = KnownTypes(TypeDescription(*one) for one in self.plan.types)
         self._clock = RunClock.attach(self.plan.run_id) if self.plan.clock.source is not None else None
+        self._core = Segment.attach(names.core(self.plan.run_id), SegmentKind.CORE)
+        self.begin = self._core.words[layout.CORE_LAST_SEQUENCE]
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
+
+    @property
+    def core(self) -> Words:
+        """The core segment."""
+        return self._core.words
+
+    def latched(self) -> set[ChannelName]:
+        """Return the channels whose newest message the core keeps for later subscribers."""
+        return latched_channels(self._core.words)
+
+    @property
+    def keep_limits(self) -> KeepLimits:
+        """How many of these messages a recording keeps for its next part: as many as the core."""
+        return KeepLimits(self.plan.core.latched_messages, self.plan.core.latched_bytes)
 
     def time_ns(self, machine_ns: int) -> int:
         """Return the run's time at a moment of the machine's monotonic clock, in ns since the epoch.
@@ -82,6 +108,7 @@ class RecordedRun:
         return folder / f"{file_stamp()}-{profile}-{ending}"
 
     def close(self) -> None:
-        """Unmap the run's clock."""
+        """Unmap the core segment and the run's clock."""
+        self._core.close()
         if self._clock is not None:
             self._clock.close()

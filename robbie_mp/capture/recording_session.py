@@ -5,6 +5,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from robbie_mp.capture.position import Position
 from robbie_mp.capture.queue_drops import QueueDrops, key_of_missing
 from robbie_mp.capture.recorded_run import RecordedRun
 from robbie_mp.capture.selection import Selection
@@ -29,6 +30,7 @@ class RecordingSession:
         log: where warnings and errors go.
         missed_before: dropped messages that an earlier process of this recorder has counted already.
         tally: counts messages beyond the life of this process; None: nothing continues this recording.
+        position: how far the recording has got; None: it begins with what is published from now on.
 
     Attributes:
         recorder: writes the log.
@@ -48,6 +50,7 @@ class RecordingSession:
         log: logging.Logger,
         missed_before: int = 0,
         tally: Tally | None = None,
+        position: Position | None = None,
     ):
         self._run = run
         self._selection = selection
@@ -58,6 +61,7 @@ class RecordingSession:
         self._drops = QueueDrops(total_missed, self._passed_and_subscribed, missed_before)
         self.recorder = Recorder(make_writer, limits, log)
         self._tally = tally
+        self._position = position or Position(run.begin)
         self.bytes = 0
         self.lost = 0
 
@@ -79,6 +83,9 @@ class RecordingSession:
     def record(self, key: ChannelKey, sequence: int, published_ns: int, data: bytes | memoryview) -> None:
         """Record a message if it is selected.
 
+        A message from before the recording, which the core has kept because its channel is latched, is not
+        counted. The next part of the log begins with a copy of it, as each later part does.
+
         Args:
             key: its channel.
             sequence: its place in the order of the run.
@@ -86,6 +93,11 @@ class RecordingSession:
             data: its encoding.
         """
         channel = self._channels.get(key) or self._open(key)
+        if sequence <= self._position.sequence and channel.is_latched:
+            if channel.id:
+                self.recorder.carry(channel.id, sequence, self._run.time_ns(published_ns), data)
+            return
+        self._position.sequence = sequence
         self._received[channel.name] += 1
         if channel.id:
             self.recorder.record(channel.id, sequence, self._run.time_ns(published_ns), data)
@@ -95,7 +107,7 @@ class RecordingSession:
 
     def _open(self, key: ChannelKey) -> "_Channel":
         """Decide once whether the messages of a channel are recorded."""
-        id_ = 0
+        id_, is_latched = 0, ChannelName(*key[:3]) in self._run.latched()
         if self._selection.wants(key.type_name, key.topic):
             schema = self._run.schema(key.type_name, key.version)
             if not schema:
@@ -104,12 +116,19 @@ class RecordingSession:
                     key.type_name,
                     key.version,
                 )
-            id_ = self.recorder.channel(key, schema)
-        channel = self._channels[key] = _Channel(key, id_)
+            id_ = self.recorder.channel(key, schema, is_latched=is_latched)
+        channel = self._channels[key] = _Channel(key, id_, is_latched)
         return channel
 
     def count_missed(self) -> None:
-        """Count in the log the selected messages that the core has dropped since the last call."""
+        """Count in the log the selected messages that the core has dropped since the last call.
+
+        It also notices which channels have been latched meanwhile.
+        """
+        latched = self._run.latched()
+        for key, channel in [*self._channels.items()]:
+            if not channel.is_latched and channel.name in latched:
+                del self._channels[key]
         for name, missing in self._drops.look(self._received).items():
             if self._selection.wants(name.type_name, name.topic):
                 key = key_of_missing(name, self._channels)
@@ -146,9 +165,10 @@ class RecordingSession:
 class _Channel:
     """A channel of which messages have been received."""
 
-    __slots__ = ("id", "name")
+    __slots__ = ("id", "is_latched", "name")
 
-    def __init__(self, key: ChannelKey, id_: int):
+    def __init__(self, key: ChannelKey, id_: int, is_latched: bool):
         self.name = ChannelName(key.type_name, key.version, key.topic)
         self.id = id_
         """The channel's number in the log; 0: its messages are not recorded."""
+        self.is_latched = is_latched

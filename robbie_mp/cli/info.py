@@ -108,11 +108,12 @@ def _channels(info: LogInfo) -> PlainTable:
     table = PlainTable()
     for heading, left_out in (("topic", 0), ("type", 0), ("version", 1), ("sender", 3)):
         table.add_column(heading, left_out=left_out, shrinks=heading != "version", no_wrap=True)
-    for heading, left_out in (("messages", 0), ("Hz", 2), ("dropped", 4)):
+    has_latched = any(one.channel.is_latched for one in info.channels)
+    for heading, left_out in (("messages", 0), ("Hz", 2), ("dropped", 5), ("carried", 4))[: 3 + has_latched]:
         table.add_column(heading, left_out=left_out, justify="right", no_wrap=True)
     for one in info.channels:
         channel = one.channel
-        table.add_row(
+        cells: list[str | Text] = [
             channel.topic,
             channel.type_name,
             str(channel.version),
@@ -120,7 +121,9 @@ def _channels(info: LogInfo) -> PlainTable:
             str(one.messages),
             quantities.rate(one.hz),
             Text("-" if one.dropped is None else str(one.dropped), "bold red" if one.dropped else ""),
-        )
+            str(one.carried) if channel.is_latched else "-",
+        ]
+        table.add_row(*cells[: 7 + has_latched])
     return table
 
 

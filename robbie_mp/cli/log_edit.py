@@ -181,8 +181,9 @@ def _write(logs: Sequence[Log], target: Path, operation: str, what: Cut) -> int:
             warn(f"{line}; only the intact part was copied")
     for note in done.notes:
         warn(note)
-    print(f"{target}: {done.messages} of {sum(log.message_count for log in logs)} messages")
-    if not done.messages:
+    carried = f", and {done.carried} older ones that were newest before" if done.carried else ""
+    print(f"{target}: {done.messages} of {sum(log.message_count for log in logs)} messages{carried}")
+    if not done.messages and not done.carried:
         warn("the new log is empty: no message was selected")
         return NOTHING
     return 0

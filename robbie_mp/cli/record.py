@@ -128,6 +128,7 @@ def _record(
             Split(PART_BYTES),
             DiskBudget(folder.parent, 0),
             dropped,
+            keep=recorded.keep_limits,
         ),
         LIMITS,
         total_missed=lambda: stream.missed,

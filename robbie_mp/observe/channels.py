@@ -6,7 +6,7 @@ Reading them costs the robot nothing.
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from robbie_mp.transport.tables import ChannelName, CoreTables, SubscriptionCounts
+from robbie_mp.transport.tables import ROW_OPEN, ChannelName, CoreTables, SubscriptionCounts
 from robbie_mp.transport.words import Words
 
 
@@ -66,6 +66,17 @@ class ChannelCounters:
                     row.messages, row.bytes, row.last_stamp_ns, row.intervals_squared_us2
                 )
         return found
+
+
+def latched_channels(words: Words) -> set[ChannelName]:
+    """Return the channels whose newest message the core keeps for later subscribers.
+
+    Args:
+        words: the core segment.
+    """
+    tables = CoreTables.attach(words)
+    core_slot = tables.sizes.slots - 1
+    return {row.name for row in tables.subscriptions() if row.slot == core_slot and row.state == ROW_OPEN}
 
 
 def messages_missed(words: Words, slot: int) -> int:

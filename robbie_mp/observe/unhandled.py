@@ -19,7 +19,7 @@ class UnhandledMessages:
     """Counts the messages of one module that wait for a handler or are in one.
 
     It only maps the core's tables read-only, and so costs other processes nothing. A handled message does not
-    count, even if a subscriber keeps it.
+    count, even if a subscriber keeps it, nor does one that the core keeps for later subscribers.
 
     Args:
         run_id: the run.
@@ -50,9 +50,17 @@ class UnhandledMessages:
         references = self._table(self._tables.reference(0), sizes.references, layout.REFERENCE_WORDS)
         handles = self._table(self._tables.handle(0), sizes.handles, layout.HANDLE_WORDS)
         is_held = (references[:, layout.REFERENCE_STATE] & _STATE_BITS) == Outcome.HELD
-        held = np.unique(references[is_held, layout.REFERENCE_HANDLE])
+        is_latch = self._is_latch()[references[:, layout.REFERENCE_SUBSCRIPTION] % sizes.subscriptions]
+        held = np.unique(references[is_held & ~is_latch, layout.REFERENCE_HANDLE])
         sources = handles[held[held < sizes.handles], layout.HANDLE_SOURCE]
         return unseen + int(np.count_nonzero((sources & _SLOT_BITS) == self._slot))
+
+    def _is_latch(self) -> NDArray[np.bool_]:
+        """Whether each subscription, `(rows,)`, is the core's own, which keeps a message for later."""
+        sizes = self._tables.sizes
+        rows = self._table(self._tables.subscription(0), sizes.subscriptions, layout.SUBSCRIPTION_WORDS)
+        is_latch: NDArray[np.bool_] = rows[:, layout.SUBSCRIPTION_SLOT] == sizes.slots - 1
+        return is_latch
 
     def _table(self, at: int, rows: int, row_words: int) -> NDArray[np.uint64]:
         """One of the core's tables, `(rows, row_words)`; the core may change it while you read."""

@@ -68,7 +68,7 @@ class Player:
         loop: start again at the end.
 
     Attributes:
-        played: number of messages sent so far.
+        played: number of messages sent so far, without those that are given again after a jump.
         jumps: number of time jumps so far.
         ended: whether the tape is at its end and will not start again.
     """
@@ -157,7 +157,7 @@ class Player:
     def _play_one(self) -> bool:
         """Send one message, grant a tick, or jump; False if there is nothing to do now."""
         message = self.tape.next
-        goes_on = not self.time.paused or self._steps > 0
+        goes_on = not self.time.paused or self._steps > 0 or self.tape.gives > 0
         if message is None and self._jump is None and self._begins_again and goes_on:
             self._jump = self.tape.begin_ns, "loop"
         free = self._outlet.next_free() if message is None or self._jump is not None else None
@@ -172,6 +172,8 @@ class Player:
 
     def _play_next(self, message: LoggedMessage) -> bool:
         """Send the next message, or a tick that is due before it; False if that is impossible now."""
+        if self.tape.gives:
+            return self._give(message)
         if not self._is_due(self._at_ns(message, self._tick_until(message.time_ns))):
             self.time.held = False
             return False
@@ -192,6 +194,14 @@ class Player:
             self.tape.take()
             self.played += 1
             self._steps = max(0, self._steps - 1)
+        return is_sent
+
+    def _give(self, message: LoggedMessage) -> bool:
+        """Send a message of a latched channel that was the newest at this position; no time passes."""
+        is_sent = self._outlet.has_room(len(message.data)) and self._outlet.send(message)
+        self.time.held = not is_sent
+        if is_sent:
+            self.tape.take()
         return is_sent
 
     def _send_tick(self, tick: DueTick) -> bool:

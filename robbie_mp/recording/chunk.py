@@ -46,8 +46,23 @@ class Chunk:
         self.end_ns = 0
         self.opened_ns = opened_ns
 
-    def add(self, channel_id: int, sequence: int, time_ns: int, data: bytes | memoryview) -> None:
-        """Copy a message in."""
+    def add(
+        self,
+        channel_id: int,
+        sequence: int,
+        time_ns: int,
+        data: bytes | memoryview,
+        published_ns: int | None = None,
+    ) -> None:
+        """Copy a message in.
+
+        Args:
+            channel_id: its channel.
+            sequence: its place in the order of the run.
+            time_ns: its log time.
+            data: its encoding.
+            published_ns: when it was published; None: at its log time.
+        """
         records = self.data
         if not self.messages:
             self.first_sequence = sequence
@@ -63,8 +78,16 @@ class Chunk:
         entries.append(time_ns)
         entries.append(len(records))
         length = _CONTENT_HEAD_BYTES + len(data)
-        records += _pack(_MESSAGE, length, channel_id, sequence & 0xFFFFFFFF, time_ns, time_ns)
+        published_ns = time_ns if published_ns is None else published_ns
+        records += _pack(_MESSAGE, length, channel_id, sequence & 0xFFFFFFFF, time_ns, published_ns)
         records += data
+
+    def newest(self, channel_id: int) -> tuple[int, int, bytes]:
+        """Return sequence number (modulo 2^32), log time and encoding of a channel's last message."""
+        offset = self.index[channel_id][-1]
+        _, length, _, sequence, time_ns, _ = RECORD_HEAD.unpack_from(self.data, offset)
+        data = memoryview(self.data)[offset + RECORD_HEAD_BYTES : offset + length + 9]
+        return sequence, time_ns, bytes(data)
 
     def counts(self) -> dict[int, int]:
         """Return the number of messages of each channel in the chunk."""

@@ -29,10 +29,17 @@ class ChunkQueue:
     Args:
         limits: how much the queue may hold, and for how long.
         monotonic_ns: returns the time of the machine's clock.
+        on_discard: called with each chunk, in their order, that was kept but is not written.
     """
 
-    def __init__(self, limits: BufferLimits, monotonic_ns: Callable[[], int] = time.monotonic_ns):
+    def __init__(
+        self,
+        limits: BufferLimits,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        on_discard: Callable[[Chunk], None] = lambda _chunk: None,
+    ):
         self._limits = limits
+        self._on_discard = on_discard
         self._monotonic_ns = monotonic_ns
         self._close_after_ns = round(limits.close_after_s * 1e9)
         self._condition = threading.Condition(threading.Lock())
@@ -74,7 +81,7 @@ class ChunkQueue:
 
     def _make_room(self, size: int) -> bool:
         while self._kept and self._bytes + size > self._limits.buffer_bytes:
-            self._bytes -= len(self._kept.popleft().data)
+            self._discard_oldest()
         return self._bytes + size <= self._limits.buffer_bytes or not self._bytes
 
     def _close_open(self) -> None:
@@ -112,7 +119,12 @@ class ChunkQueue:
         """Discard the oldest chunk as soon as the next one goes back far enough."""
         oldest_ns = now_ns - round(self._limits.keep_s * 1e9)
         while len(self._kept) > 1 and self._kept[1].opened_ns <= oldest_ns:
-            self._bytes -= len(self._kept.popleft().data)
+            self._discard_oldest()
+
+    def _discard_oldest(self) -> None:
+        chunk = self._kept.popleft()
+        self._bytes -= len(chunk.data)
+        self._on_discard(chunk)
 
     def written(self, chunk: Chunk) -> None:
         """Release a chunk that was taken."""

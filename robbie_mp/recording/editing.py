@@ -1,7 +1,8 @@
 """Makes a new log of parts of others: cuts out a time, selects channels, merges several logs.
 
 Messages are copied one by one, as they are, so that memory does not grow with the log. The new log has the
-metadata and attachments of the old ones, and counts of its own.
+metadata and attachments of the old ones, and counts of its own. It begins with copies of what was newest
+before on latched topics and `tf_static`; their channels are marked, and they are not counted as messages.
 """
 
 import heapq
@@ -17,7 +18,9 @@ from mcap.writer import Writer
 from robbie_mp.recording.conversion import new_log_file
 from robbie_mp.recording.errors import LogNotWritten
 from robbie_mp.recording.format import (
+    CARRIED_KEY,
     COUNTS_METADATA,
+    LATCHED_KEY,
     RUN_METADATA,
     ChannelCount,
     ChannelKey,
@@ -57,11 +60,13 @@ class Edit:
     Attributes:
         target: the new file.
         messages: number of messages in it.
+        carried: number of copies of older messages at its beginning.
         notes: what you should know about it, such as topics with several types.
     """
 
     target: Path
     messages: int
+    carried: int
     notes: list[str]
 
 
@@ -72,6 +77,19 @@ class _Source(NamedTuple):
     part: LogPart
     channels: dict[int, LogChannel]
     """The channels that are copied, by their ids in the file."""
+
+
+class _Entry(NamedTuple):
+    """A message to write."""
+
+    log: Log
+    part: LogPart
+    channel: LogChannel
+    record: Channel
+    """The description of its channel in that part."""
+    message: PartMessage
+    is_carried: bool = False
+    """Whether it is a copy of an older message."""
 
 
 def edit(
@@ -102,7 +120,7 @@ def edit(
         notes = made.write(operation)
         file.flush()
         os.fsync(file.fileno())
-    return Edit(target, made.messages, notes)
+    return Edit(target, made.messages, made.carried, notes)
 
 
 class _Editor:
@@ -110,6 +128,7 @@ class _Editor:
 
     def __init__(self, logs: Sequence[Log], file: BinaryIO, cut: Cut, progress: Progress):
         self.messages = 0
+        self.carried = 0
         self._logs = logs
         self._cut = cut
         self._progress = progress
@@ -130,48 +149,74 @@ class _Editor:
         self._types_of: dict[str, set[tuple[str, bytes]]] = {}
         """For each topic as written, the types and definitions on it."""
         self._counts: dict[ChannelKey, ChannelCount] = {}
+        self._first_of: list[_Entry | None] = []
+        """Of each log, the first message that is copied."""
 
     def write(self, operation: str) -> list[str]:
         """Write the whole log. Return notes about it."""
         writer, total = self._writer, sum(log.message_count for log in self._logs)
-        merged = heapq.merge(*map(self._messages, self._sources), key=lambda one: one[1].time_ns)
+        messages = (
+            self._messages(log, sources) for log, sources in zip(self._logs, self._sources, strict=True)
+        )
+        merged = heapq.merge(*messages, key=lambda entry: entry.message.time_ns)
         first = next(merged, None)
         writer.start(self._profile, LIBRARY)
-        self._write_metadata(operation, first)
+        self._write_metadata(operation)
         self._write_attachments()
         while first is not None:
-            source, message = first
-            channel = self._channel(source, message.channel_id)
+            message = first.message
             writer.add_message(
-                channel, message.time_ns, message.data, message.publish_time_ns, message.sequence
+                self._channel(first), message.time_ns, message.data, message.publish_time_ns, message.sequence
             )
-            self._count(source.channels[message.channel_id])
-            self.messages += 1
-            self._progress(self.messages, total)
+            if first.is_carried:
+                self.carried += 1
+            else:
+                self._counts.setdefault(first.channel.key, ChannelCount()).recorded += 1
+                self.messages += 1
+                self._progress(self.messages, total)
             first = next(merged, None)
         self._write_counts()
         writer.finish()  # type: ignore[no-untyped-call]
         return self._notes()
 
-    def _messages(self, sources: Sequence[_Source]) -> Iterator[tuple[_Source, PartMessage]]:
-        """Yield the wanted messages of one log."""
+    def _messages(self, log: Log, sources: Sequence[_Source]) -> Iterator[_Entry]:
+        """Yield the wanted messages of one log, after copies of what was newest before on latched topics."""
+        messages = self._within_time(log, sources)
+        first = next(messages, None)
+        start_ns = log.start_ns if self._cut.start_ns is None else self._cut.start_ns
+        time_ns = start_ns if first is None else first.message.time_ns
+        self._first_of.append(first)
+        wanted = [channel for channel in log.channels if self._cut.wants(channel)]
+        for found in log.newest_latched(start_ns, wanted):
+            part, record = log.record_of(found.channel)
+            copy = PartMessage(record.id, found.sequence, time_ns, found.time_ns, found.data)
+            yield _Entry(log, part, found.channel, record, copy, is_carried=True)
+        if first is not None:
+            yield first
+        yield from messages
+
+    def _within_time(self, log: Log, sources: Sequence[_Source]) -> Iterator[_Entry]:
         cut = self._cut
         for source in sources:
             for message in source.part.messages(cut.start_ns, cut.end_ns, source.channels):
-                if message.channel_id in source.channels:
-                    yield source, message
+                if (channel := source.channels.get(message.channel_id)) is not None:
+                    record = source.part.contents.channels[message.channel_id]
+                    yield _Entry(log, source.part, channel, record, message)
 
-    def _write_metadata(self, operation: str, first: tuple[_Source, PartMessage] | None) -> None:
+    def _write_metadata(self, operation: str) -> None:
         """Write each different record of the sources once; the counts are made anew."""
         names = ", ".join(log.path.name for log in self._logs)
         self._writer.add_metadata(EDIT_METADATA, {"operation": operation, "sources": names})
         written: list[tuple[str, dict[str, str]]] = []
+        filled = [entry for entry in self._first_of if entry is not None]
+        first = min(filled, key=lambda entry: entry.message.time_ns, default=None)
         for log, sources in zip(self._logs, self._sources, strict=True):
             runs = [RunMetadata.from_metadata(record) for record in log.metadata(RUN_METADATA)]
             for run in {one.run_id: one for one in reversed(runs)}.values():
                 new = replace(run, part=0)
-                if first is not None and first[0].log is log:
-                    new = replace(new, first_sequence=first[1].sequence, started_ns=first[1].time_ns)
+                if first is not None and first.log is log:
+                    started_ns = first.message.time_ns
+                    new = replace(new, first_sequence=first.message.sequence, started_ns=started_ns)
                 if (RUN_METADATA, {"run_id": run.run_id}) not in written:
                     self._writer.add_metadata(RUN_METADATA, new.as_metadata())
                     written.append((RUN_METADATA, {"run_id": run.run_id}))
@@ -190,17 +235,18 @@ class _Editor:
                         one.create_time, one.log_time, one.name, one.media_type, one.data
                     )
 
-    def _channel(self, source: _Source, channel_id: int) -> int:
-        """Return the new id of a channel; of channels that are described alike, the same."""
-        contents = source.part.contents
-        channel: Channel = contents.channels[channel_id]
-        schema = contents.schemas.get(channel.schema_id)
+    def _channel(self, entry: _Entry) -> int:
+        """Return the new id of a message's channel; of channels that are described alike, the same."""
+        channel, metadata = entry.record, dict(entry.record.metadata)
+        if entry.is_carried:
+            metadata |= {LATCHED_KEY: "1", CARRIED_KEY: "1"}
+        schema = entry.part.contents.schemas.get(channel.schema_id)
         described = (schema.name, schema.encoding, schema.data) if schema else ("", "", b"")
-        key = (channel.topic, channel.message_encoding, tuple(sorted(channel.metadata.items())), described)
+        key = (channel.topic, channel.message_encoding, tuple(sorted(metadata.items())), described)
         if key not in self._channels:
             self._types_of.setdefault(channel.topic, set()).add((described[0], described[2]))
             self._channels[key] = self._writer.register_channel(
-                channel.topic, channel.message_encoding, self._schema(schema), channel.metadata
+                channel.topic, channel.message_encoding, self._schema(schema), metadata
             )
         return self._channels[key]
 
@@ -211,9 +257,6 @@ class _Editor:
         if key not in self._schemas:
             self._schemas[key] = self._writer.register_schema(*key)
         return self._schemas[key]
-
-    def _count(self, channel: LogChannel) -> None:
-        self._counts.setdefault(channel.key, ChannelCount()).recorded += 1
 
     def _write_counts(self) -> None:
         """Write the counts, if a source has some, with the messages that were missing around those copied."""

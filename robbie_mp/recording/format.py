@@ -22,6 +22,8 @@ TOPIC_KEY = "robbie_topic"
 VERSION_KEY = "robbie_version"
 SENDER_KEY = "robbie_sender"
 QOS_KEY = "offered_qos_profiles"
+LATCHED_KEY = "robbie_latched"
+CARRIED_KEY = "robbie_carried"
 PART_NAME = re.compile(r"(?P<name>.+)_(?P<number>\d{4,})\.mcap")
 
 

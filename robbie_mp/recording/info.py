@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from robbie_mp.recording.format import (
+    CARRIED_KEY,
     COUNTS_METADATA,
     RUN_METADATA,
     ChannelCount,
@@ -28,12 +29,14 @@ class ChannelInfo:
         messages: number of messages.
         hz: mean message rate over the time of the whole log; 0 if the log spans no time.
         dropped: number of messages the logger could not write; None if it has not reported it.
+        carried: number of copies of older messages, at the beginning of parts; they are not in `messages`.
     """
 
     channel: LogChannel
     messages: int
     hz: float
     dropped: int | None
+    carried: int = 0
 
     def as_data(self) -> dict[str, Any]:
         """Return what `robbie info --json` prints about the channel."""
@@ -46,6 +49,8 @@ class ChannelInfo:
             "messages": self.messages,
             "hz": self.hz,
             "dropped": self.dropped,
+            "is_latched": channel.is_latched,
+            "carried": self.carried,
         }
 
 
@@ -124,7 +129,7 @@ RUN_KEYS = ("run_id", "profile", "host", "version", "python", "clock", "started_
 def describe(log: Log) -> LogInfo:
     """Describe a log in figures."""
     runs = log.metadata(RUN_METADATA)
-    dropped = _dropped(log.parts)
+    dropped, carried = _dropped(log.parts), log.carried_counts
     duration_s = (log.end_ns - log.start_ns) / 1e9
     return LogInfo(
         path=log.path,
@@ -134,7 +139,11 @@ def describe(log: Log) -> LogInfo:
         channels=[
             *(
                 ChannelInfo(
-                    channel, count, count / duration_s if duration_s else 0.0, dropped.get(channel.key)
+                    channel,
+                    count,
+                    count / duration_s if duration_s else 0.0,
+                    dropped.get(channel.key),
+                    carried[channel],
                 )
                 for channel, count in log.counts.items()
             ),
@@ -149,10 +158,16 @@ def describe(log: Log) -> LogInfo:
 def part_data(part: LogPart) -> dict[str, Any]:
     """Return the printed description of one file."""
     contents = part.contents
+    carried = sum(
+        contents.counts.get(id_, 0)
+        for id_, channel in contents.channels.items()
+        if channel.metadata.get(CARRIED_KEY)
+    )
     return {
         "path": str(part.path),
         "bytes": part.size,
-        "messages": contents.message_count,
+        "messages": contents.message_count - carried,
+        "carried": carried,
         "chunks": sum(contents.compressions.values()),
         "start_ns": contents.start_ns,
         "end_ns": contents.end_ns,

@@ -20,6 +20,7 @@ from robbie_mp.recording.format import (
     counts_metadata,
     part_path,
 )
+from robbie_mp.recording.newest import KeepLimits, NewestMessages
 from robbie_mp.recording.part_writer import PartWriter, RecordedChannel
 
 
@@ -47,6 +48,10 @@ class LogWriter:
         budget: disk space for this recording and those beside it.
         dropped: returns the number of missing messages by channel, since the recording started.
         on_end: called with the number and the counts of each part that has ended.
+        keep: limits for the newest messages of latched channels, of which each part begins with a copy.
+
+    Attributes:
+        newest: these messages.
 
     Raises:
         OSError: the folder cannot be created.
@@ -61,8 +66,10 @@ class LogWriter:
         budget: DiskBudget,
         dropped: Callable[[], Mapping[ChannelKey, int]],
         on_end: Callable[[int, Mapping[ChannelKey, ChannelCount]], None] = lambda _number, _counts: None,
+        keep: KeepLimits = KeepLimits(),  # noqa: B008 - it is frozen
     ):
         self.folder = folder
+        self.newest = NewestMessages(keep)
         self.bytes = 0
         """Bytes written so far, in all parts."""
         self.parts = 0
@@ -97,10 +104,27 @@ class LogWriter:
         part = self._part
         if part is None:
             part = self._part = self._begin(chunk)
+            for copies in self.newest.copies(chunk.start_ns, before=chunk.first_sequence):
+                self._write(part, copies)
+        self._write(part, chunk)
+        self.newest.keep_from(chunk, channels)
+
+    def write_newest(self, channels: Mapping[int, RecordedChannel]) -> None:
+        """Write the newest messages of latched channels as a part, if nothing else has been written."""
+        newest_ns = self.newest.newest_ns
+        if self.parts or newest_ns is None:
+            return
+        self._channels = channels
+        for copies in self.newest.copies(newest_ns):
+            if self._part is None:
+                self._part = self._begin(copies)
+            self._write(self._part, copies)
+
+    def _write(self, part: PartWriter, chunk: Chunk) -> None:
         self.removed += len(self._budget.make_room(part.bytes + len(chunk.data)))
         before = part.bytes
         try:
-            part.write(chunk, channels)
+            part.write(chunk, self._channels)
         except OSError:
             self._give_up(part)
             raise
@@ -177,7 +201,10 @@ class LogWriter:
 
     def _counts(self, part: PartWriter, dropped: Mapping[ChannelKey, int]) -> dict[ChannelKey, ChannelCount]:
         """Return the counts of a part, given all messages that were missing at its end."""
-        counts = {self._channels[id_].key: ChannelCount(count) for id_, count in part.counts.items()}
+        counts: dict[ChannelKey, ChannelCount] = {}
+        for id_, count in part.counts.items():
+            if not self._channels[id_].is_carried:
+                counts.setdefault(self._channels[id_].key, ChannelCount()).recorded += count
         for key, total in dropped.items():
             new = total - self._dropped_before.get(key, 0)
             if new > 0 or key in counts:

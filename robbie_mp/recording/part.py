@@ -105,6 +105,19 @@ class LogPart:
                     ):
                         yield message
 
+    def blocks_backwards(self, channel_ids: Collection[int], end_ns: int) -> Iterator[list[PartMessage]]:
+        """Yield the messages of each chunk, in file order, but the last chunk first. Damage is noted.
+
+        Args:
+            channel_ids: read only chunks with messages of these channels, and yield only these messages. You
+                may remove ids between two chunks.
+            end_ns: leave out chunks whose messages all have this log time or a later one.
+        """
+        for block in reversed(self.contents.blocks):
+            wanted = frozenset(channel_ids)
+            if wanted and _may_have(block, None, end_ns, wanted):
+                yield [one for one in self._messages_of(block) if one.channel_id in wanted]
+
     def _messages_of(self, block: Block) -> Iterator[PartMessage]:
         try:
             yield from _messages_in(block.read(self._file, self._limits))

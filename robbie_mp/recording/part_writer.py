@@ -32,7 +32,15 @@ from mcap.records import (
 
 from robbie_mp.recording.appended_file import AppendedFile
 from robbie_mp.recording.chunk import Chunk, Compression, compress
-from robbie_mp.recording.format import MESSAGE_ENCODING, PROFILE, SCHEMA_ENCODING, ChannelKey, TopicNames
+from robbie_mp.recording.format import (
+    CARRIED_KEY,
+    LATCHED_KEY,
+    MESSAGE_ENCODING,
+    PROFILE,
+    SCHEMA_ENCODING,
+    ChannelKey,
+    TopicNames,
+)
 from robbie_mp.recording.mcap_records import MAGIC
 
 CHUNK_HEAD = Struct("<BQQQQII")
@@ -50,6 +58,15 @@ class RecordedChannel:
     key: ChannelKey
     schema: str
     """The ros2msg text of its type; '' if it is not known."""
+    carried_id: int = 0
+    """The channel for copies of its newest message at the beginning of a part; 0: it is not latched."""
+    is_carried: bool = False
+    """Whether it is such a channel."""
+
+    def metadata(self) -> dict[str, str]:
+        """Return the metadata of the channel in the log."""
+        marks = {LATCHED_KEY: self.carried_id or self.is_carried, CARRIED_KEY: self.is_carried}
+        return self.key.metadata() | {name: "1" for name, is_set in marks.items() if is_set}
 
 
 class PartWriter:
@@ -128,7 +145,7 @@ class PartWriter:
                     topic=self._topics.of(channel.key),
                     message_encoding=MESSAGE_ENCODING,
                     schema_id=schema.id,
-                    metadata=channel.key.metadata(),
+                    metadata=channel.metadata(),
                 )
             )
         return schemas, records

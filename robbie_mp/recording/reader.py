@@ -3,16 +3,17 @@
 A channel can be selected by its name. Logs from other programs state no versions; this finds them.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+import re
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import NamedTuple, Self
 
 from mcap.records import Channel
 
-from robbie_mp.messages import Message, message_type_from_schema
+from robbie_mp.messages import Message, TFMessage, message_type_from_schema
 from robbie_mp.messages.errors import MessageError
 from robbie_mp.messages.registry import TypeRegistry, full_name
 from robbie_mp.messages.schema import layout
@@ -20,8 +21,11 @@ from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.recording.contents import Contents
 from robbie_mp.recording.errors import NotALog
 from robbie_mp.recording.format import (
+    CARRIED_KEY,
+    LATCHED_KEY,
     MESSAGE_ENCODING,
     PART_NAME,
+    QOS_KEY,
     SCHEMA_ENCODING,
     SENDER_KEY,
     TOPIC_KEY,
@@ -31,6 +35,10 @@ from robbie_mp.recording.format import (
 from robbie_mp.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.recording.part import LogPart
 
+FIXED_TRANSFORMS = "tf_static"
+"""Last part of the topics whose newest messages hold, even in logs that do not mark them as latched."""
+TRANSIENT_LOCAL = re.compile(r"\bdurability: *(1|transient_local)\b")
+"""In the quality of service of a channel that rosbag2 has recorded: latched."""
 REPAIRED_SUFFIX = ".repaired.mcap"
 """End of the name that `robbie log-repair` gives to the repaired copy of a .mcap file."""
 
@@ -48,6 +56,7 @@ class LogChannel:
         schema: the ros2msg text of the type; "" if the log has none.
         encoding: encoding of the messages: "cdr", unless another program wrote the log.
         is_foreign: whether another program wrote the log; such logs have no versions and senders.
+        is_latched: whether a subscriber that comes later gets its newest message.
     """
 
     id: int
@@ -58,6 +67,7 @@ class LogChannel:
     schema: str
     encoding: str = MESSAGE_ENCODING
     is_foreign: bool = False
+    is_latched: bool = False
 
     @property
     def key(self) -> ChannelKey:
@@ -99,17 +109,40 @@ class Log:
         self._stock = stock_registry()
         self._channels_of: list[dict[int, LogChannel]] = []
         """For each part, its channels by their ids in that file."""
+        self._carried_of: list[dict[int, LogChannel]] = []
+        """Likewise, the channels of which there are copies at the beginning of the part."""
+        found = [
+            {
+                id_: _log_channel(part.contents, channel, self._stock)
+                for id_, channel in part.contents.channels.items()
+            }
+            for part in parts
+        ]
+        latched = {
+            found_in[id_].key[:3]
+            for part, found_in in zip(parts, found, strict=True)
+            for id_, channel in part.contents.channels.items()
+            if _is_latched(channel, found_in[id_])
+        }
         known: dict[LogChannel, LogChannel] = {}
-        for part in parts:
-            self._channels_of.append({id_: self._channel(part, id_, known) for id_ in part.contents.channels})
+        for part, found_in in zip(parts, found, strict=True):
+            carried = {id_ for id_, one in part.contents.channels.items() if one.metadata.get(CARRIED_KEY)}
+            of_part = {id_: self._channel(one, latched, known) for id_, one in found_in.items()}
+            self._channels_of.append({id_: one for id_, one in of_part.items() if id_ not in carried})
+            self._carried_of.append({id_: of_part[id_] for id_ in carried})
         filled = [part.contents for part in parts if part.contents.message_count]
         self.start_ns = min((contents.start_ns for contents in filled), default=0)
         self.end_ns = max((contents.end_ns for contents in filled), default=0)
 
-    def _channel(self, part: LogPart, channel_id: int, known: dict[LogChannel, LogChannel]) -> LogChannel:
-        anonymous = _log_channel(part.contents, part.contents.channels[channel_id], self._stock)
+    def _channel(
+        self,
+        anonymous: LogChannel,
+        latched: Container[tuple[str, int, str]],
+        known: dict[LogChannel, LogChannel],
+    ) -> LogChannel:
         if anonymous not in known:
-            known[anonymous] = LogChannel(**{**vars(anonymous), "id": len(self.channels)})
+            is_latched = anonymous.key[:3] in latched
+            known[anonymous] = replace(anonymous, id=len(self.channels), is_latched=is_latched)
             self.channels.append(known[anonymous])
         return known[anonymous]
 
@@ -125,21 +158,38 @@ class Log:
 
     @property
     def counts(self) -> dict[LogChannel, int]:
-        """Number of messages in each channel."""
+        """Number of messages in each channel, without copies at the beginning of parts."""
+        return self._count(self._channels_of)
+
+    @property
+    def carried_counts(self) -> dict[LogChannel, int]:
+        """Number of copies of messages of each channel, at the beginning of parts."""
+        return self._count(self._carried_of)
+
+    def _count(self, channels_of: Sequence[dict[int, LogChannel]]) -> dict[LogChannel, int]:
         counts = dict.fromkeys(self.channels, 0)
-        for part, channels in self.files():
+        for part, channels in zip(self.parts, channels_of, strict=True):
             for channel_id, count in part.contents.counts.items():
-                counts[channels[channel_id]] += count
+                if channel_id in channels:
+                    counts[channels[channel_id]] += count
         return counts
 
     @property
     def message_count(self) -> int:
-        """Number of messages in all channels."""
-        return sum(part.contents.message_count for part in self.parts)
+        """Number of messages in all channels, without copies at the beginning of parts."""
+        return sum(self.counts.values())
 
     def files(self) -> Iterator[tuple[LogPart, dict[int, LogChannel]]]:
-        """Yield each part with its channels, by their ids in that file."""
+        """Yield each part with its channels, by their ids in that file, without those of copies."""
         return zip(self.parts, self._channels_of, strict=True)
+
+    def record_of(self, channel: LogChannel) -> tuple[LogPart, Channel]:
+        """Return a part in which a channel of this log is described, and its record there."""
+        for part, of_part, carried in zip(self.parts, self._channels_of, self._carried_of, strict=True):
+            for id_, one in (of_part | carried).items():
+                if one is channel:
+                    return part, part.contents.channels[id_]
+        raise KeyError(channel)
 
     def metadata(self, name: str) -> list[dict[str, str]]:
         """Return the metadata records of that name, in file order."""
@@ -154,7 +204,8 @@ class Log:
     ) -> Iterator[LoggedMessage]:
         """Yield messages in file order, which is the order in which the core routed them.
 
-        Damaged messages are left out; `is_complete` and `damage` report them afterwards.
+        Damaged messages are left out; `is_complete` and `damage` report them afterwards. The copies of older
+        messages at the beginning of each part are left out too; see `newest_latched`.
 
         Args:
             start_ns: leave out messages published before this time.
@@ -167,6 +218,35 @@ class Log:
             for message in part.messages(start_ns, end_ns, ids):
                 if channel := known.get(message.channel_id):
                     yield LoggedMessage(channel, message.sequence, message.time_ns, message.data)
+
+    def newest_latched(
+        self, before_ns: int, channels: Iterable[LogChannel] | None = None
+    ) -> list[LoggedMessage]:
+        """Return the newest message of each latched topic: what a subscriber that comes at a moment gets.
+
+        The messages at the beginning of each part say what was newest before it. Of `tf_static` you get
+        the newest message of each sender, because each may describe other frames.
+
+        Args:
+            before_ns: the moment; later messages do not count, nor do those published at that time.
+            channels: messages of these channels only.
+
+        Returns:
+            The messages, each with the time at which it was published, in the order of these times.
+        """
+        chosen = set(self.channels if channels is None else channels)
+        missing = {_latched_as(channel) for channel in chosen if channel.is_latched}
+        found: list[LoggedMessage] = []
+        first = next((part for part in self.parts if part.contents.message_count), None)
+        files = zip(self.parts, self._channels_of, self._carried_of, strict=True)
+        for part, of_part, carried in reversed(list(files)):
+            start_ns = part.contents.start_ns
+            if part.contents.message_count and (start_ns <= before_ns or part is first):
+                carried_until_ns = max(before_ns, start_ns) + 1
+                until_ns = dict.fromkeys(of_part, before_ns) | dict.fromkeys(carried, carried_until_ns)
+                channels_in = {id_: one for id_, one in (of_part | carried).items() if one in chosen}
+                found += _newest_in(part, channels_in, until_ns, missing)
+        return sorted(found, key=lambda message: (message.time_ns, message.sequence))
 
     def close(self) -> None:
         """Close the log's files."""
@@ -278,6 +358,51 @@ def _log_channel(contents: Contents, channel: Channel, stock: TypeRegistry) -> L
         encoding=channel.message_encoding,
         is_foreign=not is_ours,
     )
+
+
+def _is_latched(channel: Channel, described: LogChannel) -> bool:
+    """Whether a log says that a channel is latched, or its messages describe fixed transforms."""
+    about = channel.metadata
+    return bool(
+        about.get(LATCHED_KEY)
+        or TRANSIENT_LOCAL.search(about.get(QOS_KEY, ""))
+        or _has_fixed_transforms(described)
+    )
+
+
+def _has_fixed_transforms(channel: LogChannel) -> bool:
+    name = channel.topic.rpartition("/")[2]
+    return name == FIXED_TRANSFORMS and channel.type_name == TFMessage.type_name
+
+
+def _latched_as(channel: LogChannel) -> ChannelKey:
+    """Return the same key for channels of which only the newest message holds."""
+    return channel.key if _has_fixed_transforms(channel) else channel.key._replace(sender="")
+
+
+def _newest_in(
+    part: LogPart, channels: Mapping[int, LogChannel], until_ns: Mapping[int, int], missing: set[ChannelKey]
+) -> Iterator[LoggedMessage]:
+    """Yield the newest message of each missing channel in a part, and take the channel out of `missing`.
+
+    Args:
+        part: the file.
+        channels: the channels by their ids in the file.
+        until_ns: for each channel, leave out messages from this log time on.
+        missing: keys of channels, as `_latched_as` returns them.
+    """
+    ids = {id_ for id_, channel in channels.items() if _latched_as(channel) in missing}
+    for messages in part.blocks_backwards(ids, max(until_ns.values(), default=0)):
+        newest: dict[ChannelKey, LoggedMessage] = {}
+        for message in messages:
+            if message.time_ns < until_ns[message.channel_id]:
+                channel = channels[message.channel_id]
+                newest[_latched_as(channel)] = LoggedMessage(
+                    channel, message.sequence, message.publish_time_ns, message.data
+                )
+        yield from newest.values()
+        missing.difference_update(newest)
+        ids.difference_update([id_ for id_ in ids if _latched_as(channels[id_]) in newest])
 
 
 def _foreign_version(type_name: str, schema: str, stock: TypeRegistry) -> int:

@@ -40,11 +40,12 @@ class Recorder:
         limits: BufferLimits,
         log: logging.Logger,
     ):
-        self._queue = ChunkQueue(limits)
+        self._queue = ChunkQueue(limits, on_discard=self._keep_newest)
         self._limits = limits
         self._log = log
         self._channels: dict[int, RecordedChannel] = {}
-        self._ids: dict[ChannelKey, int] = {}
+        self._ids: dict[tuple[ChannelKey, bool], int] = {}
+        """By channel, and whether it is latched."""
         self._dropped: defaultdict[ChannelKey, int] = defaultdict(int)
         self._dropped_lock = threading.Lock()
         self.recorded: defaultdict[int, int] = defaultdict(int)
@@ -57,13 +58,35 @@ class Recorder:
         self._thread = threading.Thread(target=self._run, name="log writer", daemon=True)
         self._thread.start()
 
-    def channel(self, key: ChannelKey, schema: str) -> int:
-        """Return the number of a channel, a new one if the channel is new."""
-        found = self._ids.get(key)
+    def channel(self, key: ChannelKey, schema: str, *, is_latched: bool = False) -> int:
+        """Return the number of a channel, a new one if the channel is new.
+
+        Args:
+            key: what identifies it.
+            schema: the ros2msg text of its type; '' if it is not known.
+            is_latched: whether each part of the log begins with a copy of its newest message.
+        """
+        found = self._ids.get((key, is_latched))
         if found is None:
-            found = self._ids[key] = len(self._ids) + 1
-            self._channels[found] = RecordedChannel(found, key, schema)
+            found = self._ids[key, is_latched] = len(self._channels) + 1
+            carried_id = found + 1 if is_latched else 0
+            if carried_id:
+                self._channels[carried_id] = RecordedChannel(carried_id, key, schema, is_carried=True)
+            self._channels[found] = RecordedChannel(found, key, schema, carried_id)
         return found
+
+    def carry(self, channel_id: int, sequence: int, time_ns: int, data: bytes | memoryview) -> None:
+        """Begin the next part of the log with a copy of a message from before the recording.
+
+        It is not counted as recorded. If a newer message of the channel is known, nothing happens.
+
+        Args:
+            channel_id: as `channel` returned it, of a latched channel.
+            sequence: its place in the order of the run.
+            time_ns: when it was published, in ns since the epoch.
+            data: its encoding.
+        """
+        self.writer.newest.keep(self._channels[channel_id], sequence, time_ns, bytes(data))
 
     def record(self, channel_id: int, sequence: int, time_ns: int, data: bytes | memoryview) -> bool:
         """Copy a message; False if it was dropped because there was no room in memory.
@@ -97,7 +120,10 @@ class Recorder:
     def counts(self) -> dict[ChannelKey, tuple[int, int]]:
         """Return for each channel how many messages were recorded, and how many are missing."""
         dropped = self.dropped()
-        recorded = {channel.key: self.recorded[id_] for id_, channel in self._channels.items()}
+        recorded: defaultdict[ChannelKey, int] = defaultdict(int)
+        for id_, channel in self._channels.items():
+            if not channel.is_carried:
+                recorded[channel.key] += self.recorded[id_]
         return {key: (recorded.get(key, 0), dropped.get(key, 0)) for key in (*recorded, *dropped)}
 
     @property
@@ -126,6 +152,8 @@ class Recorder:
         try:
             while self._turn():
                 pass
+            if not self._limits.keep_s:
+                self._attempt(lambda: self.writer.write_newest(self._channels))
             self._attempt(self.writer.close)
         except BaseException as failure:
             self._failure = failure
@@ -159,6 +187,10 @@ class Recorder:
             self._sync_due_ns = 0  # sync once the whole snapshot is written; this ends the part
         elif self._sync_due_ns is None:
             self._sync_due_ns = chunk.opened_ns + round(self._limits.close_after_s * 1e9)
+
+    def _keep_newest(self, chunk: Chunk) -> None:
+        """Remember the latched messages in a chunk that is not written."""
+        self.writer.newest.keep_from(chunk, self._channels)
 
     def _attempt(self, step: Callable[[], None]) -> bool:
         try:

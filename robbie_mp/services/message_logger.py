@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
 
+from robbie_mp.capture.position import Position
 from robbie_mp.capture.recorded_run import RecordedRun
 from robbie_mp.capture.recording_session import RecordingSession
 from robbie_mp.capture.selection import Pair, Selection, type_pattern
@@ -23,8 +24,6 @@ from robbie_mp.recording.log_writer import LogWriter, Split
 from robbie_mp.recording.recorder import LOGGER_NICE
 from robbie_mp.run.run_directory import list_runs
 from robbie_mp.transport import names
-from robbie_mp.transport.layout import SegmentKind
-from robbie_mp.transport.segment import Segment
 from robbie_mp.transport.shared_folder import SHARED_MEMORY
 
 WARN_UNMATCHED_AFTER_S = 10.0
@@ -88,9 +87,9 @@ class MessageLogger(Module):
         pairs = self.selection.pairs + ([*self.triggers, MODULE_STATES] if self.snapshot_s else [])
         for type_of, topic in dict.fromkeys(pairs):
             self.subscribe_encoded(type_of, self.on_message, topic=topic)
-        core = Segment.attach(names.core(self.run_id), SegmentKind.CORE).words
         slot = self.run.plan.names.index(self.name)
         recording = self.run.recording_folder(self.folder or self.output_directory, self.name)
+        self.position = self._open_position()
         self.tally = self._open_tally()
         self.unended = UnendedParts(recording, self.tally.next_part) if self.tally else None
         self.session = RecordingSession(
@@ -98,23 +97,37 @@ class MessageLogger(Module):
             self.selection,
             lambda dropped: self.make_writer(recording, dropped),
             BufferLimits(self.chunk_bytes, self.buffer_bytes, self.sync_s / 2, self.snapshot_s),
-            total_missed=lambda: messages_missed(core, slot),
-            passed=ChannelCounters(core).messages,
+            total_missed=lambda: messages_missed(self.run.core, slot),
+            passed=ChannelCounters(self.run.core).messages,
             log=self.log,
             missed_before=self.restored or 0,
             tally=self.tally,
+            position=self.position,
         )
         self.began_ns = self.clock.monotonic_ns()
         self.shown = (self.began_ns, 0, 0)
         self.warned = False
         self.log.info("recording into %s", recording)
 
+    def _open_position(self) -> Position:
+        """Open the position in the order of the run, which outlives this process."""
+        try:
+            return Position.kept(self.run.begin, *self._place)
+        except OSError as error:
+            self.log.warning("older messages may be recorded again if this logger is killed: %s", error)
+            return Position(0)
+
+    @property
+    def _place(self) -> tuple[Path, str]:
+        """Folder and name of what outlives this process."""
+        return SHARED_MEMORY / names.folder(self.run_id), f"tally-{self.name}"
+
     def _open_tally(self) -> Tally | None:
         """Open the counts that outlive this process; None for snapshots, which are not to be complete."""
         if self.snapshot_s:
             return None
         try:
-            return Tally(SHARED_MEMORY / names.folder(self.run_id), f"tally-{self.name}")
+            return Tally(*self._place)
         except OSError as error:
             self.log.warning("what this logger has in memory will not be counted if it is killed: %s", error)
             return None
@@ -134,6 +147,7 @@ class MessageLogger(Module):
             DiskBudget(recording.parent, self.budget_bytes),
             dropped,
             self.tally.end_part if self.tally else lambda _number, _counts: None,
+            self.run.keep_limits,
         )
 
     # -- messages --------------------------------------------------------------------------------------
@@ -217,6 +231,8 @@ class MessageLogger(Module):
         ]
         if self.session.lost:
             parts[-1] += f" ({self.session.lost} of them were in the memory of a killed logger)"
+        if writer.newest.left_out:
+            parts.append(f"{writer.newest.left_out} latched messages too large for the beginning of a part")
         if recorder.error:
             parts.insert(0, f"CANNOT WRITE: {recorder.error}")
         self.status = ", ".join(parts)
@@ -232,6 +248,7 @@ class MessageLogger(Module):
         self._warn_unmatched("in this run")
         with closing(self.run):
             self.session.close()
+        self.position.close()
         if self.tally:
             self.tally.close()
         counts = self.session.recorder.counts()

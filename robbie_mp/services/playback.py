@@ -250,7 +250,7 @@ class Playback(ClockSource):
                 "taken": player.tape.taken + sent,
                 "rate": player.time.rate,
                 "paused": player.time.paused,
-                "played": player.played + sent,
+                "played": player.played + (sent if not player.tape.gives else 0),
                 "jumps": player.jumps,
                 "due_ns": self.outlet.schedule.due_ns if isinstance(self.outlet, LockstepOutlet) else {},
             }

@@ -44,7 +44,7 @@ class BusOutlet:
             data = translation.translate(message.data)
             self._remember(1)
             return self._module.publish_encoded(
-                channel.type_name, translation.version, data, topic=channel.topic
+                channel.type_name, translation.version, data, topic=channel.topic, latched=channel.is_latched
             )
         except (MessageError, MessageTooLarge) as error:
             self.skipped += 1
@@ -119,7 +119,7 @@ class PacedOutlet(BusOutlet):
 
     def wake(self) -> None:
         """Schedule the module's next tick for when there is more room."""
-        self._module.wake_after_freed(max(1, self._module.outstanding // 2))
+        self._module.wake_after_freed(max(1, self._unhandled() // 2))
 
     def next_tick(self) -> DueTick | None:
         """Return None: modules tick by the clock."""

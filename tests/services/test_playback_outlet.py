@@ -31,7 +31,7 @@ class FakeModule:
     def unhandled(self) -> int:
         return self.outstanding - self.kept
 
-    def publish_encoded(self, _type: str, _version: int, data: bytes, *, topic: str) -> bool:
+    def publish_encoded(self, _type: str, _version: int, data: bytes, *, topic: str, latched: bool) -> bool:
         self.sent.append(data)
         self.outstanding += 1
         return True
