@@ -3,16 +3,13 @@
 PYTHON ?= python3
 ROBBIE := .venv/bin/robbie
 
-# The slow tests of these folders measure no times, so they share the processors.
-COMPUTING := tests/cli tests/core tests/docs tests/hot tests/hw tests/messages tests/recording tests/scene_graph \
-	tests/transport tests/workers
 # A worker that dies, as at the end of a time limit, ends the run; with another one in its place, it may hang.
 PARALLEL := --numprocesses 2 --dist loadfile --max-worker-restart 0
 
 # What the installation compiles: a change of it, or of what is installed, installs again.
 INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/_hot/*.[ch])
 
-.PHONY: demo test test-all test-computing test-robots test-pure test-arm64 lint types docs bench clean
+.PHONY: demo test test-all test-slow test-alone test-pure test-arm64 lint types docs bench clean
 
 demo: .venv/robot
 	$(ROBBIE) run demo
@@ -20,14 +17,14 @@ demo: .venv/robot
 test: .venv/dev
 	.venv/bin/python -m pytest -q -m 'not slow' $(PARALLEL)
 
-test-all: test test-computing test-robots
+test-all: test test-slow test-alone
 
-test-computing: .venv/dev
-	.venv/bin/python -m pytest -q -m slow $(PARALLEL) --dist worksteal $(COMPUTING)
+test-slow: .venv/dev
+	.venv/bin/python -m pytest -q -m 'slow and not alone' $(PARALLEL) --dist worksteal
 
-# Campaigns and whole robots measure times, so each has the machine for itself.
-test-robots: .venv/dev
-	.venv/bin/python -m pytest -q -m slow $(addprefix --ignore=,$(COMPUTING))
+# These require that something takes little time, so each has the machine for itself.
+test-alone: .venv/dev
+	.venv/bin/python -m pytest -q -m alone
 
 # The tests of the hot path, of which there are two forms, with the one in Python.
 test-pure: .venv/dev

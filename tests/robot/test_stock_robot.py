@@ -21,7 +21,7 @@ INTEL = DATA / "intel.clf"
 COMMAND = [sys.executable, "-c", "import sys; from robbie_mp.cli import main; sys.exit(main())"]
 
 # Whole robots on a busy machine take their time.
-pytestmark = pytest.mark.timeout(150)
+pytestmark = [pytest.mark.alone, pytest.mark.timeout(150)]
 
 needs_intel = pytest.mark.skipif(not INTEL.exists(), reason=f"the Intel log is not at {INTEL}")
 

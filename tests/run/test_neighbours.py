@@ -9,7 +9,7 @@ import pytest
 
 from tests._support.robot import Robot, wait_until
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.alone]
 
 MODULES = '''
 from collections import deque

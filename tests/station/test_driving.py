@@ -18,7 +18,7 @@ from tests.station.test_page import address_of
 from tools.operator_trials.cut_link import HERE as HERE_ADDRESS
 from tools.operator_trials.cut_link import cut_link, why_no_link
 
-pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.alone, pytest.mark.timeout(300)]
 HERE = Path(__file__).parent
 NO_LINK = why_no_link()
 # A hall in which one can drive ahead for long.

@@ -13,7 +13,7 @@ from tests._support.robot import Robot, kill
 from tests.station._support.browser import RECONNECTING, TABLET, browser, needs_chromium, page_of
 from tests.station.test_page import address_of
 
-pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.alone, pytest.mark.timeout(600)]
 HERE = Path(__file__).parent
 PROFILE = """
 modules:

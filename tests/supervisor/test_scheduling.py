@@ -110,6 +110,7 @@ def cpu_s(pid: int) -> float:
 
 
 @pytest.mark.slow
+@pytest.mark.alone
 def test_module_with_nice_10_gets_a_tenth_of_a_contended_processor() -> None:
     """Whether this kernel shares by session first (autogroup) or not."""
     cpu = min(os.sched_getaffinity(0))

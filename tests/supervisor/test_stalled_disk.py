@@ -22,7 +22,7 @@ from tests.supervisor._support import zoo
 from tests.supervisor._support.running import PROJECT, Run, Scenario, animal, wait_for
 from tools.loop_disk import LoopDisk
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.alone]
 
 RUNNING = ChildState.RUNNING
 END_LIMIT_S = 15.0

@@ -189,7 +189,7 @@ def test_hanging_contender_is_killed_with_its_children(tmp_path: Path) -> None:
 
 
 def test_only_unmapped_shared_memory_is_removed() -> None:
-    name = Path("/dev/shm/robbie-bench-test-of-names")
+    name = Path(f"/dev/shm/robbie-bench{os.getpid()}-test-of-names")
     name.write_bytes(bytes(4096))
     code = (
         "import mmap, sys; file = open(sys.argv[1], 'r+b'); memory = mmap.mmap(file.fileno(), 4096);"

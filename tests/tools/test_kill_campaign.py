@@ -161,6 +161,7 @@ def test_line_cut_short_by_a_kill_counts_as_never_written(tmp_path: Path) -> Non
     assert violations(tmp_path, talk=cut) == []
 
 
+@pytest.mark.alone
 @pytest.mark.timeout(120)
 def test_short_campaign_finds_no_violation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--kills", "12", "--seed", "3", "--longest-stop", "1", "--mean-pause", "0.5", "--json"]
@@ -177,6 +178,7 @@ def test_short_campaign_finds_no_violation(tmp_path: Path, capsys: pytest.Captur
     assert report["neighbours"]["hoarder_copied"] > 0
 
 
+@pytest.mark.alone
 @pytest.mark.timeout(180)
 @pytest.mark.usefixtures("disk")  # which skips where there can be none
 def test_short_campaign_with_a_frozen_log_disk_finds_no_violation(

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.linux.proc import read_stat
+from tests._support.present import present
 from tools.loop_disk import LoopDisk
 
 LIMIT_S = 10.0
@@ -22,7 +23,11 @@ def wait_for_state(pid: int, states: str) -> None:
 
 
 def writer(folder: Path) -> "subprocess.Popen[bytes]":
-    return subprocess.Popen([sys.executable, "-S", "-c", f"open({str(folder / 'file')!r}, 'w')"])
+    code = f"print('opening', flush=True); open({str(folder / 'file')!r}, 'w')"
+    process = subprocess.Popen([sys.executable, "-S", "-c", code], stdout=subprocess.PIPE)
+    with present(process.stdout) as said:  # before, it may wait for another disk
+        assert said.readline() == b"opening\n"
+    return process
 
 
 def test_writer_to_a_frozen_disk_cannot_be_killed_before_it_is_thawed(disk: LoopDisk) -> None:
