@@ -35,6 +35,7 @@ def stock_registry() -> TypeRegistry:
             robbie_msgs.CallsAnswer,
             robbie_msgs.CallsQuestion,
             robbie_msgs.CancelGoal,
+            robbie_msgs.DeviceState,
             robbie_msgs.DriveCommand,
             robbie_msgs.EmergencyStop,
             robbie_msgs.Frontiers,

@@ -88,6 +88,18 @@ class Tick(Message, name="robbie_msgs/msg/Tick", version=1):
     due: Time = DEFAULT
 
 
+class DeviceState(Message, name="robbie_msgs/msg/DeviceState", version=1):
+    """Whether a device can be used; the topic names its module. Its driver connects it again by itself."""
+
+    header: Header = DEFAULT
+    port: str = DEFAULT  # where the device is, as "/dev/robbie/laser-front"
+    state: str = DEFAULT  # CONNECTED or DISCONNECTED
+    reason: str = DEFAULT  # why it is DISCONNECTED, for people
+    connections: uint64 = DEFAULT  # how often it was found and started since the module started
+    losses: uint64 = DEFAULT  # how often it was lost after that
+    damaged: uint64 = DEFAULT  # frames that were damaged on the way
+
+
 class DriveCommand(Message, name="robbie_msgs/msg/DriveCommand", version=1):
     """Drive at a velocity, for a while: the device stops when `valid_for` passes without a newer command."""
 

@@ -1,0 +1,158 @@
+"""A serial or TCP port, opened by its URL."""
+
+import select
+import socket
+import time
+from typing import Any
+from urllib.parse import urlsplit
+
+import serial
+
+# A host that does not answer at all is given up after this time.
+CONNECT_TIMEOUT_S = 1.0
+WRITE_TIMEOUT_S = 0.5
+READ_BYTES = 65_536
+
+
+class PortError(OSError):
+    """The port cannot be opened, or it broke."""
+
+
+class Port:
+    """An open port.
+
+    Args:
+        url: "/dev/ttyUSB0", or a stable name from a udev rule; "socket://HOST:PORT" for TCP;
+            "rfc2217://HOST:PORT" for a serial port of a terminal server; any other URL that pyserial knows.
+        bit_rate: bit/s of a serial line, 8 data bits, no parity, 1 stop bit.
+
+    Raises:
+        PortError: the port cannot be opened.
+    """
+
+    def __init__(self, url: str, bit_rate: int = 115_200) -> None:
+        self.url = url
+        self._link: _Serial | _Tcp
+        try:
+            self._link = _Tcp(url) if url.startswith("socket://") else _Serial(url, bit_rate)
+        except (OSError, ValueError) as error:
+            raise PortError(f"cannot open the port {url}: {error}") from error
+
+    def read(self, wait_s: float) -> bytes:
+        """Return what has arrived; wait for it at most `wait_s`. Empty: nothing came.
+
+        Raises:
+            PortError: the port broke, for example because it was pulled out.
+        """
+        try:
+            return self._link.read(max(0.0, wait_s))
+        except (OSError, TypeError) as error:  # pyserial: TypeError if it was closed meanwhile
+            raise PortError(f"the port {self.url} broke: {error}") from error
+
+    def write(self, data: bytes) -> None:
+        """Send bytes.
+
+        Raises:
+            PortError: the port broke, or it took the bytes too slowly.
+        """
+        try:
+            self._link.write(data)
+        except OSError as error:
+            raise PortError(f"the port {self.url} broke: {error}") from error
+
+    def set_bit_rate(self, bit_rate: int) -> None:
+        """Change the bit rate of a serial line; a TCP port has none.
+
+        Raises:
+            PortError: the port does not know this rate.
+        """
+        try:
+            self._link.set_bit_rate(bit_rate)
+        except (OSError, ValueError) as error:
+            raise PortError(f"the port {self.url} refuses {bit_rate} bit/s: {error}") from error
+
+    def drain(self, quiet_s: float, limit_s: float) -> None:
+        """Read and forget what still arrives, until nothing came for `quiet_s`, or for `limit_s` at most."""
+        end_s = time.monotonic() + limit_s
+        while time.monotonic() < end_s and self.read(quiet_s):
+            pass
+
+    def close(self) -> None:
+        """Close the port. A closed port may be closed again."""
+        self._link.close()
+
+    def set_motor_line(self, is_high: bool) -> None:
+        """Set the DTR line of a serial port: some devices switch their motor by it."""
+        try:
+            self._link.set_motor_line(is_high)
+        except OSError as error:
+            raise PortError(f"the port {self.url} broke: {error}") from error
+
+
+class _Serial:
+    """A port of pyserial's."""
+
+    def __init__(self, url: str, bit_rate: int) -> None:
+        options: dict[str, Any] = {} if "://" in url else {"exclusive": True}
+        self._port = serial.serial_for_url(url, bit_rate, timeout=0, write_timeout=WRITE_TIMEOUT_S, **options)
+        self._descriptor = getattr(self._port, "fd", None)
+
+    def read(self, wait_s: float) -> bytes:
+        if self._descriptor is None:
+            # A port without a descriptor, such as rfc2217, has a thread that reads.
+            self._port.timeout = wait_s
+            first: bytes = self._port.read(1)
+            return first + self._port.read(self._port.in_waiting) if first else b""
+        if not select.select([self._descriptor], [], [], wait_s)[0]:
+            return b""
+        data: bytes = self._port.read(READ_BYTES)
+        return data
+
+    def write(self, data: bytes) -> None:
+        self._port.write(data)
+
+    def set_bit_rate(self, bit_rate: int) -> None:
+        self._port.baudrate = bit_rate
+
+    def set_motor_line(self, is_high: bool) -> None:
+        self._port.dtr = is_high
+
+    def close(self) -> None:
+        self._descriptor = None
+        self._port.close()
+
+
+class _Tcp:
+    """A TCP connection of our own: pyserial's would block for up to 5 s while a host does not answer."""
+
+    def __init__(self, url: str) -> None:
+        parts = urlsplit(url)
+        if parts.hostname is None or parts.port is None:
+            raise ValueError("a TCP port looks like socket://192.168.0.10:10940")
+        self._socket = socket.create_connection((parts.hostname, parts.port), CONNECT_TIMEOUT_S)
+        if self._socket.getsockname() == self._socket.getpeername():
+            # Without a listener, a port of this machine can be connected to itself.
+            self._socket.close()
+            raise ConnectionRefusedError("nobody listens")
+        self._socket.settimeout(WRITE_TIMEOUT_S)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def read(self, wait_s: float) -> bytes:
+        if not select.select([self._socket], [], [], wait_s)[0]:
+            return b""
+        data = self._socket.recv(READ_BYTES)
+        if not data:
+            raise ConnectionResetError("the other end closed the connection")
+        return data
+
+    def write(self, data: bytes) -> None:
+        self._socket.sendall(data)
+
+    def set_bit_rate(self, bit_rate: int) -> None:
+        pass
+
+    def set_motor_line(self, is_high: bool) -> None:
+        pass
+
+    def close(self) -> None:
+        self._socket.close()

@@ -1,0 +1,95 @@
+"""What the modules of pluggable devices share: they poll the device and tell its state."""
+
+from typing import Generic, TypeVar
+
+from hw.connection.device import ConnectionState, PluggableDevice
+from robbie_mp import REQUIRED, Header, Module, Time, setting
+from robbie_mp.messages import DeviceState
+
+# The longest wait for data in one tick: an ordered stop waits for it.
+MAX_WAIT_S = 0.1
+# The state is told when it changes, and at this interval.
+STATE_PERIOD_S = 1.0
+
+T = TypeVar("T")
+
+
+class PluggableDeviceModule(Module, Generic[T]):
+    """A module whose device may be pulled out and plugged in at any time.
+
+    While the device is away, the module runs on, publishes nothing of it, and tells so. A subclass opens the
+    driver in `open_device` and publishes a measurement in `on_value`. It may override `wait_s` with 0 if it
+    also handles messages.
+
+    Publishes `DeviceState`, on a topic named after the module.
+    """
+
+    port: str = setting(REQUIRED, "port of the device: a path, socket://HOST:PORT, or rfc2217://HOST:PORT")
+    silence_s: float = setting(
+        1.0, "the device counts as disconnected when it sends nothing valid for this time", minimum=0.05
+    )
+    period_s: float = setting(0.005, "time between looks at the device; a look waits for data", minimum=0.001)
+
+    wait_s = MAX_WAIT_S
+
+    def setup(self) -> None:
+        """Create the driver; it connects in the first tick, or whenever the device is there."""
+        self.device = self.open_device()
+        self._told = ConnectionState.DISCONNECTED
+        self._told_ns = -(10**18)
+
+    def open_device(self) -> PluggableDevice[T]:
+        """Return the driver."""
+        raise NotImplementedError
+
+    def on_value(self, value: T) -> None:
+        """Publish a measurement."""
+        raise NotImplementedError
+
+    def tick(self) -> None:
+        """Publish what the device has measured, and its state."""
+        for value in self.device.poll(self.wait_s):
+            self.on_value(value)
+        self.tell_state()
+
+    def teardown(self) -> None:
+        """Switch the device off."""
+        self.device.close()
+
+    def tell_state(self) -> None:
+        """Publish the device's state if it has changed, or if it is time to."""
+        now_ns, state, counters = self.clock.now_ns(), self.device.state, self.device.counters
+        if state is self._told and now_ns - self._told_ns < STATE_PERIOD_S * 1e9:
+            return
+        if state is not self._told:
+            if state is ConnectionState.DISCONNECTED:
+                self.log.warning("the device is disconnected: %s", self.device.reason)
+            else:
+                self.log.info("the device at %s is connected", self.port)
+        self._told, self._told_ns = state, now_ns
+        self.publish(
+            DeviceState(
+                header=Header(stamp=Time.from_nanoseconds(now_ns)),
+                port=self.port,
+                state=state.value,
+                reason=self.device.reason,
+                connections=counters.connections,
+                losses=counters.losses,
+                damaged=counters.damaged,
+            ),
+            topic=self.name,
+        )
+        self.status = self.status_line()
+
+    def status_line(self) -> str:
+        """Return the line that `robbie top` shows."""
+        if not self.device.is_connected:
+            return f"DISCONNECTED: {self.device.reason}"
+        counters = self.device.counters
+        return (
+            f"{counters.values} measurements, {counters.damaged} damaged frames, lost {counters.losses} times"
+        )
+
+    def time_s(self) -> float:
+        """Return the run's time, for the driver's stamps."""
+        return self.clock.now_ns() / 1e9

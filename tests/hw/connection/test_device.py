@@ -1,0 +1,160 @@
+"""A driver finds its device, loses it, and finds it again by itself."""
+
+import time
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from hw.connection.device import ConnectionState
+from hw.connection.errors import DeviceSilent
+from hw.connection.port import Port, PortError
+from hw.emulation.carrier import Carrier, PseudoTerminal, TcpPort
+from hw.emulation.faults import Faults
+from hw.emulation.line import EmulatedLine
+from tests.hw._support.beacon import Beacon, EmulatedBeacon
+
+LIMIT_S = 30.0
+
+
+def carriers() -> list[Callable[[Path], Carrier]]:
+    return [lambda folder: PseudoTerminal(folder / "beacon"), lambda _: TcpPort()]
+
+
+@pytest.fixture(params=carriers(), ids=["serial", "tcp"])
+def line(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[EmulatedLine]:
+    with EmulatedLine(EmulatedBeacon(), request.param(tmp_path)) as made:
+        yield made
+
+
+@pytest.fixture
+def beacon(line: EmulatedLine) -> Iterator[Beacon]:
+    driver = Beacon(line.url)
+    yield driver
+    driver.close()
+
+
+def received(driver: Beacon, count: int = 3) -> list[int]:
+    """Return the next numbers, at least `count` of them."""
+    numbers: list[int] = []
+    give_up_s = time.monotonic() + LIMIT_S
+    while len(numbers) < count:
+        assert time.monotonic() < give_up_s, driver.reason
+        numbers += driver.poll(0.05)
+    return numbers
+
+
+def wait_until_lost(driver: Beacon) -> None:
+    give_up_s = time.monotonic() + LIMIT_S
+    while driver.is_connected:
+        assert time.monotonic() < give_up_s
+        driver.poll(0.05)
+
+
+def test_measurements_arrive_in_order(beacon: Beacon) -> None:
+    numbers = received(beacon, 20)
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    assert (beacon.state, beacon.reason) == (ConnectionState.CONNECTED, "")
+    assert beacon.counters.values == len(numbers)
+
+
+def test_device_that_is_pulled_out_ten_times_is_back_within_two_seconds(
+    line: EmulatedLine, beacon: Beacon
+) -> None:
+    received(beacon)
+    for times in range(1, 11):
+        line.unplug()
+        wait_until_lost(beacon)
+        assert beacon.poll() == []
+        line.plug_in()
+        back_s = time.monotonic()
+        received(beacon)
+        assert time.monotonic() - back_s < 2.0
+        assert (beacon.counters.losses, beacon.counters.connections) == (times, times + 1)
+
+
+def test_device_that_falls_silent_is_disconnected_until_it_speaks(line: EmulatedLine, beacon: Beacon) -> None:
+    received(beacon)
+    line.faults.is_silent = True
+    wait_until_lost(beacon)
+    assert "nothing valid for 0.3 s" in beacon.reason
+    line.faults.is_silent = False
+    received(beacon)
+
+
+def test_reset_device_is_started_again(line: EmulatedLine, beacon: Beacon) -> None:
+    received(beacon, 30)
+    line.reset()
+    wait_until_lost(beacon)
+    assert min(received(beacon)) < 30
+
+
+def test_noise_cuts_and_bit_errors_lose_frames_and_nothing_else(line: EmulatedLine, beacon: Beacon) -> None:
+    line.faults = Faults(
+        cut_share=0.05, bit_error_rate=1e-3, noise_share=0.1, garbage_at_start=b"\xaa\x55\xff!"
+    )
+    numbers = received(beacon, 100)
+    assert numbers == sorted(set(numbers))
+    assert line.way.damaged and beacon.frames.skipped_bytes
+    assert beacon.counters.connections == 1
+
+
+def test_slow_line_delivers_whole_frames(line: EmulatedLine, beacon: Beacon) -> None:
+    received(beacon)
+    line.faults.bytes_per_s = 2_000.0
+    numbers = received(beacon, 10)
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
+def test_device_at_another_bit_rate_is_not_understood_until_the_rates_agree(tmp_path: Path) -> None:
+    device = EmulatedBeacon()
+    device.bit_rate = 38_400
+    with EmulatedLine(device, PseudoTerminal(tmp_path / "beacon")) as line:
+        wrong = Beacon(line.url, 9_600)
+        wrong.poll()
+        assert wrong.counters.failures == 1
+        wrong.close()
+        right = Beacon(line.url, 38_400)
+        received(right)
+        device.bit_rate = 57_600
+        right.port.set_bit_rate(57_600)
+        received(right)
+        right.close()
+
+
+def test_missing_port_is_tried_again_with_growing_waits(tmp_path: Path) -> None:
+    hundredths = [0]
+    attempts: list[int] = []
+
+    def no_port(url: str, _: int) -> Port:
+        attempts.append(hundredths[0])
+        raise PortError(f"cannot open {url}")
+
+    driver = Beacon(str(tmp_path / "none"), open_port=no_port)
+    driver._monotonic, driver._next_attempt_s = lambda: hundredths[0] / 100 + 1e-9, 0.0
+    for _ in range(400):
+        assert driver.poll() == []
+        hundredths[0] += 1
+    # The waits are 0.1, 0.2, 0.4, and then always 0.8 s, and up to a hundredth longer.
+    waits = [after - before for before, after in pairwise(attempts)]
+    assert waits == pytest.approx([10, 20, 40, 80, 80, 80, 80], abs=1)
+    assert (driver.counters.failures, driver.counters.losses) == (len(attempts), 0)
+    assert not driver.send(b"x")
+    with pytest.raises(DeviceSilent, match="not connected: cannot open"):
+        _ = driver.port
+
+
+@pytest.mark.parametrize("url", ["/no/such/port", "socket://127.0.0.1:1", "socket://nowhere", "nonsense://x"])
+def test_port_that_cannot_be_opened_is_named(url: str) -> None:
+    with pytest.raises(PortError, match=f"cannot open the port {url}"):
+        Port(url)
+
+
+def test_port_without_a_descriptor_is_read() -> None:
+    # As one of a terminal server (rfc2217) is, which would need a server.
+    port = Port("loop://")
+    port.write(b"hello")
+    assert port.read(1.0) == b"hello"
+    assert port.read(0.0) == b""
+    port.close()
