@@ -40,6 +40,7 @@ COMMANDS = (
     "import-rosbag",
     "module",
     "stop",
+    "keys",
     "profile",
     "clean",
     "doctor",
