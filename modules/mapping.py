@@ -118,7 +118,7 @@ class Mapping(Module):
         )
         stamp = Time.from_nanoseconds(self.clock.now_ns())
         header = Header(stamp=stamp, frame_id="map")
-        with self.loan(OccupancyGrid, header=header, info=info, data=cells.size) as grid:
+        with self.loan(OccupancyGrid, latched=True, header=header, info=info, data=cells.size) as grid:
             grid.data[:] = cells.ravel()
         self.status = (
             f"{self.scans} scans, {self.odometry_messages} odometry, {self.mapper.loops_closed} loops, "

@@ -51,7 +51,7 @@ class CarmenPlayback(Module):
         now_s = self.clock.monotonic_ns() / 1e9
         if self.started_s is None:
             self.started_s = now_s
-            self.publish(laser_place(self.carmen_log.parameters), topic="tf_static")
+            self.publish(laser_place(self.carmen_log.parameters), topic="tf_static", latched=True)
         self._publish_due(now_s)
         self.status = f"{self.count['odometry']} odometry, {self.count['scans']} scans{self._skipped()}"
         if self.next_record is None and self.outstanding == 0:

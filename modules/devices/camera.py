@@ -16,7 +16,7 @@ from robbie_mp.messages import CameraInfo, Image, JointState
 class SimulatedCameraModule(SimulatedDevice):
     """A simulated camera on the pan-tilt unit; publishes `Image` and `CameraInfo` on topic `camera`.
 
-    Without a pan-tilt unit, the camera looks straight ahead.
+    `CameraInfo` is latched. Without a pan-tilt unit, the camera looks straight ahead.
     """
 
     width: int = setting(320, "columns of an image", minimum=16, maximum=1280)
@@ -63,6 +63,7 @@ class SimulatedCameraModule(SimulatedDevice):
                 p=np.hstack([k, np.zeros((3, 1))]).ravel(),
             ),
             topic=self.topic,
+            latched=True,
         )
         self.publish(
             Image(

@@ -23,8 +23,7 @@ class SceneGraphListener:
             X_ML = self.scene.pose("map", "laser", scan.header.stamp.nanoseconds)
 
     It subscribes to TFMessage on the topics `tf` and `tf_static`; the publisher may be the SceneGraphService,
-    a playback or a ROS robot. Right after its start it knows little; fixed transforms are published again
-    once a second.
+    a playback or a ROS robot. `tf_static` is latched, so it knows the fixed transforms from its start.
 
     Args:
         module: the module that it is part of; create the listener in `setup()`.

@@ -23,8 +23,8 @@ class SceneGraphService(Module):
     moves the child of its frame that carries the robot, the odometry frame, by the correction that makes the
     map pose true.
 
-    It publishes moving transforms as TFMessage on `tf`, and fixed ones on `tf_static` once every `repeat_s`.
-    It also publishes SceneGraphState, which holds the whole graph.
+    It publishes moving transforms as TFMessage on `tf`, and fixed ones once on `tf_static`. It also publishes
+    SceneGraphState, which holds the whole graph. Both `tf_static` and SceneGraphState are latched.
 
     After a restart, it restores the last corrections. It gets the rest with the next messages.
     """
@@ -34,7 +34,6 @@ class SceneGraphService(Module):
     history_s: float = setting(10.0, "how long past values are remembered", minimum=0.1)
     period_s: float = setting(0.02, "minimum time between two messages on `tf`", minimum=0.001)
     state_period_s: float = setting(0.1, "minimum time between two SceneGraphStates", minimum=0.001)
-    repeat_s: float = setting(1.0, "time after which unchanged values are published again", minimum=0.01)
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
@@ -51,7 +50,8 @@ class SceneGraphService(Module):
         self.graph = SceneGraph(read_scene(self.file), history_s=self.history_s)
         self.warnings = WarnOnce(self.log)
         self.updater = SceneUpdater(self.graph, self.base, self.warnings)
-        self.next_s = {"tf": 0.0, "state": 0.0, "repeat": 0.0}
+        self.next_s = {"tf": 0.0, "state": 0.0}
+        self.fixed_announced = False
         self.state_changed = True
         self.updates = 0
         for prefix, (name, since_ns, *pose) in (self.restored or {}).items():
@@ -89,17 +89,15 @@ class SceneGraphService(Module):
         self.state_changed = True
 
     def tick(self) -> None:
-        """Publish changes that had to wait, and repeat the fixed transforms."""
+        """Publish changes that had to wait, and once the fixed transforms."""
         self._tell_moved()
         now_s = self._now_s()
-        if now_s >= self.next_s["repeat"]:
-            self.next_s["repeat"] = now_s + self.repeat_s
-            self.publish(fixed_transforms(self.graph, self.clock.now_ns()), topic="tf_static")
-            self.state_changed = True
+        if not self.fixed_announced:
+            fixed = fixed_transforms(self.graph, self.clock.now_ns())
+            self.fixed_announced = self.publish(fixed, topic="tf_static", latched=True)
         if self.state_changed and now_s >= self.next_s["state"]:
             self.next_s["state"] = now_s + self.state_period_s
-            self.state_changed = False
-            self.publish(state_of(self.graph))
+            self.state_changed = not self.publish(state_of(self.graph), latched=True)
         ignored = f", {self.warnings.ignored} ignored" if self.warnings.ignored else ""
         self.status = f"{len(self.graph)} nodes, {self.updates} updates{ignored}"
 

@@ -100,6 +100,7 @@ def test_restarted_mapping_publishes_its_map_at_once(tmp_path: Path) -> None:
     with ModuleHarness(Mapping, output_directory=tmp_path, restored=killed.checkpoint) as restarted:
         restarted.advance(0)
         assert restarted.take(OccupancyGrid)
+        assert restarted.latched(OccupancyGrid) is not None
 
 
 def test_messages_after_the_last_checkpoint_are_neither_mapped_nor_counted(tmp_path: Path) -> None:

@@ -2,9 +2,11 @@
 
 import os
 import signal
+from contextlib import closing
 from typing import Any
 
-from tests._support.robot import Robot
+from robbie_mp.observe.unhandled import UnhandledMessages
+from tests._support.robot import Robot, wait_until
 
 MODULES = '''
 import numpy as np
@@ -71,10 +73,14 @@ def test_late_module_has_the_newest_map_though_publisher_and_core_were_killed(ro
     robot.start()
     figures = robot.until(lambda modules: modules["mapper"]["status"] == "5 maps")
     assert figures["mapper"]["refused"] == 0, "an older map must give way"
+    with closing(UnhandledMessages(robot.known_run().run_id, "mapper")) as unhandled:
+        wait_until(lambda: unhandled.count() == 0)  # what the core keeps for later is not unhandled
     os.kill(figures["mapper"]["pid"], signal.SIGKILL)
     robot.until(lambda modules: modules["mapper"]["state"] == "FAILED")
     os.kill(figures["core"]["pid"], signal.SIGKILL)
     robot.until(lambda modules: modules["core"]["restarts"] == 1 and modules["core"]["state"] == "RUNNING")
+    echo = robot.command("echo", "Beacon", "--once")
+    assert "number: 5" in echo.stdout, echo.stderr
     for restarts in (1, 2):
         figures = until(robot, restarts - 1)
         os.kill(figures["reader"]["pid"], signal.SIGKILL)

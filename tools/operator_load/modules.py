@@ -56,10 +56,11 @@ class Rover(Module):
             self._scan(header.stamp)
         if self.ticks % 10 == 1:
             self._plan(header, turned_rad)
+        if self.ticks == 1:
             on_base = Header(stamp=header.stamp, frame_id="base_link")
             above = Transform(translation=Vector3(x=0.2, z=0.3), rotation=Quaternion(w=1.0))
             parts = _transforms(on_base, laser=above, depth=above, mast=above, arm=above)
-            self.publish(parts, topic="tf_static")
+            self.publish(parts, topic="tf_static", latched=True)
 
     def _scan(self, stamp: Time) -> None:
         ranges = 4.0 + np.random.default_rng(self.ticks).normal(0.0, 0.02, RAYS)
@@ -118,7 +119,7 @@ class MapMaker(Module):
             origin=Pose(position=corner, orientation=Quaternion(w=1.0)),
         )
         header = Header(stamp=Time.from_nanoseconds(self.clock.now_ns()), frame_id="map")
-        self.publish(OccupancyGrid(header=header, info=info, data=self.grid.ravel()))
+        self.publish(OccupancyGrid(header=header, info=info, data=self.grid.ravel()), latched=True)
 
 
 class Camera(Module):

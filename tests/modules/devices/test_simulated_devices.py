@@ -226,6 +226,7 @@ def test_cameras_follow_the_pan_tilt_unit_and_publish_their_projection(
     assert warm[0] > 20 and warm[1] == 0
     assert (image.encoding, image.step, len(image.data)) == ("rgb8", 960, 320 * 240 * 3)
     assert image.header == info.header
+    assert camera.latched(CameraInfo, "camera") == info
     focal = 160 / math.tan(1.047 / 2)
     np.testing.assert_allclose(info.k, [focal, 0, 159.5, 0, focal, 119.5, 0, 0, 1])
     np.testing.assert_allclose(info.p.reshape(3, 4)[:, :3].ravel(), info.k)
