@@ -48,6 +48,11 @@ def trust_each_other(one: Keys, other: Keys) -> None:
     other.trust(one.own().file)
 
 
+def trust_before_it_expired(keys: Keys, late: Keys) -> None:
+    (keys.folder / "trusted").mkdir(mode=0o700, exist_ok=True)
+    (keys.folder / "trusted" / "late.pem").write_bytes(late.own().file.read_bytes())
+
+
 def valid(keys: Keys) -> dict[str, str]:
     return dict(keys.zenoh_settings())
 
@@ -101,8 +106,7 @@ def test_untrusted_missing_and_expired_certificates_are_refused_and_we_say_why(
     late = made_expired(tmp_path / "late", "late")
     with pytest.raises(KeysError, match="expired on"):
         robot.trust(late.own().file)
-    # Trusted as long as it was valid:
-    (robot.folder / "trusted" / "late.pem").write_bytes(late.own().file.read_bytes())
+    trust_before_it_expired(robot, late)
     late.trust(robot.own().file)
     without = valid(laptop) | {
         "transport/link/tls/connect_private_key": "null",
@@ -132,7 +136,7 @@ def test_revoked_robot_is_refused_by_the_next_link(robot: Keys, laptop: Keys) ->
 def test_robot_with_an_expired_certificate_is_refused_and_we_say_why(laptop: Keys, tmp_path: Path) -> None:
     late = made_expired(tmp_path / "late", "late")
     late.trust(laptop.own().file)
-    (laptop.folder / "trusted" / "late.pem").write_bytes(late.own().file.read_bytes())
+    trust_before_it_expired(laptop, late)
     with listening(of_folder(late, valid(laptop))) as port:
         assert answer(valid(laptop), port) == "refused"
         with pytest.raises(NotConnected, match="its certificate has expired; make a new one there"):
