@@ -1,21 +1,21 @@
 """Navigation: drives the robot to goals."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from modules.planar_messages import angles_rad, laser_mount, map_cells, planar, pose_stamped
-from robbie_mp import Duration, Header, MessageHandling, Module, Time, setting
+from robbie_mp import ActiveGoal, CallRefused, Duration, Header, MessageHandling, Module, Time, setting
 from robbie_mp.messages import (
-    CancelGoal,
+    CancelNavigation,
     DriveCommand,
     EmergencyStop,
     LaserScan,
-    NavigationState,
+    NavigateTo,
+    NavigationCancelled,
+    NavigationFeedback,
+    NavigationResult,
     OccupancyGrid,
     Path,
-    Pose,
     PoseStamped,
     TFMessage,
     TimeJump,
@@ -28,13 +28,16 @@ from workers.navigation.path_follower import FollowerSettings, PathFollower
 
 MAP_FRAMES = ("map", "")
 
+Active = ActiveGoal[NavigateTo, NavigationFeedback, NavigationResult]
+
 
 class Navigation(Module):
-    """Drives to poses received on topic `goal`, using map, pose and laser.
+    """Serves `NavigateTo`: drives to a pose, using map, pose and laser.
 
     Publishes `DriveCommand`, which expires, only while there is a goal; the planned path as `Path` on topic
-    `path`; and `NavigationState` on each change and every `state_period_s`. A new goal replaces the old one;
-    `CancelGoal` ends it. The goal survives a restart.
+    `path`; and the goal that it drives to as `PoseStamped` on topic `goal`. A newer goal takes the place of
+    the older one, whose client gets `GoalPreempted`. `CancelNavigation` ends any goal. The goal survives a
+    restart: its client notices nothing.
     """
 
     period_s: float = setting(0.06, "time between drive commands", minimum=0.01)
@@ -54,55 +57,89 @@ class Navigation(Module):
     )
     stale_s: float = setting(0.6, "the robot stops when pose or laser is older than this", minimum=0.05)
     max_recoveries: int = setting(6, "recovery attempts before the goal is given up", minimum=0)
-    state_period_s: float = setting(0.5, "time between NavigationState messages", minimum=0.05)
+    state_period_s: float = setting(0.5, "time between feedbacks while nothing changes", minimum=0.05)
 
     def setup(self) -> None:
         """Subscribe; the first scan creates the navigator."""
         self.navigator: Navigator | None = None
         self.laser_pose = np.zeros(3)
         self.grid: OccupancyGrid | None = None
-        self.goal: Sequence[float] | None = self.restored
-        self.published: tuple[str, str] = ("", "")
-        self.published_s = -np.inf
+        self.active: Active | None = None
+        self.goal: tuple[float, float, float] | None = None
+        self.accepted_s = self._time_s()
+        self.fed_back: tuple[str, str] = ("", "")
+        self.fed_back_s = -np.inf
         self.path = np.empty((0, 2))
+        if self.restored is not None:
+            self.active = self.resume_goal(NavigateTo, self.restored["goal"])
+            self.goal = planar(self.active.goal.pose.pose)
+            self.accepted_s = self.restored["accepted_s"]
+        self.serve_goals(NavigateTo, self.on_goal, self.on_cancel)
+        self.serve(CancelNavigation, self.on_cancel_navigation)
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(TimeJump, self.on_time_jump, optional=True)
-        self.subscribe(PoseStamped, self.on_goal, topic="goal", optional=True)
-        self.subscribe(CancelGoal, self.on_cancel, optional=True)
         self.subscribe(OccupancyGrid, self.on_map, newest)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
         self.subscribe(LaserScan, self.on_scan, newest)
         self.subscribe(TFMessage, self.on_transforms, topic="tf_static", optional=True)
         self.subscribe(EmergencyStop, self.on_emergency_stop, newest, topic="emergency_stop_state")
 
-    def on_goal(self, goal: PoseStamped) -> None:
-        """Drive to a new goal from now on."""
-        self.goal = planar(goal.pose)
-        if goal.header.frame_id not in MAP_FRAMES:
-            self._refuse(f"a goal must be given in the frame 'map', not {goal.header.frame_id!r}")
-        elif not np.isfinite(self.goal).all():
-            self._refuse(f"a goal must have finite coordinates, not {self.goal}")
-        else:
-            self.log.info("goal: %.2f m, %.2f m, %.2f rad, from %s", *self.goal, self.envelope.sender)
-            if self.navigator is not None:
-                self.navigator.go_to(self.goal)
-            self.checkpoint(list(self.goal))
-
-    def on_cancel(self, cancel: CancelGoal) -> None:
-        """Forget the goal and stop the drive at once, without waiting for the last command to expire."""
-        if self.goal is None:
-            return
-        self.goal = None
-        self.checkpoint(None)
+    def on_goal(self, active: Active) -> None:
+        """Drive to a new goal from now on, unless it is invalid."""
+        pose = active.goal.pose
+        goal = planar(pose.pose)
+        if pose.header.frame_id not in MAP_FRAMES:
+            raise CallRefused(f"a goal must be given in the frame 'map', not {pose.header.frame_id!r}")
+        if not np.isfinite(goal).all():
+            raise CallRefused(f"a goal must have finite coordinates, not {goal}")
+        self.log.info("goal: %.2f m, %.2f m, %.2f rad, from %s", *goal, active.client)
+        before, self.active, self.goal = self.active, active, goal
+        self.accepted_s = self._time_s()
+        # First of all: a goal that its client takes for preempted must not come back after a crash.
+        self.checkpoint({"goal": active.memory, "accepted_s": self.accepted_s})
+        if before is not None:
+            before.preempt(f"{active.client} has sent another goal")
         if self.navigator is not None:
-            self.navigator.cancel(cancel.reason)
+            self.navigator.go_to(goal)
+        self.fed_back_s = -np.inf
+        self.publish(
+            pose_stamped(goal, Header(stamp=self._now(), frame_id="map")), topic="goal", latched=True
+        )
+
+    def on_cancel(self, active: Active, reason: str) -> None:
+        """Stop, and end the goal."""
+        if active is self.active:
+            self._stop(reason)
+            active.cancelled(reason)
+
+    def on_cancel_navigation(self, request: CancelNavigation) -> NavigationCancelled:
+        """Stop, and end the goal of any client."""
+        active = self.active
+        if active is None or request.client not in ("", active.client):
+            return NavigationCancelled()
+        self._stop(request.reason)
+        active.cancelled(request.reason)
+        return NavigationCancelled(client=active.client)
+
+    def _stop(self, reason: str) -> None:
+        """Forget the goal and stop the drive at once, without waiting for the last command to expire."""
+        self._forget_goal()
+        if self.navigator is not None:
+            self.navigator.cancel(reason)
             self._command(0.0, 0.0)
-        self.tick()
+            self._show()
+
+    def _forget_goal(self) -> None:
+        """Have no goal any more, even after a crash. Call this before its client hears of it."""
+        self.active = self.goal = None
+        self.checkpoint(None)
 
     def on_time_jump(self, jump: TimeJump) -> None:
         """Forget the goal and all obstacles: they are no longer valid."""
-        self.goal, self.navigator = None, None
-        self.checkpoint(None)
+        active, self.navigator = self.active, None
+        self._forget_goal()
+        if active is not None:
+            active.abort(f"time jumped: {jump.reason}")
 
     def on_map(self, grid: OccupancyGrid) -> None:
         """Plan on a new map."""
@@ -121,8 +158,6 @@ class Navigation(Module):
         mount = laser_mount(message)
         if mount is None or np.array_equal(mount, self.laser_pose):
             return
-        if self.navigator is not None and self.navigator.state in RESTING:
-            self.goal = None
         self.laser_pose, self.navigator = mount, None
 
     def on_scan(self, scan: LaserScan) -> None:
@@ -145,10 +180,11 @@ class Navigation(Module):
             self.navigator.follower.settings = self._follower_settings()
 
     def tick(self) -> None:
-        """Command the drive and publish the state."""
+        """Command the drive, and tell the goal's client how far the robot is."""
         if self.navigator is None:
-            waiting = NavigatorState.IDLE if self.goal is None else NavigatorState.STOPPED_NO_LASER
-            self._publish_state(waiting.name, "no scan has arrived yet", None)
+            waits = self.active is not None
+            self.show_state(NavigatorState.STOPPED_NO_LASER if waits else NavigatorState.IDLE)
+            self._feed_back(NavigatorState.STOPPED_NO_LASER.name, "no scan has arrived yet", None)
             self.status = "waiting for the laser"
             return
         speeds = self.navigator.drive()
@@ -156,13 +192,37 @@ class Navigation(Module):
             self._command(*speeds)
         if self.navigator.path is not self.path:
             self._publish_path(self.navigator.path)
-        if self.navigator.state in RESTING and self.published[0] != self.navigator.state.name:
-            self.checkpoint(None)
-            self.log.info("%s: %s", self.navigator.state.name, self.navigator.machine.reason)
-        self._publish_state(
-            self.navigator.state.name, self.navigator.machine.reason, self.navigator.distance_left_m
-        )
-        self.status = self.navigator.status
+        self._show()
+        state, reason = self.navigator.state, self.navigator.machine.reason
+        if self.active is not None and state in RESTING:
+            self._end(self.active, state, reason)
+        else:
+            self._feed_back(state.name, reason, self.navigator.distance_left_m)
+
+    def _end(self, active: Active, state: NavigatorState, reason: str) -> None:
+        """Tell the goal's client that the robot is there, or why it gives up."""
+        self.log.info("%s: %s", state.name, reason)
+        self._forget_goal()
+        if state is NavigatorState.ARRIVED:
+            active.succeed(NavigationResult(duration_s=self._time_s() - self.accepted_s))
+        else:
+            active.abort(reason)
+
+    def _feed_back(self, state: str, reason: str, left_m: float | None) -> None:
+        """Tell the goal's client the state, if it is new or was told long ago."""
+        if self.active is None:
+            return
+        is_old = self._time_s() - self.fed_back_s >= self.state_period_s
+        if self.fed_back != (state, reason) or is_old:
+            self.fed_back, self.fed_back_s = (state, reason), self._time_s()
+            left = -1.0 if left_m is None else left_m
+            self.active.feedback(NavigationFeedback(state=state, reason=reason, distance_left_m=left))
+
+    def _show(self) -> None:
+        """Show the navigator's state and status."""
+        if self.navigator is not None:
+            self.show_state(self.navigator.state)
+            self.status = self.navigator.status
 
     def _command(self, linear_m_per_s: float, angular_rad_per_s: float) -> None:
         self.publish(
@@ -193,15 +253,6 @@ class Navigation(Module):
             navigator.go_to(self.goal)
         return navigator
 
-    def _refuse(self, reason: str) -> None:
-        self.log.error("%s", reason)
-        self.goal = None
-        self.checkpoint(None)
-        if self.navigator is None:
-            self._publish_state(NavigatorState.UNREACHABLE.name, reason, None)
-        else:
-            self.navigator.refuse(reason)
-
     def _publish_path(self, path: NDArray[np.float64]) -> None:
         self.path = path
         header = Header(stamp=self._now(), frame_id="map")
@@ -209,23 +260,6 @@ class Navigation(Module):
         headings = np.arctan2(ahead[:, 1], ahead[:, 0])
         poses = [pose_stamped([*xy, heading], header) for xy, heading in zip(path, headings, strict=True)]
         self.publish(Path(header=header, poses=poses), topic="path")
-
-    def _publish_state(self, state: str, reason: str, left_m: float | None) -> None:
-        if self.published == (state, reason) and self._time_s() - self.published_s < self.state_period_s:
-            return
-        self.published, self.published_s = (state, reason), self._time_s()
-        self.show_state(state)
-        header = Header(stamp=self._now(), frame_id="map")
-        goal = Pose() if self.goal is None else pose_stamped(self.goal, header).pose
-        self.publish(
-            NavigationState(
-                header=header,
-                state=state,
-                reason=reason,
-                goal=goal,
-                distance_left_m=-1.0 if left_m is None else left_m,
-            )
-        )
 
     def _follower_settings(self) -> FollowerSettings:
         return FollowerSettings(max_linear_m_per_s=self.max_linear_m_per_s)

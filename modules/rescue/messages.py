@@ -1,31 +1,57 @@
 """Messages that only the rescue robot knows: its mission, and the victims it finds."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from robbie_mp import DEFAULT, Array, Header, Message, float32, float64, int8, uint8, uint32
-from robbie_mp.messages import Image, MapMetaData, Pose
+from robbie_mp import (
+    DEFAULT,
+    Array,
+    Header,
+    Message,
+    Reply,
+    Request,
+    float32,
+    float64,
+    int8,
+    uint8,
+    uint32,
+)
+from robbie_mp.messages import Image, MapMetaData, Pose, Upgrade
 
 
-class MissionOrder(Message, name="rescue_msgs/msg/MissionOrder", version=1):
-    """The operator orders the mission to do something. The answer is a `MissionStatus`."""
+class OrderAccepted(Reply, name="rescue_msgs/srv/OrderMission_Response", version=1):
+    """The mission obeys."""
+
+    state: str = DEFAULT  # of its state machine, after the order
+
+
+class OrderMission(Request[OrderAccepted], name="rescue_msgs/srv/OrderMission_Request", version=1):
+    """The operator orders the mission to do something. The mission refuses what does not fit its state."""
 
     START: ClassVar[uint8] = 0  # also: continue after a pause
     PAUSE: ClassVar[uint8] = 1  # stop, and stand still until START
     ABORT: ClassVar[uint8] = 2  # stop, and end the mission where the robot is
     RETURN: ClassVar[uint8] = 3  # drive home at once
 
-    header: Header = DEFAULT
     order: uint8 = START
 
 
-class MissionStatus(Message, name="rescue_msgs/msg/MissionStatus", version=1):
+def _without_refusal(fields: dict[str, Any]) -> dict[str, Any]:
+    """Leave out why the last order was refused: a refusal now goes to the one who gave the order."""
+    return {name: value for name, value in fields.items() if name != "refusal"}
+
+
+class MissionStatus(
+    Message,
+    name="rescue_msgs/msg/MissionStatus",
+    version=2,
+    upgrades={1: Upgrade(_without_refusal)},
+):
     """The mission's state, and the orders that it accepts now. Published on each change and at intervals."""
 
     header: Header = DEFAULT
     state: str = DEFAULT  # of its state machine, such as EXPLORE, PAUSE, RETURN, DONE
     text: str = DEFAULT  # description of the state and its reason
-    orders: Array[uint8] = DEFAULT  # constants of MissionOrder that the mission accepts now
-    refusal: str = DEFAULT  # why the mission refused the latest order; '' if it obeyed
+    orders: Array[uint8] = DEFAULT  # constants of OrderMission that the mission accepts now
 
 
 class VictimFound(Message, name="rescue_msgs/msg/VictimFound", version=1):
@@ -58,13 +84,18 @@ class SearchedWalls(Message, name="rescue_msgs/msg/SearchedWalls", version=1):
     data: Array[int8] = DEFAULT  # (height * width,) 100: searched, 0: not searched, -1: no wall
 
 
-class VictimConfirmation(Message, name="rescue_msgs/msg/VictimConfirmation", version=1):
-    """The operator's answer to the question about one victim."""
+class VictimAnswered(Reply, name="rescue_msgs/srv/AnswerVictim_Response", version=1):
+    """The operator's answer is remembered."""
+
+    state: uint8 = DEFAULT  # the victim's state now: a constant of VictimFound
+
+
+class AnswerVictim(Request[VictimAnswered], name="rescue_msgs/srv/AnswerVictim_Request", version=1):
+    """The operator answers the question about one victim. Refused if there is no such victim or answer."""
 
     NO: ClassVar[uint8] = 0
     YES: ClassVar[uint8] = 1
     LATER: ClassVar[uint8] = 2  # ask again when more is known
 
-    header: Header = DEFAULT
     id: uint32 = DEFAULT  # id of the victim
     answer: uint8 = NO

@@ -1,18 +1,40 @@
 """Application control of the rescue robot: explores, searches for victims, asks the operator, comes home."""
 
 import math
+from enum import Enum
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modules.planar_messages import frontiers_message, map_cells, planar, pose_stamped
-from modules.rescue.messages import MissionOrder, MissionStatus, SearchedWalls, VictimFound
-from robbie_mp import Header, MessageHandling, Module, Time, setting
+from modules.rescue.messages import (
+    MissionStatus,
+    OrderAccepted,
+    OrderMission,
+    SearchedWalls,
+    VictimFound,
+)
+from robbie_mp import (
+    CallError,
+    CallRefused,
+    GoalAborted,
+    Header,
+    MessageHandling,
+    Module,
+    NoServer,
+    SentGoal,
+    Time,
+    setting,
+)
 from robbie_mp.messages import (
     BatteryState,
     CameraInfo,
-    CancelGoal,
-    NavigationState,
+    CancelNavigation,
+    NavigateTo,
+    NavigationCancelled,
+    NavigationFeedback,
+    NavigationResult,
     OccupancyGrid,
     PanTiltCommand,
     PointOfInterest,
@@ -33,15 +55,24 @@ CANNOT_DRIVE = ("STOPPED_", "EMERGENCY_")
 TELL_S = 1.0
 """Period of the mission's status while it does not change."""
 REPEAT_S = 2.0
-"""A goal that navigation does not report after this time is sent again."""
+"""Time after which a goal that has ended otherwise than intended is sent again."""
+CANCEL_TIMEOUT_S = 2.0
+
+
+class Cancel(Enum):
+    """Whether navigation has ended the mission's goals, where the mission wants to drive no more."""
+
+    NOT_WANTED = 0
+    ASKED = 1
+    DONE = 2
 
 
 class RescueMission(Module):
     """Sends goals to navigation and directions to the pan-tilt unit until the mission has ended.
 
-    With `MissionOrder`, the operator starts, pauses or aborts the mission, or calls the robot home.
-    `MissionStatus` says which orders the mission accepts now, and why it refused one. The module also
-    publishes the `Frontiers` that it can choose from.
+    It sends one `NavigateTo` after another. With the service `OrderMission`, the operator starts, pauses or
+    aborts the mission, or calls the robot home. `MissionStatus` says which orders the mission accepts now.
+    The module also publishes the `Frontiers` that it can choose from.
 
     At the end, it writes the report: a map with victims and path in the style of RoboCup Rescue
     (`NAME_map.png`), the victims (`NAME_victims.csv`), and figures (`mission.json`).
@@ -78,22 +109,25 @@ class RescueMission(Module):
         self.look = LookAround()
         self.pose: tuple[float, float, float] | None = None
         self.goal: NDArray[np.float64] | None = None
+        self.sent: SentGoal | None = None
+        self.goals = 0
         self.sent_s = -math.inf
-        self.judged = True
-        self.is_known = False
-        self.stands = self.is_cancelled = False
+        self.is_judged = False
+        self.stands = False
+        self.cancel = Cancel.NOT_WANTED
+        self.cancel_s = -math.inf
+        # With its feedback, navigation says whether the robot can drive.
+        self.mission.see_stopped(None)
         self.pan_rad = math.nan
         self.map: OccupancyGrid | None = None
         self.frontiers = self.mission.frontiers
-        self.refusal = ""
-        self.told: tuple[str, list[OperatorOrder], str] | None = None
+        self.told: tuple[str, list[OperatorOrder]] | None = None
         self.told_s = -math.inf
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(OccupancyGrid, self.on_map, newest)
         self.subscribe(SearchedWalls, self.on_searched, newest)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose")
-        self.subscribe(MissionOrder, self.on_order, optional=True)
-        self.subscribe(NavigationState, self.on_navigation)
+        self.serve(OrderMission, self.on_order)
         self.subscribe(VictimFound, self.on_victim)
         self.subscribe(CameraInfo, self.on_camera, newest, topic="camera")
         self.subscribe(BatteryState, self.on_battery, newest, topic="battery")
@@ -136,30 +170,38 @@ class RescueMission(Module):
         )
         self.mission.victims.see(report)
 
-    def on_order(self, order: MissionOrder) -> None:
-        """Carry out the operator's order at once, or publish why it is refused."""
-        self.refusal = self.mission.order(order.order) or ""
-        if self.refusal:
-            self.log.warning("refused an order of %s: %s", self.envelope.sender, self.refusal)
+    def on_order(self, order: OrderMission) -> OrderAccepted:
+        """Carry out the operator's order at once, or say why it is refused."""
+        refusal = self.mission.order(order.order)
+        if refusal is not None:
+            self.log.warning("refused an order of %s: %s", self.envelope.sender, refusal)
+            raise CallRefused(refusal)
         self.told_s = -math.inf
         self.tick()
+        return OrderAccepted(state=self.mission.state.name)
 
-    def on_navigation(self, state: NavigationState) -> None:
-        """Pass navigation's state to the mission."""
-        self.mission.see_stopped(
-            f"{state.state}: {state.reason}" if state.state.startswith(CANNOT_DRIVE) else None
-        )
-        # Without a goal, navigation reports zeros, which must not be taken for a goal at the origin.
-        self.is_known = self.goal is not None and state.state != "IDLE" and self._is_goal(state)
-        if self.judged or not self.is_known or self.goal is None:
+    def on_feedback(self, number: int, feedback: NavigationFeedback) -> None:
+        """Pass to the mission whether the robot can drive to the goal that was sent last."""
+        if number == self.goals:
+            can_drive = not feedback.state.startswith(CANNOT_DRIVE)
+            self.mission.see_stopped(None if can_drive else f"{feedback.state}: {feedback.reason}")
+
+    def on_goal_end(self, number: int, end: NavigationResult | CallError) -> None:
+        """Pass to the mission how the goal that was sent last has ended."""
+        if number != self.goals:
+            return  # the mission has sent another goal since then
+        self.log.debug("goal %s: %r", self.goal, end)
+        self.is_judged = isinstance(end, NavigationResult | GoalAborted | CallRefused)
+        if not self.is_judged:  # it is sent again
+            self.log.warning("goal %s: %s: %s", self.goal, type(end).__name__, end)
+            if isinstance(end, NoServer):
+                self.mission.see_stopped(str(end))
             return
-        if state.state in ("ARRIVED", "UNREACHABLE"):
-            self.judged = True
-            self.log.debug("goal %s: %s %s", self.goal.round(2), state.state, state.reason)
-            if state.state == "ARRIVED":
-                self.mission.arrived()
-            else:
-                self.mission.unreachable(state.reason)
+        self.mission.see_stopped(None)
+        if isinstance(end, NavigationResult):
+            self.mission.arrived()
+        else:
+            self.mission.unreachable(str(end))
 
     def tick(self) -> None:
         """Let the mission decide, and send goals and directions to other modules."""
@@ -168,9 +210,9 @@ class RescueMission(Module):
         self.checkpoint(self.mission.memory())
         if self.pose is not None and self.mission.state is not MissionState.WAIT:
             if self.mission.state in HOLDS:
-                self._cancel_goal()
+                self._cancel_goals()
             else:
-                self._send_goal(orders.goal)
+                self._drive_to(orders.goal)
             self._turn_camera(orders.look_at_xy_m)
         for note in self.mission.notes[self.notes_told :]:
             self.log.warning("%s", note)
@@ -205,13 +247,13 @@ class RescueMission(Module):
     def _tell(self) -> None:
         """Publish the mission's status if it is new or was published long ago; also new frontiers."""
         mission = self.mission
-        told = (mission.state.name, mission.operator.fitting(mission.state), self.refusal)
+        told = (mission.state.name, mission.operator.fitting(mission.state))
         if told != self.told or self._time_s() - self.told_s >= TELL_S:
             self.told, self.told_s = told, self._time_s()
-            state, orders, refusal = told
+            state, orders = told
             header, text = self._header("map"), mission.status
             codes = np.array(orders, np.uint8)
-            self.publish(MissionStatus(header=header, state=state, text=text, orders=codes, refusal=refusal))
+            self.publish(MissionStatus(header=header, state=state, text=text, orders=codes))
             if mission.home is not None:
                 home = PointOfInterest(name="home", pose=pose_stamped(mission.home, header).pose)
                 self.publish(PointsOfInterest(header=header, points=[home]), topic="mission")
@@ -223,41 +265,55 @@ class RescueMission(Module):
         self.show_state(state)
         self.log.info("%s (%s)", state.name, self.mission.machine.reason)
 
-    def _cancel_goal(self) -> None:
-        """Cancel the mission's goal; again if navigation still drives to it after a restart.
+    def _cancel_goals(self) -> None:
+        """Have navigation end all goals of this mission, of earlier processes as well, until it has done so.
 
         Meanwhile, the operator may send the robot to another goal.
         """
         now_s = self._time_s()
-        if self.is_cancelled and not (self.is_known and now_s - self.sent_s >= REPEAT_S):
+        if self.cancel is Cancel.DONE or (self.cancel is Cancel.ASKED and now_s - self.cancel_s < REPEAT_S):
             return
-        self.is_cancelled = self.judged = True
-        self.is_known = self.stands = False
-        self.sent_s = now_s
-        self.publish(CancelGoal(header=self._header("map"), reason=self.mission.machine.reason))
+        self.cancel, self.cancel_s = Cancel.ASKED, now_s
+        self.goal, self.goals = None, self.goals + 1
+        self.call(
+            CancelNavigation(client=self.name, reason=self.mission.machine.reason),
+            self.on_cancelled,
+            self.on_not_cancelled,
+            timeout_s=CANCEL_TIMEOUT_S,
+        )
 
-    def _send_goal(self, wanted: NDArray[np.float64] | None) -> None:
-        """Send a goal if it is new, or if navigation has lost it. To stand still, send the robot's pose."""
+    def on_cancelled(self, _reply: NavigationCancelled) -> None:
+        """Remember that navigation drives to no goal of this mission."""
+        if self.cancel is Cancel.ASKED:
+            self.cancel = Cancel.DONE
+
+    def on_not_cancelled(self, error: CallError) -> None:
+        """Report that navigation may still drive; `_cancel_goals` asks again."""
+        self.log.warning("could not cancel the goal: %s: %s", type(error).__name__, error)
+
+    def _drive_to(self, wanted: NDArray[np.float64] | None) -> None:
+        """Send a goal if it is new, or if the last one has ended. To stand still, send the robot's pose."""
+        self.cancel = Cancel.NOT_WANTED
         if wanted is not None:
             goal = wanted
         else:
             goal = self.goal if self.stands and self.goal is not None else np.array(self.pose)
         self.stands = wanted is None
-        now_s = self._time_s()
-        is_new = self.is_cancelled or self.goal is None or not np.array_equal(goal, self.goal)
-        is_wanted_again = self.judged and wanted is not None
-        if not is_new and (now_s - self.sent_s < REPEAT_S or (self.is_known and not is_wanted_again)):
-            return
-        self.goal, self.sent_s = goal, now_s
-        self.is_known = self.judged = self.is_cancelled = False
-        self.publish(pose_stamped(goal, self._header("map")), topic="goal")
-
-    def _is_goal(self, state: NavigationState) -> bool:
-        """Return whether a state is about the goal that was sent last."""
-        assert self.goal is not None
-        x_m, y_m, heading_rad = np.asarray(planar(state.goal)) - self.goal
-        # Compare the heading as well: successive goals may be at the same place with different headings.
-        return math.hypot(x_m, y_m, math.remainder(heading_rad, math.tau)) < 1e-6
+        is_new = self.goal is None or not np.array_equal(goal, self.goal)
+        if not is_new:
+            assert self.sent is not None
+            is_over = self.is_judged and self.stands
+            if self.sent.is_active or is_over or self._time_s() - self.sent_s < REPEAT_S:
+                return
+        self.goal, self.sent_s = goal, self._time_s()
+        self.is_judged = False
+        self.goals += 1
+        self.sent = self.send_goal(
+            NavigateTo(pose=pose_stamped(goal, self._header("map"))),
+            partial(self.on_goal_end, self.goals),
+            partial(self.on_goal_end, self.goals),
+            partial(self.on_feedback, self.goals),
+        )
 
     def _turn_camera(self, look_at_xy_m: NDArray[np.float64] | None) -> None:
         assert self.pose is not None

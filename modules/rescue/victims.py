@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from modules.planar_messages import map_cells
-from modules.rescue.messages import SearchedWalls, VictimConfirmation, VictimFound
-from robbie_mp import Header, MessageHandling, Module, SettingError, Time, setting
+from modules.rescue.messages import AnswerVictim, SearchedWalls, VictimAnswered, VictimFound
+from robbie_mp import CallRefused, Header, MessageHandling, Module, SettingError, Time, setting
 from robbie_mp.messages import (
     BoundingBox2D,
     CameraInfo,
@@ -37,7 +37,7 @@ class Victims(Module):
     """Searches for victims, publishes each as `VictimFound`, and asks the operator about those it knows well.
 
     The module publishes the tags in an image as `Detection2DArray` on the image's topic. The operator answers
-    with `VictimConfirmation`. Without an answer in time, the module asks again later. It also publishes
+    with the service `AnswerVictim`. Without an answer in time, the module asks again later. It also publishes
     `SearchedWalls`, the walls that the camera has seen well.
 
     After a restart, it still knows all victims, answers and searched walls.
@@ -86,7 +86,7 @@ class Victims(Module):
         self.subscribe(Image, self.on_image, MessageHandling.KEEP_ONLY_NEWEST, topic="camera")
         self.subscribe(OccupancyGrid, self.on_map, MessageHandling.KEEP_ONLY_NEWEST)
         self.advertise(VictimFound)
-        self.subscribe(VictimConfirmation, self.on_confirmation, optional=True)
+        self.serve(AnswerVictim, self.on_answer)
 
     def on_camera(self, camera: CameraInfo) -> None:
         """Store the camera's projection."""
@@ -103,26 +103,20 @@ class Victims(Module):
         self.fronts = WallFronts(*map_cells(grid))
         self.map_info = grid.info
 
-    def on_confirmation(self, answer: VictimConfirmation) -> None:
+    def on_answer(self, answer: AnswerVictim) -> VictimAnswered:
         """Apply the operator's answer."""
         victim = self.victims.victims.get(answer.id)
-        if victim is None or answer.answer not in (
-            VictimConfirmation.NO,
-            VictimConfirmation.YES,
-            VictimConfirmation.LATER,
-        ):
-            self.log.warning(
-                "ignored the answer %d for victim %d: there is no such victim or answer",
-                answer.answer,
-                answer.id,
-            )
-            return
-        if answer.answer == VictimConfirmation.LATER:
+        if victim is None:
+            raise CallRefused(f"there is no victim {answer.id}")
+        if answer.answer == AnswerVictim.LATER:
             self._ask_later(victim)
-        else:
-            yes = answer.answer == VictimConfirmation.YES
+        elif answer.answer in (AnswerVictim.YES, AnswerVictim.NO):
+            yes = answer.answer == AnswerVictim.YES
             victim.state = VictimState.CONFIRMED if yes else VictimState.REJECTED
+        else:
+            raise CallRefused(f"there is no answer {answer.answer}; answers are 0 (no), 1 (yes), 2 (later)")
         self._tell(victim)
+        return VictimAnswered(state=int(victim.state))
 
     def tick(self) -> None:
         """Search the newest image, ask questions, and publish changes."""

@@ -45,7 +45,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "what a run serves. Fields you do not give have their default values. Exit code 1: there is no reply "
         "or result; the error says why.",
         [
-            "robbie call DriveTo '{x_m: 2.0, y_m: 1.0}'",
+            "robbie call NavigateTo '{pose: {pose: {position: {x: 2.5}}}}'",
             "robbie call FindPath '{x_m: 2.0, y_m: 1.0}'",
             "robbie call my_robot/FindPath --topic fast --timeout 20 --json",
         ],

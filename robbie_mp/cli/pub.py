@@ -25,7 +25,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "is checked before it is sent.",
         [
             "robbie pub DriveCommand '{linear_m_per_s: 0.1, valid_for: {sec: 1}}'",
-            "robbie pub goal '{header: {frame_id: map}, pose: {position: {x: 2.5}}}'",
+            "robbie pub initial_pose '{header: {frame_id: map}, pose: {position: {x: 2.5}}}'",
             "robbie pub geometry_msgs/Twist '{linear: {x: 0.1}}' --topic teleop --rate 10",
         ],
     )

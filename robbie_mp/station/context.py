@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Protocol
 from nicegui import ui
 
 from robbie_mp.messages import Header, Time
+from robbie_mp.module.calls.errors import CallRefused, GoalAborted, GoalCancelled, GoalPreempted
 from robbie_mp.module.module import MessageHandling
 from robbie_mp.station.access import Role
 from robbie_mp.station.latest import MessageSource
+from robbie_mp.station.requests import Asked, Asking
 
 if TYPE_CHECKING:
     import logging
@@ -80,6 +82,9 @@ class StationContext(MessageSource, Protocol):
     def publish(self, message: Message, *, topic: str = "") -> bool:
         """Publish a message from any thread. Panels use `Page.publish`, which checks the visitor's role."""
 
+    def ask(self, message: Asking, what: str) -> Asked:
+        """Send a request or goal from any thread. Panels use `Page.ask`, which checks the visitor's role."""
+
     def opened(self, page: Page) -> None:
         """Add an open page; called in the page server's thread."""
 
@@ -118,6 +123,8 @@ class Page:
         self.session = session
         self.link = link
         self._station = station
+        self._asked: list[tuple[Asked, str]] = []
+        """What has not ended yet, each with what to show when it succeeds."""
         self.tab = ""
         """Name of the panel that is open."""
 
@@ -160,6 +167,33 @@ class Page:
             ui.notify(f"{what} was not sent: the robot's memory is full", type="negative")
         return is_sent
 
+    def ask(self, message: Asking, what: str, success: str = "") -> Asked | None:
+        """Send a request or a goal for an operator. Whatever ends it is shown on the page.
+
+        Args:
+            message: the request or goal, for the module that serves it.
+            what: a name for it in texts, such as "the order".
+            success: shown when the reply or result arrives; '' shows nothing.
+
+        Returns:
+            How it ends, in a while; None if the visitor lacks the role.
+        """
+        if not self.may(what):
+            return None
+        asked = self._station.ask(message, what)
+        self._asked.append((asked, success))
+        return asked
+
+    def show_ends(self) -> None:
+        """Show how requests and goals have ended."""
+        for entry in [entry for entry in self._asked if entry[0].has_ended]:
+            self._asked.remove(entry)
+            asked, success = entry
+            if asked.error is not None:
+                ui.notify(ending(asked), type="negative", timeout=8000)
+            elif success:
+                ui.notify(success, type="positive")
+
     def every(self, period_s: float, panel: str, update: Callable[[], Awaitable[None] | None]) -> None:
         """Call an update periodically while a panel is open.
 
@@ -170,3 +204,18 @@ class Page:
     def always(self, period_s: float, update: Callable[[], Awaitable[None] | None]) -> None:
         """Call an update periodically on every tab, except while the browser does not keep up."""
         ui.timer(period_s, lambda: update() if self.link.is_free else None)
+
+
+def ending(asked: Asked) -> str:
+    """Return a text that says why a request or goal has failed."""
+    match asked.error:
+        case CallRefused():
+            return f"{asked.what} was refused: {asked.error}"
+        case GoalCancelled():
+            return f"{asked.what} was cancelled: {asked.error}"
+        case GoalPreempted():
+            return f"{asked.what} was given up: {asked.error}"
+        case GoalAborted():
+            return f"{asked.what} cannot be reached: {asked.error}"
+        case _:
+            return f"{asked.what} failed: {asked.error}"

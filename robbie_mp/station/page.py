@@ -22,6 +22,8 @@ RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnect
 MAX_WAITING_PACKETS = 4
 """Maximum number of packets that wait for a browser. With this many waiting, its page is not updated."""
 NAMESPACE = "/"
+ENDS_PERIOD_S = 0.2
+"""Time between two looks whether what the operator asked for has ended."""
 
 
 class BrowserLink(Link):
@@ -98,3 +100,4 @@ def build_page(
         ui.navigate.history.replace(f"?{TAB}={name}")  # for a reload of the page
 
     tabs.on_value_change(lambda event: turn_to(str(event.value)))
+    page.always(ENDS_PERIOD_S, page.show_ends)

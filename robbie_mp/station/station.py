@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from robbie_mp.errors import RobbieError
-from robbie_mp.messages import TimeJump
+from robbie_mp.messages import Goal, Message, TimeJump
+from robbie_mp.module.calls.errors import CallError
 from robbie_mp.module.envelope import MessageType
 from robbie_mp.module.module import MessageHandling, Module, setting
 from robbie_mp.module.secret import Secret, reveal
@@ -25,6 +26,7 @@ from robbie_mp.station.listening import AddressUnusable, listen
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.map_marks import MapMarks, PlacesWatch
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels
+from robbie_mp.station.requests import Asked, Asking, Requests
 from robbie_mp.station.run_watch import RunWatch
 from robbie_mp.station.settings_watch import SettingsWatch
 from robbie_mp.trace.log_limit import limited
@@ -33,6 +35,8 @@ if TYPE_CHECKING:
     from robbie_mp.station.context import Page
     from robbie_mp.station.website import Website
 
+REPLY_S = 3.0
+"""Maximum time that an operator waits for the reply to a request."""
 MODEL_SUFFIXES = (".stl", ".glb", ".gltf")
 """Suffixes of files with a robot's shape."""
 
@@ -140,6 +144,7 @@ class OperatorStation(Module):
         self.drivers_seat = DriversSeat()
         self.pages: dict[str, Page] = {}
         self.run_watch = RunWatch(self.run_id)
+        self._requests = Requests(self._send)
         self._newest: dict[tuple[str, str], Latest[Any]] = {}
         self._handlers: dict[tuple[str, str], list[Callable[[Any], None]]] = {}
         self.scene = SceneGraphListener(self, hears_time_jumps=False)
@@ -216,6 +221,21 @@ class OperatorStation(Module):
             self.subscribe(message_type, handle, topic=topic)
         self._handlers[key].append(handler)
 
+    def ask(self, message: Asking, what: str) -> Asked:
+        """Send a request or a goal from any thread; see `Page.ask`.
+
+        Args:
+            message: the request or goal.
+            what: a name for it in texts.
+        """
+        return self._requests.ask(message, what)
+
+    def _send(self, message: Asking, on_end: Callable[[Message | CallError], None]) -> None:
+        if isinstance(message, Goal):
+            self.send_goal(message, on_end, on_end)
+        else:
+            self.call(message, on_end, on_end, timeout_s=REPLY_S)
+
     def opened(self, page: Page) -> None:
         """Add an open page; called in the page server's thread."""
         self.pages[page.key] = page
@@ -229,6 +249,7 @@ class OperatorStation(Module):
         """Check the page server, and do the work that is common to all pages."""
         if self._website is None:
             return
+        self._requests.tick()
         self._website.tick()
         if self.access.sessions != self._remembered:
             self._remember()

@@ -9,14 +9,18 @@ from hw.simulation.arena_file import read_arena
 from hw.simulation.drive import SimulatedDrive
 from hw.simulation.laser import SimulatedLaser
 from modules.navigation import Navigation
-from robbie_mp import Header, ModuleHarness, Time
+from robbie_mp import Header, Message, ModuleHarness, Time
 from robbie_mp.messages import (
-    CancelGoal,
+    CallRefusal,
+    CancelNavigation,
     DriveCommand,
     EmergencyStop,
+    GoalEnd,
     LaserScan,
     MapMetaData,
-    NavigationState,
+    NavigateTo,
+    NavigationFeedback,
+    NavigationResult,
     OccupancyGrid,
     Point,
     Pose,
@@ -37,7 +41,8 @@ def pose_of(x_m: float, y_m: float, heading_rad: float) -> Pose:
     return Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(heading_rad))
 
 
-GOAL = PoseStamped(header=Header(frame_id="map"), pose=pose_of(3.5, 2.4, 1.0))
+GOAL = NavigateTo(pose=PoseStamped(header=Header(frame_id="map"), pose=pose_of(3.5, 2.4, 1.0)))
+NEAR = NavigateTo(pose=PoseStamped(pose=pose_of(2.1, 2.4, 0.0)))
 
 
 class Robot:
@@ -82,9 +87,19 @@ class Robot:
             ranges=self.laser.scan().ranges_m,
         )
 
+    def until_reached(self, client: str = "client") -> NavigationResult:
+        """Let time pass until a client is told that the robot is at the goal."""
+        for _ in range(20):
+            self.go_on(1.0)
+            results = self.harness.take(NavigationResult, client)
+            if results:
+                assert len(results) == 1
+                return results[0]
+        raise AssertionError(f"the goal was not reached in 20 s: {self.states}")
+
     @property
     def states(self) -> list[str]:
-        return [message.state for message in self.harness.take(NavigationState)]
+        return [feedback.state for feedback in self.harness.take(NavigationFeedback)]
 
 
 @pytest.fixture
@@ -95,16 +110,16 @@ def robot() -> Iterator[Robot]:
 
 def test_robot_drives_to_a_goal_with_expiring_commands_and_a_path(robot: Robot) -> None:
     robot.go_on(0.5)
-    assert set(robot.states) == {"IDLE"}
+    assert robot.harness.module.navigator is not None
     assert not robot.harness.take(DriveCommand)
-    robot.harness.send(GOAL, topic="goal")
-    robot.go_on(20.0)
-    messages = robot.harness.take(NavigationState)
-    states = list(dict.fromkeys(message.state for message in messages))
-    assert states == ["DRIVE", "ALIGN", "ARRIVED"]
-    left = [message.distance_left_m for message in messages if message.state == "DRIVE"]
+    robot.harness.send_goal(GOAL)
+    result = robot.until_reached()
+    feedbacks = robot.harness.take(NavigationFeedback)
+    assert list(dict.fromkeys(feedback.state for feedback in feedbacks)) == ["DRIVE", "ALIGN"]
+    left = [feedback.distance_left_m for feedback in feedbacks if feedback.state == "DRIVE"]
     assert left[1] > 1.5 > left[-1] >= 0.0
-    assert messages[-1].goal == GOAL.pose
+    assert 3.0 < result.duration_s < 20.0
+    assert [shown.pose for shown in robot.harness.take(PoseStamped, "goal")] == [GOAL.pose.pose]
     paths = robot.harness.take(PathMessage, "path")
     end = next(path for path in paths if path.poses).poses[-1].pose.position
     assert math.hypot(end.x - 3.5, end.y - 2.4) < 0.1
@@ -113,26 +128,37 @@ def test_robot_drives_to_a_goal_with_expiring_commands_and_a_path(robot: Robot) 
     assert truth.heading_rad == pytest.approx(1.0, abs=0.2)
 
 
-def test_silent_laser_stops_the_robot_and_is_reported(robot: Robot) -> None:
-    robot.harness.send(GOAL, topic="goal")
+def test_silent_laser_stops_the_robot_and_is_told(robot: Robot) -> None:
+    robot.harness.send_goal(GOAL)
     robot.go_on(2.0)
     assert robot.drive.read().linear_m_per_s > 0.2
     robot.has_laser = False
     robot.go_on(1.5)
     assert robot.drive.read().linear_m_per_s == 0.0
-    last = robot.harness.take(NavigationState)[-1]
+    last = robot.harness.take(NavigationFeedback)[-1]
     assert last.state == "STOPPED_NO_LASER"
     assert last.reason.startswith("no scan for 0.")
     assert "laser is silent" in robot.harness.module.status
 
 
+def test_goal_waits_for_the_first_scan(robot: Robot) -> None:
+    robot.harness.send_goal(GOAL)
+    robot.has_laser = False
+    robot.go_on(0.5)
+    (told,) = robot.harness.take(NavigationFeedback)
+    assert (told.state, told.reason) == ("STOPPED_NO_LASER", "no scan has arrived yet")
+    robot.has_laser = True
+    robot.go_on(0.5)
+    assert robot.states[-1] == "DRIVE"
+
+
 def test_navigation_waits_while_the_emergency_stop_is_engaged(robot: Robot) -> None:
-    robot.harness.send(GOAL, topic="goal")
+    robot.harness.send_goal(GOAL)
     robot.go_on(0.5)
     stop = EmergencyStop(engaged=True, reason="somebody pressed the button")
     robot.harness.send(stop, topic="emergency_stop_state")
     robot.go_on(0.3)
-    last = robot.harness.take(NavigationState)[-1]
+    last = robot.harness.take(NavigationFeedback)[-1]
     assert (last.state, last.reason) == ("EMERGENCY_STOP", "somebody pressed the button")
     robot.harness.send(EmergencyStop(), topic="emergency_stop_state")
     robot.go_on(0.3)
@@ -140,43 +166,81 @@ def test_navigation_waits_while_the_emergency_stop_is_engaged(robot: Robot) -> N
 
 
 @pytest.mark.parametrize(
-    ("goal", "reason"),
+    ("pose", "reason"),
     [
         (PoseStamped(header=Header(frame_id="odom")), "must be given in the frame 'map', not 'odom'"),
         (PoseStamped(pose=pose_of(math.nan, 0.0, 0.0)), "must have finite coordinates"),
-        (PoseStamped(pose=pose_of(50.0, 0.0, 0.0)), "the goal lies in unknown space"),
     ],
 )
-def test_impossible_goal_is_unreachable_with_its_reason(robot: Robot, goal: PoseStamped, reason: str) -> None:
-    robot.go_on(0.3)
-    robot.harness.send(goal, topic="goal")
+def test_invalid_goal_is_refused_and_the_robot_keeps_its_goal(
+    robot: Robot, pose: PoseStamped, reason: str
+) -> None:
+    robot.harness.send_goal(NEAR)
     robot.go_on(0.5)
-    last = robot.harness.take(NavigationState)[-1]
-    assert last.state == "UNREACHABLE"
-    assert reason in last.reason
+    kept = robot.harness.checkpoint
+    robot.harness.send_goal(NavigateTo(pose=pose), client="other")
+    (refusal,) = robot.harness.take(CallRefusal, "other")
+    assert reason in refusal.reason
+    assert robot.harness.checkpoint == kept
+    robot.until_reached()
+
+
+def test_goal_that_cannot_be_reached_ends_with_the_reason(robot: Robot) -> None:
+    robot.go_on(0.3)
+    robot.harness.send_goal(NavigateTo(pose=PoseStamped(pose=pose_of(50.0, 0.0, 0.0))))
+    robot.go_on(0.5)
+    (end,) = robot.harness.take(GoalEnd)
+    assert (end.outcome, end.reason) == (GoalEnd.ABORTED, "the goal lies in unknown space")
+    assert robot.harness.checkpoint is None
     assert robot.drive.read().linear_m_per_s == 0.0
 
 
+def test_newer_goal_takes_the_place_of_the_older_one(robot: Robot) -> None:
+    robot.harness.send_goal(GOAL, client="mission")
+    robot.go_on(1.0)
+    robot.harness.send_goal(NEAR, client="operator")
+    (end,) = robot.harness.take(GoalEnd, "mission")
+    assert (end.outcome, end.reason) == (GoalEnd.PREEMPTED, "operator has sent another goal")
+    robot.until_reached("operator")
+    assert not robot.harness.take(NavigationResult)
+
+
 def test_restarted_navigation_continues_only_to_goals_not_yet_reached(robot: Robot) -> None:
-    robot.harness.send(GOAL, topic="goal")
+    sent = robot.harness.send_goal(NEAR)
     robot.go_on(1.0)
     kept = robot.harness.checkpoint
     with ModuleHarness(Navigation, restored=kept) as restarted:
         again = Robot(restarted)
-        again.go_on(20.0)
-        assert again.states[-1] == "ARRIVED"
+        assert again.until_reached().call == sent.call
         assert restarted.checkpoint is None
 
 
 def test_cancelled_goal_is_forgotten_and_the_drive_stopped_at_once(robot: Robot) -> None:
-    robot.harness.send(GOAL, topic="goal")
+    sent = robot.harness.send_goal(GOAL)
     robot.go_on(2.0)
     assert robot.drive.read().linear_m_per_s > 0.2
-    robot.harness.send(CancelGoal(reason="for a test"))
+    robot.harness.cancel_goal(sent, "for a test")
+    robot_stands_without_a_goal(robot)
+    (end,) = robot.harness.take(GoalEnd)
+    assert (end.outcome, end.reason) == (GoalEnd.CANCELLED, "for a test")
+
+
+@pytest.mark.parametrize("meant", ["", "mission"])
+def test_goal_of_any_client_can_be_cancelled(robot: Robot, meant: str) -> None:
+    robot.harness.send_goal(GOAL, client="mission")
+    robot.go_on(2.0)
+    assert robot.harness.call(CancelNavigation(client="operator")).client == ""
+    assert not robot.harness.take(GoalEnd)
+    assert robot.harness.call(CancelNavigation(client=meant, reason="for a test")).client == "mission"
+    robot_stands_without_a_goal(robot)
+    (end,) = robot.harness.take(GoalEnd, "mission")
+    assert (end.outcome, end.reason) == (GoalEnd.CANCELLED, "for a test")
+    assert robot.harness.call(CancelNavigation()).client == ""
+
+
+def robot_stands_without_a_goal(robot: Robot) -> None:
     (halt,) = robot.harness.take(DriveCommand)
     assert (halt.linear_m_per_s, halt.angular_rad_per_s) == (0.0, 0.0)
-    last = robot.harness.take(NavigationState)[-1]
-    assert (last.state, last.reason) == ("IDLE", "for a test")
     assert robot.harness.checkpoint is None
     robot.drive.command(0.0, 0.0, 0.3)
     robot.go_on(2.0)
@@ -184,18 +248,54 @@ def test_cancelled_goal_is_forgotten_and_the_drive_stopped_at_once(robot: Robot)
     assert robot.drive.read().linear_m_per_s == 0.0
 
 
-def test_goal_is_forgotten_when_time_jumps(robot: Robot) -> None:
-    robot.harness.send(GOAL, topic="goal")
+def test_goal_ends_when_time_jumps(robot: Robot) -> None:
+    robot.harness.send_goal(GOAL)
     robot.go_on(0.5)
     robot.harness.send(TimeJump(reason="seek"))
+    (end,) = robot.harness.take(GoalEnd)
+    assert (end.outcome, end.reason) == (GoalEnd.ABORTED, "time jumped: seek")
     robot.go_on(0.5)
-    assert robot.states[-1] == "IDLE"
     assert robot.harness.checkpoint is None
     assert robot.drive.read().linear_m_per_s == 0.0
 
 
+def checkpoint_when(
+    harness: ModuleHarness[Navigation], ended: type[GoalEnd | NavigationResult]
+) -> list[object]:
+    """What a new process finds if this one dies right after it has told that the goal has ended."""
+    kept: list[object] = []
+    publish = harness.bus.publish
+
+    def noting(message: Message, topic: str, latched: bool = False) -> bool:
+        if isinstance(message, ended):
+            kept.append(harness.checkpoint)
+        return publish(message, topic, latched)
+
+    harness.bus.publish = noting  # type: ignore[method-assign]
+    return kept
+
+
+@pytest.mark.parametrize("outcome", ["reached", "cancelled", "preempted"])
+def test_goal_whose_end_was_told_does_not_come_back_after_a_crash(robot: Robot, outcome: str) -> None:
+    sent = robot.harness.send_goal(NEAR)
+    robot.go_on(0.5)
+    kept = checkpoint_when(robot.harness, NavigationResult if outcome == "reached" else GoalEnd)
+    if outcome == "reached":
+        robot.until_reached()
+        assert kept == [None]
+    elif outcome == "cancelled":
+        robot.harness.cancel_goal(sent)
+        assert kept == [None]
+    else:
+        robot.harness.send_goal(GOAL, client="operator")
+        assert kept == [robot.harness.checkpoint]
+        with ModuleHarness(Navigation, restored=robot.harness.checkpoint) as restarted:
+            assert restarted.module.active is not None
+            assert restarted.module.active.client == "operator"
+
+
 def test_maximum_speed_can_be_changed_while_driving(robot: Robot) -> None:
-    robot.harness.send(GOAL, topic="goal")
+    robot.harness.send_goal(GOAL)
     robot.go_on(0.5)
     robot.harness.change_setting("max_linear_m_per_s", 0.1)
     robot.go_on(2.0)

@@ -74,6 +74,16 @@ class StockRobot:
             module["name"]: module for module in json.loads(answer.stdout or '{"modules": []}')["modules"]
         }
 
+    def attach(self, *arguments: str) -> subprocess.Popen[str]:
+        """Start a command that attaches to the run."""
+        return subprocess.Popen(
+            [*COMMAND, *arguments],
+            env=self._environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
     def close(self) -> None:
         if self._process is not None and self._process.poll() is None:
             self._process.send_signal(signal.SIGINT)

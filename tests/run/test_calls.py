@@ -137,7 +137,7 @@ class Abacus(Module):
 
 
 class Patient(Module):
-    """Calls, and sends a goal that takes too long; then it has no ticks any more."""
+    """Calls, and sends goals: one is cancelled, one takes too long. Then it has no ticks any more."""
 
     period_s = 0.3
 
@@ -148,6 +148,15 @@ class Patient(Module):
         self.period_s = None
         self.call(Double(number=2), self.on_end, self.on_end)
         self.call(Double(number=2), self.on_end, self.on_end, topic="nowhere")
+        self.sent = self.send_goal(Count(first=1, last=1000), self.on_end, self.on_cancelled, self.on_counted)
+
+    def on_counted(self, counted):
+        self.on_end(counted)
+        if counted.number == 3:
+            self.sent.cancel("enough")
+
+    def on_cancelled(self, error):
+        self.on_end(error)
         self.send_goal(Count(first=1, last=1000), self.on_end, self.on_end, self.on_end, timeout_s=0.5)
 
     def on_end(self, end):
@@ -393,7 +402,7 @@ core: {deadline_s: 60.0}
 """
 
 
-def test_calls_in_lockstep_end_at_the_same_time_in_each_run(robot: Robot) -> None:
+def test_calls_and_goals_in_lockstep_end_at_the_same_time_in_each_run(robot: Robot) -> None:
     write(robot, LOCKSTEP)
     courses = []
     for number in range(2):
@@ -403,8 +412,10 @@ def test_calls_in_lockstep_end_at_the_same_time_in_each_run(robot: Robot) -> Non
         courses.append(list(lines(robot, "patient")))
     assert courses[0] == courses[1]
     kinds = [kind for _, kind in courses[0]]
-    assert kinds.count("Counted") >= 9
     assert kinds[:2] == ["NoServer", "Doubled"]
+    cancelled = kinds.index("GoalCancelled")
+    assert kinds[2:cancelled] == ["Counted"] * 3
+    assert kinds[cancelled + 1 :].count("Counted") >= 9
     assert kinds[-1] == "CallTimedOut"
     assert int(courses[0][0][0]) == 1_000_000_000_000
-    assert int(courses[0][-1][0]) - 1_000_000_000_000 == pytest.approx(0.5e9, abs=0.06e9)
+    assert int(courses[0][-1][0]) - int(courses[0][cancelled][0]) == pytest.approx(0.5e9, abs=0.06e9)

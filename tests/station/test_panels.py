@@ -152,7 +152,7 @@ def observer_sees_and_does_not_steer(page: Page) -> None:
     page.wait_for_selector("#map-text:has-text('robot at 1.50 m')")
     page.click("#tab-messages")
     page.wait_for_selector("#messages-topics tr:has-text('map_pose')")
-    for steers in ("#map-mode", "#playback-pause", "#messages-compose", "#drive-pad", "#mark"):
+    for steers in ("#map-mode", "#map-cancel", "#playback-pause", "#messages-compose", "#drive-pad", "#mark"):
         assert not page.locator(steers).is_visible(), steers
 
 
@@ -194,6 +194,7 @@ def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
     assert frame == "map"
     assert [float(word) for word in place] == pytest.approx([2.0, 4.0, np.arctan2(0.75, 0.5)], abs=0.05)
     page.wait_for_selector("#map-text:has-text('goal at 2.0')")
+    refusal_and_cancel_of_a_goal_are_shown(page, told)
     picture = saved_map(page, (0, 0), (46, 125, 50))  # the goal
     middle_x, middle_y = picture.width // 2, picture.height // 2
     pixels_per_m = 0.9 * picture.height / 4
@@ -214,6 +215,17 @@ def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
     saved_map(page, further, (0, 0, 0))
     page.click("#map-fit")
     pose_is_set_by_dragging(page, told)
+
+
+def refusal_and_cancel_of_a_goal_are_shown(page: Page, told: Told) -> None:
+    page.click("#map-mode >> text=Set goal")
+    page.wait_for_selector("#map-view[data-placing=goal]")
+    page.click("#map-view")
+    page.wait_for_selector(".q-notification:has-text('the goal was refused: one goal is enough')")
+    page.click("#map-cancel")
+    told.waits_for("cancel")
+    page.wait_for_selector(".q-notification:has-text('the goal was cancelled: an operator cancelled it')")
+    page.wait_for_selector(".q-notification:has-text('the robot has no goal')")
 
 
 def saved_map(page: Page, place: tuple[int, int], colour: tuple[int, int, int]) -> Image.Image:

@@ -127,11 +127,6 @@ class Navigator:
         self._renew()
         self.machine.go(NavigatorState.DRIVE, "a new goal")
 
-    def refuse(self, reason: str) -> None:
-        """Drop the old goal because the new one is invalid."""
-        self.goal = None
-        self._end(NavigatorState.UNREACHABLE, reason)
-
     def cancel(self, reason: str) -> None:
         """Forget the goal."""
         self.goal = None

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from modules.rescue.messages import MissionOrder, MissionStatus, VictimFound
+from modules.rescue.messages import MissionStatus, OrderMission, VictimFound
 from modules.rescue.station.victim_question import VictimQuestion
 from modules.rescue.station.victim_watch import STATES, KnownVictim, VictimWatch, victim_changes
 from robbie_mp.station.access import Role
-from robbie_mp.station.context import Page, header_of_now
+from robbie_mp.station.context import Page, ending
 from robbie_mp.station.log_events import EventKind
 from robbie_mp.station.panel import Panel, columns
+from robbie_mp.station.requests import Asked
 from robbie_mp.station.run_watch import REFRESH_S
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
 
 BUTTONS = (
-    ("Start", MissionOrder.START, "play_arrow", "green-9"),
-    ("Pause", MissionOrder.PAUSE, "pause", "orange-10"),
-    ("Return", MissionOrder.RETURN, "home", "primary"),
-    ("Abort …", MissionOrder.ABORT, "stop", "red-10"),
+    ("Start", OrderMission.START, "play_arrow", "green-9"),
+    ("Pause", OrderMission.PAUSE, "pause", "orange-10"),
+    ("Return", OrderMission.RETURN, "home", "primary"),
+    ("Abort …", OrderMission.ABORT, "stop", "red-10"),
 )
 
 
@@ -38,7 +40,7 @@ class MissionPanel(Panel):
         super().__init__(station)
         self._control = MissionControl(station)
         self._watch = VictimWatch(station)
-        self._question = VictimQuestion(station, self._watch)
+        self._question = VictimQuestion(self._watch)
         station.map_marks.add("victims", self._watch.marks)
 
     def build_on_every_tab(self, page: Page) -> None:
@@ -77,18 +79,14 @@ class MissionControl:
     """Shows the mission's state. Operators have buttons for the orders that it accepts now."""
 
     def __init__(self, station: StationContext):
-        self._station = station
         self._status = station.newest(MissionStatus)
-
-    def order(self, page: Page, order: int) -> None:
-        """Send an order to the mission."""
-        page.publish(MissionOrder(header=header_of_now(self._station), order=order), "the order")
 
     def build(self, page: Page, panel: str, period_s: float) -> None:
         """Add buttons and texts to a panel of a page."""
         with ui.row().classes("items-center"):
             state = ui.badge("").props("id=mission-state").classes("text-lg p-2")
-            buttons = self._buttons(page) if page.role is Role.OPERATOR else {}
+            given: deque[Asked] = deque(maxlen=1)
+            buttons = self._buttons(page, given) if page.role is Role.OPERATOR else {}
         text = ui.label("").props("id=mission-text")
         refusal = ui.label("").props("id=mission-refusal role=alert").classes("text-negative")
 
@@ -96,8 +94,7 @@ class MissionControl:
             status = self._status.message
             state.set_text("no mission has reported" if status is None else status.state)
             text.set_text("" if status is None else status.text)
-            refused = "" if status is None else status.refusal
-            refusal.set_text(f"Refused: {refused}" if refused else "")
+            refusal.set_text(ending(given[-1]) if given and given[-1].error else "")
             fitting = [] if status is None else status.orders.tolist()
             for order, button in buttons.items():
                 button.set_enabled(order in fitting)
@@ -105,19 +102,23 @@ class MissionControl:
         update()
         page.every(period_s, panel, update)
 
-    def _buttons(self, page: Page) -> dict[int, ui.button]:
+    def _buttons(self, page: Page, given: deque[Asked]) -> dict[int, ui.button]:
         """Build the buttons by order. ABORT asks first, because an aborted mission cannot continue."""
         dialog = ui.dialog()
 
+        def give(order: int) -> None:
+            if (asked := page.ask(OrderMission(order=order), "the order")) is not None:
+                given.append(asked)
+
         def press(order: int) -> None:
-            if order == MissionOrder.ABORT:
+            if order == OrderMission.ABORT:
                 dialog.open()
             else:
-                self.order(page, order)
+                give(order)
 
         def abort() -> None:
             dialog.close()
-            self.order(page, MissionOrder.ABORT)
+            give(OrderMission.ABORT)
 
         with dialog, ui.card():
             ui.label("Really abort the mission? The robot stops where it is, and the mission ends.")

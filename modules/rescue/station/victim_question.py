@@ -9,19 +9,18 @@ from nicegui import ui
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from modules.rescue.messages import VictimConfirmation
+from modules.rescue.messages import AnswerVictim
 from robbie_mp.station.access import Role
-from robbie_mp.station.context import header_of_now
 from robbie_mp.station.latest import silence
 
 if TYPE_CHECKING:
     from modules.rescue.station.victim_watch import KnownVictim, VictimWatch
-    from robbie_mp.station.context import Page, StationContext
+    from robbie_mp.station.context import Page
 
 ANSWERS = (
-    ("Yes", VictimConfirmation.YES, "#2e7d32"),
-    ("No", VictimConfirmation.NO, "#c62828"),
-    ("Later", VictimConfirmation.LATER, "#424242"),
+    ("Yes", AnswerVictim.YES, "#2e7d32"),
+    ("No", AnswerVictim.NO, "#c62828"),
+    ("Later", AnswerVictim.LATER, "#424242"),
 )
 STYLE = Path(__file__).parent / "victim_question.css"
 MAX_QUESTIONS = 8
@@ -51,12 +50,10 @@ class VictimQuestion:
     The question takes no keys and no pointer from the page, so the operator can continue to drive.
 
     Args:
-        station: publishes the answers.
         watch: holds the victims.
     """
 
-    def __init__(self, station: StationContext, watch: VictimWatch):
-        self._station = station
+    def __init__(self, watch: VictimWatch):
         self._watch = watch
 
     def build(self, page: Page) -> None:
@@ -71,13 +68,12 @@ class VictimQuestion:
         page.always(0.2, lambda: card.show(self._questions()))
 
     def _answer(self, page: Page, sent: object) -> None:
-        """Publish the operator's answer."""
+        """Send the operator's answer."""
         answered = checked(sent)
         if answered is None or answered[0] not in self._watch.victims:
             return
         number, answer = answered
-        message = VictimConfirmation(header=header_of_now(self._station), id=number, answer=answer)
-        page.publish(message, "the answer")
+        page.ask(AnswerVictim(id=number, answer=answer), "the answer")
 
     def _questions(self) -> list[dict[str, Any]]:
         """Return the open questions, the oldest first."""

@@ -2,11 +2,12 @@
 
 from typing import ClassVar
 
+from robbie_mp.messages.calls import Feedback, Goal, Reply, Request, Result
 from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import Array, float32, float64, uint8, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
-from robbie_mp.messages.stock.geometry_msgs import Point, Pose
+from robbie_mp.messages.stock.geometry_msgs import Point, Pose, PoseStamped
 from robbie_mp.messages.stock.std_msgs import Header
 
 
@@ -153,21 +154,41 @@ class LocalizationState(Message, name="robbie_msgs/msg/LocalizationState", versi
     particles: uint32 = DEFAULT  # hypotheses kept at present
 
 
-class CancelGoal(Message, name="robbie_msgs/msg/CancelGoal", version=1):
-    """Stop, and forget the goal."""
+class NavigationFeedback(Feedback, name="robbie_msgs/action/NavigateTo_Feedback", version=1):
+    """How far the robot is on its way to a goal; sent on each change and at intervals."""
 
-    header: Header = DEFAULT
-    reason: str = DEFAULT  # for people
-
-
-class NavigationState(Message, name="robbie_msgs/msg/NavigationState", version=1):
-    """How far the robot is on its way to a goal."""
-
-    header: Header = DEFAULT
-    state: str = DEFAULT  # such as IDLE, DRIVE, ARRIVED, UNREACHABLE, STOPPED_NO_LASER
+    state: str = DEFAULT  # such as DRIVE, ALIGN, BACK_UP, STOPPED_NO_LASER, EMERGENCY_STOP
     reason: str = DEFAULT  # why it is in that state, for people
-    goal: Pose = DEFAULT  # the latest goal, in the header's frame
     distance_left_m: float64 = DEFAULT  # along the planned path; -1: there is none
+
+
+class NavigationResult(Result, name="robbie_msgs/action/NavigateTo_Result", version=1):
+    """The robot stands at the goal."""
+
+    duration_s: float64 = DEFAULT  # since the goal was accepted
+
+
+class NavigateTo(
+    Goal[NavigationFeedback, NavigationResult], name="robbie_msgs/action/NavigateTo_Goal", version=1
+):
+    """Drive to a pose, around obstacles. A newer goal takes the place of the older one."""
+
+    pose: PoseStamped = DEFAULT  # frame_id: map, or empty
+
+
+class NavigationCancelled(Reply, name="robbie_msgs/srv/CancelNavigation_Response", version=1):
+    """The robot has been told to stop, and has no goal any more of those that were to be cancelled."""
+
+    client: str = DEFAULT  # the module whose goal was cancelled; '': there was none
+
+
+class CancelNavigation(
+    Request[NavigationCancelled], name="robbie_msgs/srv/CancelNavigation_Request", version=1
+):
+    """Stop, and end the goal, even if another module or an earlier process has sent it."""
+
+    client: str = DEFAULT  # the module whose goals are meant; '': all modules
+    reason: str = DEFAULT  # for people
 
 
 class Frontiers(Message, name="robbie_msgs/msg/Frontiers", version=1):

@@ -11,7 +11,9 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from robbie_mp.messages import (
+    CancelNavigation,
     Frontiers,
+    NavigateTo,
     OccupancyGrid,
     Path,
     Point,
@@ -37,7 +39,7 @@ GROUP = "marks"
 MAX_PATH_POINTS = 500
 """Maximum number of points. Longer paths are drawn with every second, third … point."""
 MODES = {"": "Move map", "goal": "Set goal", "initial_pose": "Set pose"}
-"""The effect of a press on the map, by the topic on which it publishes."""
+"""The effect of a press on the map: it sends a goal, or publishes on this topic."""
 PLACE_COLOUR = "#3949ab"
 
 
@@ -76,6 +78,9 @@ class MapPanel(Panel):
                     ("save", "save", "Save as picture"),
                 )
             }
+            cancel = ui.button("Cancel goal", icon="wrong_location").props("id=map-cancel")
+            cancel.set_visibility(page.role is Role.OPERATOR)
+            cancel.on_click(lambda: self._cancel(page))
         view = MapView().props("id=map-view")
         view.style("width: 100%; height: 60vh; touch-action: none; display: block")
         text = ui.label("").props("id=map-text")
@@ -149,7 +154,14 @@ class MapPanel(Panel):
             yaw_rad = math.atan2(y_m - robot[1], x_m - robot[0])
         pose = Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(yaw_rad))
         message = PoseStamped(header=header_of_now(self.station, "map"), pose=pose)
-        page.publish(message, f"the {topic}", topic)
+        if topic == "goal":
+            page.ask(NavigateTo(pose=message), "the goal", "the robot is at the goal")
+        else:
+            page.publish(message, "the pose", topic)
+
+    def _cancel(self, page: Page) -> None:
+        """End the goal that the robot drives to, whichever module or operator has set it."""
+        page.ask(CancelNavigation(reason="an operator cancelled it"), "the cancel", "the robot has no goal")
 
 
 def way_points(path: Path | None) -> list[list[float]]:

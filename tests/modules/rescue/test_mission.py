@@ -11,16 +11,30 @@ import pytest
 from PIL import Image as Picture
 
 from modules.navigation import Navigation
-from modules.rescue.messages import MissionOrder, MissionStatus, SearchedWalls, VictimFound
+from modules.rescue.messages import MissionStatus, OrderMission, SearchedWalls, VictimFound
 from modules.rescue.mission import RescueMission
-from robbie_mp import ModuleHarness
+from robbie_mp import (
+    Array,
+    CallError,
+    CallRefused,
+    GoalAborted,
+    GoalCancelled,
+    GoalPreempted,
+    Header,
+    Message,
+    ModuleHarness,
+    uint8,
+)
 from robbie_mp.messages import (
     BatteryState,
     CameraInfo,
-    CancelGoal,
+    CancelNavigation,
     Frontiers,
     MapMetaData,
-    NavigationState,
+    NavigateTo,
+    NavigationCancelled,
+    NavigationFeedback,
+    NavigationResult,
     OccupancyGrid,
     PanTiltCommand,
     Point,
@@ -28,11 +42,14 @@ from robbie_mp.messages import (
     Pose,
     PoseStamped,
     Quaternion,
+    decode_version,
+    schema_text,
 )
 from tests._support.present import present
 from tests.workers._support.exploration_world import RESOLUTION_M, drawn_cells
 from workers.exploration.frontiers import find_frontiers
 from workers.maps.navigation_grid import NavigationGrid
+from workers.rescue.mission_states import MissionState
 from workers.rescue.searched_walls import WallFronts, WallMemory
 
 HALL = """
@@ -60,7 +77,7 @@ class Robot:
         self.navigates = True
         self.cells = CELLS
 
-    def go_on(self, seconds: float) -> list[PoseStamped]:
+    def go_on(self, seconds: float) -> list[NavigateTo]:
         """Let time pass; return the goals that came."""
         goals = []
         for _ in range(round(seconds / 0.5)):
@@ -68,14 +85,18 @@ class Robot:
                 break
             self.tell()
             self.harness.advance(0.5)
-            for goal in self.harness.take(PoseStamped, "goal"):
+            for goal in self.harness.take(NavigateTo):
                 goals.append(goal)
                 if self.navigates:
-                    place = goal.pose.position
-                    self.pose = (place.x, place.y, goal.pose.orientation.yaw)
+                    place = goal.pose.pose
+                    self.pose = (place.position.x, place.position.y, place.orientation.yaw)
                     self.searched.look(FRONTS, self.pose, 0.7)
-                    self.tell_navigation("ARRIVED", goal)
+                    self.harness.end_goal(goal, NavigationResult())
         return goals
+
+    def order(self, order: int) -> str:
+        """Give an order; return the mission's state then."""
+        return self.harness.call(OrderMission(order=order)).state
 
     def tell(self) -> None:
         x, y, heading = self.pose
@@ -85,17 +106,17 @@ class Robot:
         self.harness.send(CameraInfo(), topic="camera")
         self.harness.send(SearchedWalls(info=INFO, data=self.searched.grid(FRONTS).ravel()))
 
-    def tell_navigation(self, state: str, goal: PoseStamped | None = None, reason: str = "") -> None:
-        pose = Pose() if goal is None else goal.pose
-        self.harness.send(NavigationState(state=state, reason=reason, goal=pose))
+    def feed_back(self, goal: NavigateTo, state: str, reason: str = "") -> None:
+        self.harness.feed_back(goal, NavigationFeedback(state=state, reason=reason))
+
+    def cancels(self) -> list[CancelNavigation]:
+        return self.harness.take(CancelNavigation)
 
 
 @pytest.fixture
 def robot(tmp_path: Path) -> Iterator[Robot]:
     with ModuleHarness(RescueMission, output_directory=tmp_path) as harness:
-        made = Robot(harness)
-        made.tell_navigation("IDLE")
-        yield made
+        yield Robot(harness)
 
 
 def test_whole_mission_ends_at_home_and_writes_its_report(robot: Robot, tmp_path: Path) -> None:
@@ -132,38 +153,58 @@ def test_camera_looks_around_while_driving_and_at_the_wall_to_search(robot: Robo
     x, y, heading = robot.pose
     expected = math.remainder(math.atan2(about[1] - y, about[0] - x) - heading, math.tau)
     assert robot.harness.take(PanTiltCommand)[-1].pan_rad == pytest.approx(expected)
-    assert not goals or goals[0].header.frame_id == "map"
+    assert not goals or goals[0].pose.header.frame_id == "map"
 
 
-def test_goal_that_navigation_has_lost_is_sent_again(robot: Robot) -> None:
+@pytest.mark.parametrize("end", [GoalPreempted("by operator"), GoalCancelled("by operator"), "died"])
+def test_goal_that_is_lost_is_sent_again(robot: Robot, end: CallError | str) -> None:
     robot.navigates = False
     (first, *_) = robot.go_on(1.5)
-    robot.tell_navigation("IDLE")  # it was restarted, and knows nothing
-    again = robot.go_on(4.0)
-    assert [goal.pose for goal in again][:1] == [first.pose]
-    robot.tell_navigation("DRIVE", first)
+    if isinstance(end, CallError):
+        robot.harness.end_goal(first, end)
+    else:
+        robot.harness.kill_server()
+    (again,) = robot.go_on(4.0)
+    assert again.pose.pose == first.pose.pose
+    robot.feed_back(again, "DRIVE")
     assert robot.go_on(4.0) == []
 
 
-def test_goal_with_a_different_heading_is_a_new_goal(robot: Robot) -> None:
+def test_goal_that_cannot_be_reached_is_not_sent_again(robot: Robot) -> None:
     robot.navigates = False
-    (goal, *_) = robot.go_on(1.5)
-    before = robot.harness.module.mission.state
-    place = goal.pose.position
-    turned = Quaternion.from_yaw(goal.pose.orientation.yaw + 0.5)
-    robot.tell_navigation("ARRIVED", PoseStamped(pose=Pose(position=place, orientation=turned)))
-    assert robot.harness.module.mission.state is before
-    robot.tell_navigation("ARRIVED", goal)
-    assert robot.harness.module.mission.state is not before
+    (first, *_) = robot.go_on(1.5)
+    robot.harness.end_goal(first, GoalAborted("no path leads to the goal"))
+    later = robot.go_on(4.0)
+    assert later
+    assert first.pose.pose not in [goal.pose.pose for goal in later]
 
 
-def test_navigation_without_a_goal_is_sent_home_even_at_the_origin(robot: Robot) -> None:
-    module = robot.harness.module
-    module.goal, module.sent_s = np.zeros(3), 0.0
-    robot.tell_navigation("DRIVE", PoseStamped())
-    assert module.is_known
-    robot.tell_navigation("IDLE")
-    assert not module.is_known
+def test_end_of_an_earlier_goal_is_ignored(robot: Robot) -> None:
+    robot.navigates = False
+    (first, *_) = robot.go_on(1.5)
+    robot.order(OrderMission.RETURN)
+    robot.pose = (2.0, 1.0, 0.0)
+    goals = robot.go_on(1.0)
+    robot.pose = START
+    robot.tell()
+    robot.harness.end_goal(first, NavigationResult())
+    assert robot.harness.module.mission.state.name == "RETURN"
+    robot.harness.end_goal(goals[-1], NavigationResult())
+    assert robot.harness.module.mission.state.name == "DONE"
+
+
+def test_mission_without_navigation_halts_and_goes_on_when_it_is_back(robot: Robot) -> None:
+    robot.navigates = False
+    robot.go_on(1.5)
+    robot.harness.remove_server()
+    robot.go_on(3.0)
+    assert robot.harness.module.mission.state is MissionState.HALT
+    assert "serves it no longer" in robot.harness.module.status
+    robot.harness.bus.peers.has_server = True
+    stand = robot.go_on(3.0)[-1]
+    robot.feed_back(stand, "ALIGN")
+    robot.go_on(0.5)
+    assert robot.harness.module.mission.state in (MissionState.EXPLORE, MissionState.SEARCH)
 
 
 def test_mission_finds_a_path_wherever_navigation_does(robot: Robot) -> None:
@@ -175,78 +216,106 @@ def test_silent_laser_stops_the_robot_and_is_in_the_report(
     robot: Robot, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     robot.navigates = False
-    robot.go_on(1.5)
-    robot.tell_navigation("STOPPED_NO_LASER", reason="the laser is silent for 0.7 s")
+    goals = robot.go_on(1.5)
+    robot.feed_back(goals[-1], "STOPPED_NO_LASER", "the laser is silent for 0.7 s")
     (stand,) = robot.go_on(1.5)
     warnings = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
     assert warnings == ["stopped: STOPPED_NO_LASER: the laser is silent for 0.7 s"]
-    assert (stand.pose.position.x, stand.pose.position.y) == START[:2]
+    place = stand.pose.pose.position
+    assert (place.x, place.y) == START[:2]
     robot.harness.module.teardown()
     notes = json.loads((tmp_path / "mission.json").read_text())["notes"]
     assert notes == ["stopped: STOPPED_NO_LASER: the laser is silent for 0.7 s"]
+
+
+def test_robot_that_cannot_even_stand_where_it_is_goes_on_when_it_can_drive(robot: Robot) -> None:
+    robot.navigates = False
+    goals = robot.go_on(1.5)
+    robot.feed_back(goals[-1], "EMERGENCY_STOP", "somebody pressed the button")
+    (stand,) = robot.go_on(1.0)
+    robot.harness.end_goal(stand, GoalAborted("the robot is not near any drivable place"))
+    assert robot.go_on(3.0)
+    assert robot.harness.module.mission.state is not MissionState.HALT
 
 
 def test_pause_stops_the_robot_at_once_and_publishes_the_accepted_orders(robot: Robot) -> None:
     robot.navigates = False
     robot.go_on(1.5)
     robot.harness.take(MissionStatus)
-    robot.harness.send(MissionOrder(order=MissionOrder.PAUSE))
-    assert len(robot.harness.take(CancelGoal)) == 1
+    assert robot.order(OrderMission.PAUSE) == "PAUSE"
+    (cancel,) = robot.cancels()
+    assert cancel.client == robot.harness.module.name
     (status,) = robot.harness.take(MissionStatus)
-    assert (status.state, status.refusal) == ("PAUSE", "")
-    assert status.orders.tolist() == [MissionOrder.START, MissionOrder.ABORT, MissionOrder.RETURN]
+    assert status.state == "PAUSE"
+    assert status.orders.tolist() == [OrderMission.START, OrderMission.ABORT, OrderMission.RETURN]
     assert status.text.startswith("stands, until the operator resumes (ordered by the operator)")
 
 
 def test_paused_robot_can_be_driven_elsewhere_and_continues_from_there(robot: Robot) -> None:
     robot.navigates = False
     robot.go_on(1.5)
-    robot.harness.send(MissionOrder(order=MissionOrder.PAUSE))
-    robot.harness.take(CancelGoal)
-    robot.tell_navigation("IDLE")
+    robot.order(OrderMission.PAUSE)
+    (cancel,) = robot.cancels()
+    robot.harness.reply(cancel, NavigationCancelled(client="module"))
     robot.pose = (2.0, 1.0, 0.0)
-    elsewhere = PoseStamped(pose=Pose(position=Point(x=3.0, y=1.0)))
-    robot.tell_navigation("DRIVE", elsewhere)
     assert robot.go_on(5.0) == []
-    assert robot.harness.take(CancelGoal) == []
-    robot.harness.send(MissionOrder(order=MissionOrder.START))
-    assert robot.harness.take(PoseStamped, "goal")
+    assert robot.cancels() == []
+    robot.order(OrderMission.START)
+    assert robot.harness.take(NavigateTo)
 
 
-def test_goal_is_cancelled_again_if_restarted_navigation_still_drives_to_it(robot: Robot) -> None:
+@pytest.mark.parametrize("fails", ["died", "silent"])
+def test_cancel_is_repeated_until_navigation_has_confirmed_it(robot: Robot, fails: str) -> None:
     robot.navigates = False
-    (goal, *_) = robot.go_on(1.5)
-    robot.harness.send(MissionOrder(order=MissionOrder.PAUSE))
-    robot.tell_navigation("DRIVE", goal)
-    robot.harness.take(CancelGoal)
+    robot.go_on(1.5)
+    robot.order(OrderMission.PAUSE)
+    robot.cancels()
+    if fails == "died":
+        robot.harness.kill_server()
     robot.go_on(3.0)
-    assert len(robot.harness.take(CancelGoal)) == 1
+    (cancel,) = robot.cancels()
+    robot.harness.reply(cancel, NavigationCancelled())
+    robot.go_on(5.0)
+    assert robot.cancels() == []
 
 
 def test_mission_resumed_after_a_short_pause_sends_its_goal_again(robot: Robot) -> None:
     robot.navigates = False
     (goal, *_) = robot.go_on(1.5)
-    for order in (MissionOrder.PAUSE, MissionOrder.START):
-        robot.harness.send(MissionOrder(order=order))
-    (again,) = robot.harness.take(PoseStamped, "goal")
-    assert again.pose == goal.pose
+    for order in (OrderMission.PAUSE, OrderMission.START):
+        robot.order(order)
+    (again,) = robot.harness.take(NavigateTo)
+    assert again.pose.pose == goal.pose.pose
 
 
-def test_refused_order_is_logged_and_in_the_status(robot: Robot, caplog: pytest.LogCaptureFixture) -> None:
+def test_refused_order_is_logged_and_told_to_the_operator(
+    robot: Robot, caplog: pytest.LogCaptureFixture
+) -> None:
     robot.go_on(1.5)
-    robot.harness.take(MissionStatus)
-    robot.harness.send(MissionOrder(order=MissionOrder.START))
-    (status,) = robot.harness.take(MissionStatus)
-    assert status.refusal == "START: the mission is under way"
+    with pytest.raises(CallRefused, match="START: the mission is under way"):
+        robot.order(OrderMission.START)
     (warning,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
-    assert warning.endswith(status.refusal)
-    robot.harness.send(MissionOrder(order=MissionOrder.PAUSE))
-    assert robot.harness.take(MissionStatus)[-1].refusal == ""
+    assert warning.endswith("START: the mission is under way")
+    assert robot.order(OrderMission.PAUSE) == "PAUSE"
+
+
+def test_status_of_an_old_log_is_read_without_its_refusal() -> None:
+    class OldStatus(Message, name="rescue_msgs/msg/OldStatus", version=1):
+        header: Header
+        state: str
+        text: str
+        orders: Array[uint8]
+        refusal: str
+
+    orders = np.array([2], np.uint8)
+    old = OldStatus(header=Header(), state="PAUSE", text="stands", orders=orders, refusal="no")
+    read = decode_version(MissionStatus, old.encode(), 1, schema_text(OldStatus))
+    assert (read.state, read.text, read.orders.tolist()) == ("PAUSE", "stands", [2])
 
 
 def test_aborted_mission_ends_and_writes_its_report(robot: Robot, tmp_path: Path) -> None:
     robot.go_on(1.5)
-    robot.harness.send(MissionOrder(order=MissionOrder.ABORT))
+    assert robot.order(OrderMission.ABORT) == "DONE"
     robot.go_on(2.0)
     assert robot.harness.module.stop_requested
     robot.harness.module.teardown()
@@ -256,13 +325,13 @@ def test_aborted_mission_ends_and_writes_its_report(robot: Robot, tmp_path: Path
 
 def test_pause_outlives_a_restart(robot: Robot) -> None:
     robot.go_on(1.5)
-    robot.harness.send(MissionOrder(order=MissionOrder.PAUSE))
+    robot.order(OrderMission.PAUSE)
     with ModuleHarness(RescueMission, restored=robot.harness.checkpoint) as again:
         restarted = Robot(again)
         restarted.pose = robot.pose
-        restarted.tell_navigation("IDLE")
         assert restarted.go_on(1.0) == []
-        assert len(again.take(CancelGoal)) == 1
+        (cancel,) = restarted.cancels()
+        assert cancel.client == again.module.name
         assert again.take(MissionStatus)[-1].state == "PAUSE"
 
 
@@ -283,7 +352,6 @@ def test_restarted_module_continues_its_mission(robot: Robot) -> None:
     with ModuleHarness(RescueMission, restored=robot.harness.checkpoint) as again:
         restarted = Robot(again)
         restarted.pose, restarted.searched = robot.pose, robot.searched
-        restarted.tell_navigation("IDLE")
         restarted.go_on(300.0)
         assert again.module.stop_requested
         assert restarted.pose[:2] == pytest.approx(START[:2])

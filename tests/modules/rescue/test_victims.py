@@ -14,9 +14,9 @@ from hw.simulation.arena_contents import Victim, VictimKind, WallSpot
 from hw.simulation.box_segments import box_segments
 from hw.simulation.camera import SimulatedCamera
 from modules.devices.camera import intrinsic_matrix
-from modules.rescue.messages import SearchedWalls, VictimConfirmation, VictimFound
+from modules.rescue.messages import AnswerVictim, SearchedWalls, VictimFound
 from modules.rescue.victims import Victims
-from robbie_mp import Header, ModuleHarness, SettingError, Time
+from robbie_mp import CallRefused, Header, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
     CameraInfo,
     Detection2DArray,
@@ -152,14 +152,14 @@ def test_places_of_tags_are_published_with_the_images_header(watching: Watching)
 @pytest.mark.parametrize(
     ("answer", "state"),
     [
-        (VictimConfirmation.YES, VictimFound.CONFIRMED),
-        (VictimConfirmation.NO, VictimFound.REJECTED),
-        (VictimConfirmation.LATER, VictimFound.SUSPECTED),
+        (AnswerVictim.YES, VictimFound.CONFIRMED),
+        (AnswerVictim.NO, VictimFound.REJECTED),
+        (AnswerVictim.LATER, VictimFound.SUSPECTED),
     ],
 )
 def test_operators_answer_decides(watching: Watching, answer: int, state: int) -> None:
     watching.look(2.8, 2.0)
-    watching.harness.send(VictimConfirmation(id=TAG, answer=answer))
+    assert watching.harness.call(AnswerVictim(id=TAG, answer=answer)).state == state
     assert watching.last().state == state
     watching.look(2.8, 2.0)  # more views change nothing
     assert watching.last().state == state
@@ -176,11 +176,13 @@ def test_unanswered_question_is_repeated_up_to_its_limit(watching: Watching) -> 
     assert states[-1] == VictimFound.SUSPECTED
 
 
-def test_answer_about_an_unknown_victim_is_refused(
-    watching: Watching, caplog: pytest.LogCaptureFixture
-) -> None:
-    watching.harness.send(VictimConfirmation(id=33, answer=VictimConfirmation.YES))
-    assert "victim 33: there is no such victim" in caplog.text
+def test_unknown_answers_and_answers_about_unknown_victims_are_refused(watching: Watching) -> None:
+    watching.look(2.8, 2.0)
+    with pytest.raises(CallRefused, match="there is no victim 33"):
+        watching.harness.call(AnswerVictim(id=33, answer=AnswerVictim.YES))
+    with pytest.raises(CallRefused, match="there is no answer 9"):
+        watching.harness.call(AnswerVictim(id=TAG, answer=9))
+    assert watching.last().state == VictimFound.ASKED
 
 
 def test_victim_seen_only_from_a_distance_stays_suspected(watching: Watching) -> None:
@@ -223,7 +225,7 @@ def test_walls_in_view_count_as_searched(watching: Watching) -> None:
 
 def test_restarted_module_knows_victims_answers_and_searched_walls(watching: Watching) -> None:
     watching.look(2.8, 2.0)
-    watching.harness.send(VictimConfirmation(id=TAG, answer=VictimConfirmation.NO))
+    watching.harness.call(AnswerVictim(id=TAG, answer=AnswerVictim.NO))
     with ModuleHarness(Victims, restored=watching.harness.checkpoint) as again:
         restarted = Watching(again)
         again.advance(2.0)

@@ -70,6 +70,8 @@ def test_operator_can_do_what_an_observer_cannot(station: Station) -> None:
         station.robot.until(lambda _: ("EmergencyStop", False) in station.heard)
         press(page, document, "drive-pad", "drive", DRIVE)
         station.robot.until(lambda _: ("DriveCommand", None) in station.heard)
+        press(page, document, "map-view", "placed", PLACE)
+        station.robot.until(lambda _: ("robbie_msgs/action/NavigateTo_Goal", None) in station.heard)
 
 
 @pytest.mark.parametrize("has_handshake", [False, True], ids=["its own socket", "another handshake"])

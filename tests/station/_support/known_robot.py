@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from robbie_mp import Header, Message, Module, Time, float64
+from robbie_mp import ActiveGoal, CallRefused, Header, Message, Module, Time, float64
 from robbie_mp.messages import (
     BoundingBox2D,
+    CancelNavigation,
     CompressedImage,
     Detection2D,
     Detection2DArray,
@@ -12,6 +13,10 @@ from robbie_mp.messages import (
     Image,
     MapMetaData,
     Mark,
+    NavigateTo,
+    NavigationCancelled,
+    NavigationFeedback,
+    NavigationResult,
     ObjectHypothesis,
     ObjectHypothesisWithPose,
     OccupancyGrid,
@@ -30,6 +35,9 @@ from robbie_mp.messages import (
 )
 
 FRONTIERS = [Point(x=3.5, y=3.0), Point(x=0.5, y=4.5)]
+
+
+Active = ActiveGoal[NavigateTo, NavigationFeedback, NavigationResult]
 
 
 class Wish(Message, name="zoo/msg/Wish", version=1):
@@ -88,7 +96,9 @@ class KnownRobot(Module):
     def setup(self) -> None:
         self.file = (self.output_directory / "told.txt").open("a")
         self.position_s, self.paused, self.rate, self.request = 3.0, False, 1.0, 0
-        self.subscribe(PoseStamped, self.on_goal, topic="goal")
+        self.active: Active | None = None
+        self.serve_goals(NavigateTo, self.on_goal)
+        self.serve(CancelNavigation, self.on_cancel)
         self.subscribe(PlaybackControl, self.on_control)
         self.subscribe(Wish, self.on_wish, topic="wishes")
         self.subscribe(PoseStamped, self.on_pose, topic="initial_pose")
@@ -127,8 +137,19 @@ class KnownRobot(Module):
             )
         )
 
-    def on_goal(self, goal: PoseStamped) -> None:
-        self.write_pose("goal", goal)
+    def on_goal(self, active: Active) -> None:
+        self.write_pose("goal", active.goal.pose)
+        if self.active is not None and self.active.is_active:
+            raise CallRefused("one goal is enough")
+        self.active = active
+        self.publish(active.goal.pose, topic="goal")
+
+    def on_cancel(self, request: CancelNavigation) -> NavigationCancelled:
+        self.write("cancel")
+        if self.active is None or not self.active.is_active:
+            return NavigationCancelled()
+        self.active.cancelled(request.reason)
+        return NavigationCancelled(client=self.active.client)
 
     def on_pose(self, placed: PoseStamped) -> None:
         self.write_pose("pose", placed)

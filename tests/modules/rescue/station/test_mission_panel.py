@@ -104,7 +104,7 @@ def mission_is_steered(page: Page, robot: Robot) -> None:
     assert page.inner_text("#mission-refusal") == ""
     page.click("#mission-return")
     heard(robot, "order 3")
-    page.wait_for_selector("#mission-refusal:has-text('Refused: no 3 today')")
+    page.wait_for_selector("#mission-refusal:has-text('the order was refused: no 3 today')")
     page.click("#mission-abort")
     page.click("#confirm-abort")
     heard(robot, "order 2")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page
 
-from modules.rescue.messages import VictimConfirmation
+from modules.rescue.messages import AnswerVictim
 from modules.rescue.station.victim_question import checked
 from robbie_mp.messages import String
 from robbie_mp.tool.tool import Tool
@@ -85,7 +85,7 @@ def question_under_the_finger_stays(page: Page, robot: Robot, tool: Tool) -> Non
     page.evaluate(COUNT_QUESTIONS, 1000)
     page.mouse.up()
     wait_until(lambda: answers(robot) != [])
-    assert answers(robot) == [f"answer {first} {VictimConfirmation.YES}"]
+    assert answers(robot) == [f"answer {first} {AnswerVictim.YES}"]
     page.wait_for_selector(f"{QUESTION}:has-text('tag {other}')")
     second_page.close()
 
@@ -107,7 +107,7 @@ def press_for_the_question_before_does_not_answer_the_next(page: Page, robot: Ro
     page.wait_for_function("window.pressed")
     page.click("#victim-later")  # as soon as it can be pressed
     wait_until(lambda: len(answers(robot)) > 1)
-    assert answers(robot)[1:] == [f"answer {11 - before} {VictimConfirmation.LATER}"]
+    assert answers(robot)[1:] == [f"answer {11 - before} {AnswerVictim.LATER}"]
 
 
 def question_of_a_silent_robot_shows_its_age(page: Page, tool: Tool) -> None:
@@ -125,4 +125,4 @@ def test_malformed_answers_are_ignored(sent: object) -> None:
 
 
 def test_answer_names_its_victim() -> None:
-    assert checked({"id": 3, "answer": VictimConfirmation.LATER}) == (3, VictimConfirmation.LATER)
+    assert checked({"id": 3, "answer": AnswerVictim.LATER}) == (3, AnswerVictim.LATER)

@@ -2,8 +2,7 @@
 
 import json
 
-from modules.rescue.messages import MissionOrder, VictimConfirmation
-from robbie_mp import Module
+from robbie_mp import EncodedMessage, Module
 from robbie_mp.messages import (
     DriveCommand,
     EmergencyStop,
@@ -14,16 +13,15 @@ from robbie_mp.messages import (
     String,
 )
 
+REQUESTS = ("*/srv/*", "*/action/*")
+"""Types of requests and goals."""
 SOURCES = (
     (EmergencyStop, "emergency_stop"),
     (DriveCommand, "manual"),
-    (PoseStamped, "goal"),
     (PoseStamped, "initial_pose"),
     (String, "speech_command"),
     (Mark, ""),
-    (MissionOrder, ""),
     (PlaybackControl, ""),
-    (VictimConfirmation, ""),
     (SettingChange, ""),
 )
 
@@ -35,11 +33,17 @@ class Listener(Module):
         self.file = (self.output_directory / "heard.txt").open("a")
         for message_type, topic in SOURCES:
             self.subscribe(message_type, self.on_message, topic=topic)
+        for pattern in REQUESTS:
+            self.subscribe_encoded(pattern, self.on_request)
 
     def on_message(self, message: object) -> None:
         if self.envelope.sender == "operator":
             engaged = getattr(message, "engaged", None)
             print(json.dumps([type(message).__name__, engaged]), file=self.file, flush=True)
+
+    def on_request(self, request: EncodedMessage) -> None:
+        if self.envelope.sender == "operator":
+            print(json.dumps([request.type_name, None]), file=self.file, flush=True)
 
     def teardown(self) -> None:
         self.file.close()

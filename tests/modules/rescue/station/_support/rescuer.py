@@ -2,8 +2,15 @@
 
 import numpy as np
 
-from modules.rescue.messages import MissionOrder, MissionStatus, VictimConfirmation, VictimFound
-from robbie_mp import Header, Module
+from modules.rescue.messages import (
+    AnswerVictim,
+    MissionStatus,
+    OrderAccepted,
+    OrderMission,
+    VictimAnswered,
+    VictimFound,
+)
+from robbie_mp import CallRefused, Header, Module
 from robbie_mp.messages import Image, Point, Pose, PoseStamped
 
 
@@ -16,10 +23,10 @@ class Rescuer(Module):
         self.file = (self.output_directory / "rescue.txt").open("a")
         self.asked = True
         self.mission = MissionStatus(
-            state="EXPLORE", text="drives about", orders=np.array([MissionOrder.PAUSE], np.uint8)
+            state="EXPLORE", text="drives about", orders=np.array([OrderMission.PAUSE], np.uint8)
         )
-        self.subscribe(VictimConfirmation, self.on_answer)
-        self.subscribe(MissionOrder, self.on_order)
+        self.serve(AnswerVictim, self.on_answer)
+        self.serve(OrderMission, self.on_order)
         self.show_state("LOOK_AROUND")
         self.status = "all is set"
 
@@ -42,16 +49,19 @@ class Rescuer(Module):
         self.publish(PoseStamped(header=header, pose=Pose(position=Point(x=1.5, y=3.25))), topic="map_pose")
         self.publish(self.mission)
 
-    def on_answer(self, answer: VictimConfirmation) -> None:
+    def on_answer(self, answer: AnswerVictim) -> VictimAnswered:
         self.asked = False
         print("answer", answer.id, answer.answer, file=self.file, flush=True)
+        return VictimAnswered(state=VictimFound.CONFIRMED)
 
-    def on_order(self, order: MissionOrder) -> None:
-        """Pause; refuse all other orders and publish the refusal."""
-        refusal = "" if order.order == MissionOrder.PAUSE else f"no {order.order} today"
-        orders = np.array([MissionOrder.START, MissionOrder.RETURN, MissionOrder.ABORT], np.uint8)
-        self.mission = MissionStatus(state="PAUSE", text="stands", orders=orders, refusal=refusal)
+    def on_order(self, order: OrderMission) -> OrderAccepted:
+        """Pause; refuse all other orders."""
         print("order", order.order, file=self.file, flush=True)
+        if order.order != OrderMission.PAUSE:
+            raise CallRefused(f"no {order.order} today")
+        orders = np.array([OrderMission.START, OrderMission.RETURN, OrderMission.ABORT], np.uint8)
+        self.mission = MissionStatus(state="PAUSE", text="stands", orders=orders)
+        return OrderAccepted(state="PAUSE")
 
     def teardown(self) -> None:
         self.file.close()

@@ -1,6 +1,6 @@
 """Copied into the workspace of tests: a robot that asks about two victims at the same time."""
 
-from modules.rescue.messages import VictimConfirmation, VictimFound
+from modules.rescue.messages import AnswerVictim, VictimAnswered, VictimFound
 from robbie_mp import Module
 from robbie_mp.messages import String
 
@@ -16,15 +16,16 @@ class TwoVictims(Module):
         self.ticks = 0
         self.is_silent = False
         self.subscribe(String, self.on_order, topic="orders")
-        self.subscribe(VictimConfirmation, self.on_answer)
+        self.serve(AnswerVictim, self.on_answer)
 
     def on_order(self, order: String) -> None:
         """Ask about these victims from now on; without any, publish nothing."""
         self.is_silent = not order.data
         self.asked = {number: str(number) in order.data.split() for number in self.asked}
 
-    def on_answer(self, answer: VictimConfirmation) -> None:
+    def on_answer(self, answer: AnswerVictim) -> VictimAnswered:
         print("answer", answer.id, answer.answer, file=self.file, flush=True)
+        return VictimAnswered()
 
     def tick(self) -> None:
         if self.is_silent:

@@ -1,0 +1,81 @@
+"""What operators ask modules for: a page asks, the module's thread calls, and the page shows the end."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.messages import Goal, Message, Request
+from robbie_mp.module.calls.errors import CallError, CallNotSent
+
+Asking = Request[Any] | Goal[Any, Any]
+MAX_WAITING = 64
+"""Maximum number of requests that wait for the module's thread."""
+
+
+class Asked:
+    """A request or a goal of an operator.
+
+    Attributes:
+        what: a name for it in texts, such as "the order".
+        reply: the reply or the result; None until it arrives.
+        error: why there is none; None unless it failed.
+    """
+
+    def __init__(self, what: str):
+        self.what = what
+        self.reply: Message | None = None
+        self.error: CallError | None = None
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether there is a reply or an error."""
+        return self.reply is not None or self.error is not None
+
+    def end(self, end: Message | CallError) -> None:
+        """Set the reply or the error."""
+        if isinstance(end, CallError):
+            self.error = end
+        else:
+            self.reply = end
+
+
+class Requests:
+    """Takes requests in any thread, and makes the calls in the module's thread.
+
+    Args:
+        send: makes a call, or sends a goal; gets the message, and a function for the end.
+    """
+
+    def __init__(self, send: Callable[[Asking, Callable[[Message | CallError], None]], None]):
+        self._send = send
+        self._lock = threading.Lock()
+        self._waiting: deque[tuple[Asking, Asked]] = deque()
+
+    def ask(self, message: Asking, what: str) -> Asked:
+        """Take a request or goal; any thread may call this.
+
+        Args:
+            message: the request or goal.
+            what: a name for it in texts.
+        """
+        asked = Asked(what)
+        with self._lock:
+            if len(self._waiting) < MAX_WAITING:
+                self._waiting.append((message, asked))
+                return asked
+        asked.end(CallNotSent(f"{MAX_WAITING} requests wait already"))
+        return asked
+
+    def tick(self) -> None:
+        """Send what waits. Call this in the module's thread."""
+        while self._waiting:
+            with self._lock:
+                message, asked = self._waiting.popleft()
+            try:
+                self._send(message, asked.end)
+            except RobbieError as error:
+                asked.end(CallNotSent(str(error)))
