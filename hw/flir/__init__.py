@@ -1,0 +1,1 @@
+"""Pan-tilt units of FLIR, formerly Directed Perception."""

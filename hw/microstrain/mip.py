@@ -1,0 +1,164 @@
+"""MIP, the protocol of MicroStrain's inertial units from the 3DM-GX3-25 on.
+
+Source: LORD MicroStrain, 3DM-GX5-25 Data Communications Protocol.
+"""
+
+import struct
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import NamedTuple
+
+from hw.framing import DamagedFrame, Framing
+
+STANDARD_GRAVITY_M_PER_S2 = 9.80665
+REPLY = 0xF1
+
+
+class DescriptorSet(IntEnum):
+    """What a packet is about."""
+
+    BASE = 0x01
+    SETTINGS = 0x0C
+    SENSOR_DATA = 0x80
+    GNSS_DATA = 0x81
+    FILTER_DATA = 0x82
+
+
+class SensorField(IntEnum):
+    """The fields of sensor data that this driver uses."""
+
+    ACCELERATION = 0x04
+    TURN_RATE = 0x05
+    MAGNETIC_FIELD = 0x06
+    QUATERNION = 0x0A
+    EULER = 0x0C
+
+
+# Numbers in each field: their format as in `struct`, big-endian.
+_FORMATS: dict[int, str] = {
+    SensorField.ACCELERATION: ">3f",
+    SensorField.TURN_RATE: ">3f",
+    SensorField.MAGNETIC_FIELD: ">3f",
+    SensorField.QUATERNION: ">4f",
+    SensorField.EULER: ">3f",
+}
+
+
+class MipField(NamedTuple):
+    """One field of a packet: its descriptor, and its data."""
+
+    descriptor: int
+    data: bytes
+
+
+class MipPacket(NamedTuple):
+    """A packet: what it is about, and its fields."""
+
+    descriptor_set: int
+    fields: tuple[MipField, ...]
+
+
+class MipReply(NamedTuple):
+    """A unit's answer to a command; error 0: done."""
+
+    command: int
+    error: int
+
+
+def checksum(data: bytes) -> bytes:
+    """Return the checksum of Fletcher over bytes, as in the packet."""
+    first = second = 0
+    for byte in data:
+        first += byte
+        second += first
+    return bytes([first & 0xFF, second & 0xFF])
+
+
+def packet(descriptor_set: int, fields: Sequence[MipField]) -> bytes:
+    """Return a packet's bytes.
+
+    Raises:
+        ValueError: the fields are too long.
+    """
+    payload = b"".join(bytes([2 + len(field.data), field.descriptor]) + field.data for field in fields)
+    body = b"\x75\x65" + bytes([descriptor_set, len(payload)]) + payload
+    return body + checksum(body)
+
+
+def ping() -> bytes:
+    """Return the command that asks whether the unit is there."""
+    return packet(DescriptorSet.BASE, [MipField(0x01, b"")])
+
+
+def set_idle() -> bytes:
+    """Return the command that stops the unit's stream."""
+    return packet(DescriptorSet.BASE, [MipField(0x02, b"")])
+
+
+def resume() -> bytes:
+    """Return the command that starts the stream again."""
+    return packet(DescriptorSet.BASE, [MipField(0x06, b"")])
+
+
+def sensor_format(fields: Sequence[tuple[int, int]]) -> bytes:
+    """Return the command that chooses the fields of sensor data.
+
+    Args:
+        fields: pairs of a descriptor and a divisor of the unit's base rate.
+    """
+    data = bytes([1, len(fields)]) + b"".join(struct.pack(">BH", *field) for field in fields)
+    return packet(DescriptorSet.SETTINGS, [MipField(0x08, data)])
+
+
+def enable_sensor_stream() -> bytes:
+    """Return the command that has the unit send sensor data."""
+    return packet(DescriptorSet.SETTINGS, [MipField(0x11, b"\x01\x01\x01")])
+
+
+class MipFraming(Framing[MipPacket]):
+    """The packets of both directions."""
+
+    start = b"\x75\x65"
+    head_bytes = 4
+
+    def length(self, head: bytes) -> int | None:
+        """Return the length that the fourth byte tells."""
+        return 6 + head[3] if len(head) == 4 else None
+
+    def parse(self, frame: bytes) -> MipPacket:
+        """Return the packet's fields."""
+        if checksum(frame[:-2]) != frame[-2:]:
+            raise DamagedFrame("wrong checksum")
+        fields = []
+        position, end = 4, len(frame) - 2
+        while position < end:
+            length = frame[position]
+            if length < 2 or position + length > end:
+                raise DamagedFrame(f"a field of {length} bytes with {end - position} left")
+            fields.append(MipField(frame[position + 1], frame[position + 2 : position + length]))
+            position += length
+        return MipPacket(frame[2], tuple(fields))
+
+
+def sensor_values(sent: MipPacket) -> dict[SensorField, tuple[float, ...]]:
+    """Return the numbers of a packet of sensor data; acceleration is in g, as the unit sends it.
+
+    Raises:
+        DamagedFrame: a field has another length.
+    """
+    values: dict[SensorField, tuple[float, ...]] = {}
+    for field in sent.fields if sent.descriptor_set == DescriptorSet.SENSOR_DATA else ():
+        if layout := _FORMATS.get(field.descriptor):
+            if len(field.data) != struct.calcsize(layout):
+                raise DamagedFrame(f"field {field.descriptor:02X} has {len(field.data)} bytes")
+            values[SensorField(field.descriptor)] = struct.unpack(layout, field.data)
+    return values
+
+
+def replies(sent: MipPacket) -> list[MipReply]:
+    """Return the answers in a packet."""
+    return [
+        MipReply(*field.data[:2])
+        for field in sent.fields
+        if field.descriptor == REPLY and len(field.data) >= 2
+    ]

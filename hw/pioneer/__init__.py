@@ -1,0 +1,1 @@
+"""Pioneer robots of MobileRobots, and others with the ARCOS or P2OS controller."""

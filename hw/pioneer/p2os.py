@@ -1,0 +1,226 @@
+"""The packets of Pioneer robots, whose controllers run ARCOS, AROS or P2OS.
+
+Source: MobileRobots Inc., Pioneer 3 Operations Manual with MobileRobots' ARCOS (2006), chapter 6.
+"""
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+from hw.framing import DamagedFrame, Framing
+
+HEADER = b"\xfa\xfb"
+MAX_PACKET_BYTES = 200
+MAX_TEXT_BYTES = 190
+# A sonar's distance when it has seen nothing.
+SONAR_NOTHING_MM = 5_000
+
+
+class P2osError(ValueError):
+    """A command has a value that does not fit its packet."""
+
+
+class Command(IntEnum):
+    """The commands of a client. The handshake's SYNC0, SYNC1 and SYNC2 are the first three."""
+
+    PULSE = 0
+    OPEN = 1
+    CLOSE = 2
+    ENABLE = 4
+    ACCELERATION = 5
+    MAX_SPEED = 6
+    RESET_ORIGIN = 7
+    MOVE = 8
+    MAX_TURN_RATE = 10
+    SPEED = 11
+    HEADING = 12
+    CONFIG = 18
+    TURN_RATE = 21
+    TURN_ACCELERATION = 23
+    SONAR = 28
+    STOP = 29
+    DIGITAL_OUT = 30
+    WHEEL_SPEEDS = 32
+    IO = 40
+    BUMP_STALL = 44
+    HOST_BAUD = 50
+    EMERGENCY_STOP = 55
+
+
+class PacketId(IntEnum):
+    """The packets that a robot sends, by their first byte."""
+
+    CONFIG = 0x20
+    STANDING = 0x32
+    MOVING = 0x33
+
+
+class Packet(NamedTuple):
+    """A packet: its number, and the bytes behind."""
+
+    number: int
+    data: bytes
+
+
+def checksum(data: bytes) -> int:
+    """Return the checksum: the sum of the big-endian pairs; a last odd byte is combined by exclusive or."""
+    pairs = len(data) // 2
+    total: int = sum(struct.unpack_from(f">{pairs}H", data)) & 0xFFFF
+    return total ^ data[-1] if len(data) % 2 else total
+
+
+def packet(data: bytes) -> bytes:
+    """Return the packet with these contents.
+
+    Raises:
+        P2osError: they are empty or too long.
+    """
+    if not 0 < len(data) <= MAX_PACKET_BYTES - 5:
+        raise P2osError(f"a packet has 1 to {MAX_PACKET_BYTES - 5} bytes, not {len(data)}")
+    return HEADER + bytes([len(data) + 2]) + data + struct.pack(">H", checksum(data))
+
+
+def command(number: int, argument: int | str | None = None) -> bytes:
+    """Return the packet of a command.
+
+    Args:
+        number: the command, such as `Command.SPEED`.
+        argument: a number from -65535 to 65535, a short text, or nothing.
+
+    Raises:
+        P2osError: the argument does not fit.
+    """
+    if argument is None:
+        return packet(bytes([number]))
+    if isinstance(argument, str):
+        text = argument.encode("latin-1", "replace")
+        if len(text) > MAX_TEXT_BYTES:
+            raise P2osError(f"a command's text has at most {MAX_TEXT_BYTES} bytes, not {len(text)}")
+        return packet(bytes([number, 0x2B, len(text)]) + text)
+    if abs(argument) > 0xFFFF:
+        raise P2osError(f"a command's argument is at most 65535, not {argument}")
+    kind = 0x3B if argument >= 0 else 0x1B
+    return packet(struct.pack("<BBH", number, kind, abs(argument)))
+
+
+class P2osFraming(Framing[Packet]):
+    """The packets of both directions."""
+
+    start = HEADER
+    head_bytes = 3
+
+    def length(self, head: bytes) -> int | None:
+        """Return the length that the third byte tells."""
+        if len(head) < 3:
+            return None
+        if not 3 <= head[2] <= MAX_PACKET_BYTES - 3:
+            raise DamagedFrame(f"a packet of {head[2]} bytes")
+        return 3 + head[2]
+
+    def parse(self, frame: bytes) -> Packet:
+        """Return the packet's number and contents."""
+        data = frame[3:-2]
+        (told,) = struct.unpack(">H", frame[-2:])
+        if checksum(data) != told:
+            raise DamagedFrame(f"checksum {told:04x} instead of {checksum(data):04x}")
+        return Packet(data[0], data[1:])
+
+
+class RobotName(NamedTuple):
+    """What the robot answers to the last step of the handshake."""
+
+    name: str
+    family: str
+    model: str
+
+
+def robot_name(answer: Packet) -> RobotName:
+    """Return the names in the answer to SYNC2.
+
+    Raises:
+        DamagedFrame: it is another packet.
+    """
+    texts = answer.data.split(b"\0")
+    if answer.number != 2 or len(texts) < 3:
+        raise DamagedFrame(f"packet {answer.number} instead of the robot's name")
+    return RobotName(*(text.decode("latin-1") for text in texts[:3]))
+
+
+@dataclass(frozen=True)
+class ServerInformation:
+    """The standard packet (SIP) that the robot sends every 100 ms, in the robot's own units.
+
+    Attributes:
+        moving: whether the robot moves.
+        x: position in the controller's units; it wraps.
+        y: likewise.
+        heading: in the controller's units, positive to the left.
+        left_mm_per_s: speed of the left wheels.
+        right_mm_per_s: speed of the right wheels.
+        battery_v: voltage of the battery.
+        left_stalled: whether the left motors are stalled.
+        right_stalled: whether the right motors are stalled.
+        front_bumpers: one bit for each front bumper, the lowest is the first.
+        rear_bumpers: likewise for the rear.
+        motors_enabled: whether the motors have power.
+        sonar_mm: distances by the sonars' numbers, only those measured since the last packet.
+        charging: the charger's state; None: not told.
+    """
+
+    moving: bool
+    x: int
+    y: int
+    heading: int
+    left_mm_per_s: int
+    right_mm_per_s: int
+    battery_v: float
+    left_stalled: bool
+    right_stalled: bool
+    front_bumpers: int
+    rear_bumpers: int
+    motors_enabled: bool
+    sonar_mm: dict[int, int]
+    charging: int | None
+
+
+_SIP_START = struct.Struct("<HHhhhBBBhHBB")
+_SONAR = struct.Struct("<BH")
+# Behind the sonars: gripper, analogue port and value, digital in and out, battery in 0.1 V, charger.
+_SIP_END = struct.Struct("<BBBBBHB")
+
+
+def server_information(sent: Packet) -> ServerInformation:
+    """Return the contents of a standard packet.
+
+    Raises:
+        DamagedFrame: it is another packet, or it is too short.
+    """
+    if sent.number not in (PacketId.STANDING, PacketId.MOVING) or len(sent.data) < _SIP_START.size:
+        raise DamagedFrame(f"packet {sent.number} of {len(sent.data)} bytes is no standard packet")
+    x, y, heading, left, right, battery, left_bits, right_bits, _, flags, _, sonars = _SIP_START.unpack_from(
+        sent.data
+    )
+    end = _SIP_START.size + sonars * _SONAR.size
+    if len(sent.data) < end:
+        raise DamagedFrame(f"{sonars} sonars do not fit a packet of {len(sent.data)} bytes")
+    battery_v, charging = battery / 10, None
+    if len(sent.data) >= end + _SIP_END.size:
+        *_, battery_dv, charging = _SIP_END.unpack_from(sent.data, end)
+        battery_v = battery_dv / 10 or battery_v
+    return ServerInformation(
+        moving=sent.number == PacketId.MOVING,
+        x=x,
+        y=y,
+        heading=heading,
+        left_mm_per_s=left,
+        right_mm_per_s=right,
+        battery_v=battery_v,
+        left_stalled=bool(left_bits & 1),
+        right_stalled=bool(right_bits & 1),
+        rear_bumpers=left_bits >> 1,
+        front_bumpers=right_bits >> 1,
+        motors_enabled=bool(flags & 1),
+        sonar_mm=dict(_SONAR.iter_unpack(sent.data[_SIP_START.size : end])),
+        charging=charging,
+    )

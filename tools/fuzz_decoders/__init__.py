@@ -1,0 +1,1 @@
+"""Damage the bytes that devices send, and check that each decoder goes on."""
