@@ -1196,7 +1196,7 @@ static uint64_t monotonic_ns(void)
 }
 
 /* Wait for a post without the GIL; 0, or the error's number. */
-static int wait_for_post(struct books *books, struct wakeup *wakeup, uint64_t timeout_ns)
+static int sleep_until_post(struct books *books, struct wakeup *wakeup, uint64_t timeout_ns)
 {
     int error;
     shared_word *wakeups = books->words + CORE_WAKEUPS;
@@ -1227,7 +1227,7 @@ static PyObject *books_work(PyObject *self, PyObject *const *arguments, Py_ssize
     MAY_DIE(return NULL);
     uint64_t end_ns = monotonic_ns() + heartbeat_ns;
     do {
-        int error = wait_for_post(&object->books, wakeup, heartbeat_ns);
+        int error = sleep_until_post(&object->books, wakeup, heartbeat_ns);
         if (error == ETIMEDOUT || error == EINTR)
             break;
         if (error != 0) {

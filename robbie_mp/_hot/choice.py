@@ -48,6 +48,8 @@ class Native(Protocol):
     Unreferenced: "type[written_in_c.Unreferenced]"
     Pins: "type[written_in_c.Pins]"
     Subscriber: "type[written_in_c.Subscriber]"
+    TickTimes: "type[written_in_c.TickTimes]"
+    Loop: "type[written_in_c.Loop]"
 
 
 def native() -> Native | None:

@@ -72,6 +72,7 @@ static int add_all(PyObject *module)
         add_publisher_type,
         add_pin_types,
         add_subscriber_type,
+        add_loop_types,
     };
     for (size_t index = 0; index < sizeof(add) / sizeof(add[0]); index++)
         if (add[index](module) != 0)

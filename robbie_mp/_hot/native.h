@@ -43,5 +43,6 @@ int add_block_types(PyObject *module);
 int add_publisher_type(PyObject *module);
 int add_pin_types(PyObject *module);
 int add_subscriber_type(PyObject *module);
+int add_loop_types(PyObject *module);
 
 #endif

@@ -303,3 +303,26 @@ class Subscriber:
     ) -> None: ...
     def handle_next(self, inbox: Any, /) -> bool | None: ...
     def close(self) -> None: ...
+
+class TickTimes:
+    due_ns: int
+    ticks: int
+    missed: int
+    def __init__(self) -> None: ...
+
+class Loop:
+    def __init__(
+        self,
+        runner: Any,
+        subscriber: Subscriber,
+        inbox: Any,
+        outbox: Any,
+        module: Any,
+        calls: Any,
+        ticks: Any,
+        times: TickTimes,
+        wake: Callable[[], object],
+        max_wait_ns: int,
+    ) -> None: ...
+    def turn(self) -> bool:
+        """Do the common form of a turn; return False, without a store, if Python must do it."""

@@ -4,6 +4,7 @@
 #include "figures.h"
 #include "message_codec.h"
 #include "pin_bindings.h"
+#include "subscriber_bindings.h"
 #include <structmember.h>
 
 /* Where a Subscription of subscriptions.py has these. */
@@ -182,8 +183,7 @@ static int tell_lost(PyObject *inbox)
     return result == NULL ? -1 : 1;
 }
 
-/* Check that what ran in between has left this object usable. */
-static int check_own(const struct subscriber_object *self)
+int subscriber_check(const struct subscriber_object *self)
 {
     if (self->endpoint->is_disowned) {
         raise_forked_process(); /* a handler forked, and both processes return from it */
@@ -209,7 +209,7 @@ static int run_handler(struct subscriber_object *self, PyObject *inbox, struct h
             return -1;
         Py_DECREF(result);
     }
-    return check_own(self);
+    return subscriber_check(self);
 }
 
 static int count_handled(struct subscriber_object *self)
@@ -251,7 +251,7 @@ static int release_or_pin(struct subscriber_object *self, PyObject *inbox, struc
 static int finish(struct subscriber_object *self, const struct handled_message *message)
 {
     const uint64_t begun_ns = message->begun_ns, stamp_ns = message->delivery.stamp_ns;
-    if (check_own(self) < 0)
+    if (subscriber_check(self) < 0)
         return -1;
     MAY_DIE(return -1);
     store(self->words.words + OUT_ACTIVITY, ACTIVITY_IDLE);
@@ -260,16 +260,16 @@ static int finish(struct subscriber_object *self, const struct handled_message *
     return 1;
 }
 
-static PyObject *handle_next(struct subscriber_object *self, PyObject *inbox)
+enum handled subscriber_handle_next(struct subscriber_object *self, PyObject *inbox)
 {
     struct handled_message message;
     if (self->words.words == NULL || !endpoint_is_mine(self->endpoint))
-        Py_RETURN_NONE;
+        return HANDLED_NOT_MINE;
     int done = release_unreferenced(self);
     if (done > 0) {
         switch (endpoint_look(&self->endpoint->endpoint, &message.delivery)) {
         case FOUND_NOTHING:
-            Py_RETURN_FALSE;
+            return HANDLED_NONE;
         case FOUND_DELIVERY:
             done = prepare(self, &message);
             break;
@@ -277,16 +277,13 @@ static PyObject *handle_next(struct subscriber_object *self, PyObject *inbox)
             done = 0;
         }
     }
-    if (done <= 0) {
-        if (done < 0)
-            return NULL;
-        Py_RETURN_NONE;
-    }
+    if (done <= 0)
+        return done < 0 ? HANDLED_WITH_ERROR : HANDLED_NOT_MINE;
     message.bytes = new_message_bytes(message.segment, message.delivery.offset, message.delivery.size);
     if (message.bytes == NULL)
-        return NULL;
+        return HANDLED_WITH_ERROR;
     Py_INCREF(message.subscription);
-    done = check_own(self) < 0 ? -1 : begin(self, &message);
+    done = subscriber_check(self) < 0 ? -1 : begin(self, &message);
     if (done > 0)
         done = run_handler(self, inbox, &message);
     if (done > 0)
@@ -297,9 +294,26 @@ static PyObject *handle_next(struct subscriber_object *self, PyObject *inbox)
     Py_DECREF(message.bytes);
     if (done > 0)
         done = finish(self, &message);
-    if (done <= 0)
+    return done > 0 ? HANDLED_ONE : HANDLED_WITH_ERROR;
+}
+
+shared_word *subscriber_words(const struct subscriber_object *self)
+{
+    return self->words.words;
+}
+
+static PyObject *handle_next(struct subscriber_object *self, PyObject *inbox)
+{
+    switch (subscriber_handle_next(self, inbox)) {
+    case HANDLED_ONE:
+        Py_RETURN_TRUE;
+    case HANDLED_NONE:
+        Py_RETURN_FALSE;
+    case HANDLED_NOT_MINE:
+        Py_RETURN_NONE;
+    default:
         return NULL;
-    Py_RETURN_TRUE;
+    }
 }
 
 static PyObject *get_current(struct subscriber_object *self, void *Py_UNUSED(closure))
@@ -327,7 +341,7 @@ static PyGetSetDef subscriber_attributes[] = {
     {0},
 };
 
-static PyTypeObject subscriber_type = {
+PyTypeObject subscriber_type = {
     PyVarObject_HEAD_INIT(NULL, 0)
     .tp_name = "robbie_mp._hot.native.Subscriber",
     .tp_doc = "The common form of taking and handling a message.",

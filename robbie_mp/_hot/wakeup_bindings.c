@@ -73,32 +73,36 @@ static int read_timeout(PyObject *timeout, int64_t *timeout_ns)
     return 0;
 }
 
+int wait_for_post(struct wakeup *wakeup, int64_t timeout_ns)
+{
+    if (wakeup_take(wakeup))
+        return 1;
+    if (timeout_ns == 0)
+        return 0;
+    int error;
+    wakeup_begin_wait(wakeup);
+    Py_BEGIN_ALLOW_THREADS
+    error = wakeup_wait(wakeup, timeout_ns);
+    Py_END_ALLOW_THREADS
+    wakeup_end_wait(wakeup);
+    if (error == 0)
+        return 1;
+    if (error == ETIMEDOUT)
+        return 0;
+    if (error == EINTR) /* the caller looks at what the signal's handler has changed */
+        return PyErr_CheckSignals() != 0 ? -1 : 0;
+    errno = error;
+    PyErr_SetFromErrno(PyExc_OSError);
+    return -1;
+}
+
 static PyObject *semaphore_wait(struct semaphore_object *self, PyObject *timeout)
 {
     int64_t timeout_ns;
     if (check_open(self) != 0 || read_timeout(timeout, &timeout_ns) != 0)
         return NULL;
-    if (wakeup_take(&self->wakeup))
-        Py_RETURN_TRUE;
-    if (timeout_ns == 0)
-        Py_RETURN_FALSE;
-    int error;
-    wakeup_begin_wait(&self->wakeup);
-    Py_BEGIN_ALLOW_THREADS
-    error = wakeup_wait(&self->wakeup, timeout_ns);
-    Py_END_ALLOW_THREADS
-    wakeup_end_wait(&self->wakeup);
-    if (error == 0)
-        Py_RETURN_TRUE;
-    if (error == ETIMEDOUT)
-        Py_RETURN_FALSE;
-    if (error == EINTR) { /* the caller looks at what the signal's handler has changed */
-        if (PyErr_CheckSignals() != 0)
-            return NULL;
-        Py_RETURN_FALSE;
-    }
-    errno = error;
-    return PyErr_SetFromErrno(PyExc_OSError);
+    const int woken = wait_for_post(&self->wakeup, timeout_ns);
+    return woken < 0 ? NULL : PyBool_FromLong(woken);
 }
 
 static PyObject *semaphore_close(struct semaphore_object *self, PyObject *Py_UNUSED(ignored))

@@ -10,4 +10,8 @@
  * exception, if it is any other callable. */
 struct wakeup *wakeup_of(PyObject *callable);
 
+/* Wait for a post and take all posts: 1; 0 after the time-out or a signal; -1 with an exception, such as that
+ * of a signal's handler. Other threads run meanwhile. */
+int wait_for_post(struct wakeup *wakeup, int64_t timeout_ns);
+
 #endif

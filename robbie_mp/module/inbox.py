@@ -61,10 +61,10 @@ class Inbox:
         self._pins: Pins = pins
         self._copied = 0
         self._current: Delivery | None = None
-        self._native: Any = None
+        self.native: Any = None
         """Takes and handles what is of the common form; None, or its answer None: Python does it."""
         if native is not None:
-            self._native = native.Subscriber(
+            self.native = native.Subscriber(
                 endpoint.native, words, views.mapped, self._by_number, unreferenced, pins, RobbieError
             )
         self.before_release: Callable[[], None] | None = None
@@ -84,8 +84,8 @@ class Inbox:
     @property
     def current(self) -> Delivery | None:
         """The message that is being handled."""
-        if self._current is None and self._native is not None:
-            current: Delivery | None = self._native.current
+        if self._current is None and self.native is not None:
+            current: Delivery | None = self.native.current
             return current
         return self._current
 
@@ -95,9 +95,9 @@ class Inbox:
         Returns:
             False if there is none; None if it is not of the common form: then call `take` and `handle`.
         """
-        if self._native is None or self.before_release is not None:
+        if self.native is None or self.before_release is not None:
             return None
-        handled: bool | None = self._native.handle_next(self)
+        handled: bool | None = self.native.handle_next(self)
         return handled
 
     def take(self) -> Delivery | None:
@@ -188,8 +188,8 @@ class Inbox:
 
     def close(self) -> None:
         """Let go of the memory; nothing may be handled any more."""
-        if self._native is not None:
-            self._native.close()
+        if self.native is not None:
+            self.native.close()
         self._pins.close()
 
     def _may_pin(self, delivery: Delivery) -> bool:

@@ -2,12 +2,14 @@
 
 import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING, cast
 
+from robbie_mp._hot.choice import Native
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.module import Module, calls_of, check_period
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.setting_changes import SettingChanges
-from robbie_mp.module.ticks import MAX_WAIT_S, Ticks
+from robbie_mp.module.ticks import MAX_WAIT_S, Ticks, TimedTicks
 from robbie_mp.transport import layout
 from robbie_mp.transport.endpoint import Endpoint
 from robbie_mp.transport.histogram import WorkFigures
@@ -15,6 +17,9 @@ from robbie_mp.transport.layout import Activity
 from robbie_mp.transport.records import Delivery, Outbound
 from robbie_mp.transport.wakeup import Wakeup
 from robbie_mp.transport.words import WORD_BYTES, Words, row_writer
+
+if TYPE_CHECKING:
+    from robbie_mp._hot.native import TickTimes
 
 # Looked up once, not for every message.
 _HANDLER, _IDLE = int(Activity.HANDLER), int(Activity.IDLE)
@@ -41,6 +46,7 @@ class ModuleRunner:
         has_just_settled: for the module that turns the clock of a run in lockstep: whether what it waits for
             has just come; None for all other modules.
         after_setup: called once, when `setup()` is over and its threads have been started.
+        native: what is written in C, which the others use as well; None: Python does it.
     """
 
     def __init__(
@@ -57,6 +63,7 @@ class ModuleRunner:
         something_waits: Callable[[], bool],
         has_just_settled: Callable[[], bool] | None = None,
         after_setup: Callable[[], None] = lambda: None,
+        native: Native | None = None,
     ):
         self._module = module
         self._calls = calls_of(module)
@@ -74,6 +81,27 @@ class ModuleRunner:
         self._something_waits = something_waits
         self._has_just_settled = has_just_settled
         self._after_setup = after_setup
+        self._turn_in_c: Callable[[], bool] | None = None
+        """Takes a turn of the common form; None, or its answer False: Python does it."""
+        if (
+            native is not None
+            and isinstance(ticks, TimedTicks)
+            and ticks.follow_the_machine
+            and has_just_settled is None
+            and wakeup.sleeps_in_c
+        ):
+            self._turn_in_c = native.Loop(
+                self,
+                inbox.native,
+                inbox,
+                outbox,
+                module,
+                self._calls,
+                ticks,
+                cast("TickTimes", ticks.times),
+                wakeup.post,
+                round(MAX_WAIT_S * 1e9),
+            ).turn
 
     def request_stop(self) -> None:
         """End the loop after the present handler or tick; safe in a signal handler."""
@@ -90,12 +118,11 @@ class ModuleRunner:
         self._idle()
         self._words[layout.OUT_READY] = 1
         self._endpoint.send(Outbound.READY)
-        while not self._ends and not self._may_go():
+        while not self.ends and not self._may_go():
             self._wakeup.wait(MAX_WAIT_S)
         self._calls.begin()
         self._ticks.begin()
-        while not self._ends:
-            self._turn()
+        self._take_turns()
         if self._module.patience_s:
             self._handle_the_rest()
         self._begin(Activity.TEARDOWN)
@@ -105,8 +132,15 @@ class ModuleRunner:
         self._outbox.close()
 
     @property
-    def _ends(self) -> bool:
+    def ends(self) -> bool:
+        """Whether the module is to end after the present handler or tick."""
         return self._stopping or self._module.stop_requested
+
+    def _take_turns(self) -> None:
+        module, turn_in_c = self._module, self._turn_in_c
+        while not (self._stopping or module.stop_requested):  # `ends`, without a call
+            if turn_in_c is None or not turn_in_c():
+                self._turn()
 
     def _turn(self) -> None:
         """Handle at most one message and run at most one tick, or wait for either."""
@@ -116,7 +150,7 @@ class ModuleRunner:
             was_one = delivery is not None
             if delivery is not None:
                 self._handle(delivery)
-        if was_one and self._ends:
+        if was_one and self.ends:
             return
         if self._calls.are_used and self._calls.are_due():
             self._begin(Activity.TICK)

@@ -2,8 +2,9 @@
 
 import time
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
+from robbie_mp._hot.choice import Native
 from robbie_mp.messages import Tick
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.module import Module, calls_of
@@ -36,6 +37,21 @@ class TickClock(Protocol):
         """Return the machine's time until this clock reaches `monotonic_ns`, in s."""
 
 
+class TickTimes:
+    """When the next tick of a module is due, and how many there were; C has a class of the same name.
+
+    Attributes:
+        due_ns: time of the next tick by the module's clock, in ns.
+        ticks: number of ticks so far.
+        missed: number of ticks that were skipped.
+    """
+
+    __slots__ = ("due_ns", "missed", "ticks")
+
+    def __init__(self) -> None:
+        self.due_ns = self.ticks = self.missed = 0
+
+
 class TimedTicks:
     """Ticks every `period_s` of a clock. Ticks that were missed altogether are skipped and counted.
 
@@ -44,19 +60,31 @@ class TimedTicks:
         clock: times the ticks.
         words: the module's out segment, for the counters.
         max_wait_s: longest time between two looks at the clock.
+        native: what is written in C; None: Python does it.
     """
 
-    def __init__(self, module: Module, clock: TickClock, words: Words, max_wait_s: float):
+    def __init__(
+        self,
+        module: Module,
+        clock: TickClock,
+        words: Words,
+        max_wait_s: float,
+        native: Native | None = None,
+    ):
         self._module = module
         self._clock = clock
         self._now_ns = clock.monotonic_ns
         self._words = words
         self._max_wait_s = max_wait_s
         self._figures = WorkFigures(words, layout.OUT_TICK_FIGURES)
-        self._ticks = 0
-        self._missed = 0
+        times: Any = TickTimes() if native is None else native.TickTimes()
+        self.times: TickTimes = times
         self._jumps = 0
-        self._due_ns = 0
+
+    @property
+    def follow_the_machine(self) -> bool:
+        """Whether they follow the machine's own clock, which C reads."""
+        return self._now_ns is time.monotonic_ns
 
     def begin(self) -> None:
         """Make the first tick due now."""
@@ -65,7 +93,7 @@ class TimedTicks:
 
     def expedite(self) -> None:
         """Make the next tick due now."""
-        self._due_ns = self._now_ns()
+        self.times.due_ns = self._now_ns()
 
     def are_due(self) -> bool:
         """Whether it is time for a tick."""
@@ -73,31 +101,36 @@ class TimedTicks:
             return False
         if self._jumps != self._clock.jumps:
             self.begin()
-        return self._now_ns() >= self._due_ns
+        return self._now_ns() >= self.times.due_ns
 
     def wait_s(self) -> float:
         """Return how long to wait for messages before the next tick, in s."""
         if self._module.period_s is None:
             return MAX_WAIT_S
-        return min(self._max_wait_s, self._clock.machine_s_until(self._due_ns))
+        return min(self._max_wait_s, self._clock.machine_s_until(self.times.due_ns))
 
     def run(self) -> None:
         """Tick, and set when the next tick is due."""
-        late_ns, begun_ns = self._now_ns() - self._due_ns, time.monotonic_ns()
+        late_ns, begun_ns = self._now_ns() - self.times.due_ns, time.monotonic_ns()
         self._module.tick()
         self._figures.record(late_ns, time.monotonic_ns() - begun_ns)
-        self._ticks += 1
-        self._words[layout.OUT_TICKS] = self._ticks
+        self.times.ticks += 1
+        self._words[layout.OUT_TICKS] = self.times.ticks
+        self.schedule()
+
+    def schedule(self) -> None:
+        """Set when the next tick is due, and count those that are skipped."""
         if self._module.period_s is None:
             return
+        times = self.times
         period_ns = round(self._module.period_s * 1e9)
-        self._due_ns += period_ns
-        behind_ns = self._now_ns() - self._due_ns
+        times.due_ns += period_ns
+        behind_ns = self._now_ns() - times.due_ns
         if behind_ns > period_ns:
             missed = behind_ns // period_ns
-            self._due_ns += missed * period_ns
-            self._missed += missed
-            self._words[layout.OUT_TICKS_MISSED] = self._missed
+            times.due_ns += missed * period_ns
+            times.missed += missed
+            self._words[layout.OUT_TICKS_MISSED] = times.missed
 
 
 class GrantedTicks:

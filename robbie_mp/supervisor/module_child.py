@@ -111,7 +111,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         ticks = GrantedTicks(module, words, inbox, clock.now_ns, charge_of(plan, module))
     else:
         max_wait_s = MAX_RUN_CLOCK_WAIT_S if isinstance(clock, RunClock) else MAX_WAIT_S
-        ticks = TimedTicks(module, clock, words, max_wait_s)
+        ticks = TimedTicks(module, clock, words, max_wait_s, native)
     runner = ModuleRunner(
         module,
         endpoint,
@@ -125,6 +125,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         lambda: messages_waiting(core, slot) > 0,
         lockstep.has_just_settled if lockstep is not None else None,
         lambda: prefer_new_threads(planned.scheduling),
+        native,
     )
     signal.signal(signal.SIGTERM, lambda _signal, _frame: runner.request_stop())
     # Only this process handles SIGTERM that way; a process that it forks ends by it, as usual.

@@ -116,6 +116,11 @@ class Wakeup:
             raise
         return cls(semaphore, tag, opened)
 
+    @property
+    def sleeps_in_c(self) -> bool:
+        """Whether a wait in C that sleeps at once is the same as `wait`."""
+        return self._native is not None and not self.spin_s and not self.patience_s
+
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait for a post and take all posts; return False after the time-out or a signal.
 

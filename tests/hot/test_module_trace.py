@@ -5,19 +5,24 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
+from robbie_mp.module.runner import ModuleRunner
+from robbie_mp.module.ticks import TimedTicks
 from tests.core._support.memory import Died
 from tests.hot._support.exchange import PUBLISHER, SUBSCRIBER, Exchange, parcel_class
 from tests.hot._support.trace import difference, played
 
-Step = tuple[str, tuple[int, ...]]
+Step = tuple[str, tuple[Any, ...]]
 
 SIZE = st.sampled_from([0, 1, 60, 61, 5000, 40_000])
+PERIOD_S = st.sampled_from([None, 1e-9, 0.0025, 0.005, 1, 1e9, np.float64(0.003)])
+"""The clock goes on by 1 ms with each look. One of these periods is longer than what C computes with."""
 SIMPLE = ("core", "core", "outstanding", "publish_damaged", "restart_core")
 STEP = st.one_of(
     st.tuples(
@@ -29,6 +34,9 @@ STEP = st.one_of(
     st.tuples(
         st.sampled_from(["core", "core", "outstanding", "publish_damaged", "restart_core"]), st.just(())
     ),
+    st.tuples(st.just("set_period"), st.one_of(st.tuples(PERIOD_S), st.tuples(PERIOD_S, PERIOD_S))),
+    st.tuples(st.just("use_calls"), st.tuples(st.integers(0, 1))),
+    st.tuples(st.just("await_room"), st.tuples(st.integers(0, 3))),
 )
 
 
@@ -77,9 +85,32 @@ def test_c_really_publishes_and_handles(
     monkeypatch.setattr(time, "monotonic_ns", built.tick)
     monkeypatch.setattr(Outbox, "_hand_over", noted("publish", Outbox._hand_over))
     monkeypatch.setattr(Inbox, "handle", noted("handle", Inbox.handle))
-    steps = [("publish", (1, 60)), ("core", ()), ("take_turns", (2,)), ("core", ())] * 10
-    played(built, lambda: play(built, parcel, steps), with_c=True)
+    monkeypatch.setattr(TimedTicks, "run", noted("tick", TimedTicks.run))
+    message: list[Step] = [("publish", (1, 60)), ("core", ()), ("take_turns", (2,)), ("core", ())]
+    steps: list[Step] = [*message, ("set_period", (1e-9,)), *message * 9]
+    exchanges: list[Exchange] = []
+    played(built, lambda: exchanges.append(play(built, parcel, steps)), with_c=True)
     assert sorted(in_python) == ["handle", "publish"], "each first one: declared, mapped"
+    assert exchanges[0].ticks == 18
+
+
+@pytest.mark.parametrize(("period_s", "by_python"), [(1e-9, 0), (1, 0), (None, 0), (1e9, 1)])
+def test_c_really_takes_turns(
+    built: ModuleType, parcel: Any, period_s: float | None, by_python: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turns = 0
+    turn = ModuleRunner._turn
+
+    def count_turn(runner: ModuleRunner) -> None:
+        nonlocal turns
+        turns += 1
+        turn(runner)
+
+    monkeypatch.setattr(time, "monotonic_ns", built.tick)
+    monkeypatch.setattr(ModuleRunner, "_turn", count_turn)
+    steps: list[Step] = [("set_period", (period_s, 1e-9)), ("take_turns", (4,))]
+    played(built, lambda: play(built, parcel, steps), with_c=True)
+    assert turns == by_python
 
 
 @pytest.mark.parametrize("size", [0, 60, 5000])
@@ -88,7 +119,9 @@ def test_every_step_of_a_message_is_stored_alike(
     built: ModuleType, parcel: Any, size: int, keep: int
 ) -> None:
     message: list[Step] = [("publish", (1, size)), ("core", ()), ("take_turns", (2,)), ("core", ())]
-    compare(built, parcel, [("keep", (keep,)), *message * 5, ("drop", (0,)), *message * 3])
+    ticking: list[Step] = [("set_period", (0.0025,)), *message * 2, ("set_period", (0.0025, None)), *message]
+    steps = [("keep", (keep,)), *message * 5, ("drop", (0,)), *message * 3, *ticking]
+    compare(built, parcel, steps)
 
 
 @pytest.mark.parametrize("slot", [PUBLISHER, SUBSCRIBER])
@@ -104,7 +137,7 @@ def test_module_dies_before_any_of_its_stores_alike(
         ("drop", (0,)),
         ("core", ()),
     ]
-    begin: list[Step] = [("keep", (keep,)), *message * 2]
+    begin: list[Step] = [("keep", (keep,)), *message * 2, ("set_period", (0.0025,))]
     deaths = 0
 
     def play_and_die(stores: int) -> Exchange:

@@ -13,13 +13,17 @@ from robbie_mp.messages import message as message_module
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.runner import ModuleRunner
+from robbie_mp.module.ticks import TimedTicks
 from robbie_mp.observe.channels import ChannelNames
 from robbie_mp.transport.run_memory import make_block_store, make_views
 from robbie_mp.transport.shared_folder import make_folder, remove_names
+from robbie_mp.transport.wakeup import Wakeup, unlink_wakeup
 from tests.core._support.simulated_run import SimulatedRun
 
 PUBLISHER, SUBSCRIBER = 1, 2
 LIMIT_BYTES = 1 << 18
+KEPT = object()
+"""In place of a period that stays as it is."""
 TOPICS = ("", "left", "right")
 
 _runs = count()
@@ -55,22 +59,30 @@ class Exchange:
         self.parcel = parcel
         self.kept: list[Any] = []
         self.keeps: Callable[[Any], object] | None = None
+        self.next_period_s: object = KEPT
+        self.ticks = 0
         self.run = SimulatedRun(queue_messages=100, handles=300)
         sender, receiver = self.run.start(PUBLISHER), self.run.start(SUBSCRIBER)
         make_folder(self.run_id)
         blocks = make_block_store(self.run_id, PUBLISHER, 1, 1 << 14, LIMIT_BYTES, native)
-        clock: Any = SimpleNamespace(monotonic_ns=built.tick)
+        tick = built.tick
+        clock: Any = SimpleNamespace(
+            monotonic_ns=tick, jumps=0, machine_s_until=lambda due_ns: max(0.0, (due_ns - tick()) / 1e9)
+        )
         self.outbox = Outbox(sender.endpoint, blocks, sender.out, clock, native)
         self.views = make_views(self.run_id, native)
         self.inbox = Inbox(receiver.endpoint, self.views, receiver.out, ChannelNames(self.run.words), native)
         for topic in TOPICS[:2]:
             self.inbox.subscriptions.subscribe(parcel, self._handle, MessageHandling.ALWAYS_DELIVER, topic)
-        idle: Any = SimpleNamespace(are_used=False, are_due=lambda: False, wait_s=lambda: 0.0)
-        never: Any = SimpleNamespace(wait=lambda _timeout_s: False)
-        module: Any = SimpleNamespace(stop_requested=False, period_s=None, _calls=idle)
+        self.calls: Any = SimpleNamespace(are_used=False, are_due=lambda: False, wait_s=lambda: 0.0)
+        module: Any = SimpleNamespace(stop_requested=False, period_s=None, _calls=self.calls, tick=self._tick)
+        self.module = changes = module
+        self.wakeup = Wakeup.create(self.run_id, native)
+        ticks = TimedTicks(module, clock, receiver.out, 0.0, native)
         self.runner = ModuleRunner(
-            module, receiver.endpoint, self.inbox, self.outbox, never, receiver.out, bool, module, idle, bool
-        )
+            module, receiver.endpoint, self.inbox, self.outbox, self.wakeup, receiver.out, bool, changes,
+            ticks, bool, native=native,
+        )  # fmt: skip
         sender.ready()
         receiver.ready()
         self.run.run_core()
@@ -85,9 +97,31 @@ class Exchange:
     def publish_damaged(self) -> None:
         self.outbox.publish_encoded("test_msgs/msg/Parcel", 1, b"\0\1\0\0no parcel", "")
 
+    def _tick(self) -> None:
+        self.ticks += 1
+        if self.next_period_s is not KEPT:
+            self.module.period_s = self.next_period_s
+
     def take_turns(self, turns: int) -> None:
         for _ in range(turns):
-            self.runner._turn()
+            self.wakeup.post()  # so no turn waits
+            if self.runner._turn_in_c is None or not self.runner._turn_in_c():
+                self.runner._turn()
+
+    def set_period(self, period_s: object, then_s: object = KEPT) -> None:
+        """Let the receiver tick.
+
+        Args:
+            period_s: the period from now on.
+            then_s: the period from the next tick on.
+        """
+        self.module.period_s, self.next_period_s = period_s, then_s
+
+    def use_calls(self, are_used: int) -> None:
+        self.calls.are_used = bool(are_used)
+
+    def await_room(self, messages: int) -> None:
+        self.outbox.wake_after_freed(messages)
 
     def keep(self, how: int) -> None:
         self.keeps = (None, lambda data: data, lambda data: data[1:], bytes)[how]
@@ -123,4 +157,6 @@ class Exchange:
         self.outbox.close()
         self.inbox.close()
         self.views.close()
+        self.wakeup.close()
+        unlink_wakeup(self.run_id, self.wakeup.tag)
         remove_names(self.run_id)

@@ -136,13 +136,15 @@ class Plays:
         made.close()
 
     def exchanging(self) -> None:
-        """Messages of all sizes, kept as arrays, parts of arrays and not at all; loans; damaged ones."""
+        """Messages of all sizes, kept as arrays, parts of arrays and not; loans; damaged ones; ticks."""
         from tests.hot._support import exchange as exchanges  # noqa: PLC0415
 
         exchanges._runs = count()  # other names of files would gather in caches of Python's library
         for keep in range(4):
             exchange = exchanges.Exchange(self.built, self.parcel)
             exchange.keep(keep)
+            exchange.set_period((None, 1, 1e-9, 1e9)[keep])  # one is longer than what C computes with
+            exchange.await_room(0)
             for size in map(int, ("0", "60", "5000", "40000")):  # large ones are new objects
                 for topic in range(3):
                     exchange.publish(topic, size)
