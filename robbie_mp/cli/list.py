@@ -16,9 +16,11 @@ from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX
 from robbie_mp.module.calls.peers import topic_of_service
 from robbie_mp.observe import RunObserver
 from robbie_mp.observe.declarations import Declaration, read_declarations
+from robbie_mp.observe.latched import latched_bytes
 from robbie_mp.run.run_directory import KnownRun
 from robbie_mp.transport.segment import SegmentMissing
 from robbie_mp.transport.tables import ChannelName
+from robbie_mp.views import quantities
 from robbie_mp.views.plain_table import PlainTable
 from robbie_mp.views.run_figures import STYLES, renamed_topics, state_name
 from robbie_mp.visible_text import one_line
@@ -30,6 +32,8 @@ Row = dict[str, Any]
 PAST = "past_publishers"
 """Key of a topic's modules that do not publish now, with their states: they have ended."""
 RENAMED = "renamed"
+LATCHED, KEPT = "latched", "latched_bytes"
+"""Keys of a topic: whether it is latched, and the size of the message that the core keeps of it."""
 
 
 def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -95,6 +99,7 @@ def _types(run: KnownRun) -> list[Row]:
 def _topics(run: KnownRun) -> list[Row]:
     """Return a row for each pair of type and topic that is published or subscribed to."""
     declared = read_declarations(run.run_id)
+    latched = latched_bytes(run.run_id)
     with closing(RunObserver(run.run_id)) as observer:
         counts = {(entry.type_name, entry.version, entry.topic): entry for entry in observer.channels()}
         states = {module.name: state_name(module) for module in observer.modules()}
@@ -119,6 +124,8 @@ def _topics(run: KnownRun) -> list[Row]:
                 "publishers": publishers,
                 PAST: {module: states.get(module, "-") for module in past},
                 "subscribers": _subscribers(name, declared),
+                LATCHED: name in latched,
+                KEPT: latched.get(name, 0),
             }
         )
     return rows
@@ -166,7 +173,13 @@ def _with_past_publishers(row: Row) -> Row:
     return {**shown, "publishers": [*row["publishers"], *past]}
 
 
-LEFT_OUT = ("version", "bytes", "pid", RENAMED, "topics", "subscribers", "publishers", "restarts")
+def _with_kept_bytes(row: Row) -> Row:
+    """Show the size of a latched topic's newest message in one column."""
+    shown = {heading: value for heading, value in row.items() if heading != KEPT}
+    return {**shown, LATCHED: quantities.size(row[KEPT]) if row[LATCHED] else "-"}
+
+
+LEFT_OUT = ("version", "bytes", "pid", RENAMED, "topics", LATCHED, "subscribers", "publishers", "restarts")
 """Columns that a narrow terminal does not show, the least important one first."""
 SHRINKING = ("type", "topic", "status", RENAMED)
 """Columns of texts that are shortened on a narrow terminal, as lists are."""
@@ -175,7 +188,7 @@ SHRINKING = ("type", "topic", "status", RENAMED)
 def _print(rows: Sequence[Row]) -> None:
     table = PlainTable()
     if PAST in rows[0]:
-        rows = [_with_past_publishers(row) for row in rows]
+        rows = [_with_kept_bytes(_with_past_publishers(row)) for row in rows]
     if not any(row.get(RENAMED) for row in rows):
         rows = [{heading: value for heading, value in row.items() if heading != RENAMED} for row in rows]
     for heading, value in rows[0].items():

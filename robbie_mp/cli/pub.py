@@ -34,6 +34,11 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "message", metavar="YAML", nargs="?", default="{}", help="fields of the message ('{}')"
     )
     parser.add_argument("--rate", metavar="HZ", type=_rate, help="publish repeatedly, until Ctrl-C")
+    parser.add_argument(
+        "--latched",
+        action="store_true",
+        help="have the core keep the newest message of the topic for modules and tools that come later",
+    )
     parser.add_argument("--count", metavar="N", type=_count, help="with --rate: stop after N messages")
     add_run_argument(parser)
     parser.set_defaults(command=pub)
@@ -67,7 +72,7 @@ def pub(arguments: argparse.Namespace) -> int:
             while count is None or published + refused < count:
                 while (wait_s := next_s - time.monotonic()) > 0:
                     tool.wait(wait_s)
-                sent = tool.publish(message, channel.topic)
+                sent = tool.publish(message, channel.topic, arguments.latched)
                 published, refused = published + sent, refused + (not sent)
                 next_s = max(next_s + 1 / (arguments.rate or 1), time.monotonic() - 1)
         finally:

@@ -172,6 +172,8 @@ class CoreFigures:
     references: int
     """Pairs of a message in flight and a subscription that it goes to."""
     references_limit: int
+    latched_not_given: int = 0
+    """Latched messages that new subscribers did not get, because no reference was free."""
 
 
 @dataclass(frozen=True)

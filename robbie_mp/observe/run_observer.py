@@ -159,6 +159,7 @@ class RunObserver:
             handles_limit=sizes.handles,
             references=int(np.count_nonzero(references[:, layout.REFERENCE_STATE])),
             references_limit=sizes.references,
+            latched_not_given=words[layout.CORE_NOT_GIVEN],
         )
 
     def segments(self) -> list[SegmentFigures]:

@@ -12,7 +12,20 @@ from robbie_mp.transport.tables import CoreTables
 from robbie_mp.transport.words import new_fence
 
 _SLOT_BITS = 0xFFFF
-_STATE_BITS = 0xFF
+STATE_BITS = 0xFF
+
+
+def rows_at(core: Segment, at: int, rows: int, row_words: int) -> NDArray[np.uint64]:
+    """Return one of the core's tables, `(rows, row_words)`; the core may change it while you read.
+
+    Args:
+        core: the core segment.
+        at: its first word.
+        rows: number of rows.
+        row_words: words of a row.
+    """
+    words = np.frombuffer(core.buffer, np.uint64)
+    return words[at : at + rows * row_words].reshape(rows, row_words)
 
 
 class UnhandledMessages:
@@ -49,7 +62,7 @@ class UnhandledMessages:
         sizes = self._tables.sizes
         references = self._table(self._tables.reference(0), sizes.references, layout.REFERENCE_WORDS)
         handles = self._table(self._tables.handle(0), sizes.handles, layout.HANDLE_WORDS)
-        is_held = (references[:, layout.REFERENCE_STATE] & _STATE_BITS) == Outcome.HELD
+        is_held = (references[:, layout.REFERENCE_STATE] & STATE_BITS) == Outcome.HELD
         is_latch = self._is_latch()[references[:, layout.REFERENCE_SUBSCRIPTION] % sizes.subscriptions]
         held = np.unique(references[is_held & ~is_latch, layout.REFERENCE_HANDLE])
         sources = handles[held[held < sizes.handles], layout.HANDLE_SOURCE]
@@ -64,8 +77,7 @@ class UnhandledMessages:
 
     def _table(self, at: int, rows: int, row_words: int) -> NDArray[np.uint64]:
         """One of the core's tables, `(rows, row_words)`; the core may change it while you read."""
-        words = np.frombuffer(self._core.buffer, np.uint64)
-        return words[at : at + rows * row_words].reshape(rows, row_words)
+        return rows_at(self._core, at, rows, row_words)
 
     def close(self) -> None:
         """Unmap the core's tables."""

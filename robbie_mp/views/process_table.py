@@ -302,6 +302,8 @@ def totals_line(reading: RunReading, rates: RunRates | None) -> Text:
         parts.append(Text(one_line(f"the start waits for {', '.join(awaited) or 'the core'}"), "cyan"))
     if alone := sum(len(module.unconnected) for module in reading.modules):
         parts.append(Text(f"{alone} UNCONNECTED", UNCONNECTED))
+    if core.latched_not_given:
+        parts.append(Text(f"{core.latched_not_given} LATCHED NOT GIVEN", ALARM))
     if rates:
         parts.append(Text(f"routed {rate(rates.routed_hz)}/s"))
         parts.append(Text("cpu " + " ".join(f"{percent:.0f}%" for percent in rates.cpu_percent)))

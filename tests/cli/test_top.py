@@ -1,6 +1,7 @@
 """`robbie top` as a command: when it ends, and its messages."""
 
 import contextlib
+import dataclasses
 import os
 import pty
 import subprocess
@@ -10,7 +11,9 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.cli import main
+from robbie_mp.views.process_table import totals_line
 from tests._support.robot import COMMAND
+from tests.cli._support.readings import reading
 
 ROOT = Path(__file__).parents[2]
 
@@ -49,6 +52,13 @@ def test_printed_figures_do_not_need_textual() -> None:
 def test_missing_terminal_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["top"]) == 1
     assert "needs a terminal" in capsys.readouterr().err
+
+
+def test_latched_messages_that_new_subscribers_missed_are_shown() -> None:
+    now = reading(1.0)
+    assert "LATCHED" not in totals_line(now, None).plain
+    core = dataclasses.replace(now.core, latched_not_given=2)
+    assert "2 LATCHED NOT GIVEN" in totals_line(dataclasses.replace(now, core=core), None).plain
 
 
 def test_invalid_interval_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,6 @@
 """A robot with a latched map: a module that starts late has it, whatever was killed before."""
 
+import json
 import os
 import signal
 from contextlib import closing
@@ -81,11 +82,16 @@ def test_late_module_has_the_newest_map_though_publisher_and_core_were_killed(ro
     robot.until(lambda modules: modules["core"]["restarts"] == 1 and modules["core"]["state"] == "RUNNING")
     echo = robot.command("echo", "Beacon", "--once")
     assert "number: 5" in echo.stdout, echo.stderr
+    assert robot.command("pub", "Vector3", "{x: 7}", "--topic", "by_hand", "--latched").returncode == 0
+    assert "x: 7" in robot.command("echo", "Vector3", "--topic", "by_hand", "--once").stdout
+    topics = {topic["topic"]: topic for topic in json.loads(robot.command("list", "topics", "--json").stdout)}
+    assert topics["map"]["latched"] and 40_000_000 < topics["map"]["latched_bytes"] < 41_000_000
+    assert topics["by_hand"]["latched"] and 0 < topics["by_hand"]["latched_bytes"] < 100
     for restarts in (1, 2):
         figures = until(robot, restarts - 1)
         os.kill(figures["reader"]["pid"], signal.SIGKILL)
         figures = until(robot, restarts, "[5] [5]")
-    assert figures["core"]["waiting"] == 2
+    assert figures["core"]["waiting"] == 3
     assert figures["core"]["waiting_bytes"] > 40_000_000
 
 
