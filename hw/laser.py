@@ -48,10 +48,12 @@ class LaserSweep:
         stamp_s: time of the sweep, on the device's clock.
         ranges_m: (beams,) float32; +inf for no return, -inf for an object nearer than `range_min_m`
             (REP 117).
+        intensities: (beams,) float32, in the device's unit; None if it does not measure them.
     """
 
     stamp_s: float
     ranges_m: NDArray[np.float32]
+    intensities: NDArray[np.float32] | None = None
 
 
 class LaserRangeFinder(ABC):

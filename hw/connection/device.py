@@ -112,13 +112,15 @@ class PluggableDevice(ABC, Generic[T]):
         Never raises because of the device: see `state`, `reason` and `counters`.
         """
         end_s = self._monotonic() + wait_s
-        if self._port is None and not self._connect(end_s):
-            return []
+        if self._port is None:
+            if not self._connect(end_s):
+                return []
+            end_s = self._monotonic()  # measurements may have come with the answers
         assert self._port is not None
         try:
             data = self._port.read(end_s - self._monotonic())
             self.counters.bytes_received += len(data)
-            values = self._take(data) if data else []
+            values = self._take(data)
             now_s = self._monotonic()
             if values or self._is_alive():
                 self._valid_s = now_s
@@ -162,7 +164,7 @@ class PluggableDevice(ABC, Generic[T]):
 
     @abstractmethod
     def _take(self, data: bytes) -> list[T]:
-        """Take received bytes, in pieces of any length; return the measurements that are whole now.
+        """Take received bytes, in pieces of any length, even empty; return the measurements now whole.
 
         Raise DeviceFault if the device must be started again.
         """

@@ -1,146 +1,196 @@
-"""Hokuyo's laser range finders on a serial port or USB, such as the URG-04LX and the UTM-30LX."""
+"""Hokuyo's laser range finders on a serial port, USB or TCP, such as URG-04LX, UTM-30LX and UST-10LX."""
 
 import math
+import time
 from collections.abc import Callable
 from contextlib import suppress
+from enum import StrEnum
 
-import numpy as np
-import serial
-
-from hw.hokuyo.scip import DamagedLine, LaserFault, numbers, parameters, without_checksum
-from hw.laser import LaserGeometry, LaserRangeFinder, LaserSweep
+from hw.connection.clock import DeviceClock
+from hw.connection.errors import DeviceFault, DeviceSilent
+from hw.connection.port import Port
+from hw.hokuyo.scip import (
+    STAMP_BITS,
+    DamagedLine,
+    Reply,
+    ReplyReader,
+    meaning,
+    measurement,
+    parameters,
+)
+from hw.laser import LaserGeometry, LaserSweep
+from hw.pluggable_laser import PluggableLaser, ranges_in_metres
 from hw.pose import ORIGIN, Pose
 
 BIT_RATE = 115_200
-# Lines of an earlier stream that may precede the answer to QT: a few sweeps of the largest laser.
-MAX_OLD_LINES = 2_000
-# Consecutive sweeps that may be damaged, for example by lost bytes.
-MAX_DAMAGED_SWEEPS = 5
-# Status of a command that the laser accepted.
-GOOD = b"00"
+# A laser answers a command within this time; an earlier stream that still runs may delay the first answer.
+ANSWER_S = 1.0
+# Statuses of BM: switched on, and on already.
+ON = ("00", "02")
 
 
-class LaserSilent(TimeoutError):
-    """The laser has sent nothing for too long."""
+class Data(StrEnum):
+    """What the laser measures and sends."""
+
+    RANGES = "MD"
+    """Ranges, three characters each."""
+
+    SHORT_RANGES = "MS"
+    """Ranges up to 4.095 m, two characters each: for a slow line."""
+
+    INTENSITIES = "ME"
+    """Ranges and intensities. Not all lasers know it; some halve their rate."""
 
 
-class HokuyoLaser(LaserRangeFinder):
-    """A laser that streams sweeps over its whole field of view.
+class HokuyoLaser(PluggableLaser):
+    """A laser that streams sweeps over its whole field of view, or a part of it.
 
     Args:
-        port: name of the port, such as "/dev/ttyACM0".
-        clock: returns the time in s.
-        timeout_s: time after which a laser that sends nothing counts as silent; must exceed its scan time.
+        url: "/dev/ttyACM0", or "socket://192.168.0.10:10940": see `Port`.
+        clock: returns the time for the stamps, s.
+        silence_s: the laser counts as lost when it sends no valid sweep for this time.
         mount: the laser's pose in the robot's frame.
+        data: what to measure.
+        field_rad: first and last direction, in the laser's frame; None: all that it sees.
+        merge: neighbouring steps that the laser merges into one beam, the nearest of their ranges.
+        skip: sweeps that the laser skips after each one that it sends, 0 to 9.
+        latency_s: the shortest time between the laser's stamp of a sweep and its first byte here.
 
-    Raises:
-        LaserSilent: nothing answers on the port.
-        LaserFault: the answer is not that of a Hokuyo laser.
-        OSError: the port cannot be opened.
+    Example:
+        with closing(HokuyoLaser("/dev/ttyACM0")) as laser:
+            sweep = laser.scan()
     """
 
     def __init__(
-        self, port: str, clock: Callable[[], float], timeout_s: float = 1.0, mount: Pose = ORIGIN
+        self,
+        url: str,
+        clock: Callable[[], float] = time.time,
+        silence_s: float = 1.0,
+        mount: Pose = ORIGIN,
+        *,
+        data: Data = Data.RANGES,
+        field_rad: tuple[float, float] | None = None,
+        merge: int = 1,
+        skip: int = 0,
+        latency_s: float = 0.0,
     ) -> None:
-        self._clock = clock
-        self._port = serial.Serial(port, BIT_RATE, timeout=timeout_s, write_timeout=timeout_s, exclusive=True)
+        super().__init__(url, clock, bit_rate=BIT_RATE, silence_s=silence_s)
+        if not (1 <= merge <= 99 and 0 <= skip <= 9):
+            raise ValueError(f"merge must be 1 to 99 and skip 0 to 9, not {merge} and {skip}")
+        self.identity: dict[str, str] = {}
+        """What the laser told of itself: MODL, SERI, FIRM and others."""
+        self._mount, self._data, self._field_rad = mount, data, field_rad
+        self._merge, self._skip = merge, skip
+        self._stamps = DeviceClock(2**STAMP_BITS / 1000, 0.001, latency_s)
+        self._reader = ReplyReader()
+        # What arrived together with the answer to the last command.
+        self._early: list[Reply] = []
+        self._request = ""
+
+    def _start(self, port: Port) -> None:
+        """Ask the laser for its geometry and start the stream."""
+        # The oldest lasers must be switched to SCIP 2.0 first. An earlier stream may still be running.
+        port.write(b"SCIP2.0\n")
+        self._answer(port, "QT")
+        self.identity = _tolerant(self._answer(port, "VV"))
         try:
-            # The oldest lasers must be switched to SCIP 2.0 first. An earlier stream may still be running.
-            self._port.write(b"SCIP2.0\n")
-            self._answer("QT")
-            told = parameters(self._answer("PP"))
-            self._geometry, self.period_s = _geometry(told, mount), 60.0 / int(told["SCAN"])
-            # No merging of steps, no skipped sweeps, endless.
-            self._request = f"MD{int(told['AMIN']):04d}{int(told['AMAX']):04d}01000"
-            self._answer(self._request)
+            told = parameters(self._answer(port, "PP").lines)
+            first, last = self._set_geometry(told)
         except (KeyError, ValueError, ZeroDivisionError) as error:
-            self._port.close()
-            raise LaserFault(f"the laser does not report its geometry: {error!r}") from error
-        except BaseException:
-            self._port.close()
-            raise
+            raise DeviceFault(f"the laser does not report its geometry: {error!r}") from error
+        on = self._answer(port, "BM", ON)
+        self._request = f"{self._data}{first:04d}{last:04d}{self._merge:02d}{self._skip}00"
+        self._answer(port, self._request, ON if on.status == "02" else ("00",))
 
-    @property
-    def geometry(self) -> LaserGeometry:
-        """Return the laser's mounting pose and beam directions."""
-        return self._geometry
+    def _take(self, data: bytes) -> list[LaserSweep]:
+        """Return the sweeps that are whole now, without the damaged ones."""
+        sweeps = []
+        early, self._early = self._early, []
+        for reply in [*early, *self._reader.feed(data, self._clock())]:
+            # Each sweep repeats the command, with the number of sweeps that remain.
+            if reply.echo[:-2] != self._request[:-2]:
+                continue
+            if reply.status == "00":
+                continue
+            if reply.status != "99":
+                raise DeviceFault(f"the laser has stopped with {meaning(reply.status)}")
+            with suppress(DamagedLine):
+                sweeps.append(self._sweep(reply))
+                continue
+            self._reader.damaged += 1
+        self.counters.damaged, self.counters.skipped_bytes = self._reader.damaged, self._reader.skipped_bytes
+        return sweeps
 
-    def scan(self) -> LaserSweep:
-        """Wait for the next sweep and return it, or the newest of several. Skip damaged sweeps.
+    def _reset(self) -> None:
+        self._reader.forget()
+        self._early.clear()
+        self._stamps.forget()
 
-        Ranges below the laser's minimum and measurement errors are also +inf, because the laser does not
-        distinguish them.
+    def _stop(self) -> None:
+        """Switch the laser off."""
+        self.port.write(b"QT\n")
+
+    def _sweep(self, reply: Reply) -> LaserSweep:
+        measured, geometry = measurement(reply), self.geometry
+        if len(measured.ranges_mm) != geometry.beams:
+            raise DamagedLine(f"a sweep of {len(measured.ranges_mm)} beams instead of {geometry.beams}")
+        return LaserSweep(
+            self._stamps.stamp_s(measured.stamp_ms / 1000, reply.arrived_s),
+            ranges_in_metres(measured.ranges_mm, 0.001, geometry),
+            None if measured.intensities is None else measured.intensities.astype("float32"),
+        )
+
+    def _set_geometry(self, told: dict[str, str]) -> tuple[int, int]:
+        """Take over the geometry that a laser told; return the first and the last step.
+
+        The laser's steps count counter-clockwise.
+        """
+        steps, front = int(told["ARES"]), int(told["AFRT"])
+        first, last = int(told["AMIN"]), int(told["AMAX"])
+        step_rad = 2 * math.pi / steps
+        if self._field_rad is not None:
+            begin, end = (front + round(angle / step_rad) for angle in self._field_rad)
+            first, last = max(first, begin), min(last, end)
+        if not 0 <= first < last < 10_000:
+            raise ValueError(f"steps {first} to {last}")
+        self.period_s = 60.0 / int(told["SCAN"]) * (1 + self._skip)
+        self.time_increment_s = 60.0 / int(told["SCAN"]) / steps * self._merge
+        most_mm = int(told["DMAX"])
+        if self._data is Data.SHORT_RANGES:
+            most_mm = min(most_mm, 4095)
+        self._geometry = LaserGeometry(
+            angle_min_rad=(first - front + (self._merge - 1) / 2) * step_rad,
+            angle_increment_rad=step_rad * self._merge,
+            beams=(last - first) // self._merge + 1,
+            range_min_m=int(told["DMIN"]) / 1000.0,
+            range_max_m=most_mm / 1000.0,
+            mount=self._mount,
+        )
+        return first, last
+
+    def _answer(self, port: Port, command: str, good: tuple[str, ...] = ("00",)) -> Reply:
+        """Send a command and return the reply to it; skip the rest of an earlier stream.
 
         Raises:
-            LaserSilent: no sweep arrived in time.
-            LaserFault: the laser has stopped, or several sweeps in a row were damaged.
+            DeviceSilent: the laser does not answer in time.
+            DeviceFault: it refuses the command.
         """
-        sweep = self._undamaged()
-        # Three characters per beam: another whole sweep has arrived.
-        while self._port.in_waiting > 3 * self._geometry.beams:
-            sweep = self._undamaged()
-        return sweep
-
-    def close(self) -> None:
-        """Switch the laser off if it still answers, and close the port."""
-        with suppress(OSError):
-            self._port.write(b"QT\n")
-        self._port.close()
-
-    def _undamaged(self) -> LaserSweep:
-        for _ in range(MAX_DAMAGED_SWEEPS):
-            with suppress(DamagedLine):
-                return self._sweep()
-        raise LaserFault(f"{MAX_DAMAGED_SWEEPS} sweeps in a row were damaged in transmission")
-
-    def _sweep(self) -> LaserSweep:
-        """Read a sweep: echo, status, time stamp of the laser's clock, data, an empty line."""
-        self._skip_to(self._request)
-        stamp_s = self._clock()
-        status = without_checksum(self._line())
-        if status != b"99":
-            raise LaserFault(f"the laser has stopped with status {status.decode('ascii', 'replace')}")
-        lines = [without_checksum(line) for line in iter(self._line, b"")]
-        millimetres = numbers(b"".join(lines[1:]))
-        if len(millimetres) != self._geometry.beams:
-            raise DamagedLine(f"a sweep of {len(millimetres)} beams instead of {self._geometry.beams}")
-        ranges = (millimetres / 1000.0).astype(np.float32)
-        least, most = self._geometry.range_min_m, self._geometry.range_max_m
-        ranges[(ranges < np.float32(least)) | (ranges > np.float32(most))] = np.inf
-        return LaserSweep(stamp_s, ranges)
-
-    def _answer(self, command: str) -> list[bytes]:
-        """Send a command and return the lines of the answer after its status."""
-        self._port.write(command.encode() + b"\n")
-        self._skip_to(command)
-        status = without_checksum(self._line())
-        if status != GOOD:
-            raise LaserFault(f"the laser refuses {command} with status {status.decode('ascii', 'replace')}")
-        return list(iter(self._line, b""))
-
-    def _skip_to(self, echo: str) -> None:
-        """Read up to the echo of a command, skipping the rest of a damaged sweep or an earlier stream."""
-        for _ in range(MAX_OLD_LINES):
-            if self._line() == echo.encode():
-                return
-        raise LaserFault(f"no answer to {echo} in {MAX_OLD_LINES} lines: does this laser speak SCIP 2.0?")
-
-    def _line(self) -> bytes:
-        line: bytes = self._port.read_until(b"\n")
-        if not line.endswith(b"\n"):
-            raise LaserSilent(f"the laser at {self._port.port} has sent nothing for {self._port.timeout:g} s")
-        return line[:-1]
+        port.write(command.encode() + b"\n")
+        end_s = time.monotonic() + ANSWER_S
+        while (left_s := end_s - time.monotonic()) > 0:
+            replies = self._reader.feed(port.read(left_s), self._clock())
+            for number, reply in enumerate(replies, 1):
+                if reply.echo != command:
+                    continue
+                if reply.status not in good:
+                    raise DeviceFault(f"the laser refuses {command} with {meaning(reply.status)}")
+                self._early = replies[number:]
+                return reply
+        raise DeviceSilent(f"no answer to {command} from {self.url}: does this laser speak SCIP 2.0?")
 
 
-def _geometry(told: dict[str, str], mount: Pose) -> LaserGeometry:
-    """Return the geometry given by a laser's parameters; its steps count counter-clockwise."""
-    step_rad = 2 * math.pi / int(told["ARES"])
-    first, last = int(told["AMIN"]), int(told["AMAX"])
-    return LaserGeometry(
-        angle_min_rad=(first - int(told["AFRT"])) * step_rad,
-        angle_increment_rad=step_rad,
-        beams=last - first + 1,
-        range_min_m=int(told["DMIN"]) / 1000.0,
-        range_max_m=int(told["DMAX"]) / 1000.0,
-        mount=mount,
-    )
+def _tolerant(reply: Reply) -> dict[str, str]:
+    """Return what a laser tells of itself; nothing if it writes that in a form of its own."""
+    with suppress(DamagedLine):
+        return parameters(reply.lines)
+    return {}

@@ -1,50 +1,31 @@
 """The robot's laser range finder, if it is a Hokuyo."""
 
-from hw.hokuyo.laser import HokuyoLaser
-from robbie_mp import Header, Module, Time, setting
-from robbie_mp.messages import LaserScan
+from hw.hokuyo.laser import Data, HokuyoLaser
+from modules.devices.pluggable_laser import PluggableLaserModule
+from robbie_mp import setting
 
 
-class HokuyoLaserRangeFinder(Module):
-    """A laser on a serial port or USB, such as the URG-04LX.
+class HokuyoLaserRangeFinder(PluggableLaserModule):
+    """A Hokuyo laser with SCIP 2 on a serial port, USB or TCP, such as the URG-04LX or the UST-10LX."""
 
-    If the laser falls silent, this module's process ends; the supervisor restarts it until the laser answers.
-    """
-
-    port: str = setting("/dev/ttyACM0", "serial port of the laser")
-    timeout_s: float = setting(
-        0.5, "the laser counts as silent when it sends nothing for this time", minimum=0.05
+    port: str = setting("/dev/ttyACM0", "port of the laser: a path, or socket://HOST:10940")
+    data: Data = setting(
+        Data.RANGES, "what it measures: MD ranges, MS ranges up to 4.095 m, ME intensities too"
     )
-    period_s: float = setting(
-        0.02, "time between checks for a sweep; less than the laser's scan time", minimum=0.001
+    merge: int = setting(1, "steps of the laser that become one beam", minimum=1, maximum=99)
+    skip: int = setting(0, "sweeps to skip after each one", minimum=0, maximum=9)
+    latency_s: float = setting(
+        0.0, "shortest time from the laser's stamp to the arrival of a sweep", minimum=0.0
     )
 
-    def setup(self) -> None:
-        """Open the laser."""
-        self.laser = HokuyoLaser(self.port, self._time_s, self.timeout_s)
-        self.scans = 0
-
-    def tick(self) -> None:
-        """Wait for a sweep and publish it."""
-        sweep, geometry = self.laser.scan(), self.laser.geometry
-        self.publish(
-            LaserScan(
-                header=Header(stamp=Time.from_nanoseconds(round(sweep.stamp_s * 1e9)), frame_id="laser"),
-                angle_min=geometry.angle_min_rad,
-                angle_max=geometry.angle_max_rad,
-                angle_increment=geometry.angle_increment_rad,
-                scan_time=self.laser.period_s,
-                range_min=geometry.range_min_m,
-                range_max=geometry.range_max_m,
-                ranges=sweep.ranges_m,
-            )
+    def open_device(self) -> HokuyoLaser:
+        """Return the driver."""
+        return HokuyoLaser(
+            self.port,
+            self.time_s,
+            self.silence_s,
+            data=self.data,
+            merge=self.merge,
+            skip=self.skip,
+            latency_s=self.latency_s,
         )
-        self.scans += 1
-        self.status = f"{self.scans} scans of {geometry.beams} beams"
-
-    def teardown(self) -> None:
-        """Switch the laser off."""
-        self.laser.close()
-
-    def _time_s(self) -> float:
-        return self.clock.now_ns() / 1e9

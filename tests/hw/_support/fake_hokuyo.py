@@ -29,13 +29,14 @@ def three_characters(value: int) -> str:
     return "".join(chr(value // 64**place % 64 + 48) for place in (2, 1, 0))
 
 
-def sweep(request: str, millimetres: list[int], status: str = "99") -> str:
+def sweep(request: str, millimetres: list[int], status: str = "99", stamp: str = "0000") -> str:
     """Return the laser's bytes for a sweep."""
-    data = "".join(three_characters(value) for value in millimetres)
+    two = request.startswith("MS")
+    data = "".join(three_characters(value)[two:] for value in millimetres)
     blocks = [data[begin : begin + 64] for begin in range(0, len(data), 64)]
     lines = [request, summed(status)]
     if status == "99":
-        lines += [summed("0000"), *map(summed, blocks)]
+        lines += [summed(stamp), *map(summed, blocks)]
     return "\n".join(lines) + "\n\n"
 
 
@@ -89,8 +90,10 @@ class FakeHokuyo:
         if command == "PP":
             lines = [summed(f"{name}:{value}") for name, value in self.parameters.items()]
             return "\n".join(["PP", "00P", *(f"{line[:-1]};{line[-1]}" for line in lines)]) + "\n\n"
-        if command == "QT":
-            return "QT\n00P\n\n"
-        if command.startswith("MD"):
+        if command in ("QT", "BM"):
+            return f"{command}\n00P\n\n"
+        if command == "VV":
+            return "VV\n00P\nSERI:H0706400;F\n\n"
+        if command.startswith("M"):
             return f"{command}\n00P\n\n" + "".join(self.to_send)
         return f"{command}\n{summed('0D')}\n\n"

@@ -3,13 +3,17 @@
 import math
 import time
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from hw.hokuyo.laser import HokuyoLaser, LaserSilent
-from hw.hokuyo.scip import DamagedLine, LaserFault, checksum, numbers, parameters
+from hw.connection.errors import DeviceFault, DeviceSilent
+from hw.hokuyo.laser import Data, HokuyoLaser
+from hw.hokuyo.scip import DamagedLine, ReplyReader, checksum, measurement, numbers, parameters, reply_of
 from tests.hw._support.fake_hokuyo import PARAMETERS, FakeHokuyo, sweep
 
 # From the first step to the last, as the parameters say.
@@ -25,18 +29,28 @@ def device() -> Iterator[FakeHokuyo]:
     fake.close()
 
 
-def opened(device: FakeHokuyo) -> HokuyoLaser:
+def opened(device: FakeHokuyo, data: Data = Data.RANGES, merge: int = 1) -> HokuyoLaser:
     """With a time-out that no test waits for, however busy the machine."""
-    return HokuyoLaser(device.port, lambda: 12.5, timeout_s=60.0)
+    return HokuyoLaser(device.port, lambda: 12.5, silence_s=60.0, data=data, merge=merge)
+
+
+def refusal(device: FakeHokuyo) -> str:
+    """Return why the driver does not connect."""
+    with closing(opened(device)) as laser:
+        assert laser.poll() == [] and not laser.is_connected
+        return laser.reason
 
 
 def test_numbers_and_checksums_match_the_specification() -> None:
+    assert numbers(b"CB", 2).tolist() == [1234]
     assert numbers(b"1Dh").tolist() == [5432]
+    assert numbers(b"m2@0", 4).tolist() == [16_000_000]
     for line in (b"AMIN:44;7", b"AMAX:725;o", b"AFRT:384;6", b"SCAN:600;e", b"DMIN:20;4", b"DMAX:5600;_"):
         text, _, told = line.partition(b";")
         assert checksum(text) == told
         assert parameters([line]) == {text[:4].decode(): text[5:].decode()}
-    assert checksum(b"00") == b"P" and checksum(b"99") == b"b"
+    for text, told in ((b"00", b"P"), (b"99", b"b"), (b"02", b"R"), (b"Hokuyo", b"o"), (b"03", b"S")):
+        assert checksum(text) == told
 
 
 @pytest.mark.parametrize("text", [b"12", b"12\x20", b"12\x70"])
@@ -46,88 +60,133 @@ def test_characters_that_are_not_numbers_are_refused(text: bytes) -> None:
 
 
 def test_geometry_is_that_reported_by_the_laser(device: FakeHokuyo) -> None:
-    laser = opened(device)
-    geometry = laser.geometry
-    assert geometry.beams == BEAMS
-    assert math.degrees(geometry.angle_min_rad) == pytest.approx(-119.53, abs=0.01)
-    assert math.degrees(geometry.angle_max_rad) == pytest.approx(119.88, abs=0.01)
-    assert (geometry.range_min_m, geometry.range_max_m, laser.period_s) == (0.02, 5.6, 0.1)
-    laser.close()
+    device.to_send = [sweep(REQUEST, RAMP)]
+    with closing(opened(device)) as laser:
+        with pytest.raises(DeviceSilent, match="has not told its geometry yet"):
+            _ = laser.geometry
+        laser.scan()
+        geometry = laser.geometry
+        assert geometry.beams == BEAMS
+        assert math.degrees(geometry.angle_min_rad) == pytest.approx(-119.53, abs=0.01)
+        assert math.degrees(geometry.angle_max_rad) == pytest.approx(119.88, abs=0.01)
+        assert (geometry.range_min_m, geometry.range_max_m, laser.period_s) == (0.02, 5.6, 0.1)
+        assert laser.time_increment_s == pytest.approx(0.1 / 1024)
+        assert laser.identity == {"SERI": "H0706400"}
 
 
 def test_sweep_has_the_measured_ranges_and_errors_count_as_no_return(device: FakeHokuyo) -> None:
     device.to_send = [sweep(REQUEST, [0, 19, 20, 5600, 5601, *RAMP[5:]])]
-    laser = opened(device)
-    measured = laser.scan()
+    with closing(opened(device)) as laser:
+        measured = laser.scan()
+    # Never later than the arrival, and by half the step of the laser's clock uncertain.
     assert measured.stamp_s == 12.5
     expected = [math.inf, math.inf, 0.02, 5.6, math.inf, *(value / 1000 for value in RAMP[5:])]
     np.testing.assert_allclose(measured.ranges_m, expected, rtol=1e-6)
     assert measured.ranges_m.dtype == np.float32
-    assert device.heard == ["SCIP2.0", "QT", "PP", REQUEST]
-    laser.close()
+    assert measured.intensities is None
+    assert device.heard[:6] == ["SCIP2.0", "QT", "VV", "PP", "BM", REQUEST]
+
+
+def test_intensities_arrive_with_their_ranges(device: FakeHokuyo) -> None:
+    pairs = [value for beam in range(BEAMS) for value in (RAMP[beam], 9 * beam)]
+    device.to_send = [sweep(REQUEST.replace("MD", "ME"), pairs)]
+    with closing(opened(device, Data.INTENSITIES)) as laser:
+        measured = laser.scan()
+    np.testing.assert_allclose(measured.ranges_m, np.array(RAMP) / 1000, rtol=1e-6)
+    assert measured.intensities is not None
+    assert measured.intensities.tolist() == [9 * beam for beam in range(BEAMS)]
+
+
+def test_short_ranges_end_at_four_metres(device: FakeHokuyo) -> None:
+    device.to_send = [sweep(REQUEST.replace("MD", "MS"), RAMP)]
+    with closing(opened(device, Data.SHORT_RANGES)) as laser:
+        np.testing.assert_allclose(laser.scan().ranges_m, np.array(RAMP) / 1000, rtol=1e-6)
+        assert laser.geometry.range_max_m == 4.095
+
+
+def test_merged_steps_look_into_the_middle_of_theirs(device: FakeHokuyo) -> None:
+    device.to_send = [sweep("MD0044072503000", RAMP[: 681 // 3 + 1])]
+    with closing(opened(device, merge=3)) as laser:
+        assert len(laser.scan().ranges_m) == laser.geometry.beams == 228
+        assert laser.geometry.angle_min_rad == pytest.approx((45 - 384) * 2 * math.pi / 1024)
 
 
 def test_stream_left_on_by_another_process_is_ended() -> None:
     with closing(FakeHokuyo(greeting=sweep(REQUEST, RAMP)[37:])) as device:
         device.to_send = [sweep(REQUEST, RAMP)]
-        laser = opened(device)
-        np.testing.assert_allclose(laser.scan().ranges_m, np.array(RAMP) / 1000, rtol=1e-6)
-        laser.close()
+        with closing(opened(device)) as laser:
+            np.testing.assert_allclose(laser.scan().ranges_m, np.array(RAMP) / 1000, rtol=1e-6)
 
 
-def test_damaged_sweeps_are_skipped(device: FakeHokuyo) -> None:
+def test_damaged_sweeps_are_skipped_and_counted(device: FakeHokuyo) -> None:
     whole = sweep(REQUEST, RAMP)
     changed = whole[:500] + chr(ord(whole[500]) ^ 1) + whole[501:]
     shortened = whole[:300] + whole[310:]
     device.to_send = [changed, shortened, sweep(REQUEST, RAMP[::-1])]
-    laser = opened(device)
-    np.testing.assert_allclose(laser.scan().ranges_m, np.array(RAMP[::-1]) / 1000, rtol=1e-6)
-    laser.close()
+    with closing(opened(device)) as laser:
+        np.testing.assert_allclose(laser.scan().ranges_m, np.array(RAMP[::-1]) / 1000, rtol=1e-6)
+        assert laser.counters.damaged == 2
 
 
 def test_newest_of_several_sweeps_is_returned() -> None:
     with closing(FakeHokuyo(PARAMETERS | {"AMAX": "100"})) as device:
         device.to_send = [sweep("MD0044010001000", [distance] * 57) for distance in (1000, 2000, 3000)]
-        laser = opened(device)
-        waiting, give_up_s = sum(map(len, device.to_send)), time.monotonic() + 60.0
-        while laser._port.in_waiting < waiting:
+        with closing(opened(device)) as laser:
+            sweeps, give_up_s = laser.poll(0.1), time.monotonic() + 60.0
+            while len(sweeps) < 3:
+                assert time.monotonic() < give_up_s
+                sweeps += laser.poll(0.1)
+    assert [float(one.ranges_m[0]) for one in sweeps] == [1.0, 2.0, 3.0]
+
+
+def test_stopped_laser_is_lost_with_its_status_and_started_again(device: FakeHokuyo) -> None:
+    device.to_send = [sweep(REQUEST, [], status="0L")]
+    with closing(opened(device)) as laser:
+        give_up_s = time.monotonic() + 60.0
+        while not laser.counters.losses:
             assert time.monotonic() < give_up_s
-        assert set(laser.scan().ranges_m) == {3.0}
-        laser.close()
-
-
-def test_laser_that_sends_only_damaged_data_is_faulty(device: FakeHokuyo) -> None:
-    device.to_send = [sweep(REQUEST, RAMP[:-1])] * 5
-    laser = opened(device)
-    with pytest.raises(LaserFault, match="5 sweeps in a row were damaged"):
-        laser.scan()
-    laser.close()
-
-
-def test_stopped_laser_is_reported_with_its_status(device: FakeHokuyo) -> None:
-    device.to_send = [sweep(REQUEST, [], status="51")]
-    laser = opened(device)
-    with pytest.raises(LaserFault, match="stopped with status 51"):
-        laser.scan()
-    laser.close()
-
-
-def test_silent_laser_is_detected(device: FakeHokuyo) -> None:
-    laser = opened(device)
-    laser._port.timeout = 0.1
-    with pytest.raises(LaserSilent, match=r"sent nothing for 0\.1 s"):
-        laser.scan()
-    laser.close()
+            laser.poll(0.1)
+        assert "stopped with status 0L (the laser does not work as it should)" in laser.reason
+        device.to_send = [sweep(REQUEST, RAMP)]
+        assert len(laser.scan().ranges_m) == BEAMS
 
 
 @pytest.mark.parametrize(
     "parameters", [{}, PARAMETERS | {"ARES": "0"}, PARAMETERS | {"AMIN": "first"}, PARAMETERS | {"SCAN": "0"}]
 )
 def test_laser_without_geometry_is_refused(parameters: dict[str, str]) -> None:
-    with closing(FakeHokuyo(parameters)) as device, pytest.raises(LaserFault, match="geometry"):
-        opened(device)
+    with closing(FakeHokuyo(parameters)) as device:
+        assert "does not report its geometry" in refusal(device)
+
+
+def test_laser_that_refuses_a_command_is_quoted() -> None:
+    with closing(FakeHokuyo()) as device, closing(opened(device)) as laser:
+        laser.poll()
+        with pytest.raises(DeviceFault, match=r"refuses XX with status 0D \(the command is too long\)"):
+            laser._answer(laser.port, "XX")
 
 
 def test_missing_port_is_reported() -> None:
-    with pytest.raises(OSError, match="no/such/port"):
-        HokuyoLaser("/no/such/port", lambda: 0.0)
+    with closing(HokuyoLaser("/no/such/port")) as laser:
+        assert laser.poll() == []
+        assert "no/such/port" in laser.reason
+
+
+@given(st.lists(st.integers(0, 600), max_size=5), st.integers(0, 400), st.integers(1, 255))
+def test_reader_is_in_step_again_within_two_sweeps_of_a_changed_byte(
+    cuts: list[int], place: int, change: int
+) -> None:
+    one = sweep("MD0044010001000", RAMP[:57]).encode()
+    damaged = bytearray(one)
+    damaged[place % len(one)] ^= change
+    stream = bytes(damaged) + one + one
+    places = sorted({0, len(stream), *(cut % len(stream) for cut in cuts)})
+    reader = ReplyReader()
+    replies = [reply for begin, end in pairwise(places) for reply in reader.feed(stream[begin:end], 0.0)]
+    assert measurement(replies[-1]).ranges_mm.tolist() == RAMP[:57]
+
+
+@given(st.binary(max_size=300))
+def test_no_reply_raises_anything_but_damaged_line(text: bytes) -> None:
+    with suppress(DamagedLine):
+        measurement(reply_of(text))

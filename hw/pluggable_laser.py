@@ -1,0 +1,78 @@
+"""What the drivers of laser range finders share."""
+
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.connection.device import PluggableDevice
+from hw.connection.errors import DeviceSilent
+from hw.laser import LaserGeometry, LaserRangeFinder, LaserSweep
+
+
+class PluggableLaser(PluggableDevice[LaserSweep], LaserRangeFinder):
+    """A laser that connects by itself; `poll` returns its sweeps. Its geometry is known once it has told it.
+
+    Args:
+        url: the port: see `Port`.
+        clock: returns the time for the stamps, s.
+        bit_rate: bit/s at the start, on a serial line.
+        silence_s: the laser counts as lost when it sends no valid sweep for this time.
+
+    Attributes:
+        period_s: time between sweeps; 0 before it is known.
+        time_increment_s: time between two beams; 0 if the laser does not tell.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        clock: Callable[[], float] = time.time,
+        *,
+        bit_rate: int = 115_200,
+        silence_s: float = 1.0,
+    ) -> None:
+        super().__init__(url, bit_rate, silence_s=silence_s)
+        self.period_s = self.time_increment_s = 0.0
+        self._clock = clock
+        self._geometry: LaserGeometry | None = None
+
+    @property
+    def geometry(self) -> LaserGeometry:
+        """Return the laser's beams, as it told them last.
+
+        Raises:
+            DeviceSilent: the laser has not been connected yet.
+        """
+        if self._geometry is None:
+            raise DeviceSilent(f"the laser at {self.url} has not told its geometry yet: {self.reason}")
+        return self._geometry
+
+    def scan(self) -> LaserSweep:
+        """Wait for a sweep and return it, or the newest of several.
+
+        Raises:
+            DeviceSilent: no sweep arrived in time.
+        """
+        end_s = time.monotonic() + self.silence_s
+        while (left_s := end_s - time.monotonic()) > 0:
+            if sweeps := self.poll(left_s):
+                return sweeps[-1]
+        raise DeviceSilent(
+            f"the laser at {self.url} has sent no sweep for {self.silence_s:g} s: {self.reason}"
+        )
+
+
+def ranges_in_metres(
+    values: NDArray[np.int64] | NDArray[np.float64], unit_m: float, geometry: LaserGeometry
+) -> NDArray[np.float32]:
+    """Return ranges: (N,) float32. What lies outside the laser's limits is +inf.
+
+    That includes the codes that lasers send in place of a short range: they do not tell what is the case.
+    """
+    ranges: NDArray[np.float32] = (values * unit_m).astype(np.float32)
+    least, most = np.float32(geometry.range_min_m), np.float32(geometry.range_max_m)
+    ranges[~((ranges >= least) & (ranges <= most))] = math.inf
+    return ranges
