@@ -149,3 +149,50 @@ def lower_hull(pairs: list[tuple[float, float]]) -> list[tuple[float, float]]:
             hull.pop()
         hull.append((x, y))
     return hull
+
+
+class RegularClock:
+    """Stamps for a device that sends frames at a fixed period without telling the time.
+
+    Counts the frames in place of a clock. Frames that were lost show in those after them: all are late by as
+    many periods.
+
+    Args:
+        period_s: time between frames.
+        latency_s: the shortest time between a measurement and the arrival of its frame.
+    """
+
+    # So many frames in a row are not late by chance.
+    MAX_LATE_FRAMES = 8
+
+    def __init__(self, period_s: float, latency_s: float = 0.0) -> None:
+        self._period_s = period_s
+        self._clock = DeviceClock(latency_s=latency_s)
+        self.forget()
+
+    def forget(self) -> None:
+        """Start anew, for example because the device was connected again."""
+        self._clock.forget()
+        self._count = 0
+        self._last_s: float | None = None
+        self._late: list[int] = []
+
+    def stamp_s(self, arrived_s: float) -> float:
+        """Return when the frame that arrived at `arrived_s` was measured, by the host's clock."""
+        if self._last_s is not None:
+            late = round((arrived_s - self._last_s) / self._period_s) - 1
+            self._count += 1 + self._lost(late)
+        self._last_s = self._clock.stamp_s(self._count * self._period_s, arrived_s)
+        return self._last_s
+
+    def _lost(self, late: int) -> int:
+        """Return how many frames were lost, when a frame is late by so many periods."""
+        if late <= 0:
+            self._late.clear()
+            return max(late, 0)
+        self._late.append(late)
+        if len(self._late) < self.MAX_LATE_FRAMES:
+            return 0
+        lost = min(self._late)
+        self._late.clear()
+        return lost

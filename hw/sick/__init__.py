@@ -1,0 +1,1 @@
+"""SICK laser range finders."""

@@ -1,0 +1,123 @@
+"""The telegrams of SICK's LMS200, 211, 220, 221 and 291 on RS-232 and RS-422.
+
+Source: SICK AG, Telegrams for Configuring and Operating the LMS2xx Laser Measurement Systems, 8007954/QK45
+(2003), sections 3 (structure, checksum) and 5 to 10 (telegrams).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.connection.frames import FrameReader, NotAFrame
+
+STX = b"\x02"
+ACK = b"\x06"
+NAK = b"\x15"
+HEAD_BYTES = 4
+CRC_BYTES = 2
+MAX_DATA_BYTES = 812
+REPLY_ADDRESSES = (0x80, 0x81)
+
+# Commands, and what the scanner answers to them.
+SWITCH_MODE = 0x20
+MODE_SWITCHED = 0xA0
+SWITCH_VARIANT = 0x3B
+VARIANT_SWITCHED = 0xBB
+SCAN = 0xB0
+POWER_ON = 0x90
+REFUSED = 0x92
+
+# What SWITCH_MODE can ask for.
+STREAM = 0x24
+REQUEST_ONLY = 0x25
+BIT_RATES = {9_600: 0x42, 19_200: 0x41, 38_400: 0x40, 500_000: 0x48}
+
+POLYNOMIAL = 0x8005
+PARTIAL_BIT = 13
+PARTIAL_SCANS = 4
+
+
+class DamagedScan(ValueError):
+    """A telegram whose checksum is right, but which is no scan."""
+
+
+@dataclass(frozen=True)
+class Scan:
+    """The measured words of a scan.
+
+    Attributes:
+        values: (N,) distances, in `unit_m`; the flags are removed.
+        unit_m: 0.01 or 0.001.
+        partial: number of an interlaced scan, 0 to 3; None: the scan is whole.
+        status: the scanner's status byte.
+    """
+
+    values: NDArray[np.int64]
+    unit_m: float
+    partial: int | None
+    status: int
+
+
+def crc(data: bytes) -> int:
+    """Return the checksum of a telegram's bytes: SICK's own rule, not CRC-16/IBM."""
+    value = previous = 0
+    for byte in data:
+        carry = value & 0x8000
+        value = (value << 1) & 0xFFFF
+        if carry:
+            value ^= POLYNOMIAL
+        value ^= previous << 8 | byte
+        previous = byte
+    return value
+
+
+def telegram(command: int, data: bytes = b"", address: int = 0) -> bytes:
+    """Return the bytes of a command to the scanner."""
+    body = STX + bytes([address]) + (1 + len(data)).to_bytes(2, "little") + bytes([command]) + data
+    return body + crc(body).to_bytes(CRC_BYTES, "little")
+
+
+class TelegramReader(FrameReader):
+    """Finds the scanner's telegrams. ACK and NAK stand between them and count as skipped."""
+
+    def __init__(self) -> None:
+        super().__init__(STX, HEAD_BYTES, HEAD_BYTES + MAX_DATA_BYTES + CRC_BYTES)
+
+    def length(self, head: bytes) -> int:
+        """Return the length of the telegram, checksum included."""
+        data_bytes = int.from_bytes(head[2:4], "little")
+        # Command and status at least.
+        if head[1] not in REPLY_ADDRESSES or data_bytes < 2:
+            raise NotAFrame
+        return HEAD_BYTES + data_bytes + CRC_BYTES
+
+    def is_valid(self, frame: bytes) -> bool:
+        """Return whether the checksum is right."""
+        return crc(frame[:-CRC_BYTES]) == int.from_bytes(frame[-CRC_BYTES:], "little")
+
+
+def scan(frame: bytes, range_bits: int = 13) -> Scan:
+    """Return the scan in a telegram.
+
+    Args:
+        frame: a whole, valid telegram with the command `SCAN`.
+        range_bits: bits of a word that are a distance: 13 in the modes up to 8 m or 80 m, 14 up to 16 m or
+            160 m, 15 up to 32 m; the others are fields and dazzle flags.
+
+    Raises:
+        DamagedScan: the number of values does not fit the length.
+    """
+    head = int.from_bytes(frame[5:7], "little")
+    count = head & 0x3FF
+    if len(frame) < HEAD_BYTES + 1 + 2 + 2 * count + 1 + CRC_BYTES:
+        raise DamagedScan(f"a scan of {count} values in a telegram of {len(frame)} bytes")
+    words = np.frombuffer(frame, "<u2", count, 7).astype(np.int64)
+    partial = head >> 11 & (PARTIAL_SCANS - 1) if head >> PARTIAL_BIT & 1 else None
+    unit_m = 0.001 if head >> 14 & 3 == 1 else 0.01
+    return Scan(words & ((1 << range_bits) - 1), unit_m, partial, frame[-CRC_BYTES - 1])
+
+
+def least_code(range_bits: int = 13) -> int:
+    """Return the least value that is a code rather than a distance: 1FF7 hexadecimal with 13 bits."""
+    return (1 << range_bits) - 9
