@@ -9,7 +9,7 @@ from tools.bench.robbie import MODULES, RobbieContender
 from tools.bench.rounds import Series, run_work
 from tools.bench.work import Work
 
-CALLING_PEERS = ("zeromq", "zeromq_call", "zenoh", "zenoh_call")
+CALLING_PEERS = ("zeromq", "zeromq_call", "zenoh", "zenoh_call", "iceoryx2", "iceoryx2_call")
 """Each peer's way for messages, and its way for requests and replies."""
 
 

@@ -44,7 +44,7 @@ class Iceoryx2(Peer):
         """Loan a sample, write it, send it, and notify the subscriber."""
         import iceoryx2 as iox2  # noqa: PLC0415
 
-        node = _node(work)
+        node = open_node(work)
         service, event = _services(node, work)
         builder = service.publisher_builder().max_loaned_samples(2)
         if work.lossless:
@@ -56,7 +56,7 @@ class Iceoryx2(Peer):
 
     def receive(self, work: Work, index: int, handle: Handle) -> None:
         """Wait for events, then take all samples."""
-        node = _node(work)
+        node = open_node(work)
         service, event = _services(node, work)
         subscriber, listener = service.subscriber_builder().create(), event.listener_builder().create()
         ended = False
@@ -127,7 +127,8 @@ def _array_sender(work: Work, publisher: Any, notifier: Any) -> Send:
     return send_filled if work.in_place else send
 
 
-def _node(work: Work) -> Any:
+def open_node(work: Work) -> Any:
+    """Return a node whose files lie in the work's folder."""
     import iceoryx2 as iox2  # noqa: PLC0415
 
     iox2.set_log_level(iox2.LogLevel.Error)
