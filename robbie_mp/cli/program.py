@@ -30,7 +30,6 @@ COMMANDS = (
     "param",
     "graph",
     "gui",
-    "connect",
     "top",
     "log",
     "info",

@@ -3,7 +3,6 @@
 from robbie_mp.messages.registry import TypeRegistry
 from robbie_mp.messages.stock import (
     geometry_msgs,
-    link_msgs,
     nav_msgs,
     playback_msgs,
     profiler_msgs,
@@ -23,7 +22,6 @@ def stock_registry() -> TypeRegistry:
         (
             geometry_msgs.PoseStamped,
             geometry_msgs.TwistStamped,
-            link_msgs.LinkState,
             nav_msgs.OccupancyGrid,
             nav_msgs.Odometry,
             nav_msgs.Path,

@@ -1,0 +1,126 @@
+"""An emulated MicroStrain unit with MIP, such as the 3DM-GX3-25 or GX5-25.
+
+Source: LORD MicroStrain, 3DM-GX5-25 Data Communications Protocol, 8500-0064 (2016 and later).
+"""
+
+import struct
+from dataclasses import dataclass
+
+from hw.emulation.device import EmulatedClock, EmulatedDevice
+from hw.emulation.fletcher import fletcher
+
+SYNC = b"\x75\x65"
+BASE_COMMANDS, SETTINGS, SENSOR_DATA = 0x01, 0x0C, 0x80
+PING, TO_IDLE, RESUME, RESET = 0x01, 0x02, 0x06, 0x7E
+ACK = 0xF1
+OK, UNKNOWN = 0x00, 0x01
+FORMAT, STREAM = 0x08, 0x11
+ACCELERATION, TURN, MAGNETIC, EULER, GPS_TIME = 0x04, 0x05, 0x06, 0x0C, 0x12
+INTERNAL_TIME = 0xD5
+BASE_HZ = 1000
+
+
+@dataclass
+class Motion:
+    """What the unit measures; set it to your liking: g, rad/s, gauss, rad."""
+
+    acceleration: tuple[float, ...] = (0.0, 0.0, -1.0)
+    turn: tuple[float, ...] = (0.0, 0.0, 0.0)
+    magnetic: tuple[float, ...] = (0.2, 0.0, 0.4)
+    euler: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+
+class EmulatedMip(EmulatedDevice):
+    """A unit that streams acceleration and turn rate 100 times a second once it has power."""
+
+    def __init__(self, clock: EmulatedClock | None = None, bit_rate: int = 115_200) -> None:
+        super().__init__(clock)
+        self.bit_rate = bit_rate
+        self.motion = Motion()
+        self.power_on()
+
+    def power_on(self) -> None:
+        """Stream with the settings of the factory."""
+        self._received = bytearray()
+        self.is_streaming = True
+        self._fields = [ACCELERATION, TURN]
+        self._period_s = 0.01
+        self._next_s = self.clock.now_s()
+
+    def receive(self, data: bytes) -> None:
+        """Answer packets whose checksum is right."""
+        self._received += data
+        while (start := self._received.find(SYNC)) >= 0:
+            del self._received[:start]
+            if len(self._received) < 4 or len(self._received) < 6 + self._received[3]:
+                return
+            length = 6 + self._received[3]
+            whole = bytes(self._received[:length])
+            if fletcher(whole[:-2]) != whole[-2:]:
+                del self._received[:1]
+                continue
+            del self._received[:length]
+            self._answer(whole[2], whole[4:-2])
+
+    def step(self) -> float | None:
+        """Send the measurement that is due."""
+        if not self.is_streaming:
+            return None
+        while self._next_s <= self.clock.now_s():
+            self.send(packet(SENSOR_DATA, [(kind, self._content(kind)) for kind in self._fields]))
+            self._next_s += self._period_s
+        return self._next_s
+
+    def _answer(self, group: int, fields: bytes) -> None:
+        answers: list[tuple[int, bytes]] = []
+        while len(fields) > 1 and 2 <= fields[0] <= len(fields):
+            kind, data, fields = fields[1], fields[2 : fields[0]], fields[fields[0] :]
+            code = self._obey(group, kind, data)
+            answers.append((ACK, bytes([kind, code])))
+        self.send(packet(group, answers))
+
+    def _obey(self, group: int, kind: int, data: bytes) -> int:
+        """Follow a command; return the code of its acknowledgement."""
+        if group == BASE_COMMANDS and kind in (PING, TO_IDLE, RESUME, RESET):
+            if kind == TO_IDLE:
+                self.is_streaming = False
+            elif kind == RESUME:
+                self._resume()
+            elif kind == RESET:
+                self.power_on()
+            return OK
+        if group == SETTINGS and kind == STREAM and len(data) == 3:
+            # New setting, which stream, on or off.
+            self.is_streaming = bool(data[2])
+            if self.is_streaming:
+                self._resume()
+            return OK
+        if group == SETTINGS and kind == FORMAT and len(data) > 2:
+            described = data[2 : 2 + 3 * data[1]]
+            self._fields = list(described[::3])
+            divisors = [
+                int.from_bytes(described[at + 1 : at + 3], "big") for at in range(0, len(described), 3)
+            ]
+            self._period_s = max(min(divisors, default=10), 1) / BASE_HZ
+            return OK
+        return UNKNOWN
+
+    def _resume(self) -> None:
+        self.is_streaming, self._next_s = True, self.clock.now_s()
+
+    def _content(self, kind: int) -> bytes:
+        motion = self.motion
+        values = {ACCELERATION: motion.acceleration, TURN: motion.turn, MAGNETIC: motion.magnetic,
+                  EULER: motion.euler}  # fmt: skip
+        if kind == INTERNAL_TIME:
+            return round(self._next_s * 1e9).to_bytes(8, "big")
+        if kind == GPS_TIME:
+            return struct.pack(">dHH", self._next_s % 604_800, 2000, 7)
+        return struct.pack(">3f", *values.get(kind, (0.0, 0.0, 0.0)))
+
+
+def packet(group: int, fields: list[tuple[int, bytes]]) -> bytes:
+    """Return a packet of fields with its checksum."""
+    payload = b"".join(bytes([len(data) + 2, kind]) + data for kind, data in fields)
+    body = SYNC + bytes([group, len(payload)]) + payload
+    return body + fletcher(body)

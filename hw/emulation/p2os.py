@@ -1,0 +1,241 @@
+"""An emulated Pioneer 3-AT with P2OS or ARCOS.
+
+Source: ActivMedia Robotics, Pioneer 2 / PeopleBot Operations Manual, version 11 (2003), chapter 6.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from hw.emulation.device import EmulatedClock, EmulatedDevice
+
+HEADER = b"\xfa\xfb"
+SIP_PERIOD_S = 0.1
+WATCHDOG_S = 2.0
+BIT_RATES = (9_600, 19_200, 38_400, 57_600, 115_200)
+SYNC_ANSWER = b"\x02" + b"Robot\0Pioneer\0"
+NOTHING_SEEN_MM = 5000
+RADIANS_PER_COUNT = 2 * math.pi / 4096
+DIFF_CONV = 0.0034
+SPEED_STEP_MM_PER_S = 20
+MAX_MM_PER_S, MAX_DEG_PER_S = 1200, 300
+
+PULSE, OPEN, CLOSE, ENABLE, RESET_ORIGIN = 0, 1, 2, 4, 7
+VEL, CONFIG, RVEL, SONAR, STOP, VEL2, HOST_BAUD, ESTOP = 11, 18, 21, 28, 29, 32, 50, 55
+
+
+@dataclass
+class Base:
+    """What the robot's body has and feels; set it to your liking.
+
+    Attributes:
+        subclass: "p3at", or "p3at-sh" with counts of 1 mm.
+        mm_per_count: length of a count of x and y.
+        count_bits: after how many bits x and y begin again: 15, or 12 in the oldest firmware.
+        battery_v: voltage of the battery.
+        sonars_mm: ranges of the sonars.
+        stalls: of the left and the right wheel.
+        bumpers: bits of the front and of the rear bumpers.
+    """
+
+    subclass: str = "p3at"
+    mm_per_count: float = 0.465
+    count_bits: int = 15
+    battery_v: float = 12.6
+    sonars_mm: list[int] = field(default_factory=lambda: [NOTHING_SEEN_MM] * 16)
+    stalls: tuple[bool, bool] = (False, False)
+    bumpers: tuple[int, int] = (0, 0)
+
+
+class EmulatedPioneer(EmulatedDevice):
+    """A robot that drives as it is told, and stops when it has heard nothing for 2 s.
+
+    Args:
+        clock: its clock.
+        base: its body.
+        on_move: called with forward and turn rate, mm/s and deg/s, and the time they lasted, s.
+
+    Attributes:
+        watchdog_stops: how often it stopped because the host fell silent.
+    """
+
+    def __init__(
+        self,
+        clock: EmulatedClock | None = None,
+        base: Base | None = None,
+        on_move: Callable[[float, float, float], None] | None = None,
+    ) -> None:
+        super().__init__(clock)
+        self.base = base or Base()
+        self._on_move = on_move
+        self.velocity = (0.0, 0.0)
+        self.power_on()
+
+    def power_on(self) -> None:
+        """Wait for a host at 9600 bit/s, motors off, at the origin."""
+        self.bit_rate = BIT_RATES[0]
+        self.watchdog_stops = 0
+        self._received = bytearray()
+        self._synced, self.is_open = 0, False
+        self._heard_s = self._moved_s = self._next_s = self.clock.now_s()
+        self._rest()
+        self._origin()
+
+    def receive(self, data: bytes) -> None:
+        """Follow commands whose checksum is right; ignore all else."""
+        self._received += data
+        while True:
+            start = self._received.find(HEADER)
+            if start < 0:
+                del self._received[: max(0, len(self._received) - 1)]
+                return
+            del self._received[:start]
+            if len(self._received) < 3 or len(self._received) < 3 + self._received[2]:
+                return
+            length = 3 + self._received[2]
+            body = bytes(self._received[3 : length - 2])
+            told = int.from_bytes(self._received[length - 2 : length], "big")
+            if self._received[2] < 3 or checksum(body) != told:
+                del self._received[:1]
+                continue
+            del self._received[:length]
+            self._heard_s = self.clock.now_s()
+            self._obey(body[0], body)
+
+    def step(self) -> float | None:
+        """Drive, stop when the host is silent, and send a report every 100 ms."""
+        now_s = self.clock.now_s()
+        self._move(now_s)
+        if not self.is_open:
+            return None
+        if now_s - self._heard_s > WATCHDOG_S and any(self.velocity):
+            self.velocity = (0.0, 0.0)
+            self.watchdog_stops += 1
+        if now_s >= self._next_s:
+            self._send(self._report())
+            self._next_s = max(self._next_s + SIP_PERIOD_S, now_s)
+        return self._next_s
+
+    def _obey(self, command: int, body: bytes) -> None:
+        if not self.is_open:
+            self._shake_hands(command, body)
+            return
+        value = _argument(body)
+        self._move(self.clock.now_s())
+        if command == CLOSE:
+            self.is_open, self._synced = False, 0
+            self._rest()
+        elif command == ENABLE:
+            self.are_motors_on = bool(value)
+            self.velocity = (0.0, 0.0)
+        elif command == RESET_ORIGIN:
+            self._origin()
+        elif command in (STOP, ESTOP):
+            self.velocity = (0.0, 0.0)
+        elif command == SONAR:
+            self.are_sonars_on = bool(value)
+        elif command == HOST_BAUD and 0 <= value < len(BIT_RATES):
+            self.bit_rate = BIT_RATES[value]
+        elif command == CONFIG:
+            self._send(self._configuration())
+        elif self.are_motors_on:
+            self._drive(command, value)
+
+    def _drive(self, command: int, value: int) -> None:
+        forward, turn = self.velocity
+        if command == VEL:
+            forward = float(value)
+        elif command == RVEL:
+            turn = float(value)
+        elif command == VEL2:
+            # The first of the two signed bytes is the left wheel's, the low one the right wheel's.
+            left, right = (_signed_byte(value >> shift & 0xFF) * SPEED_STEP_MM_PER_S for shift in (8, 0))
+            forward, turn = (left + right) / 2, math.degrees((right - left) / 2 * DIFF_CONV)
+        self.velocity = (
+            min(max(forward, -MAX_MM_PER_S), MAX_MM_PER_S),
+            min(max(turn, -MAX_DEG_PER_S), MAX_DEG_PER_S),
+        )
+
+    def _shake_hands(self, command: int, body: bytes) -> None:
+        if self._synced < 3:
+            # Anything out of order begins the handshake anew.
+            self._synced = self._synced + 1 if command == self._synced else int(command == 0)
+            if command == 2 and self._synced == 3:
+                self._send(SYNC_ANSWER + self.base.subclass.encode() + b"\0")
+            elif self._synced:
+                self._send(body)
+        elif command == OPEN:
+            self.is_open, self._next_s = True, self.clock.now_s() + SIP_PERIOD_S
+        elif command in (PULSE, CLOSE):
+            self._synced = 0
+            self._obey(command, body)
+
+    def _rest(self) -> None:
+        self.velocity = (0.0, 0.0)
+        self.are_motors_on, self.are_sonars_on = False, True
+
+    def _origin(self) -> None:
+        self._x_mm = self._y_mm = self._heading_rad = 0.0
+
+    def _move(self, now_s: float) -> None:
+        passed_s, self._moved_s = max(0.0, now_s - self._moved_s), now_s
+        forward, turn = self.velocity
+        middle = self._heading_rad + math.radians(turn) * passed_s / 2
+        self._x_mm += forward * passed_s * math.cos(middle)
+        self._y_mm += forward * passed_s * math.sin(middle)
+        self._heading_rad += math.radians(turn) * passed_s
+        if self._on_move is not None and passed_s:
+            self._on_move(forward, turn, passed_s)
+
+    def _report(self) -> bytes:
+        base, (forward, turn) = self.base, self.velocity
+        counts = [int(way // base.mm_per_count) % (1 << base.count_bits) for way in (self._x_mm, self._y_mm)]
+        theta = round(self._heading_rad / RADIANS_PER_COUNT) % 4096
+        differ = math.radians(turn) / (2 * DIFF_CONV)
+        wheels = [round(forward - differ), round(forward + differ)]
+        stalls = [
+            int(stall) | bits << 1 for stall, bits in zip(base.stalls, reversed(base.bumpers), strict=True)
+        ]
+        flags = int(self.are_motors_on) | (0b11110 if self.are_sonars_on else 0)
+        body = bytes([0x33 if forward or turn else 0x32])
+        for value in (*counts, theta, *wheels):
+            body += (value & 0xFFFF).to_bytes(2, "little")
+        body += bytes([round(base.battery_v * 10), *stalls])
+        body += (0).to_bytes(2, "little") + flags.to_bytes(2, "little") + bytes([0])
+        seen = list(enumerate(base.sonars_mm)) if self.are_sonars_on else []
+        body += bytes([len(seen)])
+        for number, range_mm in seen:
+            body += bytes([number]) + range_mm.to_bytes(2, "little")
+        body += bytes(5) + round(base.battery_v * 10).to_bytes(2, "little") + bytes(1)
+        return body + round(10 * turn).to_bytes(2, "little", signed=True) + bytes(2)
+
+    def _configuration(self) -> bytes:
+        return b"\x20" + b"Pioneer\0" + self.base.subclass.encode() + b"\0" + b"0001\0"
+
+    def _send(self, body: bytes) -> None:
+        self.send(packet(body))
+
+
+def checksum(body: bytes) -> int:
+    """Return the checksum: the sum of pairs of bytes; a last odd byte changes it by exclusive or."""
+    total = 0
+    for at in range(0, len(body) - 1, 2):
+        total = total + (body[at] << 8 | body[at + 1]) & 0xFFFF
+    return total ^ body[-1] if len(body) % 2 else total
+
+
+def packet(body: bytes) -> bytes:
+    """Return a packet with header, length and checksum."""
+    return HEADER + bytes([len(body) + 2]) + body + checksum(body).to_bytes(2, "big")
+
+
+def _argument(body: bytes) -> int:
+    """Return a command's number: 3B positive, 1B negative."""
+    if len(body) < 4 or body[1] not in (0x3B, 0x1B):
+        return 0
+    value = int.from_bytes(body[2:4], "little")
+    return -value if body[1] == 0x1B else value
+
+
+def _signed_byte(value: int) -> int:
+    return value - 256 if value & 0x80 else value

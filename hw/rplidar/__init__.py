@@ -1,0 +1,1 @@
+"""Slamtec RPLidar laser range finders."""

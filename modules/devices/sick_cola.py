@@ -1,0 +1,30 @@
+"""The robot's laser range finder, if it is a SICK TiM, LMS1xx or LMS5xx."""
+
+from hw.sick.cola import Dialect
+from hw.sick.cola_laser import SickColaLaser
+from modules.devices.pluggable_laser import PluggableLaserModule
+from robbie_mp import setting
+
+
+class SickColaRangeFinder(PluggableLaserModule):
+    """A SICK TiM, LMS1xx or LMS5xx over TCP."""
+
+    port: str = setting("socket://192.168.0.1:2112", "address of the laser: socket://HOST:PORT")
+    dialect: Dialect = setting(Dialect.B, "what the laser speaks at that port: A as text, or B binary")
+    intensities: bool = setting(False, "have the laser send intensities, too")
+    range_max_m: float = setting(25.0, "longest range of the model", minimum=1.0)
+    latency_s: float = setting(
+        0.0, "shortest time from the laser's stamp to the arrival of a scan", minimum=0.0
+    )
+
+    def open_device(self) -> SickColaLaser:
+        """Return the driver."""
+        return SickColaLaser(
+            self.port,
+            self.time_s,
+            dialect=self.dialect,
+            intensities=self.intensities,
+            range_max_m=self.range_max_m,
+            silence_s=self.silence_s,
+            latency_s=self.latency_s,
+        )

@@ -1,0 +1,127 @@
+"""The driver of RPLidars understands both kinds of streams, and finds its place again."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hw.rplidar.laser import RpLidar
+from hw.rplidar.protocol import (
+    CapsuleReader,
+    Descriptor,
+    NodeReader,
+    Sample,
+    descriptor,
+    request,
+)
+
+
+def node(angle_deg: float, distance_mm: float, quality: int = 15, is_first: bool = False) -> bytes:
+    angle, distance = round(angle_deg * 64), round(distance_mm * 4)
+    first = quality << 2 | (1 if is_first else 2)
+    return bytes([first, angle << 1 & 0xFE | 1, angle >> 7]) + distance.to_bytes(2, "little")
+
+
+def turn(count: int = 36, distance_mm: float = 1000.0) -> list[bytes]:
+    return [node(360 * number / count, distance_mm + number, 15, number == 0) for number in range(count)]
+
+
+def capsule(start_deg: float, distances_mm: list[int], is_new: bool = False) -> bytes:
+    start = round(start_deg * 64) | (0x8000 if is_new else 0)
+    body = start.to_bytes(2, "little")
+    for one, two in zip(distances_mm[::2], distances_mm[1::2], strict=True):
+        body += (one << 2).to_bytes(2, "little") + (two << 2).to_bytes(2, "little") + b"\x00"
+    check = 0
+    for byte in body:
+        check ^= byte
+    return bytes([0xA0 | check & 15, 0x50 | check >> 4]) + body
+
+
+def test_requests_are_those_of_the_manual() -> None:
+    assert request(0x82, bytes(5)) == bytes.fromhex("A5 82 05 00 00 00 00 00 22")
+    assert request(0xF0, (660).to_bytes(2, "little")) == bytes.fromhex("A5 F0 02 94 02 C1")
+    assert request(0x25) == bytes.fromhex("A5 25")
+
+
+@pytest.mark.parametrize(
+    ("told", "meant"),
+    [
+        ("A5 5A 14 00 00 00 04", Descriptor(20, False, 0x04)),
+        ("A5 5A 03 00 00 00 06", Descriptor(3, False, 0x06)),
+        ("A5 5A 05 00 00 40 81", Descriptor(5, True, 0x81)),
+        ("A5 5A 54 00 00 40 82", Descriptor(84, True, 0x82)),
+        ("A5 5A 04 00 00 00 15", Descriptor(4, False, 0x15)),
+    ],
+)
+def test_descriptors_are_understood(told: str, meant: Descriptor) -> None:
+    assert descriptor(bytes.fromhex(told)) == meant
+    assert descriptor(bytes.fromhex(told)[:-1]) is None
+
+
+def test_samples_have_their_angle_distance_and_quality() -> None:
+    samples = NodeReader().feed(node(90.25, 1234.5, 47, True) + node(91, 0) + node(92, 16000.25))
+    assert samples[0] == Sample(90.25, 1234.5, 47, True)
+    assert [sample.distance_mm for sample in samples] == [1234.5, 0.0, 16000.25]
+
+
+def test_express_samples_lie_between_the_angles_of_two_capsules() -> None:
+    first = capsule(350, list(range(100, 132)), is_new=True)
+    assert len(first) == 84
+    samples = CapsuleReader().feed(first + capsule(366 - 360, list(range(32))))
+    assert [sample.distance_mm for sample in samples] == list(range(100, 132))
+    assert [sample.angle_deg for sample in samples] == [(350 + number / 2) % 360 for number in range(32)]
+    assert [number for number, sample in enumerate(samples) if sample.is_first] == [20]
+
+
+def test_damaged_capsule_gives_no_samples_and_the_next_ones_do() -> None:
+    good = [capsule(10 * number, [1000] * 32) for number in range(5)]
+    bad = bytearray(good[1])
+    bad[40] ^= 4
+    reader = CapsuleReader()
+    assert len(reader.feed(good[0] + bytes(bad) + b"".join(good[2:]))) == 2 * 32
+    assert reader.damaged == 1
+
+
+def test_turn_becomes_a_sweep_that_counts_counter_clockwise() -> None:
+    driver = RpLidar("/no/such/port", lambda: 100.0, beams=36)
+    (sweep,) = driver._take(b"".join(turn() + turn()))
+    # 90 degrees clockwise of ahead is the right side: a quarter of the beams from the back.
+    assert sweep.ranges_m[9] == pytest.approx(1.009)
+    assert sweep.ranges_m[18] == pytest.approx(1.000)
+    assert sweep.ranges_m[27] == pytest.approx(1.027)
+    assert sweep.intensities is not None and set(sweep.intensities) == {15.0}
+
+
+def test_sector_has_its_nearest_range_and_none_where_nothing_returned() -> None:
+    driver = RpLidar("/no/such/port", lambda: 100.0, beams=36)
+    told = [node(0, 0, 0, True), node(10, 3000), node(11, 2000), node(12, 0), node(0, 0, 0, True), node(1, 0)]
+    (sweep,) = driver._take(b"".join(told))
+    assert sweep.ranges_m[17] == pytest.approx(2.0)
+    assert np.isinf(np.delete(sweep.ranges_m, 17)).all()
+
+
+def test_turn_that_lost_a_sample_is_left_out() -> None:
+    driver = RpLidar("/no/such/port", lambda: 100.0, beams=36)
+    cut = b"".join(turn())[:-2]
+    sweeps = driver._take(cut) + driver._take(b"".join(turn(distance_mm=2000) * 3))
+    assert all(math.isclose(float(sweep.ranges_m[18]), 2.0, rel_tol=1e-6) for sweep in sweeps)
+    assert driver.counters.damaged == 1
+
+
+@given(st.integers(0, 35), st.integers(0, 4))
+def test_reader_is_in_step_again_within_two_turns_of_a_lost_byte(number: int, place: int) -> None:
+    stream = bytearray(b"".join(turn()))
+    del stream[5 * number + place]
+    samples = NodeReader().feed(bytes(stream) + b"".join(turn() + turn()))
+    expected = NodeReader().feed(b"".join(turn()))
+    assert samples[-36:] == expected
+
+
+@given(st.binary(max_size=500))
+def test_no_bytes_raise_an_error(data: bytes) -> None:
+    for express in (False, True):
+        driver = RpLidar("/no/such/port", lambda: 100.0, express=express)
+        driver._take(data)
+        driver._take(capsule(0, [5] * 32) + data + capsule(0, [5] * 32))
