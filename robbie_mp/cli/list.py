@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from rich.text import Text
 
+from robbie_mp.cli.addresses import add_address_argument, addresses_of
 from robbie_mp.cli.output import console
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
+from robbie_mp.link.wire import Endpoints, find_robots
 from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX
 from robbie_mp.module.calls.peers import topic_of_service
 from robbie_mp.observe import RunObserver
@@ -44,18 +46,29 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
         "list runs, or the modules, message types, topics or services of one",
         "List the runs on this machine and their modules, or the modules, message types, topics or services "
         "of one run. This costs the robot nothing.",
-        ["robbie list", "robbie list topics", "robbie list modules --json"],
+        [
+            "robbie list",
+            "robbie list topics",
+            "robbie list modules --json",
+            "robbie list --remote --at tcp/192.168.0.7:7447",
+        ],
     )
     parser.add_argument(
         "what", nargs="?", choices=["runs", *TABLES], default="runs", help="what to list (runs)"
     )
     parser.add_argument("--json", action="store_true", help="print JSON for a program to read")
+    parser.add_argument(
+        "--remote", action="store_true", help="list the robots that can be reached over a network instead"
+    )
+    add_address_argument(parser)
     add_run_argument(parser)
     parser.set_defaults(command=list_what)
 
 
 def list_what(arguments: argparse.Namespace) -> int:
     """Print the requested list."""
+    if arguments.remote:
+        return _list_robots(addresses_of(arguments), arguments.json)
     if arguments.what == "runs":
         return _list_runs(arguments.json)
     rows = TABLES[arguments.what](choose_run(arguments.run))
@@ -65,6 +78,17 @@ def list_what(arguments: argparse.Namespace) -> int:
         print(f"no {arguments.what} yet")
     else:
         _print(rows)
+    return 0
+
+
+def _list_robots(addresses: Sequence[str], as_json: bool) -> int:
+    robots = find_robots(Endpoints(connect=addresses))
+    if as_json:
+        print(json.dumps(robots, indent=2))
+    elif robots:
+        print("\n".join(robots))
+    else:
+        print(f"no robot can be reached at {', '.join(addresses)}")
     return 0
 
 

@@ -30,6 +30,7 @@ COMMANDS = (
     "param",
     "graph",
     "gui",
+    "connect",
     "top",
     "log",
     "info",

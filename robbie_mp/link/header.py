@@ -33,9 +33,9 @@ LATCHED, COMPRESSED = 1, 2
 _KNOWN_FLAGS = LATCHED | COMPRESSED
 
 _START = struct.Struct("<2sBB")
-_DATA_FIELDS = struct.Struct("<BBHQQQIIqQ")
+_DATA_FIELDS = struct.Struct("<BBHQQQQIIqQ")
 _NAMES = struct.Struct("<II")
-_REPORT_FIELDS = struct.Struct("<BQQQH")
+_REPORT_FIELDS = struct.Struct("<BQQQQH")
 _COUNT = struct.Struct("<HQQ")
 _BEAT_FIELDS = struct.Struct("<QQqqq")
 
@@ -59,6 +59,8 @@ class Data(NamedTuple):
     """Number of the channel within the session."""
     session: int
     """One process of a link; the next one has another."""
+    to: int
+    """The session of the link that is to take it."""
     sequence: int
     """Of this packet, within session, receiver and class; the first is 1."""
     oldest: int
@@ -87,7 +89,9 @@ class Report(NamedTuple):
     about: int
     """The session that sent the messages."""
     next: int
-    """Sequence of the first packet that has not arrived (in a class sent again: that was not handled)."""
+    """Sequence of the first packet that has not arrived, or, where none is sent again, after the newest."""
+    handled: int
+    """Sequence of the first packet whose message has not been handled; at most `next`."""
     counts: tuple[tuple[int, int, int], ...]
     """For each channel: its number, messages received, and messages thrown away by the receiver."""
 
@@ -117,13 +121,13 @@ def pack(packet: Packet) -> bytes:
     """
     if isinstance(packet, Data):
         fixed = _DATA_FIELDS.pack(
-            packet.traffic, packet.flags, packet.channel, packet.session, packet.sequence, packet.oldest,
-            packet.part, packet.parts, packet.stamp_ns, packet.type_hash,
+            packet.traffic, packet.flags, packet.channel, packet.session, packet.to, packet.sequence,
+            packet.oldest, packet.part, packet.parts, packet.stamp_ns, packet.type_hash,
         )  # fmt: skip
         return _start(_DATA, packet.robot) + fixed + (_pack_names(packet) if packet.name else b"")
     if isinstance(packet, Report):
         fixed = _REPORT_FIELDS.pack(
-            packet.traffic, packet.session, packet.about, packet.next, len(packet.counts)
+            packet.traffic, packet.session, packet.about, packet.next, packet.handled, len(packet.counts)
         )
         return _start(_REPORT, packet.robot) + fixed + b"".join(_COUNT.pack(*one) for one in packet.counts)
     return _start(_BEAT, packet.robot) + _BEAT_FIELDS.pack(*packet[1:])
@@ -207,12 +211,12 @@ def _byte(header: bytes, at: int) -> int:
 
 
 def _unpack_data(robot: str, rest: _Reader) -> Data:
-    traffic, flags, channel, session, sequence, oldest, part, parts, stamp_ns, type_hash = rest.take(
-        _DATA_FIELDS
-    )
+    fields = tuple(rest.take(_DATA_FIELDS))
+    flags, channel, session, to, sequence, oldest, part, parts, stamp_ns, type_hash = fields[1:]
     header = Data(
-        robot, _traffic(traffic), flags, channel, session, sequence, oldest, part, parts, stamp_ns, type_hash
-    )
+        robot, _traffic(fields[0]), flags, channel, session, to, sequence, oldest, part, parts,
+        stamp_ns, type_hash,
+    )  # fmt: skip
     is_first = header.parts > 0 and header.part == 0
     if (
         header.flags & ~_KNOWN_FLAGS
@@ -237,14 +241,14 @@ def _unpack_data(robot: str, rest: _Reader) -> Data:
 
 
 def _unpack_report(robot: str, rest: _Reader) -> Report:
-    traffic, session, about, following, count = rest.take(_REPORT_FIELDS)
-    if count > MAX_COUNTS or not following:
+    traffic, session, about, following, handled, count = rest.take(_REPORT_FIELDS)
+    if count > MAX_COUNTS or not 0 < handled <= following:
         raise _Malformed
     counts: list[tuple[int, int, int]] = []
     for _ in range(count):
         channel, received, refused = rest.take(_COUNT)
         counts.append((channel, received, refused))
-    return Report(robot, _traffic(traffic), session, about, following, tuple(counts))
+    return Report(robot, _traffic(traffic), session, about, following, handled, tuple(counts))
 
 
 def _traffic(number: int) -> TrafficClass:

@@ -56,6 +56,7 @@ from robbie_mp.messages.stock.geometry_msgs import (
     TwistWithCovariance,
     Vector3,
 )
+from robbie_mp.messages.stock.link_msgs import LinkChannel, LinkPeer, LinkState
 from robbie_mp.messages.stock.nav_msgs import MapMetaData, OccupancyGrid, Odometry, Path
 from robbie_mp.messages.stock.playback_msgs import PlaybackControl, PlaybackState, TimeJump
 from robbie_mp.messages.stock.profiler_msgs import ChannelProfile, ModuleProfile, SystemProfile
@@ -156,6 +157,9 @@ __all__ = [
     "Joy",
     "LaserScan",
     "Layout",
+    "LinkChannel",
+    "LinkPeer",
+    "LinkState",
     "LocalizationState",
     "Log",
     "MapMetaData",

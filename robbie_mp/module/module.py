@@ -66,6 +66,8 @@ class ModuleContext:
     show_states: Callable[[str], None] = lambda _line: None
     run_id: str = ""
     """The run that the module is part of; '' in a test."""
+    wake: Callable[[], None] = lambda: None
+    """Ends the module's wait for messages; any thread may call it."""
 
 
 class Module:
@@ -129,6 +131,8 @@ class Module:
         self._status = ""
         self._show_states = context.show_states
         self._states: dict[str, str] = {}
+        self._wake = context.wake
+        self._is_tick_awaited = False
         apply_settings(self, context.settings)
 
     # -- for authors to define -------------------------------------------------------------------------
@@ -557,6 +561,20 @@ class Module:
         """
         self._bus.wake_after_freed(messages)
 
+    def tick_soon(self) -> None:
+        """Run `tick()` as soon as this module has nothing else to do; any thread may call this.
+
+        A thread that waits for a device or a network hands over what has come, and then calls this:
+
+            def on_packet(self, packet: bytes) -> None:  # in another thread
+                self.packets.append(packet)
+                self.tick_soon()
+
+        The module needs a `period_s`. In lockstep and in a `ModuleHarness`, this has no effect.
+        """
+        self._is_tick_awaited = True
+        self._wake()
+
     @property
     def status(self) -> str:
         """One line on how the module is doing, shown by `robbie top`; at most 256 bytes of UTF-8."""
@@ -612,6 +630,12 @@ def check_period(module: Module) -> None:
 
 def _ignore(_feedback: object) -> None:
     """Do nothing with feedback."""
+
+
+def tick_is_awaited(module: Module) -> bool:
+    """Whether a module has called `tick_soon` since this was last asked, for the loop that runs it."""
+    is_awaited, module._is_tick_awaited = module._is_tick_awaited, False
+    return is_awaited
 
 
 def calls_of(module: Module) -> Calls:

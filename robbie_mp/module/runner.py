@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, cast
 
 from robbie_mp._hot.choice import Native
 from robbie_mp.module.inbox import Inbox
-from robbie_mp.module.module import Module, calls_of, check_period
+from robbie_mp.module.module import Module, calls_of, check_period, tick_is_awaited
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.module.setting_changes import SettingChanges
 from robbie_mp.module.ticks import MAX_WAIT_S, Ticks, TimedTicks
@@ -193,6 +193,8 @@ class ModuleRunner:
             wait_s = min(wait_s, self._calls.wait_s())
         woken = self._wakeup.wait(wait_s)
         if woken and self._outbox.awaits_room and self._outbox.room_was_made():
+            self._ticks.expedite()
+        if woken and tick_is_awaited(self._module):
             self._ticks.expedite()
         if self._has_just_settled is not None and self._has_just_settled():
             self._ticks.expedite()

@@ -194,6 +194,11 @@ class RunObserver:
         sizes = np.bincount(slots, live[:, layout.HANDLE_BYTES], minlength=count)
         return counts.tolist(), [round(size) for size in sizes.tolist()]
 
+    def latched(self) -> list[ChannelName]:
+        """Return the channels whose newest message the core keeps for later subscribers."""
+        core = self._board.slots - 1
+        return [row.name for row in self._tables.subscriptions() if row.slot == core]
+
     def _subscriptions(self) -> dict[int, tuple[SubscriptionFigures, ...]]:
         found: dict[int, tuple[SubscriptionFigures, ...]] = {}
         for row in self._tables.subscriptions():

@@ -89,9 +89,13 @@ def find_workspace(start: Path) -> Workspace:
 def locate(name_or_file: str, start: Path) -> tuple[Workspace, str]:
     """Return the workspace and name of a profile that is given by name, or by a path that ends with .yaml.
 
+    A profile that comes with Robbie-MP needs no workspace.
+
     Raises:
         ProfileError: there is no workspace, or the file is not in one.
     """
+    if name_or_file.startswith(STOCK) and not any((one / FOLDER).is_dir() for one in (start, *start.parents)):
+        return Workspace(start), name_or_file
     if not name_or_file.endswith(SUFFIX):
         return find_workspace(start), name_or_file
     file = Path(os.path.abspath(start / name_or_file))

@@ -95,6 +95,7 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
         show_status=line_writer(endpoint, words, layout.OUT_STATUS),
         show_states=line_writer(endpoint, words, layout.OUT_STATES),
         run_id=plan.run_id,
+        wake=memory.wakeup.post,
     )
     module = module_class(context)
     lockstep = None

@@ -230,6 +230,10 @@ class Tool:
         if select.select([self._connection], [], [], 0)[0]:
             self._hear_the_end()
 
+    def wake(self) -> None:
+        """End the present or next `wait`; any thread may call this."""
+        self._memory.wakeup.post()
+
     def _hear_the_end(self) -> None:
         try:
             line = self._connection.recv(4096, socket.MSG_DONTWAIT)

@@ -157,6 +157,12 @@ class ToolBus:
         outbox = self._tool.outbox
         return outbox.awaits_room and outbox.room_was_made()
 
+    def wake(self) -> None:
+        """End the present or next `wait`; any thread may call this."""
+        with self._lock:
+            if self._is_open:
+                self._tool.wake()
+
     def close(self) -> None:
         """Detach. Messages already published are still routed."""
         with self._lock:

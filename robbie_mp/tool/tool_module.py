@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.config import Config
-from robbie_mp.module.module import Module, ModuleContext, calls_of, check_period
+from robbie_mp.module.module import Module, ModuleContext, calls_of, check_period, tick_is_awaited
 from robbie_mp.module.settings import check_settings
 from robbie_mp.module.ticks import MAX_WAIT_S
 from robbie_mp.run.plan import RunPlan
@@ -72,6 +72,7 @@ def run_as_tool(
                 output_directory=Path(plan.output_directory),
                 show_status=bus.show_status,
                 run_id=run.run_id,
+                wake=bus.wake,
             )
         )
         calls = calls_of(module)
@@ -95,7 +96,7 @@ def _work(module: Module, bus: ToolBus, is_stopped: Callable[[], object]) -> Non
     while not (module.stop_requested or is_stopped()):
         if not bus.handle_next():
             left_s = MAX_WAIT_S if module.period_s is None else due_s - time.monotonic()
-            if bus.wait(max(0.0, min(left_s, calls.wait_s()))):
+            if bus.wait(max(0.0, min(left_s, calls.wait_s()))) or tick_is_awaited(module):
                 due_s = time.monotonic()
         if calls.are_due():
             calls.run()

@@ -35,6 +35,7 @@ def data_headers(draw: st.DrawFn) -> Data:
         draw(st.integers(0, 3)),
         draw(st.integers(0, 65535)),
         draw(WORDS),
+        draw(WORDS),
         sequence,
         draw(st.integers(1, sequence)),
         draw(st.integers(0, max(0, parts - 1))),
@@ -57,6 +58,7 @@ REPORTS = st.builds(
     st.sampled_from(CLASSES),
     WORDS,
     WORDS,
+    st.just(MAX_WORD),
     st.integers(1, MAX_WORD),
     st.lists(st.tuples(st.integers(0, 65535), WORDS, WORDS), max_size=20).map(tuple),
 )
@@ -100,7 +102,7 @@ def test_no_bytes_make_unpack_raise(rest: bytes) -> None:
 
 def test_a_header_that_names_too_much_is_refused() -> None:
     name = ChannelId("sensor_msgs/msg/Image", 1, "camera")
-    good = Data("red", CLASSES[2], 0, 1, 7, 5, 1, 0, 1, 0, 0, name, 10, ("red",))
+    good = Data("red", CLASSES[2], 0, 1, 7, 8, 5, 1, 0, 1, 0, 0, name, 10, ("red",))
     assert unpack(pack(good)) == good
     bad: list[Packet] = [
         good._replace(sources=("red",) * (MAX_HOPS + 1)),
@@ -114,7 +116,8 @@ def test_a_header_that_names_too_much_is_refused() -> None:
         good._replace(name=name._replace(type_name="no type")),
         good._replace(name=name._replace(version=0)),
         good._replace(name=name._replace(topic="x" * 97)),
-        Report("red", CLASSES[0], 1, 2, 3, ((0, 0, 0),) * (MAX_COUNTS + 1)),
-        Report("red", CLASSES[0], 1, 2, 0, ()),
+        Report("red", CLASSES[0], 1, 2, 3, 3, ((0, 0, 0),) * (MAX_COUNTS + 1)),
+        Report("red", CLASSES[0], 1, 2, 3, 0, ()),
+        Report("red", CLASSES[0], 1, 2, 3, 4, ()),
     ]
     assert [unpack(pack(packet)) for packet in bad] == [None] * len(bad)

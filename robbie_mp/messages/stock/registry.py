@@ -3,6 +3,7 @@
 from robbie_mp.messages.registry import TypeRegistry
 from robbie_mp.messages.stock import (
     geometry_msgs,
+    link_msgs,
     nav_msgs,
     playback_msgs,
     profiler_msgs,
@@ -22,6 +23,7 @@ def stock_registry() -> TypeRegistry:
         (
             geometry_msgs.PoseStamped,
             geometry_msgs.TwistStamped,
+            link_msgs.LinkState,
             nav_msgs.OccupancyGrid,
             nav_msgs.Odometry,
             nav_msgs.Path,

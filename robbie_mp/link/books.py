@@ -1,0 +1,222 @@
+"""The books of a link, in memory that outlives its process.
+
+For each session, robot and channel: sent = received + replaced + dropped + lost + under way. Each word is
+written by one process, a store at a time, so the books balance wherever the process is killed.
+"""
+
+import json
+import mmap
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from robbie_mp.link.header import ChannelId
+from robbie_mp.link.traffic import TrafficClass
+
+MAX_ROWS = 8192
+WORDS = 8
+TAKEN, REPLACED, DROPPED, RECEIVED, REFUSED, LOST, RECEIVED_BEFORE, REFUSED_BEFORE = range(WORDS)
+"""Words of a channel that is sent: messages taken from the bus; replaced by newer ones; dropped here;
+published by the other link; thrown away by it; lost. The last two: received and refused by robots of that
+name that have been restarted since."""
+NEXT, HANDLING = range(2)
+"""Words of a stream that is received: sequence of the first packet that was not handled; sequence of the last
+packet of the message that is being published, 0 if there is none."""
+
+_FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
+OTHERS = "others"
+
+
+class Key(NamedTuple):
+    """What a row is about."""
+
+    kind: str
+    """"out": a channel that is sent; "in": one that is received; "stream": a stream that is received."""
+    peer: str
+    """The other robot."""
+    session: int
+    """The session that sends."""
+    traffic: int
+    number: int = 0
+    """The channel's number in the session."""
+    type_name: str = ""
+    version: int = 0
+    topic: str = ""
+
+    @property
+    def channel(self) -> ChannelId:
+        """The channel's name."""
+        return ChannelId(self.type_name, self.version, self.topic)
+
+
+class Row:
+    """The words of one key.
+
+    Args:
+        words: the words of all rows.
+        place: index of the first one.
+    """
+
+    __slots__ = ("_place", "_words")
+
+    def __init__(self, words: memoryview, place: int):
+        self._words = words
+        self._place = place
+
+    def __getitem__(self, column: int) -> int:
+        value: int = self._words[self._place + column]
+        return value
+
+    def __setitem__(self, column: int, value: int) -> None:
+        self._words[self._place + column] = value
+
+    def add(self, column: int, number: int = 1) -> None:
+        """Add to a word."""
+        self._words[self._place + column] += number
+
+
+class Account(NamedTuple):
+    """The books of one channel with one robot, over all sessions of this link."""
+
+    is_sent: bool
+    """False: this link receives it, and knows only `received` and `dropped`."""
+    peer: str
+    traffic: TrafficClass
+    channel: ChannelId
+    sent: int
+    received: int
+    replaced: int
+    dropped: int
+    lost: int
+
+    @property
+    def under_way(self) -> int:
+        """Messages that are none of the others: they wait here, or no report about them has come."""
+        return self.sent - self.received - self.replaced - self.dropped - self.lost if self.is_sent else 0
+
+
+class Books:
+    """The counts of one link in one run.
+
+    Args:
+        folder: the folder of the run's shared memory; None: counts that end with this process, for tests.
+        link: name of the link's files there.
+        session: the session of this process.
+
+    Attributes:
+        unbooked: channels and streams for which there was no row; they share one.
+
+    Raises:
+        OSError: there is no room for the files.
+    """
+
+    def __init__(self, folder: Path | None, link: str, session: int):
+        self.session = session
+        self.unbooked = 0
+        self._rows: dict[Key, Row] = {}
+        self._keys: Path | None = None
+        size = (MAX_ROWS + 1) * WORDS * 8
+        if folder is None:
+            self._words = memoryview(bytearray(size)).cast("Q")
+            return
+        self._keys = folder / f"{link}.link-keys"
+        self._keys.touch(mode=0o600)
+        counts = os.open(folder / f"{link}.link-counts", _FLAGS, 0o600)
+        try:
+            os.posix_fallocate(counts, 0, size)  # full memory is an error here, and not a SIGBUS later
+            self._words = memoryview(mmap.mmap(counts, size)).cast("Q")
+        finally:
+            os.close(counts)
+        for line in self._keys.read_bytes().splitlines():
+            self._place(Key(*json.loads(line)))
+
+    def row(self, key: Key) -> Row:
+        """Return the row of a key, a new one if there is none."""
+        row = self._rows.get(key)
+        if row is None:
+            row = self._open(key)
+        return row
+
+    def find(self, key: Key) -> Row | None:
+        """Return the row of a key that has one."""
+        return self._rows.get(key)
+
+    def sessions_of(self, peer: str) -> list[int]:
+        """Return the sessions from which this link has received a stream, in the order of their first."""
+        return list(
+            dict.fromkeys(key.session for key in self._rows if key.kind == "stream" and key.peer == peer)
+        )
+
+    def streams_of(self, peer: str, session: int) -> dict[int, Row]:
+        """Return the streams received from a session, by class."""
+        return {
+            key.traffic: row
+            for key, row in self._rows.items()
+            if key.kind == "stream" and key.peer == peer and key.session == session
+        }
+
+    def received_from(self, peer: str, session: int, traffic: int) -> list[tuple[int, int, int]]:
+        """Return number, received and refused of each channel of a stream that is received."""
+        return [
+            (key.number, row[RECEIVED], row[REFUSED])
+            for key, row in self._rows.items()
+            if key.kind == "in" and key.peer == peer and key.session == session and key.traffic == traffic
+        ]
+
+    def settle_past(self, peer: str, session: int, counts: dict[int, tuple[int, int]]) -> None:
+        """Take over what the other link has received of an earlier session of this link.
+
+        Args:
+            peer: the other robot.
+            session: the earlier session.
+            counts: received and refused, by number of the channel.
+        """
+        for key, row in self._rows.items():
+            if key.kind == "out" and key.peer == peer and key.session == session and key.number in counts:
+                received, refused = counts[key.number]
+                row[RECEIVED] = max(row[RECEIVED], row[RECEIVED_BEFORE] + received)
+                row[REFUSED] = max(row[REFUSED], row[REFUSED_BEFORE] + refused)
+
+    def accounts(self) -> list[Account]:
+        """Return the books by robot, channel and class, over all sessions.
+
+        Of a session that has ended, nothing is under way any more: what is not accounted for is lost.
+        """
+        sums: dict[tuple[bool, str, int, ChannelId], list[int]] = {}
+        for key, row in self._rows.items():
+            if key.kind == "stream":
+                continue
+            name = (key.kind == "out", key.peer, key.traffic, key.channel)
+            total = sums.setdefault(name, [0] * 5)
+            dropped = row[DROPPED] + row[REFUSED]
+            counts = [row[TAKEN], row[RECEIVED], row[REPLACED], dropped, row[LOST]]
+            if key.kind == "out" and key.session != self.session:
+                counts[4] = max(0, counts[0] - sum(counts[1:4]))
+            for column, count in enumerate(counts):
+                total[column] += count
+        return [
+            Account(is_sent, peer, TrafficClass(traffic), channel, *total)
+            for (is_sent, peer, traffic, channel), total in sums.items()
+        ]
+
+    def __iter__(self) -> Iterator[tuple[Key, Row]]:
+        return iter(self._rows.items())
+
+    def close(self) -> None:
+        """Unmap the counts; the files are removed with all other shared memory of the run."""
+        self._words.release()
+
+    def _open(self, key: Key) -> Row:
+        if len(self._rows) >= MAX_ROWS:
+            self.unbooked += 1
+            row = self._rows[key] = Row(self._words, 0)
+            return row
+        if self._keys is not None:
+            with self._keys.open("ab", buffering=0) as file:
+                file.write(json.dumps(key).encode() + b"\n")
+        return self._place(key)
+
+    def _place(self, key: Key) -> Row:
+        row = self._rows[key] = Row(self._words, WORDS * (len(self._rows) + 1))
+        return row

@@ -1,0 +1,47 @@
+"""What a link does with messages that move a robot: throws away late ones, shortens how long they last.
+
+These are the only messages that a link decodes.
+"""
+
+from robbie_mp.link.receiving import Arrived
+from robbie_mp.link.traffic import TrafficClass
+from robbie_mp.messages import DriveCommand, Duration, EmergencyStop, MessageError, replace
+
+
+def expires(message: Arrived) -> bool:
+    """Whether a message must not be obeyed when it is late.
+
+    Commands are, and the release of an emergency stop: somebody may have stopped the robot again since. The
+    emergency stop itself never comes too late.
+
+    Args:
+        message: a message that has arrived.
+    """
+    if message.name.type_name == EmergencyStop.type_name:
+        try:
+            return not EmergencyStop.decode(message.data).engaged
+        except MessageError:
+            return True
+    return message.traffic is TrafficClass.COMMAND
+
+
+def shortened(message: Arrived, age_ns: int) -> bytes | None:
+    """Return a command as it is to be published: what it had to wait is taken off the time that it lasts.
+
+    Args:
+        message: a message that has arrived.
+        age_ns: how long ago it was published.
+
+    Returns:
+        The encoded message; None if the time is over.
+    """
+    if message.name.type_name != DriveCommand.type_name:
+        return message.data
+    try:
+        command = DriveCommand.decode(message.data)
+    except MessageError:
+        return None
+    left_ns = command.valid_for.nanoseconds - age_ns
+    if left_ns <= 0:
+        return None
+    return replace(command, valid_for=Duration.from_nanoseconds(left_ns)).encode()

@@ -1,0 +1,261 @@
+"""The network under a link: a session of Zenoh, which carries packets between robots by their names.
+
+Zenoh calls back in threads of its own. They only put packets into a queue of limited size, and wake the
+module.
+"""
+
+import json
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from robbie_mp.errors import RobbieError
+from robbie_mp.link.header import (
+    MAX_HEADER_BYTES,
+    PART_BYTES,
+    ROBOT_NAME,
+    Beat,
+    Data,
+    Report,
+    pack,
+)
+from robbie_mp.link.traffic import TrafficClass
+
+if TYPE_CHECKING:
+    import zenoh
+
+PACKETS = "robbie/link"
+"""Packets have the key robbie/link/RECEIVER/SENDER."""
+ROBOTS = "robbie/robot"
+"""Each link announces itself with the key robbie/robot/NAME/SESSION while it lives."""
+LEASE_MS = 4000
+QUEUED_BATCHES = 16
+"""Batches of 64 kB that Zenoh may queue for each priority."""
+FIND_S = 2.0
+
+
+class LinkUnavailable(RobbieError, RuntimeError):
+    """A link cannot be opened.
+
+    Example scenarios:
+      - the extra `link` is not installed
+      - the address to listen on is taken or is not one of this machine
+    """
+
+
+@dataclass(frozen=True)
+class Endpoints:
+    """How links find one another.
+
+    Attributes:
+        mode: `peer`, or `client` of a router.
+        listen: addresses to listen on, as `tcp/127.0.0.1:7447`.
+        connect: addresses of other robots or of a router.
+        multicast: whether to look for others by multicast.
+        further: further settings of Zenoh by their path, as `transport/link/tls`.
+    """
+
+    mode: str = "peer"
+    listen: Sequence[str] = ()
+    connect: Sequence[str] = ()
+    multicast: bool = False
+    further: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Received(NamedTuple):
+    """A packet from the network; nothing in it has been checked, except for its size."""
+
+    robot: str
+    """The sender, by the packet's key."""
+    header: bytes
+    payload: bytes
+    at_ns: int
+    """When it arrived, by the machine's monotonic clock."""
+
+
+def open_session(endpoints: Endpoints) -> "zenoh.Session":
+    """Open a session of Zenoh.
+
+    Raises:
+        LinkUnavailable: Zenoh is not installed, or cannot listen.
+    """
+    try:
+        import zenoh  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise LinkUnavailable("a link needs the extra `link`: run `pip install 'robbie-mp[link]'`") from error
+    config = zenoh.Config()
+    queues = (
+        "real_time",
+        "interactive_high",
+        "data_high",
+        "data",
+        "data_low",
+    )
+    values: dict[str, object] = {
+        "mode": endpoints.mode,
+        "listen/endpoints": list(endpoints.listen),
+        "listen/exit_on_failure": True,
+        "connect/endpoints": list(endpoints.connect),
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+        "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5},
+        "scouting/multicast/enabled": endpoints.multicast,
+        "scouting/gossip/enabled": False,
+        "open/return_conditions/connect_scouted": endpoints.multicast,
+        "transport/shared_memory/enabled": False,
+        "transport/link/tx/lease": LEASE_MS,
+        "transport/link/rx/max_message_size": 4 * PART_BYTES,
+        **{f"transport/link/tx/queue/size/{queue}": QUEUED_BATCHES for queue in queues},
+        **endpoints.further,
+    }
+    for path, value in values.items():
+        try:
+            config.insert_json5(path, json.dumps(value))
+        except zenoh.ZError as error:
+            raise LinkUnavailable(f"Zenoh does not take {value!r} for {path}: {error}") from error
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise LinkUnavailable(
+            f"cannot listen on {', '.join(endpoints.listen) or 'any address'} or connect to "
+            f"{', '.join(endpoints.connect) or 'nobody'}: {error}"
+        ) from error
+
+
+class Wire:
+    """Carries packets.
+
+    Args:
+        robot: the name of this robot.
+        session: number of this process's session.
+        endpoints: how to find others.
+        max_packets: packets that may wait for the module; further ones are thrown away and counted.
+        wake: called in another thread when packets wait.
+
+    Attributes:
+        overflowed: packets thrown away because too many waited.
+        oversized: packets that no link sends, because they are too large, or have no header.
+        unsent: packets that Zenoh did not take.
+
+    Raises:
+        LinkUnavailable: as for `open_session`.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        session: int,
+        endpoints: Endpoints,
+        max_packets: int,
+        wake: Callable[[], None],
+    ):
+        self._robot = robot
+        self._zenoh = open_session(endpoints)
+        self._max_packets = max_packets
+        self._wake = wake
+        self._inbox: deque[Received] = deque()
+        self._seen: deque[str] = deque(maxlen=256)
+        self._publishers: dict[tuple[str, int], zenoh.Publisher] = {}
+        self.overflowed = 0
+        self.oversized = 0
+        self.unsent = 0
+        self._declared = [
+            self._zenoh.declare_subscriber(f"{PACKETS}/{robot}/*", self._on_sample),
+            self._zenoh.liveliness().declare_token(f"{ROBOTS}/{robot}/{session:x}"),
+            self._zenoh.liveliness().declare_subscriber(f"{ROBOTS}/*/*", self._on_robot, history=True),
+        ]
+
+    def send(self, robot: str, packet: Data | Report | Beat, payload: memoryview | bytes) -> None:
+        """Send a packet; it may be lost without a word."""
+        import zenoh  # noqa: PLC0415
+
+        traffic = packet.traffic if isinstance(packet, Data) else -1
+        publisher = self._publishers.get((robot, traffic))
+        if publisher is None:
+            publisher = self._publishers[robot, traffic] = self._declare(robot, traffic)
+        try:
+            publisher.put(bytes(payload), attachment=pack(packet))
+        except zenoh.ZError:
+            self.unsent += 1
+
+    def received(self) -> Iterator[Received]:
+        """Take what has arrived."""
+        inbox = self._inbox
+        for _ in range(len(inbox)):
+            yield inbox.popleft()
+
+    def seen(self) -> Iterator[str]:
+        """Take the names of robots that have come since the last call."""
+        for _ in range(len(self._seen)):
+            yield self._seen.popleft()
+
+    @property
+    def something_waits(self) -> bool:
+        """Whether packets wait."""
+        return bool(self._inbox)
+
+    def close(self) -> None:
+        """End the session; nothing is called back any more."""
+        self._zenoh.close()
+
+    def _declare(self, robot: str, traffic: int) -> "zenoh.Publisher":
+        import zenoh  # noqa: PLC0415
+
+        priorities: dict[int, zenoh.Priority] = {
+            TrafficClass.URGENT: zenoh.Priority.REAL_TIME,
+            TrafficClass.COMMAND: zenoh.Priority.REAL_TIME,
+            TrafficClass.STATE: zenoh.Priority.DATA_HIGH,
+            TrafficClass.RELIABLE: zenoh.Priority.DATA,
+            TrafficClass.BULK: zenoh.Priority.DATA_LOW,
+        }
+        priority = priorities.get(traffic, zenoh.Priority.INTERACTIVE_HIGH)
+        return self._zenoh.declare_publisher(
+            f"{PACKETS}/{robot}/{self._robot}",
+            priority=priority,
+            congestion_control=zenoh.CongestionControl.DROP,
+            express=traffic <= TrafficClass.STATE,
+        )
+
+    # -- in threads of Zenoh ---------------------------------------------------------------------------
+
+    def _on_sample(self, sample: "zenoh.Sample") -> None:
+        at_ns = time.monotonic_ns()
+        header, payload = sample.attachment, sample.payload
+        if header is None or len(header) > MAX_HEADER_BYTES or len(payload) > PART_BYTES:
+            self.oversized += 1
+            return
+        if len(self._inbox) >= self._max_packets:
+            self.overflowed += 1
+            return
+        robot = str(sample.key_expr).rpartition("/")[2]
+        self._inbox.append(Received(robot, header.to_bytes(), payload.to_bytes(), at_ns))
+        self._wake()
+
+    def _on_robot(self, sample: "zenoh.Sample") -> None:
+        import zenoh  # noqa: PLC0415
+
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._seen.append(str(sample.key_expr).split("/")[-2])
+            self._wake()
+
+
+def find_robots(endpoints: Endpoints) -> list[str]:
+    """Return the names of the robots whose links can be reached, sorted.
+
+    Raises:
+        LinkUnavailable: as for `open_session`.
+    """
+    session = open_session(endpoints)
+    names: set[str] = set()
+    end_s = time.monotonic() + FIND_S
+    try:
+        while time.monotonic() < end_s and not names:
+            for reply in session.liveliness().get(f"{ROBOTS}/*/*", timeout=0.5):
+                if reply.ok is not None:
+                    name = str(reply.ok.key_expr).split("/")[-2]
+                    names |= {name} if ROBOT_NAME.fullmatch(name) else set()
+    finally:
+        session.close()
+    return sorted(names)

@@ -1,0 +1,56 @@
+"""Messages of the link between robots."""
+
+from robbie_mp.messages.field_types import DEFAULT
+from robbie_mp.messages.message import Message
+from robbie_mp.messages.primitives import float32, float64, uint32, uint64
+from robbie_mp.messages.stock.builtin_interfaces import Time
+
+
+class LinkChannel(Message, name="robbie_msgs/msg/LinkChannel", version=1):
+    """The books of one channel: sent = received + replaced + dropped + lost + under_way."""
+
+    robot: str = DEFAULT  # the other one
+    is_sent: bool = DEFAULT  # False: this robot receives it, and knows only received and dropped
+    traffic: str = DEFAULT  # urgent, command, state, reliable or bulk
+    message_type: str = DEFAULT
+    topic: str = DEFAULT
+    sent: uint64 = DEFAULT  # messages taken from the bus for that robot
+    received: uint64 = DEFAULT  # published by the receiving robot
+    replaced: uint64 = DEFAULT
+    dropped: uint64 = DEFAULT  # for lack of room; or late, not allowed or refused where they arrived
+    lost: uint64 = DEFAULT  # may have arrived, but no report says so
+    under_way: uint64 = DEFAULT
+
+
+class LinkPeer(Message, name="robbie_msgs/msg/LinkPeer", version=1):
+    """The link with one other robot. What is not known is NaN."""
+
+    robot: str = DEFAULT
+    is_up: bool = DEFAULT  # a beat came in the last half second
+    session: uint64 = DEFAULT  # of the other link; 0: it was never heard
+    sessions: uint32 = DEFAULT  # how many there have been
+    round_trip_s: float64 = DEFAULT
+    loss: float32 = DEFAULT  # ratio of packets that had to be sent again
+    bandwidth_bytes_per_s: float64 = DEFAULT  # as measured
+    under_way_bytes: uint64 = DEFAULT
+    newest_state_age_s: float64 = DEFAULT
+    clock_offset_s: float64 = DEFAULT  # the other robot's clock minus this one's
+    clock_uncertainty_s: float64 = DEFAULT
+    duplicates: uint64 = DEFAULT  # packets that had arrived before
+    stale: uint64 = DEFAULT  # packets of sessions that are over
+
+
+class LinkState(Message, name="robbie_msgs/msg/LinkState", version=1):
+    """How the link of one robot is doing."""
+
+    stamp: Time = DEFAULT
+    robot: str = DEFAULT
+    session: uint64 = DEFAULT
+    malformed: uint64 = DEFAULT  # packets that no link has sent
+    strangers: uint64 = DEFAULT  # packets of robots that may not exchange messages with this one
+    overflowed: uint64 = DEFAULT  # packets for which the module was too slow
+    refused: uint64 = DEFAULT  # messages that the setting `accept` does not allow
+    late: uint64 = DEFAULT  # commands that were too old, or of which the age was not known
+    mismatched: uint64 = DEFAULT  # messages of types that are declared differently here
+    peers: list[LinkPeer] = DEFAULT
+    channels: list[LinkChannel] = DEFAULT

@@ -1,0 +1,358 @@
+"""The link: sends messages of this robot to others over a network, and publishes theirs here."""
+
+import hashlib
+import math
+import secrets
+from collections.abc import Iterator, Mapping
+
+from robbie_mp.capture.selection import Pair
+from robbie_mp.link.access import Access, AccessError, read_rules
+from robbie_mp.link.books import Account, Books
+from robbie_mp.link.header import ROBOT_NAME, ChannelId
+from robbie_mp.link.node import LinkNode, NodeSettings, Offered
+from robbie_mp.link.peer import Peer
+from robbie_mp.link.receiving import Arrived, Fate
+from robbie_mp.link.safety import expires, shortened
+from robbie_mp.link.sending import Limits
+from robbie_mp.link.traffic import TrafficClass
+from robbie_mp.link.wire import Endpoints, Wire
+from robbie_mp.messages import LinkChannel, LinkPeer, LinkState, MessageError, Time, UnknownType
+from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
+from robbie_mp.module.envelope import EncodedMessage
+from robbie_mp.module.module import Module, setting
+from robbie_mp.module.settings import REQUIRED, SettingError
+from robbie_mp.observe.run_observer import RunObserver
+from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.run_directory import list_runs
+from robbie_mp.transport import names
+from robbie_mp.transport.blocks import MessageTooLarge
+from robbie_mp.transport.shared_folder import SHARED_MEMORY
+
+CLASS_PATH = "robbie_mp.services.link:Link"
+STATE_NS = 1_000_000_000
+MAX_PATTERNS = 32
+MAX_REMEMBERED = 4096
+NS = 1e-9
+
+
+class Link(Module):
+    """Exchanges messages with the links of other robots; see docs/link.md.
+
+        link:
+          class: robbie_mp.services.link:Link
+          settings:
+            robot: red
+            listen: [tcp/127.0.0.1:7447]
+            send:
+              state: [Odometry odom]
+              reliable: [OccupancyGrid map]
+            accept:
+              laptop: [DriveCommand manual, EmergencyStop emergency_stop]
+
+    It publishes `LinkState` once a second.
+    """
+
+    period_s = 0.01
+    follows_run_clock = False
+
+    robot: str = setting(REQUIRED, "the name of this robot, which no other robot has")
+    mode: str = setting("peer", "how links find one another", choices=("peer", "client"))
+    listen: list[str] = setting(
+        ["tcp/127.0.0.1:7447"], "addresses to listen on; others than 127.0.0.1 are open"
+    )
+    connect: list[str] = setting([], "addresses of other robots, or of a router of Zenoh")
+    robots: list[str] = setting([], "robots for which messages wait even before they have been met")
+    multicast: bool = setting(False, "look for other robots by multicast")
+    send: dict[str, list[str]] = setting({}, "what is sent, by class: a type, or a type and a topic")
+    accept: dict[str, list[str]] = setting({}, "what is accepted, by robot: a type, or a type and a topic")
+    prefix_topics: bool = setting(False, "publish what comes from robot `red` on topics `red/…`")
+    command_expires_s: float = setting(0.3, "age at which a command is thrown away", minimum=0.01)
+    state_hz: float = setting(20.0, "most states of a channel in a second", minimum=0.01)
+    store_messages: int = setting(1000, "messages that may wait, of each robot and class", minimum=1)
+    store_bytes: int = setting(64 << 20, "their total size", minimum=1)
+    max_message_bytes: int = setting(64 << 20, "size of the largest message that is accepted", minimum=1)
+    inbox_packets: int = setting(4096, "packets that may wait until this module takes them", minimum=16)
+
+    @classmethod
+    def check(cls, settings: dict[str, object]) -> None:
+        """Check the robot's name, and the patterns."""
+        robots = settings["robots"]
+        assert isinstance(robots, list)
+        for setting_name, robot in [("robot", settings["robot"]), *(("robots", one) for one in robots)]:
+            if not ROBOT_NAME.fullmatch(str(robot)):
+                raise SettingError(
+                    f"a robot cannot be called {robot!r}: up to 32 letters, digits, - and _", setting_name
+                )
+        for name in ("send", "accept"):
+            try:
+                _rules(settings[name])
+            except AccessError as error:
+                raise SettingError(str(error), name) from error
+        sent = _rules(settings["send"])
+        unknown = [one for one, _ in sent if one.upper() not in TrafficClass.__members__ or not one.islower()]
+        if unknown:
+            classes = ", ".join(one.name.lower() for one in TrafficClass)
+            raise SettingError(f"there is no class {unknown[0]!r}; the classes are {classes}", "send")
+        if sum(len(pairs) for _, pairs in sent) > MAX_PATTERNS:
+            raise SettingError(f"there are more than {MAX_PATTERNS} patterns; use wider ones", "send")
+
+    # -- begin and end ---------------------------------------------------------------------------------
+
+    def setup(self) -> None:
+        """Open the network and the books, and subscribe."""
+        session = secrets.randbits(63) | 1
+        self.access = Access(self.accept, self.log)
+        self.rules = [
+            (pair, TrafficClass[name.upper()]) for name, pairs in _rules(self.send) for pair in pairs
+        ]
+        self.late = 0
+        self.mismatched = 0
+        self.looped = 0
+        self._classes: dict[ChannelId, TrafficClass] = {}
+        self._hashes: dict[tuple[str, int], int] = {}
+        self._latched: set[ChannelId] = set()
+        self._state_at_ns = 0
+        self._observer: RunObserver | None = None
+        self._links = {self.name}
+        folder, types = None, KnownTypes()
+        if self.run_id:
+            plan = RunPlan.load(next(run.folder for run in list_runs() if run.run_id == self.run_id))
+            types = KnownTypes(TypeDescription(*one) for one in plan.types)
+            own = {one.class_path for one in plan.modules if one.name == self.name} | {CLASS_PATH}
+            self._links |= {one.name for one in plan.modules if one.class_path in own}
+            folder = SHARED_MEMORY / names.folder(self.run_id)
+            self._observer = RunObserver(self.run_id)
+        self._types = types
+        self.books = Books(folder, self.name, session)
+        endpoints = Endpoints(self.mode, self.listen, self.connect, self.multicast)
+        self.wire = Wire(self.robot, session, endpoints, self.inbox_packets, self.tick_soon)
+        limits = Limits(self.store_messages, self.store_bytes, round(1e9 / self.state_hz))
+        settings = NodeSettings(limits, self.max_message_bytes, self.store_bytes)
+        self.node = LinkNode(self.robot, session, self.books, settings, self.wire, self.on_arrived)
+        for robot in self.robots:
+            self.node.meet(robot)
+        self.advertise(LinkState)
+        for pair, _ in self.rules:
+            self.subscribe_encoded(pair.type, self.on_message, topic=pair.topic)
+
+    def teardown(self) -> None:
+        """Close the network and the books."""
+        self.wire.close()
+        for account in self.books.accounts():
+            self.log.info("%s", describe(account))
+        self.books.close()
+        if self._observer is not None:
+            self._observer.close()
+
+    # -- from this robot to others -----------------------------------------------------------------------
+
+    def on_message(self, message: EncodedMessage) -> None:
+        """Send a message of this robot; what another link has published goes nowhere."""
+        envelope = self.envelope
+        if envelope.sender not in self._links:
+            name = ChannelId(message.type_name, message.version, envelope.topic)
+            traffic = self._classes.get(name)
+            if traffic is None:
+                traffic = self._classify(name)
+            is_latched = name in self._latched
+            if is_latched and traffic in (TrafficClass.COMMAND, TrafficClass.STATE):
+                traffic = TrafficClass.RELIABLE
+            type_hash = self._hash(message.type_name, message.version)
+            offered = Offered(
+                name, traffic, bytes(message.data), envelope.published_ns, is_latched, type_hash
+            )
+            self.node.offer(offered, self.clock.monotonic_ns())
+        if self.wire.something_waits:
+            self._take_all()
+
+    def _classify(self, name: ChannelId) -> TrafficClass:
+        self._find_latched()
+        traffic = next(one for pair, one in self.rules if pair.matches(name.type_name, name.topic))
+        if len(self._classes) >= MAX_REMEMBERED:
+            self._classes.clear()
+        self._classes[name] = traffic
+        return traffic
+
+    def _find_latched(self) -> None:
+        """Find the channels whose newest message the core keeps."""
+        if self._observer is not None:
+            self._latched = {
+                ChannelId(one.type_name, one.version, one.topic) for one in self._observer.latched()
+            }
+
+    def _hash(self, type_name: str, version: int) -> int:
+        """Return a hash of a type's schema; 0 if this robot does not know that version of the type."""
+        key = (type_name, version)
+        known = self._hashes.get(key)
+        if known is None:
+            if len(self._hashes) >= MAX_REMEMBERED:
+                self._hashes.clear()
+            known = self._hashes[key] = schema_hash(self._types, type_name, version)
+        return known
+
+    # -- from others to this robot -----------------------------------------------------------------------
+
+    def tick(self) -> None:
+        """Take what has arrived, and send what is due."""
+        for robot in self.wire.seen():
+            self.node.meet(robot)
+        self._take_all()
+        now_ns = self.clock.monotonic_ns()
+        self.node.look_after(now_ns)
+        if now_ns - self._state_at_ns >= STATE_NS:
+            self._state_at_ns = now_ns
+            self._find_latched()
+            self._show(now_ns)
+
+    def _take_all(self) -> None:
+        for robot, header, payload, at_ns in self.wire.received():
+            self.node.take(robot, header, payload, at_ns)
+        self.node.tell_all(self.clock.monotonic_ns())
+
+    def on_arrived(self, message: Arrived) -> Fate:
+        """Publish a message of another robot, unless it is late, not allowed, or of another type."""
+        name = message.name
+        if self.robot in message.sources:
+            self.looped += 1
+            return Fate.REFUSED
+        topic = f"{message.robot}/{name.topic}".rstrip("/") if self.prefix_topics else name.topic
+        if not self.access.allows(message.robot, name.type_name, topic):
+            return Fate.REFUSED
+        known = self._hash(name.type_name, name.version)
+        if known and message.type_hash and known != message.type_hash:
+            self.mismatched += 1
+            return Fate.REFUSED
+        data = self._in_time(message)
+        if data is None:
+            self.late += 1
+            return Fate.REFUSED
+        try:
+            done = self.publish_encoded(
+                name.type_name, name.version, data, topic=topic, latched=message.is_latched
+            )
+        except (MessageError, MessageTooLarge) as error:
+            self.log.warning("a message of %s cannot be published: %s", message.robot, error)
+            return Fate.REFUSED
+        return Fate.PUBLISHED if done else Fate.NO_ROOM
+
+    def _in_time(self, message: Arrived) -> bytes | None:
+        """Return the message as it is to be published; None if it is too late, or nobody knows."""
+        peer, now_ns = self.node.peers[message.robot], self.clock.monotonic_ns()
+        ages = peer.clock.age_ns(message.stamp_ns, now_ns)
+        if ages is not None and message.traffic is TrafficClass.STATE:
+            peer.newest_state_ns = now_ns - sum(ages) // 2
+        if not expires(message):
+            return message.data
+        if ages is None or ages[1] > self.command_expires_s * 1e9:
+            return None
+        return shortened(message, sum(ages) // 2)
+
+    # -- figures -----------------------------------------------------------------------------------------
+
+    def _show(self, now_ns: int) -> None:
+        self.publish(self.link_state(now_ns))
+        shown = [_summary(peer, now_ns) for peer in self.node.peers.values()]
+        self.status = "; ".join(shown) or "no other robot has been found"
+
+    def link_state(self, now_ns: int) -> LinkState:
+        """Return how this link is doing.
+
+        Args:
+            now_ns: the module's time.
+        """
+        node, wire = self.node, self.wire
+        return LinkState(
+            stamp=Time.from_nanoseconds(self.clock.now_ns()),
+            robot=self.robot,
+            session=node.session,
+            malformed=node.malformed + wire.oversized,
+            strangers=node.strangers,
+            overflowed=wire.overflowed,
+            refused=self.access.refused_total,
+            late=self.late,
+            mismatched=self.mismatched,
+            peers=[_peer_state(peer, now_ns) for peer in node.peers.values()],
+            channels=list(_channels(self.books)),
+        )
+
+
+def schema_hash(types: KnownTypes, type_name: str, version: int) -> int:
+    """Return a hash of a type's schema; 0 if that version of the type is not known.
+
+    Args:
+        types: the types that this robot knows.
+        type_name: full name of the type.
+        version: its version.
+    """
+    try:
+        described = types.describe(type_name)
+    except UnknownType:
+        return 0
+    if described.version != version:
+        return 0
+    return int.from_bytes(hashlib.sha256(described.schema.encode()).digest()[:8], "little")
+
+
+def describe(account: Account) -> str:
+    """Return the books of a channel as a line of text.
+
+    Args:
+        account: the books.
+    """
+    what = f"{account.channel.type_name} {account.channel.topic}".strip()
+    if not account.is_sent:
+        return f"from {account.peer}: {what}: received {account.received}, dropped {account.dropped}"
+    return (
+        f"to {account.peer}: {what}: sent {account.sent} = received {account.received} + "
+        f"replaced {account.replaced} + dropped {account.dropped} + lost {account.lost} + "
+        f"under way {account.under_way}"
+    )
+
+
+def _rules(value: object) -> list[tuple[str, list[Pair]]]:
+    assert isinstance(value, Mapping)
+    return read_rules(value)
+
+
+def _channels(books: Books) -> Iterator[LinkChannel]:
+    for account in books.accounts():
+        yield LinkChannel(
+            robot=account.peer,
+            is_sent=account.is_sent,
+            traffic=account.traffic.name.lower(),
+            message_type=account.channel.type_name,
+            topic=account.channel.topic,
+            sent=account.sent,
+            received=account.received,
+            replaced=account.replaced,
+            dropped=account.dropped,
+            lost=account.lost,
+            under_way=max(0, account.under_way),
+        )
+
+
+def _peer_state(peer: Peer, now_ns: int) -> LinkPeer:
+    offset = peer.clock.at(now_ns)
+    trip_ns = peer.clock.round_trip_ns
+    return LinkPeer(
+        robot=peer.name,
+        is_up=peer.is_up(now_ns),
+        session=peer.session,
+        sessions=peer.sessions,
+        round_trip_s=math.nan if trip_ns is None else trip_ns * NS,
+        loss=peer.loss,
+        bandwidth_bytes_per_s=peer.window.bandwidth,
+        under_way_bytes=peer.window.under_way,
+        newest_state_age_s=(now_ns - peer.newest_state_ns) * NS if peer.newest_state_ns else math.nan,
+        clock_offset_s=offset.offset_ns * NS if offset else math.nan,
+        clock_uncertainty_s=offset.uncertainty_ns * NS if offset else math.nan,
+        duplicates=peer.duplicates,
+        stale=peer.stale,
+    )
+
+
+def _summary(peer: Peer, now_ns: int) -> str:
+    if not peer.is_up(now_ns):
+        return f"{peer.name} DOWN"
+    trip_ns = peer.clock.round_trip_ns or 0
+    return f"{peer.name} {trip_ns / 1e6:.1f} ms, {peer.window.bandwidth / 1e6:.1f} MB/s, loss {peer.loss:.1%}"
