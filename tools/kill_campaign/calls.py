@@ -3,8 +3,10 @@
 Further lines of the journals (see `tools.kill_campaign.journal`):
 
     C number t                  the client is about to make this call, or with `g` to send this goal
+    F number t                  feedback about a goal has come
     D number outcome t          it has ended: `reply`, or the name of the error
     H client call number t      the server's handler was entered
+    M client call t             the server, restarted, goes on with this goal
 """
 
 import time
@@ -74,7 +76,7 @@ class Climb(Goal[Climbed, Top], name="campaign_msgs/action/Climb_Goal"):
 class Callee(Module):
     """Serves, and journals what it handles; it takes a little time, so that it dies in its handler, too.
 
-    It works on all goals at once, one step in each tick.
+    It works on all goals at once, one step in each tick, and goes on with them after a restart.
     """
 
     handle_s: float = setting(0.002, "duration of a handler", minimum=0.0)
@@ -87,6 +89,10 @@ class Callee(Module):
         self.climbing: dict[ActiveGoal[Climb, Climbed, Top], int] = {}
         self.serve(Square, self.on_square)
         self.serve_goals(Climb, self.on_climb)
+        for memory, steps in self.restored or ():
+            active = self.resume_goal(Climb, memory)
+            self.journal.note("M", active.client, active.goal.call)
+            self.climbing[active] = steps
 
     def on_square(self, request: Square) -> Squared:
         """Journal a request."""
@@ -98,6 +104,11 @@ class Callee(Module):
         """Journal a goal, and begin."""
         self.journal.note("H", active.client, active.goal.call, f"g{active.goal.steps}")
         self.climbing[active] = 0
+        self.keep()
+
+    def keep(self) -> None:
+        """Keep the goals for the next process."""
+        self.checkpoint([[active.memory, steps] for active, steps in self.climbing.items()])
 
     def tick(self) -> None:
         """Do one step of each goal; say when nothing is outstanding."""
@@ -106,6 +117,7 @@ class Callee(Module):
             active.feedback(Climbed(steps=steps))
             if steps >= active.goal.steps:
                 active.succeed(Top(steps=steps))
+        self.keep()
         is_paused = (self.output_directory / PAUSE_FILE).exists()
         self.status = f"paused, {self.outstanding} outstanding" if is_paused else "serves"
 
@@ -157,6 +169,7 @@ class Caller(Module):
             Climb(steps=STEPS),
             lambda top: self._end(name, "reply" if top.steps == STEPS else "wrong"),
             lambda error: self._fail(name, error),
+            lambda _: self.journal.note("F", name),
         )
 
     def _quiet(self) -> str:
@@ -175,7 +188,8 @@ def judge_calls(folder: Path) -> tuple[dict[str, int], list[str]]:
 
     Returns:
         The number of calls by outcome, and the violations: a call that ended twice, or not although its
-        client lived; a reply that does not belong to its call; a request that a handler got twice.
+        client lived; a reply that does not belong to its call; feedback after the end of a goal; a request
+        that a handler got twice.
     """
     outcomes: Counter[str] = Counter()
     violations: list[str] = []
@@ -189,6 +203,7 @@ def judge_calls(folder: Path) -> tuple[dict[str, int], list[str]]:
     )
     violations += [f"{SERVER} got call {call} {times} times" for call, times in handled.items() if times > 1]
     outcomes["handled"] = len(handled)
+    outcomes["goals resumed"] = sum(kind == "M" for kind, *_ in read_journal(folder / f"{SERVER}.journal"))
     return dict(outcomes), violations
 
 
@@ -201,6 +216,10 @@ def _judge_client(name: str, path: Path, outcomes: Counter[str]) -> Iterator[str
             waiting, incarnation = set(), words[0]
         elif kind == "C":
             waiting.add(words[0])
+        elif kind == "F":
+            outcomes["feedback"] += 1
+            if words[0] not in waiting:
+                yield f"{name} {incarnation}: feedback about {words[0]}, which has ended or was never sent"
         elif words[0] not in waiting:
             yield f"{name} {incarnation}: call {words[0]} ended twice, or was never made"
         else:

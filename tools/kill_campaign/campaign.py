@@ -11,7 +11,7 @@ from typing import Any
 
 from robbie_mp.observe import ModuleFigures
 from robbie_mp.transport.shared_folder import SHARED_MEMORY
-from tools.kill_campaign import calls, neighbours, traces
+from tools.kill_campaign import calls, latched, neighbours, traces
 from tools.kill_campaign.attack import Attack, Signalled
 from tools.kill_campaign.frozen_log import FrozenLog, log_disk
 from tools.kill_campaign.modules import PAUSE_FILE, QUIET
@@ -26,6 +26,8 @@ from tools.kill_campaign.verdict import causes, judge, read_records
 CALM_S = 1.0
 """Time without kills before the pause, so that all modules handle their last messages."""
 REST_LIMIT_S = 120.0
+OTHER_PARTS = calls.PARTS | latched.PARTS
+"""Modules with their own journals and verdicts."""
 RESTART_SAID = re.compile(r"^(\S+): BACKOFF \((.*), again in [0-9.]+ s\)$", re.MULTILINE)
 
 
@@ -65,14 +67,14 @@ def run_campaign(
         RobotTrouble: the robot does not start, come to rest, or end.
     """
     settings = roles(overloaded=True, camera=plan.rounds_with_camera > 0)
-    calling = {name: part | {"restart": RESTART} for name, part in calls.PARTS.items()}
-    write_workspace(folder / "workspace", settings, calling | dict(plan.others))
+    others = {name: part | {"restart": RESTART} for name, part in OTHER_PARTS.items()}
+    write_workspace(folder / "workspace", settings, others | dict(plan.others))
     with contextlib.ExitStack() as stack:
         disk = stack.enter_context(log_disk(folder / "output")) if plan.freeze_log else None
         robot = Robot(folder, folder / "workspace", "campaign")
         stack.callback(robot.close)
         frozen_log = FrozenLog(disk, robot, plan.seed) if disk else None
-        return _run(plan, robot, [*settings, *calls.PARTS], publishers(settings), each_second, frozen_log)
+        return _run(plan, robot, [*settings, *OTHER_PARTS], publishers(settings), each_second, frozen_log)
 
 
 def _run(
@@ -104,10 +106,11 @@ def _run(
     assert robot.observer is not None
     channels = robot.observer.channels()
     summary = robot.stop()
-    records = read_records(robot.output, [name for name in names if name not in calls.PARTS])
+    records = read_records(robot.output, [name for name in names if name not in OTHER_PARTS])
     verdict = judge(records, figures, channels)
     of_calls, call_violations = calls.judge_calls(robot.output)
-    verdict.violations += call_violations
+    of_latched, latched_violations = latched.judge_latched(robot.output)
+    verdict.violations += call_violations + latched_violations
     verdict.violations += traces.violations(before, after, robot.run_id, figures)
     verdict.violations += _deaths(attack, figures)
     verdict.violations += neighbours.violations(beside) if beside else []
@@ -125,6 +128,7 @@ def _run(
         "bytes": sum(channel.bytes for channel in channels),
         "deliveries": causes(figures),
         "calls": of_calls,
+        "latched": of_latched,
         "neighbours": beside or {},
         "recovery": recovery_times(attack.kills, records),
         "log_disk": _of_log_disk(frozen_log, attack.kills, records) if frozen_log else {},
@@ -165,7 +169,7 @@ def _rests(robot: Robot, names: list[str]) -> bool:
     return (
         all(module.status == QUIET and not module.waiting and not module.pinned for module in modules)
         and all(not books.waiting for module in modules for books in module.subscriptions)
-        and traces.rows_used(robot.run_id) == 0
+        and traces.rows_used(robot.run_id) == latched.ROWS_AT_REST
     )
 
 
