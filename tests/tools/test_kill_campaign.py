@@ -12,6 +12,7 @@ from tools.kill_campaign import frozen_log, neighbours
 from tools.kill_campaign.__main__ import main
 from tools.kill_campaign.calls import judge_calls
 from tools.kill_campaign.campaign import _other_ends
+from tools.kill_campaign.latched import BEAT, COMERS, LATCHED, judge_latched
 from tools.kill_campaign.message import Numbered
 from tools.kill_campaign.neighbours import Rates, ratio_of
 from tools.kill_campaign.verdict import judge, read_records
@@ -174,6 +175,7 @@ def test_short_campaign_finds_no_violation(tmp_path: Path, capsys: pytest.Captur
     assert report["restarts"]["core"] > 0
     assert report["calls"]["reply"] > 50
     assert report["calls"]["goal reached"] > 2
+    assert report["latched"]["had the newest or a newer one"] > 0
     assert report["neighbours"]["stopped_viewer_dropped"] > 0
     assert report["neighbours"]["hoarder_copied"] > 0
 
@@ -234,7 +236,7 @@ def call_violations(folder: Path, caller: str = CALLER, callee: str = CALLEE) ->
 def test_calls_that_end_once_are_not_a_violation(tmp_path: Path) -> None:
     assert call_violations(tmp_path) == []
     assert judge_calls(tmp_path)[0] == {
-        "reply": 1, "ServerDied": 1, "cut off by the death of the client": 1, "handled": 2
+        "reply": 1, "ServerDied": 1, "cut off by the death of the client": 1, "handled": 2, "goals resumed": 0
     }  # fmt: skip
 
 
@@ -247,7 +249,88 @@ def test_calls_that_end_once_are_not_a_violation(tmp_path: Path) -> None:
         (CALLER.replace("reply", "wrong"), CALLEE),
         (CALLER.replace("ServerDied", "NoServer"), CALLEE),
         (CALLER, CALLEE + "H caller 4294967297 1 30 .\n"),  # handled twice
+        (CALLER.replace("D 1 reply 8 .", "D 1 reply 8 .\nF 1 9 ."), CALLEE),  # feedback after the end
     ],
 )
 def test_call_that_ends_twice_or_never_is_a_violation(tmp_path: Path, caller: str, callee: str) -> None:
     assert call_violations(tmp_path, caller, callee)
+
+
+PAINTERS = {
+    "painter": "S 1 1 .\nI 0 10 .\nA 0 11 .\nI 1 20 .\nR 1 21 .\nI 2 30 .\nA 2 31 .\n",
+    "painter_rare": "S 1 1 .\nI 0 12 .\nA 0 13 .\n",
+    BEAT: "S 1 1 .\nI 0 14 .\nA 0 14 .\nI 1 32 .\nA 1 32 .\nI 2 50 .\nA 2 50 .\n",
+}
+FIRST_LIFE = """S 1 2 .
+E 1 painter 1 0 12 .
+E 2 painter_rare 1 0 14 .
+E 3 painter_beat 1 0 15 .
+E 4 painter 1 2 33 .
+E 5 painter_beat 1 1 34 .
+"""
+LATE_LIFE = """
+S 2 40 .
+E 2 painter_rare 1 0 44 .
+E 4 painter 1 2 45 .
+E 6 painter_beat 1 2 52 .
+"""
+
+
+def latched_violations(
+    folder: Path, late: str = LATE_LIFE, name: str = "comer", **painters: str
+) -> list[str]:
+    """Judge a robot in which one subscriber starts late."""
+    for publisher, journal in (PAINTERS | painters).items():
+        (folder / f"{publisher}.journal").write_text(journal)
+    for comer in COMERS:
+        (folder / f"{comer}.journal").write_text(FIRST_LIFE + late * (comer == name))
+    return judge_latched(folder)[1]
+
+
+@pytest.mark.parametrize("name", COMERS)
+def test_late_subscriber_that_has_the_newest_latched_messages_is_not_a_violation(
+    tmp_path: Path, name: str
+) -> None:
+    assert latched_violations(tmp_path, name=name) == []
+    assert judge_latched(tmp_path)[0] == {
+        "given again": 2, "late joins": 2, "had the newest or a newer one": 2, "latched messages": 4
+    }  # fmt: skip
+
+
+def test_newer_message_may_take_the_place_of_the_newest(tmp_path: Path) -> None:
+    newer = PAINTERS["painter"] + "I 3 41 .\nA 3 41 .\n"
+    late = LATE_LIFE.replace("E 4 painter 1 2 45 .", "E 5 painter 1 3 45 .")
+    others = {comer: f"{comer}: at rest" for comer in COMERS if comer != "comer"}
+    found = latched_violations(tmp_path, late, painter=newer)
+    assert len(found) == len(others), "only those that have not got it are accused"
+    assert not any(text.startswith("comer 2") for text in found)
+
+
+@pytest.mark.parametrize(
+    ("line", "tampered"),
+    [
+        ("E 4 painter 1 2 45 .\n", ""),  # none at all
+        ("E 2 painter_rare 1 0 44 .\n", ""),
+        ("E 4 painter 1 2 45 .", "E 1 painter 1 0 45 ."),  # an older one
+        ("E 4 painter 1 2 45 .", "E 4 painter 1 1 45 ."),  # one that was refused
+        ("E 4 painter 1 2 45 .", "E 4 painter 1 -1 45 ."),  # damaged
+        ("E 4 painter 1 2 45 .", "E 4 painter 1 2 45 .\nE 4 painter 1 2 46 ."),  # twice
+        (
+            "E 4 painter 1 2 45 .\nE 6 painter_beat 1 2 52 .",
+            "E 6 painter_beat 1 2 52 .\nE 4 painter 1 2 53 .",
+        ),
+        ("E 4 painter 1 2 45 .", "E 1 painter 1 0 45 .\nE 4 painter 1 2 45 ."),  # two from before
+        ("E 6 painter_beat 1 2 52 .", "E 5 painter_beat 1 1 52 ."),  # given though it is not latched
+    ],
+)
+@pytest.mark.parametrize("name", ["comer", "comer_newest"])
+def test_late_subscriber_without_the_newest_latched_message_is_a_violation(
+    tmp_path: Path, name: str, line: str, tampered: str
+) -> None:
+    assert line in LATE_LIFE
+    assert latched_violations(tmp_path, LATE_LIFE.replace(line, tampered), name)
+
+
+def test_subscriber_that_lacks_the_last_latched_message_at_rest_is_a_violation(tmp_path: Path) -> None:
+    last = {name: PAINTERS[name] + "I 7 60 .\nA 7 61 .\n" for name in LATCHED}
+    assert len(latched_violations(tmp_path, **last)) == len(COMERS) * len(LATCHED)
