@@ -85,6 +85,8 @@ class LogWriter:
         """Bytes in finished parts."""
         self._dropped_told: Mapping[ChannelKey, int] = {}
         self._part: PartWriter | None = None
+        self._copied_bytes = 0
+        """Size of the copies at the beginning of this part; they do not bring the next part any nearer."""
         self._channels: Mapping[int, RecordedChannel] = {}
         self._start_ns = 0
         make_private_folder(folder)
@@ -104,8 +106,10 @@ class LogWriter:
         part = self._part
         if part is None:
             part = self._part = self._begin(chunk)
+            begun_bytes = part.bytes
             for copies in self.newest.copies(chunk.start_ns, before=chunk.first_sequence):
                 self._write(part, copies)
+            self._copied_bytes = part.bytes - begun_bytes
         self._write(part, chunk)
         self.newest.keep_from(chunk, channels)
 
@@ -132,7 +136,7 @@ class LogWriter:
 
     def _is_full(self, part: PartWriter, chunk: Chunk) -> bool:
         split = self._split
-        return (0 < split.bytes <= part.bytes + len(chunk.data)) or (
+        return (0 < split.bytes <= part.bytes - self._copied_bytes + len(chunk.data)) or (
             0 < split.seconds * 1e9 <= chunk.end_ns - self._start_ns
         )
 

@@ -146,6 +146,16 @@ def test_message_from_before_the_recording_begins_it_and_later_parts(tmp_path: P
         assert log.message_count == COUNT
 
 
+def test_map_larger_than_a_part_does_not_begin_a_part_for_each_chunk(tmp_path: Path) -> None:
+    parts = {}
+    for name, size in (("small", 4), ("large", 100_000)):
+        made = writer(tmp_path / name, split=Split(bytes=10_000))
+        made.newest.keep(MAP, (1 << 32) - 1, at_ns(-7), bytes(size))
+        record(made, maps=())
+        parts[name] = made.parts
+    assert parts["large"] == parts["small"] > 1
+
+
 class Messages:
     """A recorder whose writer the test can inspect."""
 
@@ -240,6 +250,18 @@ def test_cut_has_the_fixed_transforms_of_each_sender_though_none_is_latched(tmp_
             ("tf_static", "red", at_ns(4)),
         ]
         assert [one.channel.topic for one in cut.messages()] == ["odom"]
+
+
+def test_topics_that_rosbag2_recorded_as_transient_local_are_latched(tmp_path: Path) -> None:
+    path = tmp_path / "ros.mcap"
+    with LogFile(path) as made:
+        schema = made.writer.register_schema(Odometry.type_name, "ros2msg", SCHEMA.encode())
+        for topic, durability in (("/map", "1"), ("/plan", "transient_local"), ("/odom", "2")):
+            quality = f"- history: 1\n  depth: 1\n  reliability: 1\n  durability: {durability}\n"
+            channel = made.writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": quality})
+            made.add_bytes(channel, Odometry().encode(), at_ns(0))
+    with open_log(path) as log:
+        assert [one.channel.topic for one in log.newest_latched(at_ns(1))] == ["map", "plan"]
 
 
 # -- playback --------------------------------------------------------------------------------------
