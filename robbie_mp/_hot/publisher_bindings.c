@@ -150,22 +150,40 @@ static int prepare(struct publisher_object *self, PyObject *message, PyObject *t
     return PyErr_Occurred() ? -1 : 0;
 }
 
-/* Pass an encoded message to the core, and count it; 0, or -1 with an exception. */
-static int hand_over(struct publisher_object *self, const struct prepared_message *message)
+/* Pass a message to the core, and count it; 0, or -1 with an exception. */
+static int pass_on(struct publisher_object *self, const struct block_object *block, uint64_t declaration,
+                   uint64_t size)
 {
-    const struct block_object *block = message->block;
-    if (take_block(self->blocks, message->list) != 0)
-        return -1;
-    const struct placed_message placed = {block->segment, block->offset, message->size, block->number};
+    const struct placed_message placed = {block->segment, block->offset, size, block->number};
     shared_word *words = self->words.words;
     MAY_DIE(return -1);
-    tell_free_bytes(self->blocks, block);
-    endpoint_publish(&self->endpoint->endpoint, message->declaration, &placed, monotonic_ns());
+    endpoint_publish(&self->endpoint->endpoint, declaration, &placed, monotonic_ns());
     if (endpoint_wake_core(self->endpoint) != 0)
         return -1;
     store(words + OUT_PUBLISHED, load(words + OUT_PUBLISHED) + 1);
     store(words + OUT_BLOCKS, (uint64_t)PyDict_GET_SIZE(self->blocks->taken));
     return 0;
+}
+
+/* Take the block of an encoded message into use; 0, or -1 with an exception. */
+static int take_prepared(struct publisher_object *self, const struct prepared_message *message)
+{
+    if (take_block(self->blocks, message->list) != 0)
+        return -1;
+    MAY_DIE(return -1);
+    tell_free_bytes(self->blocks, message->block);
+    return 0;
+}
+
+/* After a message was passed on: True, or its size, if Python must prepare the next block. */
+static PyObject *published(struct publisher_object *self, uint64_t size)
+{
+    const int is_prepared = prepare_next(self, size);
+    if (is_prepared < 0)
+        return NULL;
+    if (is_prepared)
+        Py_RETURN_TRUE;
+    return PyLong_FromUnsignedLongLong(size);
 }
 
 static PyObject *publish(struct publisher_object *self, PyObject *const *arguments, Py_ssize_t count)
@@ -178,14 +196,27 @@ static PyObject *publish(struct publisher_object *self, PyObject *const *argumen
     const int is_mine = prepare(self, arguments[0], arguments[1], &message);
     if (is_mine == 0)
         Py_RETURN_NONE;
-    if (is_mine < 0 || hand_over(self, &message) != 0)
+    if (is_mine < 0 || take_prepared(self, &message) != 0 ||
+        pass_on(self, message.block, message.declaration, message.size) != 0)
         return NULL;
-    const int is_prepared = prepare_next(self, message.size);
-    if (is_prepared < 0)
+    return published(self, message.size);
+}
+
+static PyObject *hand_over(struct publisher_object *self, PyObject *args)
+{
+    struct block_object *block;
+    unsigned long long declaration, size;
+    if (!PyArg_ParseTuple(args, "KO!K", &declaration, &block_type, &block, &size))
         return NULL;
-    if (is_prepared)
-        Py_RETURN_TRUE;
-    return PyLong_FromUnsignedLongLong(message.size);
+    if (self->words.words == NULL || !endpoint_is_mine(self->endpoint) ||
+        !endpoint_may_publish(&self->endpoint->endpoint)) {
+        if (PyErr_Occurred())
+            return NULL;
+        Py_RETURN_NONE;
+    }
+    if (pass_on(self, block, declaration, size) != 0)
+        return NULL;
+    return published(self, size);
 }
 
 static PyObject *outstanding(struct publisher_object *self, PyObject *Py_UNUSED(none))
@@ -213,6 +244,8 @@ static PyObject *let_go(struct publisher_object *self, PyObject *Py_UNUSED(ignor
 static PyMethodDef publisher_methods[] = {
     {"publish", (PyCFunction)(void (*)(void))publish, METH_FASTCALL,
      "Publish a message: True; its size, if Python must prepare the next block; None if this is not mine."},
+    {"hand_over", (PyCFunction)hand_over, METH_VARARGS,
+     "Publish a block in use that holds a message, as `publish`: its channel's number, the block, its size."},
     {"outstanding", (PyCFunction)outstanding, METH_NOARGS,
      "The number of messages that subscribers wait for or hold; None if this is not mine."},
     {"close", (PyCFunction)let_go, METH_NOARGS, "Let go of the memory."},

@@ -4,9 +4,8 @@ import logging
 import time
 import weakref
 from collections import deque
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Generic
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from robbie_mp._hot.choice import Native
 from robbie_mp.linux.forks import REFUSED, keep_from_forks
 from robbie_mp.messages import Message, lay_out
 from robbie_mp.messages.encoded import check_encapsulation, check_type
+from robbie_mp.messages.loans import Layout
 from robbie_mp.messages.message import check_message, check_message_type
 from robbie_mp.module.bus import PublishAfterStop
 from robbie_mp.module.clock import Clock
@@ -85,7 +85,7 @@ class Outbox:
         self._awaited: int | None = None
         """The total number of freed blocks at which the module is woken."""
         self._closed = False
-        self._native = None
+        self._native: Any = None
         """Publishes what is of the common form; None, or its answer None: Python does it."""
         if native is not None and clock.monotonic_ns is time.monotonic_ns:
             self._native = native.Publisher(
@@ -100,7 +100,8 @@ class Outbox:
     @property
     def outstanding(self) -> int:
         """Number of messages that subscribers still wait for or hold."""
-        if self._native is not None and (counted := self._native.outstanding()) is not None:
+        counted: int | None = None if self._native is None else self._native.outstanding()
+        if counted is not None:
             return counted
         with self._lock:
             self.collect_freed()
@@ -202,22 +203,27 @@ class Outbox:
             block.buffer[block.offset : block.offset + size] = source
             return self._hand_over(declaration, block, size, type_name, topic)
 
-    @contextmanager
     def loan(
         self,
         message_type: type[MessageType],
         topic: str,
         fields: Mapping[str, object],
         latched: bool = False,
-    ) -> Iterator[MessageType]:
+    ) -> "Loan[MessageType]":
         """Lay a message out in a block, and pass it to the core after the caller has filled it.
 
         If memory is full, the caller fills a private buffer and the message is counted as refused: a driver
         does not fail because the bus is full.
         """
+        return Loan(self, message_type, topic, fields, latched)
+
+    def begin_loan(
+        self, message_type: type[MessageType], topic: str, fields: Mapping[str, object], latched: bool
+    ) -> tuple[int, Block | None, Layout[MessageType]]:
+        """Allocate the block of a loan; return the channel's number, the block and the message's layout."""
         check_message_type(message_type, "loan")
-        name = _name_of(message_type, topic)
         with self._lock:
+            name = _name_of(message_type, topic)
             if latched:
                 self._latch(name)
             declaration = self._declarations.get((message_type, topic))
@@ -227,27 +233,42 @@ class Outbox:
             block = self._allocate(plan.size, self._blocks.reuse(plan.size))
             if block is None:
                 block = self._replace_latched(name, plan.size)
-        start = block.buffer[block.offset : block.offset + plan.size] if block else bytearray(plan.size)
-        whole = np.frombuffer(start, np.uint8)
-        message = plan.write(whole.data)
-        try:
-            yield message
-        except BaseException:
-            message.forget_arrays()
-            if block:
-                self._give_up(block, weakref.ref(whole))
-            raise
-        message.forget_arrays()
-        holds = weakref.ref(whole)
-        del whole, start
+            return declaration, block, plan
+
+    def end_loan(
+        self,
+        declaration: int,
+        block: Block | None,
+        size: int,
+        name: tuple[type[Message], str],
+        holds: "weakref.ref[Any]",
+    ) -> None:
+        """Pass a filled block to the core, unless something still refers to it: then pass a copy.
+
+        Args:
+            declaration: the channel's number.
+            block: the block; None: memory was full.
+            size: of the message.
+            name: the message's class and topic.
+            holds: refers to the lent memory.
+        """
+        if block is not None and self._native is not None and holds() is None:
+            done = self._native.hand_over(declaration, block, size)
+            if done is True:
+                return
+            if done is not None:
+                with self._lock:
+                    self._prepare_next(done)
+                return
+        message_type, topic = name
         with self._lock:
             if block is None:
-                self._refuse_for_memory(plan.size, message_type.type_name, topic)
+                self._refuse_for_memory(size, message_type.type_name, topic)
             elif holds() is None:
-                self._hand_over(declaration, block, plan.size, message_type.type_name, topic)
+                self._hand_over(declaration, block, size, message_type.type_name, topic)
             else:
-                self._hand_over_copy(declaration, block, plan.size, message_type.type_name, topic)
-                self._give_up(block, holds)
+                self._hand_over_copy(declaration, block, size, message_type.type_name, topic)
+                self.give_up(block, holds)
 
     def close(self) -> None:
         """Refuse to publish from now on."""
@@ -394,7 +415,7 @@ class Outbox:
         copy.buffer[copy.offset : copy.offset + size] = block.buffer[block.offset : block.offset + size]
         self._hand_over(declaration, copy, size, type_name, topic)
 
-    def _give_up(self, block: Block, holds: "weakref.ref[Any]") -> None:
+    def give_up(self, block: Block, holds: "weakref.ref[Any]") -> None:
         """Reuse a block as soon as nothing refers to the loaned memory."""
         held = holds()
         if held is None:
@@ -414,6 +435,41 @@ class Outbox:
                 type_name, topic, self._refused,
             )  # fmt: skip
         return False
+
+
+class Loan(Generic[MessageType]):
+    """Lends a block until the end of a `with` block; see `Outbox.loan`. It is used once."""
+
+    __slots__ = ("_block", "_declaration", "_message", "_name", "_outbox", "_size", "_wanted", "_whole")
+
+    def __init__(
+        self,
+        outbox: Outbox,
+        message_type: type[MessageType],
+        topic: str,
+        fields: Mapping[str, object],
+        latched: bool,
+    ):
+        self._outbox = outbox
+        self._name = message_type, topic
+        self._wanted = fields, latched
+
+    def __enter__(self) -> MessageType:
+        self._declaration, block, plan = self._outbox.begin_loan(*self._name, *self._wanted)
+        self._block, self._size = block, plan.size
+        start = block.buffer[block.offset : block.offset + plan.size] if block else bytearray(plan.size)
+        self._whole = np.frombuffer(start, np.uint8)
+        self._message = plan.write(self._whole.data)
+        return self._message
+
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
+        self._message.forget_arrays()
+        holds = weakref.ref(self._whole)
+        del self._whole
+        if error is None:
+            self._outbox.end_loan(self._declaration, self._block, self._size, self._name, holds)
+        elif self._block is not None:
+            self._outbox.give_up(self._block, holds)
 
 
 def _name_of(message_type: type[Message], topic: str) -> ChannelName:

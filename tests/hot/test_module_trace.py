@@ -28,6 +28,10 @@ STEP = st.one_of(
     st.tuples(
         st.just("publish"), st.tuples(st.integers(0, 2), st.sampled_from([0, 1, 60, 61, 5000, 40_000]))
     ),
+    st.tuples(
+        st.just("lend"),
+        st.tuples(st.integers(0, 2), st.sampled_from([0, 1, 60, 5000, 40_000]), st.integers(0, 2)),
+    ),
     st.tuples(st.just("take_turns"), st.tuples(st.integers(1, 6))),
     st.tuples(st.just("keep"), st.tuples(st.integers(0, 3))),
     st.tuples(st.just("drop"), st.tuples(st.integers(0, 9))),
@@ -87,7 +91,13 @@ def test_c_really_publishes_and_handles(
     monkeypatch.setattr(Inbox, "handle", noted("handle", Inbox.handle))
     monkeypatch.setattr(TimedTicks, "run", noted("tick", TimedTicks.run))
     message: list[Step] = [("publish", (1, 60)), ("core", ()), ("take_turns", (2,)), ("core", ())]
-    steps: list[Step] = [*message, ("set_period", (1e-9,)), *message * 9]
+    steps: list[Step] = [
+        *message,
+        ("set_period", (1e-9,)),
+        *message * 9,
+        ("lend", (1, 60, 0)),
+        ("lend", (1, 5000, 0)),
+    ]
     exchanges: list[Exchange] = []
     played(built, lambda: exchanges.append(play(built, parcel, steps)), with_c=True)
     assert sorted(in_python) == ["handle", "publish"], "each first one: declared, mapped"
@@ -120,7 +130,8 @@ def test_every_step_of_a_message_is_stored_alike(
 ) -> None:
     message: list[Step] = [("publish", (1, size)), ("core", ()), ("take_turns", (2,)), ("core", ())]
     ticking: list[Step] = [("set_period", (0.0025,)), *message * 2, ("set_period", (0.0025, None)), *message]
-    steps = [("keep", (keep,)), *message * 5, ("drop", (0,)), *message * 3, *ticking]
+    lent: list[Step] = [("lend", (1, size, 0)), ("core", ()), ("take_turns", (2,)), ("core", ())]
+    steps = [("keep", (keep,)), *message * 5, ("drop", (0,)), *message * 3, *ticking, *lent * 3]
     compare(built, parcel, steps)
 
 
@@ -133,7 +144,9 @@ def test_module_dies_before_any_of_its_stores_alike(
     message: list[Step] = [
         ("publish", (1, 60)),
         ("core", ()),
-        ("take_turns", (3,)),
+        ("lend", (1, 5000, 0)),
+        ("core", ()),
+        ("take_turns", (4,)),
         ("drop", (0,)),
         ("core", ()),
     ]

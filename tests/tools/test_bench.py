@@ -138,6 +138,13 @@ def test_idle_modules_take_processor_time(tmp_path: Path) -> None:
     assert 0 < row["cpu_percent"][0] < 200
 
 
+def test_loaded_modules_are_compared_with_the_floor(tmp_path: Path) -> None:
+    run = measure(tmp_path, "loaded", "--only=robbie,floor", "--modules=2", "--seconds=0.3", "--rounds=1")
+    for row in run["results"][0]["contenders"]:
+        assert row["trouble"] == ""
+        assert 0 < row["us_per_message"][0] < 1e4
+
+
 def test_variant_changes_the_profile_that_is_measured(tmp_path: Path) -> None:
     file = tmp_path / "few.yaml"
     file.write_text("core: {credits: 2}\nmodule: {queue: {messages: 5}}")

@@ -175,7 +175,7 @@ def test_message_takes_few_calls(chain: Chain) -> None:
     releasing, _ = calls_of(chain.core.run_round)
     encoding = 2 if choice.native() is None else 0
     assert publishing <= encoding + (13 if chain.native is None else 3)
-    assert routing <= (24 if chain.native is None else 2), "the post is two calls of the test"
+    assert routing <= (25 if chain.native is None else 2), "the post is two calls of the test"
     assert handling <= (24 if chain.native is None else 2)
     assert releasing <= (20 if chain.native is None else 0)
 

@@ -14,6 +14,7 @@ from tools.bench import load, messages
 from tools.bench.calling import call
 from tools.bench.goals import goal_table
 from tools.bench.handling import handling
+from tools.bench.loaded import loaded
 from tools.bench.machine import describe_machine, processors_awake
 from tools.bench.options import Options, read_variant
 from tools.bench.report import write_report
@@ -28,6 +29,7 @@ BENCHMARKS = {
     "throughput": messages.throughput,
     "scale": load.scale,
     "idle": load.idle,
+    "loaded": loaded,
     "restart": restart,
     "handling": handling,
     "call": call,

@@ -65,12 +65,14 @@ def is_peer(row: Row) -> bool:
     return not row["name"].startswith(("robbie", "floor", "memcpy"))
 
 
-def _against(benchmark: str, name: str, other: str, part: str = "") -> Callable[[Results], Any]:
-    """Return a function that divides a contender's p50 by that of another one."""
+def _against(
+    benchmark: str, name: str, other: str, part: str = "", column: str = "p50_us"
+) -> Callable[[Results], Any]:
+    """Return a function that divides a contender's figure by that of another one."""
 
     def figure(results: Results) -> tuple[float | None, str]:
         row, compared = results.row(benchmark, name, part), results.row(benchmark, other, part)
-        return ratio(row, compared, "p50_us"), compared.get("title", other)
+        return ratio(row, compared, column), compared.get("title", other)
 
     return figure
 
@@ -181,6 +183,16 @@ GOALS = (
     Goal("20 idle modules: % of a core", 1.0, _of_row("idle", "robbie", "cpu_percent")),
     Goal("20 modules, 1,500 messages/s: core %", 3.0, _of_bus("1,500", "core_percent")),
     Goal("20 modules, 1,500 messages/s: whole robot %", 12.0, _of_bus("1,500", "robot_percent")),
+    Goal(
+        "20 modules, 1,500 messages/s: robot ÷ floor",
+        1.3,
+        _against("loaded", "robbie", "floor", column="us_per_message"),
+    ),
+    Goal(
+        "20 modules, 1,500 messages/s: robot ÷ best peer",
+        1.0,
+        _against_best("loaded", "robbie", column="us_per_message"),
+    ),
     Goal(
         "construct a message of 64 B: µs",
         0.3,

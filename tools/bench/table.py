@@ -109,6 +109,14 @@ def _idle(result: Row) -> str:
     return render(["", "% of one core"], lines)
 
 
+def _loaded(result: Row) -> str:
+    lines = [
+        [_title(row), number(middle(row["us_per_message"]), 0), number(middle(row["cpu_percent"]))]
+        for row in result["contenders"]
+    ]
+    return render(["", "µs for each message", "% of one core"], lines)
+
+
 SCALE_COLUMNS = {
     "messages_per_s": ("messages/s", 0),
     "core_us_per_message": ("core µs/message", 1),
@@ -149,6 +157,7 @@ TABLES: dict[str, Callable[[Row], str]] = {
     "latency": _latency,
     "throughput": _throughput,
     "idle": _idle,
+    "loaded": _loaded,
     "scale": _scale,
     "restart": _restart,
     "handling": _handling,

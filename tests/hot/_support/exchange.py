@@ -1,5 +1,6 @@
 """A publisher and a subscriber over the test build's memory: in C, or in Python with the same clock."""
 
+import contextlib
 import os
 from collections.abc import Callable
 from itertools import count
@@ -58,6 +59,7 @@ class Exchange:
         self.run_id = f"test{os.getpid()}x{next(_runs)}"
         self.parcel = parcel
         self.kept: list[Any] = []
+        self.lent: list[Any] = []
         self.keeps: Callable[[Any], object] | None = None
         self.next_period_s: object = KEPT
         self.ticks = 0
@@ -94,6 +96,19 @@ class Exchange:
     def publish(self, topic: int, size: int) -> None:
         self.outbox.publish(self.parcel(number=size, data=np.zeros(size, np.uint8)), TOPICS[topic])
 
+    def lend(self, topic: int, size: int, how: int) -> None:
+        """Lend a message: 0 fills it, 1 fails, 2 still refers to its array afterwards."""
+        fields = {"number": size, "data": size}
+        with (
+            contextlib.suppress(ZeroDivisionError),
+            self.outbox.loan(self.parcel, TOPICS[topic], fields) as lent,
+        ):
+            lent.data[:] = how
+            if how == 2:
+                self.lent.append(lent.data)
+            if how == 1:
+                raise ZeroDivisionError
+
     def publish_damaged(self) -> None:
         self.outbox.publish_encoded("test_msgs/msg/Parcel", 1, b"\0\1\0\0no parcel", "")
 
@@ -127,8 +142,9 @@ class Exchange:
         self.keeps = (None, lambda data: data, lambda data: data[1:], bytes)[how]
 
     def drop(self, number: int) -> None:
-        if self.kept:
-            del self.kept[number % len(self.kept)]
+        for kept in (self.kept, self.lent):
+            if kept:
+                del kept[number % len(kept)]
 
     def core(self) -> None:
         self.run.run_core()
@@ -153,6 +169,7 @@ class Exchange:
 
     def close(self) -> None:
         self.kept.clear()
+        self.lent.clear()
         self.keeps = None
         self.outbox.close()
         self.inbox.close()
