@@ -15,7 +15,7 @@ from operator import xor
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.connection.frames import FrameReader, NotAFrame
+from hw.framing import DamagedFrame, Framing
 
 # An LMS5xx with 1141 beams, five echoes and intensities.
 MAX_FRAME_BYTES = 40_000
@@ -87,27 +87,27 @@ def framed(payload: bytes) -> bytes:
     return BINARY_MARKER + len(payload).to_bytes(4, "big") + payload + bytes([checksum(payload)])
 
 
-class BinaryReader(FrameReader):
-    """Finds binary telegrams."""
+class BinaryFraming(Framing[bytes]):
+    """Binary telegrams; what they carry is their payload."""
 
-    def __init__(self) -> None:
-        super().__init__(BINARY_MARKER, BINARY_HEAD_BYTES, MAX_FRAME_BYTES)
+    start = BINARY_MARKER
+    head_bytes = BINARY_HEAD_BYTES
 
-    def length(self, head: bytes) -> int:
+    def length(self, head: bytes) -> int | None:
         """Return the length of the telegram, checksum included."""
+        if len(head) < BINARY_HEAD_BYTES:
+            return None
         length = int.from_bytes(head[4:], "big")
-        if not length:
-            raise NotAFrame
+        if not 0 < length <= MAX_FRAME_BYTES:
+            raise DamagedFrame(f"a telegram of {length} bytes")
         return BINARY_HEAD_BYTES + length + 1
 
-    def is_valid(self, frame: bytes) -> bool:
-        """Return whether the checksum is right."""
-        payload = np.frombuffer(frame, np.uint8, len(frame) - BINARY_HEAD_BYTES - 1, BINARY_HEAD_BYTES)
-        return int(np.bitwise_xor.reduce(payload)) == frame[-1]
-
-    def payloads(self, data: bytes) -> list[bytes]:
-        """Return the payloads that are whole now."""
-        return [frame[BINARY_HEAD_BYTES:-1] for frame in self.feed(data)]
+    def parse(self, frame: bytes) -> bytes:
+        """Return the payload."""
+        payload = frame[BINARY_HEAD_BYTES:-1]
+        if int(np.bitwise_xor.reduce(np.frombuffer(payload, np.uint8))) != frame[-1]:
+            raise DamagedFrame("the checksum is wrong")
+        return payload
 
 
 class TextReader:
@@ -118,8 +118,8 @@ class TextReader:
         self.skipped_bytes = 0
         self._buffer = b""
 
-    def payloads(self, data: bytes) -> list[bytes]:
-        """Return the texts that are whole now."""
+    def feed(self, data: bytes) -> list[bytes]:
+        """Take bytes in pieces of any length; return the texts that are whole now."""
         *parts, self._buffer = (self._buffer + data).split(b"\x03")
         found = []
         for part in parts:
@@ -130,10 +130,10 @@ class TextReader:
             self.damaged += b"\x02" in before or not start
         if len(self._buffer) > MAX_FRAME_BYTES:
             self.damaged += 1
-            self.forget()
+            self.reset()
         return found
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Forget half a telegram."""
         self.skipped_bytes += len(self._buffer)
         self._buffer = b""

@@ -9,6 +9,7 @@ import numpy as np
 from hw.connection.clock import DeviceClock
 from hw.connection.errors import DeviceFault, DeviceSilent
 from hw.connection.port import Port
+from hw.framing import FrameDecoder
 from hw.laser import LaserGeometry, LaserSweep
 from hw.pluggable_laser import PluggableLaser, ranges_in_metres
 from hw.pose import ORIGIN, Pose
@@ -20,7 +21,7 @@ from hw.sick.cola import (
     SCAN,
     START_MEASURING,
     STREAM,
-    BinaryReader,
+    BinaryFraming,
     Command,
     DamagedTelegram,
     Dialect,
@@ -71,7 +72,7 @@ class SickColaLaser(PluggableLaser):
         self._dialect, self._intensities = dialect, intensities
         self._range_max_m, self._mount = range_max_m, mount
         self._stamps = DeviceClock(CLOCK_WRAPS_S, 1e-6, latency_s)
-        self._reader = TextReader() if dialect is Dialect.A else BinaryReader()
+        self._reader = TextReader() if dialect is Dialect.A else FrameDecoder(BinaryFraming())
         self._early: list[bytes] = []
 
     def _start(self, port: Port) -> None:
@@ -85,7 +86,7 @@ class SickColaLaser(PluggableLaser):
         """Return the scans that are whole now."""
         arrived_s, sweeps = self._clock(), []
         early, self._early = self._early, []
-        for payload in [*early, *self._reader.payloads(data)]:
+        for payload in [*early, *self._reader.feed(data)]:
             verb, _, rest = payload.partition(b" ")
             if verb != b"sSN" or not rest.startswith(SCAN):
                 continue
@@ -97,7 +98,7 @@ class SickColaLaser(PluggableLaser):
         return sweeps
 
     def _reset(self) -> None:
-        self._reader.forget()
+        self._reader.reset()
         self._early.clear()
         self._stamps.forget()
 
@@ -144,7 +145,7 @@ class SickColaLaser(PluggableLaser):
         port.write(command.frame(self._dialect))
         end_s = time.monotonic() + ANSWER_S
         while (left_s := end_s - time.monotonic()) > 0:
-            payloads = self._reader.payloads(port.read(left_s))
+            payloads = self._reader.feed(port.read(left_s))
             for number, payload in enumerate(payloads, 1):
                 if payload.startswith(b"sFA"):
                     raise DeviceFault(f"the laser answers {command.name} with the error {payload[4:]!r}")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hw.connection.clock import RegularClock
 from hw.connection.errors import DeviceFault, DeviceSilent
 from hw.connection.port import Port
+from hw.framing import FrameDecoder
 from hw.laser import LaserGeometry, LaserSweep
 from hw.pluggable_laser import PluggableLaser, ranges_in_metres
 from hw.pose import ORIGIN, Pose
@@ -28,7 +29,7 @@ from hw.sick.lms2xx_telegrams import (
     VARIANT_SWITCHED,
     DamagedScan,
     Scan,
-    TelegramReader,
+    TelegramFraming,
     least_code,
     scan,
     telegram,
@@ -106,7 +107,7 @@ class SickLms2xx(PluggableLaser):
         """Whether the scanner reported that its front screen is dirty."""
         self._range_bits, self._found_rate = range_bits, 0
         self._stamps = RegularClock(self.period_s, latency_s)
-        self._reader = TelegramReader()
+        self._reader = FrameDecoder(TelegramFraming())
         self._parts: list[Scan] = []
         self._parts_s = 0.0
 
@@ -138,7 +139,7 @@ class SickLms2xx(PluggableLaser):
         return sweeps
 
     def _reset(self) -> None:
-        self._reader.forget()
+        self._reader.reset()
         self._stamps.forget()
         self._parts.clear()
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.connection.frames import FrameReader, NotAFrame
+from hw.framing import DamagedFrame, Framing
 
 STX = b"\x02"
 ACK = b"\x06"
@@ -78,23 +78,27 @@ def telegram(command: int, data: bytes = b"", address: int = 0) -> bytes:
     return body + crc(body).to_bytes(CRC_BYTES, "little")
 
 
-class TelegramReader(FrameReader):
-    """Finds the scanner's telegrams. ACK and NAK stand between them and count as skipped."""
+class TelegramFraming(Framing[bytes]):
+    """The scanner's telegrams. ACK and NAK stand between them, and count as skipped."""
 
-    def __init__(self) -> None:
-        super().__init__(STX, HEAD_BYTES, HEAD_BYTES + MAX_DATA_BYTES + CRC_BYTES)
+    start = STX
+    head_bytes = HEAD_BYTES
 
-    def length(self, head: bytes) -> int:
+    def length(self, head: bytes) -> int | None:
         """Return the length of the telegram, checksum included."""
+        if len(head) < HEAD_BYTES:
+            return None
         data_bytes = int.from_bytes(head[2:4], "little")
         # Command and status at least.
-        if head[1] not in REPLY_ADDRESSES or data_bytes < 2:
-            raise NotAFrame
+        if head[1] not in REPLY_ADDRESSES or not 2 <= data_bytes <= MAX_DATA_BYTES:
+            raise DamagedFrame("no telegram of the scanner begins like this")
         return HEAD_BYTES + data_bytes + CRC_BYTES
 
-    def is_valid(self, frame: bytes) -> bool:
-        """Return whether the checksum is right."""
-        return crc(frame[:-CRC_BYTES]) == int.from_bytes(frame[-CRC_BYTES:], "little")
+    def parse(self, frame: bytes) -> bytes:
+        """Return the whole telegram."""
+        if crc(frame[:-CRC_BYTES]) != int.from_bytes(frame[-CRC_BYTES:], "little"):
+            raise DamagedFrame("the checksum is wrong")
+        return frame
 
 
 def scan(frame: bytes, range_bits: int = 13) -> Scan:

@@ -9,9 +9,17 @@ from hw.dynamixel import protocol1, protocol2
 from hw.flir.ptu_protocol import PtuFraming
 from hw.framing import FrameDecoder, Framing
 from hw.gnss import nmea, ubx
+from hw.hokuyo import scip
+from hw.hokuyo.laser import HokuyoLaser
 from hw.irobot import open_interface
 from hw.microstrain import mip
 from hw.pioneer import p2os
+from hw.pluggable_laser import PluggableLaser
+from hw.rplidar.protocol import CapsuleReader
+from hw.sick import cola, lms2xx_telegrams
+from hw.sick.cola import Dialect
+from hw.sick.cola_laser import SickColaLaser
+from hw.sick.lms2xx import SickLms2xx
 from hw.xsens import xbus
 from tools.fuzz_decoders.fuzz import Decoder, Subject
 
@@ -93,7 +101,69 @@ def _framed(
     return lambda: Reading(framing(), read)
 
 
+class LaserSweeps:
+    """A laser's driver that is connected to nothing."""
+
+    def __init__(self, laser: PluggableLaser) -> None:
+        self._laser = laser
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Add bytes; return the ranges that are now complete."""
+        return [sweep.ranges_m.tobytes() for sweep in self._laser._take(data)]
+
+
+def _hokuyo() -> LaserSweeps:
+    laser = HokuyoLaser("nowhere", lambda: 0.0)
+    told = {"DMIN": 20, "DMAX": 5600, "ARES": 1024, "AMIN": 44, "AMAX": 725, "AFRT": 384, "SCAN": 600}
+    laser._set_geometry({name: str(value) for name, value in told.items()})
+    laser._request = "MD0044072501000"
+    return LaserSweeps(laser)
+
+
+def _scip_sweep(random: Random) -> bytes:
+    data = bytes(random.randrange(0x30, 0x70) for _ in range(3 * 682))
+    lines = [b"99", b"0000", *(data[at : at + 64] for at in range(0, len(data), 64))]
+    return b"MD0044072501000\n" + b"\n".join(line + scip.checksum(line) for line in lines) + b"\n\n"
+
+
+def _lms2xx_scan(random: Random) -> bytes:
+    inside = bytes([lms2xx_telegrams.SCAN]) + (361).to_bytes(2, "little") + random.randbytes(722) + b"\x10"
+    body = b"\x02\x80" + len(inside).to_bytes(2, "little") + inside
+    return body + lms2xx_telegrams.crc(body).to_bytes(2, "little")
+
+
+def _cola_scan(random: Random) -> bytes:
+    head = struct.pack(">HHIBBHHIIBBBBHIIHH", 1, 1, 5, 0, 0, 1, 1, random.getrandbits(32), 0, 0, 0, 0, 0, 0,
+                       1500, 162, 0, 1)  # fmt: skip
+    channel = b"DIST1" + struct.pack(">ffiHH", 1.0, 0.0, -450_000, 3333, 271) + random.randbytes(542)
+    return cola.framed(b"sSN LMDscandata " + head + channel + bytes(2))
+
+
+def _cola_text(random: Random) -> bytes:
+    values = b" ".join(b"%X" % random.getrandbits(13) for _ in range(271))
+    return (
+        b"\x02sSN LMDscandata 1 1 107375C 0 0 2AD8 2ADD 7907F6FD 79080660 0 0 1 0 0 5DC 36 0 1 "
+        b"DIST1 3F800000 00000000 FFF92230 2710 10F " + values + b" 0\x03"
+    )
+
+
+def _capsule(random: Random) -> bytes:
+    # Not the beginning of a scan: bit 7 of the fourth byte.
+    body = bytes([random.getrandbits(8), random.getrandbits(6)]) + random.randbytes(80)
+    check = 0
+    for byte in body:
+        check ^= byte
+    return bytes([0xA0 | check & 15, 0x50 | check >> 4]) + body
+
+
 SUBJECTS = {
+    "rplidar": Subject(CapsuleReader, _capsule),
+    "hokuyo": Subject(_hokuyo, _scip_sweep),
+    "lms2xx": Subject(lambda: LaserSweeps(SickLms2xx("nowhere", lambda: 0.0)), _lms2xx_scan),
+    "cola-a": Subject(
+        lambda: LaserSweeps(SickColaLaser("nowhere", lambda: 0.0, dialect=Dialect.A)), _cola_text
+    ),
+    "cola-b": Subject(lambda: LaserSweeps(SickColaLaser("nowhere", lambda: 0.0)), _cola_scan),
     "irobot": Subject(_framed(lambda: open_interface.StreamFraming(STREAM)), _create_frame),
     "p2os": Subject(_framed(p2os.P2osFraming, p2os.server_information), _sip),
     "xsens": Subject(_framed(xbus.XbusFraming, xbus.data2), _mtdata2),

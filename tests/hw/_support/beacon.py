@@ -5,9 +5,9 @@ from collections.abc import Callable
 
 from hw.connection.device import PluggableDevice
 from hw.connection.errors import DeviceSilent
-from hw.connection.frames import FrameReader, NotAFrame
 from hw.connection.port import Port
 from hw.emulation.device import EmulatedClock, EmulatedDevice
+from hw.framing import DamagedFrame, FrameDecoder, Framing
 
 MARKER = b"\xaa\x55"
 BODY = struct.Struct("<II")
@@ -18,17 +18,18 @@ def frame(number: int, stamp_ms: int = 0) -> bytes:
     return MARKER + inside + bytes([sum(inside) & 0xFF])
 
 
-class BeaconFrames(FrameReader):
-    def __init__(self) -> None:
-        super().__init__(MARKER, head_bytes=3, max_bytes=40)
+class BeaconFraming(Framing[int]):
+    start = MARKER
+    head_bytes = 3
 
-    def length(self, head: bytes) -> int:
-        if head[2] == 0:
-            raise NotAFrame
-        return len(MARKER) + 1 + head[2] + 1
+    def length(self, head: bytes) -> int | None:
+        return len(MARKER) + 1 + head[2] + 1 if len(head) == 3 else None
 
-    def is_valid(self, frame: bytes) -> bool:
-        return sum(frame[2:-1]) & 0xFF == frame[-1]
+    def parse(self, frame: bytes) -> int:
+        if sum(frame[2:-1]) & 0xFF != frame[-1] or frame[2] != BODY.size:
+            raise DamagedFrame
+        number: int = BODY.unpack(frame[3:-1])[0]
+        return number
 
 
 class EmulatedBeacon(EmulatedDevice):
@@ -64,7 +65,7 @@ class Beacon(PluggableDevice[int]):
         self, url: str, bit_rate: int = 115_200, open_port: Callable[[str, int], Port] = Port
     ) -> None:
         super().__init__(url, bit_rate, silence_s=0.3, open_port=open_port)
-        self.frames = BeaconFrames()
+        self.frames = FrameDecoder(BeaconFraming())
 
     def _start(self, port: Port) -> None:
         port.write(b"?")
@@ -76,7 +77,7 @@ class Beacon(PluggableDevice[int]):
             heard += more
 
     def _take(self, data: bytes) -> list[int]:
-        return [BODY.unpack(frame[3:-1])[0] for frame in self.frames.feed(data)]
+        return self.frames.feed(data)
 
     def _reset(self) -> None:
-        self.frames.forget()
+        self.frames.reset()

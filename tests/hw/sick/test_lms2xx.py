@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hw.connection.clock import RegularClock
+from hw.framing import FrameDecoder
 from hw.sick.lms2xx import SickLms2xx
-from hw.sick.lms2xx_telegrams import DamagedScan, TelegramReader, crc, least_code, scan, telegram
+from hw.sick.lms2xx_telegrams import DamagedScan, TelegramFraming, crc, least_code, scan, telegram
 
 
 def reply(command: int, data: bytes, status: int = 0x10, address: int = 0x80) -> bytes:
@@ -50,12 +51,12 @@ def test_commands_are_those_of_the_manual(command: int, data: str, told: str) ->
 @pytest.mark.parametrize("told", ["02 80 03 00 A0 00 10 16 0A", "02 81 03 00 A0 00 10 36 1A"])
 def test_replies_of_the_manual_are_understood_between_acknowledgements(told: str) -> None:
     frame = bytes.fromhex(told)
-    assert TelegramReader().feed(b"\x06" + frame + b"\x15\x06" + frame) == [frame, frame]
+    assert FrameDecoder(TelegramFraming()).feed(b"\x06" + frame + b"\x15\x06" + frame) == [frame, frame]
 
 
 def test_acknowledgement_bytes_within_a_scan_are_data() -> None:
     frame = scan_telegram([0x0606, 0x0615, 0x0202] * 60)
-    (found,) = TelegramReader().feed(b"\x06" + frame)
+    (found,) = FrameDecoder(TelegramFraming()).feed(b"\x06" + frame)
     assert scan(found).values.tolist() == [0x0606, 0x0615, 0x0202] * 60
 
 
@@ -119,8 +120,7 @@ def test_reader_is_in_step_again_within_two_scans_of_a_changed_byte(place: int, 
     one = scan_telegram(list(range(361)))
     damaged = bytearray(one)
     damaged[place] ^= change
-    # A damaged length makes the reader wait for the length of one more telegram.
-    assert TelegramReader().feed(bytes(damaged) + one + one + one)[-2:] == [one, one]
+    assert FrameDecoder(TelegramFraming()).feed(bytes(damaged) + one + one + one)[-2:] == [one, one]
 
 
 @given(st.binary(max_size=1500))
