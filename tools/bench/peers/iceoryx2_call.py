@@ -35,9 +35,10 @@ class Iceoryx2Call(Iceoryx2):
         """Reply until the last request."""
         node = open_node(work)
         service, asked, answered = _services(node, work)
-        server = service.server_builder().create()
         listener = asked.listener_builder().create()
         notifier = answered.notifier_builder().create()
+        # Last: a client that sees the server sends at once, and the listener must not miss that.
+        server = service.server_builder().create()
         number = 0
         while number != END:
             listener.blocking_wait()
