@@ -225,6 +225,7 @@ STRIDE = 5
 PAIR_STRIDES: dict[Scenario, tuple[int, int]] = {rows_used_again: (1, 5)}
 """Of first and second deaths: here one single first death can have a message entered twice."""
 OTHER_PAIR_STRIDES = (23, 13)
+LATCHED_PAIR_STRIDES = (97, 53)
 SETTINGS: tuple[dict[str, Any], ...] = (
     {"handles": 12},
     {"queue_messages": 1, "handles": 12, "in_flight_bytes": 16},
@@ -283,7 +284,23 @@ def test_core_may_die_again_before_any_store_of_its_successor(
         strides = (1, 1)
     elif number:
         pytest.skip("pairs of deaths in all settings are tried with --exhaustive")
-    settings = SETTINGS[number]
+    _kill_core_twice(scenario, SETTINGS[number], strides)
+
+
+@pytest.mark.parametrize("number", range(len(LATCHED_SETTINGS)))
+@pytest.mark.parametrize("scenario", LATCHED_SCENARIOS)
+def test_core_of_latched_channel_may_die_again_before_any_store_of_its_successor(
+    scenario: Scenario, number: int, pytestconfig: pytest.Config
+) -> None:
+    if pytestconfig.getoption("--exhaustive"):
+        _kill_core_twice(scenario, LATCHED_SETTINGS[number], (1, 1))
+    elif number:
+        pytest.skip("pairs of deaths in all settings are tried with --exhaustive")
+    else:
+        _kill_core_twice(scenario, LATCHED_SETTINGS[number], LATCHED_PAIR_STRIDES)
+
+
+def _kill_core_twice(scenario: Scenario, settings: dict[str, Any], strides: tuple[int, int]) -> None:
     first_lives = states(scenario, settings, ())
     seen = set(first_lives)
     pairs = played = 0

@@ -10,7 +10,9 @@ from tests.core._support.history import SLOTS, History
 
 ACTIONS = ["publish"] * 4 + ["handle"] * 3 + ["core"] * 2
 ACTIONS += ["kill", "start", "begin_and_die", "keep", "let_go", "make_room"]
+LATCHED_ACTIONS = [*ACTIONS, "kill", "start", "join", "drop_latched"]
 STEPS = st.lists(st.tuples(st.sampled_from(ACTIONS), st.sampled_from(SLOTS)), max_size=80)
+LATCHED_STEPS = st.lists(st.tuples(st.sampled_from(LATCHED_ACTIONS), st.sampled_from(SLOTS)), max_size=80)
 DEATHS = st.lists(st.integers(0, 2000), max_size=3)
 
 
@@ -33,3 +35,16 @@ def test_any_history_survives_any_deaths_of_the_core(
         for action, slot in steps:
             getattr(history, action)(slot)
         history.finish()
+
+
+@settings(max_examples=100, deadline=None)
+@given(LATCHED_STEPS, DEATHS, st.booleans(), st.booleans(), st.sampled_from([4, 1 << 30]))
+def test_any_history_of_a_latched_channel_survives_any_deaths_of_the_core(
+    steps: list[tuple[str, int]], deaths: list[int], by_patterns: bool, lockstep: bool, latched_bytes: int
+) -> None:
+    history = History(
+        tuple(deaths), by_patterns=by_patterns, lockstep=lockstep, latched=True, latched_bytes=latched_bytes
+    )
+    for action, slot in steps:
+        getattr(history, action)(slot)
+    history.finish()
