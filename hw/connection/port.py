@@ -71,6 +71,11 @@ class Port:
         except (OSError, ValueError) as error:
             raise PortError(f"the port {self.url} refuses {bit_rate} bit/s: {error}") from error
 
+    @property
+    def descriptor(self) -> int | None:
+        """Return the file descriptor of the open port; None: it has none, as `rfc2217://`."""
+        return self._link.descriptor
+
     def drain(self, quiet_s: float, limit_s: float) -> None:
         """Read and forget what still arrives, until nothing came for `quiet_s`, or for `limit_s` at most."""
         end_s = time.monotonic() + limit_s
@@ -95,15 +100,15 @@ class _Serial:
     def __init__(self, url: str, bit_rate: int) -> None:
         options: dict[str, Any] = {} if "://" in url else {"exclusive": True}
         self._port = serial.serial_for_url(url, bit_rate, timeout=0, write_timeout=WRITE_TIMEOUT_S, **options)
-        self._descriptor = getattr(self._port, "fd", None)
+        self.descriptor: int | None = getattr(self._port, "fd", None)
 
     def read(self, wait_s: float) -> bytes:
-        if self._descriptor is None:
+        if self.descriptor is None:
             # A port without a descriptor, such as rfc2217, has a thread that reads.
             self._port.timeout = wait_s
             first: bytes = self._port.read(1)
             return first + self._port.read(self._port.in_waiting) if first else b""
-        if not select.select([self._descriptor], [], [], wait_s)[0]:
+        if not select.select([self.descriptor], [], [], wait_s)[0]:
             return b""
         data: bytes = self._port.read(READ_BYTES)
         return data
@@ -118,7 +123,7 @@ class _Serial:
         self._port.dtr = is_high
 
     def close(self) -> None:
-        self._descriptor = None
+        self.descriptor = None
         self._port.close()
 
 
@@ -147,6 +152,10 @@ class _Tcp:
 
     def write(self, data: bytes) -> None:
         self._socket.sendall(data)
+
+    @property
+    def descriptor(self) -> int:
+        return self._socket.fileno()
 
     def set_bit_rate(self, bit_rate: int) -> None:
         pass

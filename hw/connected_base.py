@@ -1,0 +1,195 @@
+"""What the drivers of bases on a port share: expiring commands, the emergency stop, and odometry."""
+
+import math
+import time
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hw.battery import BatteryReading
+from hw.connection.device import PluggableDevice
+from hw.connection.port import Port
+from hw.connection.stop_guard import StopGuard
+from hw.drive import Drive, DriveState, check_command
+from hw.odometry import Odometer, OdometryNoise
+
+
+@dataclass(frozen=True)
+class BaseLimits:
+    """The greatest speeds."""
+
+    linear_m_per_s: float
+    angular_rad_per_s: float
+
+
+@dataclass(frozen=True)
+class BaseReading:
+    """What a base tells at one time.
+
+    Attributes:
+        state: its motion by wheel odometry.
+        covariance: (3, 3), of the pose's x, y and heading.
+        pressed: the bumper's parts that touch something, of `hw.bumper.PARTS`.
+        battery: None if it does not tell.
+        charging: whether a charger charges the battery; None if it does not tell.
+        problems: why it may not move, for people, such as "cliff on the left".
+        sonar_m: distances by the sonars' numbers; +inf: nothing seen.
+    """
+
+    state: DriveState
+    covariance: NDArray[np.float64]
+    pressed: tuple[str, ...]
+    battery: BatteryReading | None
+    charging: bool | None
+    problems: tuple[str, ...]
+    sonar_m: dict[int, float]
+
+
+class ConnectedBase(PluggableDevice[BaseReading], Drive):
+    """A base on a port.
+
+    Whatever moves it expires. Three things watch over that: `poll` stops the robot as soon as a command
+    has expired; a guard, which is a process besides, stops it when the driver's process has died or hangs;
+    and after each connection the robot stands until the next command. A port without a descriptor
+    (`rfc2217://`) has no guard.
+
+    Args:
+        url: the port: see `hw.connection.port.Port`.
+        bit_rate: bit/s at the start, on a serial line.
+        limits: faster commands are clamped to these.
+        noise: how much the wheels slip.
+        clock: the time for stamps, s.
+        silence_s: see `PluggableDevice`.
+        monotonic: likewise.
+        open_port: likewise.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        bit_rate: int,
+        limits: BaseLimits,
+        noise: OdometryNoise | None = None,
+        *,
+        clock: Callable[[], float] = time.time,
+        silence_s: float = 0.5,
+        monotonic: Callable[[], float] = time.monotonic,
+        open_port: Callable[[str, int], Port] = Port,
+    ) -> None:
+        super().__init__(url, bit_rate, silence_s=silence_s, monotonic=monotonic, open_port=open_port)
+        self.limits = limits
+        self.odometer = Odometer(noise)
+        self.expired_commands = 0
+        """How many commands have ended because no newer one came in time."""
+        self.ignored_commands = 0
+        """How many commands came while it was disconnected or its emergency stop was engaged."""
+        self._clock = clock
+        self._valid_until_s: float | None = None
+        self._is_emergency_stopped = False
+        self._guard: StopGuard | None = None
+        self._speeds = (0.0, 0.0)
+
+    def command(self, linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:
+        """Drive at these speeds until the next command, but no longer than `valid_for_s`."""
+        check_command(linear_m_per_s, angular_rad_per_s, valid_for_s)
+        if not self.is_connected or self._is_emergency_stopped:
+            self.ignored_commands += 1
+            return
+        # Both speeds shrink alike, so that the robot drives the same curve.
+        excess = max(
+            1.0,
+            abs(linear_m_per_s) / self.limits.linear_m_per_s,
+            abs(angular_rad_per_s) / self.limits.angular_rad_per_s,
+        )
+        if self._guard is not None:
+            self._guard.allow(valid_for_s)
+        self._valid_until_s = self._monotonic() + valid_for_s
+        self.send(self._motion(linear_m_per_s / excess, angular_rad_per_s / excess))
+
+    def read(self) -> DriveState:
+        """Return the robot's state by wheel odometry; without a connection it counts as standing."""
+        return DriveState(self._clock(), self.odometer.pose, *self._speeds)
+
+    def stop(self) -> None:
+        """Brake to a halt."""
+        self._valid_until_s = None
+        self.send(self._halt())
+        if self._guard is not None:
+            self._guard.allow(0.0)
+
+    def stop_for_emergency(self) -> None:
+        """Brake as hard as possible; do not move again before `release`."""
+        self._is_emergency_stopped = True
+        self.stop()
+
+    def release(self) -> None:
+        """Release the emergency stop; the robot stands until the next command."""
+        self._is_emergency_stopped = False
+
+    @property
+    def is_emergency_stopped(self) -> bool:
+        """Return whether the emergency stop is engaged."""
+        return self._is_emergency_stopped
+
+    @property
+    def is_guarded(self) -> bool:
+        """Return whether a guard would stop the robot if this process died."""
+        return self._guard is not None
+
+    def poll(self, wait_s: float = 0.0) -> list[BaseReading]:
+        """Return what the base has told since the last call; stop it when a command has expired."""
+        if self._valid_until_s is not None:
+            wait_s = max(0.0, min(wait_s, self._valid_until_s - self._monotonic()))
+        readings = super().poll(wait_s)
+        if self._valid_until_s is not None and self._monotonic() >= self._valid_until_s:
+            self.expired_commands += 1
+            self.stop()
+        return readings
+
+    @abstractmethod
+    def _motion(self, linear_m_per_s: float, angular_rad_per_s: float) -> bytes:
+        """Return the bytes of a command to drive."""
+
+    @abstractmethod
+    def _halt(self) -> bytes:
+        """Return the bytes that stop the wheels, whatever the base was told before."""
+
+    @abstractmethod
+    def _greet(self, port: Port) -> None:
+        """Talk to the base until it sends; see `PluggableDevice._start`."""
+
+    def _start(self, port: Port) -> None:
+        self._greet(port)
+        port.write(self._halt())
+        if port.descriptor is not None:
+            self._guard = StopGuard(port.descriptor, self._halt())
+
+    def _reset(self) -> None:
+        self._valid_until_s = None
+        self._speeds = (0.0, 0.0)
+        if self._guard is not None:
+            self._guard.close()
+            self._guard = None
+
+    def _stop(self) -> None:
+        self.stop()
+
+    def _moved(self, distance_m: float, turn_rad: float, speeds: tuple[float, float]) -> DriveState:
+        """Add a motion to the odometry; return the state after it."""
+        if distance_m or turn_rad:
+            self.odometer.add(distance_m, turn_rad)
+        self._speeds = speeds
+        return self.read()
+
+
+def difference(newer: int, older: int, modulus: int) -> int:
+    """Return how far a counter that wraps has gone, by the shorter way."""
+    return (newer - older + modulus // 2) % modulus - modulus // 2
+
+
+def nothing_beyond(distance_m: float, most_m: float) -> float:
+    """Return a distance, or +inf if it is the sensor's greatest or more."""
+    return math.inf if distance_m >= most_m else distance_m

@@ -1,0 +1,216 @@
+"""Pioneer robots (P3-AT, P3-DX, AmigoBot, PeopleBot) on a serial line, or the maker's simulator over TCP."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from hw.battery import BatteryReading
+from hw.connected_base import BaseLimits, BaseReading, ConnectedBase, difference, nothing_beyond
+from hw.connection.errors import DeviceFault, DeviceSilent
+from hw.connection.port import Port
+from hw.framing import DamagedFrame, FrameDecoder
+from hw.odometry import OdometryNoise
+from hw.pioneer import p2os
+from hw.pioneer.p2os import Command, PacketId
+
+BIT_RATE = 9_600
+HEADING_MODULUS = 4_096
+# The robot's own watchdog waits 2 s unless it was set otherwise; this leaves room for a much shorter one.
+PULSE_PERIOD_S = 0.1
+HANDSHAKE_TIMEOUT_S = 0.5
+# A robot that is still connected to a host that has died sends other packets first.
+MAX_OTHER_PACKETS = 20
+# A robot cannot move farther between two packets: its controller was restarted, or its origin was set.
+MAX_STEP_MM = 1_000
+
+
+P3AT_LIMITS = BaseLimits(1.2, math.radians(300))
+
+
+@dataclass(frozen=True)
+class PioneerModel:
+    """What differs between models, from the makers' parameter files.
+
+    Attributes:
+        mm_per_count: of the position.
+        position_modulus: the position's counts wrap at this: 32,768 with ARCOS, 4,096 with some P2OS.
+        half_track: the controller's factor from the difference of the wheels' speeds, mm/s, to rad/s.
+        limits: greatest speeds.
+        sonar_max_mm: a sonar that sees nothing tells this or more.
+    """
+
+    mm_per_count: float = 0.465
+    position_modulus: int = 32_768
+    half_track: float = 0.0034
+    limits: BaseLimits = P3AT_LIMITS
+    sonar_max_mm: int = 4_335
+
+
+P3AT = PioneerModel()
+P3AT_SH = PioneerModel(mm_per_count=1.0)
+MODELS = {"p3at": P3AT, "p3at-sh": P3AT_SH}
+
+
+class PioneerBase(ConnectedBase):
+    """A Pioneer robot.
+
+    Its own watchdog stops it when the line breaks or the host dies: after 2 s as delivered. Set the robot's
+    parameter WatchDog to 300 (ms) with the maker's tool, so that it stands earlier. When this process dies
+    or hangs, the guard stops it at once.
+
+    Args:
+        url: the port: see `hw.connection.port.Port`; the maker's simulator is at "socket://HOST:8101".
+        bit_rate: bit/s.
+        model: None: the one that the robot names, or a P3-AT.
+        clock: the time for stamps, s.
+        monotonic: see `PluggableDevice`.
+        open_port: likewise.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        bit_rate: int = BIT_RATE,
+        model: PioneerModel | None = None,
+        *,
+        clock: Callable[[], float] = time.time,
+        monotonic: Callable[[], float] = time.monotonic,
+        open_port: Callable[[str, int], Port] = Port,
+    ) -> None:
+        # A robot that is steered by the speeds of its two sides slips when it turns.
+        noise = OdometryNoise(distance=0.001, heading=0.02, heading_for_distance=0.001)
+        limits = (model or P3AT).limits
+        super().__init__(url, bit_rate, limits, noise, clock=clock, monotonic=monotonic, open_port=open_port)
+        self.name: p2os.RobotName | None = None
+        """What the robot has called itself in the handshake."""
+        self.model = model or P3AT
+        self._wanted_model = model
+        self._decoder = FrameDecoder(p2os.P2osFraming())
+        self._unreadable = 0
+        self._last: p2os.ServerInformation | None = None
+        self._pulse_s = -math.inf
+
+    def poll(self, wait_s: float = 0.0) -> list[BaseReading]:
+        """Return what the robot has told since the last call; keep its watchdog content."""
+        if self.is_connected and self._monotonic() - self._pulse_s >= PULSE_PERIOD_S:
+            self._pulse_s = self._monotonic()
+            self.send(p2os.command(Command.PULSE))
+        return super().poll(min(wait_s, PULSE_PERIOD_S))
+
+    def _greet(self, port: Port) -> None:
+        decoder = FrameDecoder(p2os.P2osFraming())
+        # The robot may still be connected to a host that has died.
+        port.write(p2os.command(Command.CLOSE))
+        port.drain(quiet_s=0.12, limit_s=0.5)
+        for step in (Command.PULSE, Command.OPEN, Command.CLOSE):
+            port.write(p2os.command(step))
+            answer = self._answer(port, decoder, step)
+        try:
+            self.name = p2os.robot_name(answer)
+        except DamagedFrame as error:
+            raise DeviceFault(f"the robot at {self.url} does not tell its name: {error}") from error
+        self.model = self._wanted_model or MODELS.get(self.name.model, P3AT)
+        for number, argument in (
+            (Command.OPEN, None),
+            (Command.PULSE, None),
+            (Command.SONAR, 1),
+            (Command.ENABLE, 1),
+        ):
+            port.write(p2os.command(number, argument))
+
+    def _answer(self, port: Port, decoder: FrameDecoder[p2os.Packet], step: int) -> p2os.Packet:
+        end_s = self._monotonic() + HANDSHAKE_TIMEOUT_S
+        others = 0
+        while (left_s := end_s - self._monotonic()) > 0:
+            for packet in decoder.feed(port.read(left_s)):
+                if packet.number == step:
+                    return packet
+                others += 1
+                if others > MAX_OTHER_PACKETS:
+                    raise DeviceFault(f"the robot at {self.url} answers something else to SYNC{step}")
+        raise DeviceSilent(f"no robot answers SYNC{step} at {self.url}")
+
+    def _motion(self, linear_m_per_s: float, angular_rad_per_s: float) -> bytes:
+        speed = p2os.command(Command.SPEED, round(1000 * linear_m_per_s))
+        return speed + p2os.command(Command.TURN_RATE, round(math.degrees(angular_rad_per_s)))
+
+    def _halt(self) -> bytes:
+        return p2os.command(Command.STOP)
+
+    def stop_for_emergency(self) -> None:
+        """Brake as hard as possible; do not move again before `release`."""
+        self.send(p2os.command(Command.EMERGENCY_STOP))
+        super().stop_for_emergency()
+
+    def _stop(self) -> None:
+        super()._stop()
+        self.send(p2os.command(Command.ENABLE, 0) + p2os.command(Command.CLOSE))
+
+    def _reset(self) -> None:
+        super()._reset()
+        self._decoder.reset()
+        self._last = None
+        self._pulse_s = -math.inf
+
+    def _take(self, data: bytes) -> list[BaseReading]:
+        readings = []
+        for packet in self._decoder.feed(data):
+            if packet.number in (PacketId.STANDING, PacketId.MOVING):
+                try:
+                    readings.append(self._reading(p2os.server_information(packet)))
+                except DamagedFrame:
+                    self._unreadable += 1
+        self.counters.damaged = self._decoder.damaged + self._unreadable
+        self.counters.skipped_bytes = self._decoder.skipped_bytes
+        return readings
+
+    def _reading(self, told: p2os.ServerInformation) -> BaseReading:
+        distance_m, turn_rad = self._motion_since(self._last or told, told)
+        self._last = told
+        linear = (told.left_mm_per_s + told.right_mm_per_s) / 2000
+        angular = (told.right_mm_per_s - told.left_mm_per_s) / 2 * self.model.half_track
+        state = self._moved(distance_m, turn_rad, (linear, angular))
+        # Which bit is which bumper differs between models: a contact counts for both sides.
+        pressed = (("front_left", "front_right") if told.front_bumpers else ()) + (
+            ("back_left", "back_right") if told.rear_bumpers else ()
+        )
+        return BaseReading(
+            state=state,
+            covariance=self.odometer.covariance,
+            pressed=pressed,
+            battery=BatteryReading(state.stamp_s, told.battery_v, math.nan, math.nan, math.nan),
+            charging=None if told.charging is None else told.charging > 0,
+            problems=self._problems(told),
+            sonar_m={
+                number: nothing_beyond(distance, self.model.sonar_max_mm) / 1000
+                for number, distance in told.sonar_mm.items()
+            },
+        )
+
+    def _motion_since(
+        self, before: p2os.ServerInformation, now: p2os.ServerInformation
+    ) -> tuple[float, float]:
+        """Return distance, m, and turn, rad, from one packet to the next."""
+        model = self.model
+        right_mm, left_mm = (
+            difference(newer, older, model.position_modulus) * model.mm_per_count
+            for newer, older in ((now.x, before.x), (now.y, before.y))
+        )
+        if math.hypot(right_mm, left_mm) > MAX_STEP_MM:
+            return 0.0, 0.0
+        counts = difference(now.heading, before.heading, HEADING_MODULUS)
+        turn_rad = counts * 2 * math.pi / HEADING_MODULUS
+        heading_rad = before.heading * 2 * math.pi / HEADING_MODULUS + turn_rad / 2
+        distance_mm = right_mm * math.cos(heading_rad) + left_mm * math.sin(heading_rad)
+        return distance_mm / 1000, turn_rad
+
+    def _problems(self, told: p2os.ServerInformation) -> tuple[str, ...]:
+        problems = []
+        if told.left_stalled:
+            problems.append("left wheels stalled")
+        if told.right_stalled:
+            problems.append("right wheels stalled")
+        if not told.motors_enabled:
+            problems.append("motors disabled")
+        return tuple(problems)

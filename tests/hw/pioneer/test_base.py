@@ -1,0 +1,138 @@
+"""The driver of Pioneer robots."""
+
+import math
+import struct
+
+import pytest
+
+from hw.connection.device import ConnectionState
+from hw.pioneer import p2os
+from hw.pioneer.base import PioneerBase
+from hw.pioneer.p2os import Command, command
+from tests.hw._support.line import Clock, ScriptedDevice
+
+HANDSHAKE = {
+    command(Command.PULSE): command(0),
+    command(Command.OPEN): command(1),
+    command(Command.CLOSE): p2os.packet(b"\x02Robbie\0Pioneer\0p3at-sh\0"),
+}
+
+
+def sip(
+    x: int = 0, y: int = 0, heading: int = 0, left: int = 0, right: int = 0, bits: tuple[int, int] = (0, 0)
+) -> bytes:
+    values = (x & 0x7FFF, y & 0x7FFF, heading, left, right, 124, *bits, 0, 1, 0)
+    return p2os.packet(b"\x32" + struct.pack("<HHhhhBBBhHB", *values) + b"\x01" + struct.pack("<BH", 3, 1500))
+
+
+class Robot:
+    """A driver and its scripted robot."""
+
+    def __init__(self, answers: dict[bytes, bytes] = HANDSHAKE) -> None:
+        self.clock = Clock()
+        self.device = ScriptedDevice(answers)
+        self.base = PioneerBase(
+            "scripted",
+            clock=self.clock,
+            monotonic=self.clock,
+            open_port=lambda url, rate: self.device,  # type: ignore[arg-type, return-value]
+        )
+        self.base.poll()
+        self.started = self.device.taken()
+
+
+@pytest.fixture
+def robot() -> Robot:
+    return Robot()
+
+
+def test_handshake_opens_the_robot_with_motors_and_sonars(robot: Robot) -> None:
+    assert robot.base.state is ConnectionState.CONNECTED
+    assert robot.base.name == ("Robbie", "Pioneer", "p3at-sh")
+    assert robot.started.endswith(command(Command.ENABLE, 1) + command(Command.STOP))
+    assert command(Command.SONAR, 1) in robot.started
+
+
+def test_robot_that_answers_wrongly_is_tried_again() -> None:
+    answers = {**HANDSHAKE, command(Command.CLOSE): p2os.packet(b"\x02")}
+    robot = Robot(answers)
+    assert robot.base.state is ConnectionState.DISCONNECTED
+    assert "does not tell its name" in robot.base.reason
+    robot.device.answers = HANDSHAKE
+    robot.clock.now_s += 1.0
+    robot.base.poll()
+    assert robot.base.is_connected
+
+
+def test_standard_packet_yields_sonars_bumpers_stalls_and_battery(robot: Robot) -> None:
+    robot.device.send(sip(bits=(1, 0b10)))
+    (reading,) = robot.base.poll()
+    assert reading.sonar_m == {3: 1.5}
+    assert reading.pressed == ("front_left", "front_right")
+    assert reading.problems == ("left wheels stalled",)
+    assert reading.battery is not None and reading.battery.voltage_v == 12.4
+
+
+def test_sonar_that_sees_nothing_is_infinite(robot: Robot) -> None:
+    data = b"\x32" + struct.pack("<HHhhhBBBhHB", *(0,) * 11) + b"\x01" + struct.pack("<BH", 7, 5000)
+    robot.device.send(p2os.packet(data))
+    *_, reading = robot.base.poll()
+    assert reading.sonar_m == {7: math.inf}
+
+
+def test_positions_yield_the_way_over_their_wrap(robot: Robot) -> None:
+    robot.device.send(sip(x=32_700) + sip(x=100))
+    *_, reading = robot.base.poll()
+    assert reading.state.pose.x_m == pytest.approx(0.168)
+
+
+def test_way_backwards_in_another_direction_is_negative(robot: Robot) -> None:
+    # The robot looks along its y axis and drives back; in our frame it looks along x.
+    robot.device.send(sip(heading=1024) + sip(y=-500, heading=1024))
+    *_, reading = robot.base.poll()
+    assert reading.state.pose.x_m == pytest.approx(-0.5)
+    assert reading.state.pose.y_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_restarted_controller_is_no_motion(robot: Robot) -> None:
+    robot.device.send(sip(x=5000) + sip(x=0))
+    *_, reading = robot.base.poll()
+    assert reading.state.pose.x_m == 0.0
+
+
+def test_wheel_speeds_yield_the_robots_speeds(robot: Robot) -> None:
+    robot.device.send(sip(left=100, right=300))
+    (reading,) = robot.base.poll()
+    assert reading.state.linear_m_per_s == pytest.approx(0.2)
+    assert reading.state.angular_rad_per_s == pytest.approx(0.34)
+
+
+def test_command_is_sent_as_speed_and_turn_and_expires(robot: Robot) -> None:
+    robot.base.command(-0.2, math.radians(30), 0.25)
+    assert robot.device.taken() == command(Command.SPEED, -200) + command(Command.TURN_RATE, 30)
+    robot.clock.now_s += 0.26
+    robot.base.poll()
+    assert robot.device.taken().endswith(command(Command.STOP))
+    assert robot.base.expired_commands == 1
+
+
+def test_watchdog_is_kept_content(robot: Robot) -> None:
+    robot.base.poll()
+    robot.device.taken()
+    pulses = 0
+    for _ in range(100):
+        robot.clock.now_s += 0.01
+        robot.device.send(sip())
+        robot.base.poll()
+        pulses += robot.device.taken().count(command(Command.PULSE))
+    assert 9 <= pulses <= 11
+
+
+def test_emergency_stop_is_the_robots_own(robot: Robot) -> None:
+    robot.base.stop_for_emergency()
+    assert robot.device.taken() == command(Command.EMERGENCY_STOP) + command(Command.STOP)
+
+
+def test_closing_disables_the_motors(robot: Robot) -> None:
+    robot.base.close()
+    assert robot.device.taken().endswith(command(Command.ENABLE, 0) + command(Command.CLOSE))

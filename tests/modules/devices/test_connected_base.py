@@ -1,0 +1,86 @@
+"""The modules of real bases publish what the base tells, and nothing while it is away."""
+
+import math
+import os
+import tty
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pytest
+
+from hw.irobot import open_interface as oi
+from modules.devices.connected_base import CreateModule
+from robbie_mp import Duration, ModuleHarness
+from robbie_mp.messages import (
+    BatteryState,
+    Bumper,
+    DeviceState,
+    DriveCommand,
+    EmergencyStop,
+    Odometry,
+)
+from tests.hw.irobot.test_create import frame
+
+FORWARD = DriveCommand(linear_m_per_s=0.2, valid_for=Duration.from_seconds(0.3))
+
+
+@dataclass
+class Robot:
+    """The module, and the robot's end of its line."""
+
+    harness: ModuleHarness[CreateModule]
+    line: int
+
+    def send(self, data: bytes) -> None:
+        os.write(self.line, data)
+        self.harness.advance(0.02)
+
+    def heard(self) -> bytes:
+        return os.read(self.line, 4096)
+
+
+@pytest.fixture
+def robot() -> Iterator[Robot]:
+    line, host = os.openpty()
+    tty.setraw(host)
+    try:
+        with ModuleHarness(CreateModule, {"port": os.ttyname(host)}) as harness:
+            harness.advance(0.02)
+            yield Robot(harness, line)
+    finally:
+        os.close(host)
+        os.close(line)
+
+
+def test_frame_is_published_as_odometry_bumper_and_battery(robot: Robot) -> None:
+    robot.send(frame() + frame(left_encoder=1000, right_encoder=1000, bumps_and_wheel_drops=1))
+    _, odometry = robot.harness.take(Odometry)
+    assert odometry.pose.pose.position.x == pytest.approx(1000 * math.pi * 0.072 / 508.8)
+    assert odometry.pose.covariance[0] > 0
+    assert [bumper.pressed for bumper in robot.harness.take(Bumper)] == [[], ["front_right"]]
+    (battery,) = robot.harness.take(BatteryState)
+    assert math.isnan(battery.percentage)
+
+
+def test_command_drives_the_robot_and_emergency_stop_stops_it(robot: Robot) -> None:
+    robot.send(frame())
+    robot.heard()
+    robot.harness.send(FORWARD)
+    assert robot.heard() == oi.drive_direct(200, 200)
+    robot.harness.send(EmergencyStop(engaged=True, reason="test"), topic="emergency_stop")
+    assert robot.heard() == oi.drive_direct(0, 0)
+    assert robot.harness.take(EmergencyStop)[-1].engaged
+    robot.harness.send(EmergencyStop(engaged=False, reason="test"), topic="emergency_stop")
+    assert not robot.harness.take(EmergencyStop)[-1].engaged
+
+
+def test_disconnected_robot_is_told_and_nothing_else_is_published(robot: Robot) -> None:
+    robot.send(frame())
+    robot.harness.take(Odometry)
+    robot.harness.take(DeviceState)
+    # The port breaks at the next look: the silence is longer than allowed.
+    robot.harness.module.device.silence_s = 0.0
+    robot.harness.advance(0.1)
+    state = robot.harness.take(DeviceState)[-1]
+    assert (state.state, state.losses) == ("DISCONNECTED", 1)
+    assert robot.harness.take(Odometry) == []
