@@ -1,0 +1,51 @@
+"""Commands over a link: they stop with the link, and the emergency stop arrives."""
+
+import os
+import signal
+import time
+from collections.abc import Callable
+
+from tests._support.robot import Robot, wait_until
+from tests.link._support.pair import Pair
+
+PILOT = '  pilot: {class: "crew.modules:Pilot"}'
+WHEELS = '  wheels: {class: "crew.modules:Wheels"}'
+
+
+def test_no_command_arrives_late_after_a_stopped_link_goes_on(robot: Robot) -> None:
+    pair = Pair(robot, PILOT, WHEELS)
+    pair.start("red", "blue")
+    wait_until(lambda: len(pair.numbers("blue", "commands")) > 20)
+    link = pair.pid("red")
+    os.kill(link, signal.SIGSTOP)
+    try:
+        wait_until(stands_still(pair, 0.5))
+        before = len(pair.numbers("blue", "commands"))
+        wait_until(stands_still(pair, 1.0))
+        assert len(pair.numbers("blue", "commands")) == before
+    finally:
+        os.kill(link, signal.SIGCONT)
+    wait_until(lambda: len(pair.numbers("blue", "commands")) > before + 20)
+    # Each command says for how long it is still valid: what had waited in the stopped link has not arrived.
+    assert all(0 < left_ms <= 220 for left_ms in pair.numbers("blue", "commands"))
+
+
+def test_the_emergency_stop_arrives(robot: Robot) -> None:
+    pair = Pair(robot, PILOT, WHEELS)
+    pair.start("red", "blue")
+    wait_until(lambda: len(pair.numbers("blue", "commands")) > 5)
+    (pair.output("red") / "stop").touch()
+    wait_until(lambda: 1 in pair.numbers("blue", "stops"), limit_s=10.0)
+
+
+def stands_still(pair: Pair, seconds: float) -> Callable[[], bool]:
+    """Whether no command has come for some time."""
+    last = [float(len(pair.numbers("blue", "commands"))), time.monotonic()]
+
+    def is_so() -> bool:
+        count = len(pair.numbers("blue", "commands"))
+        if count != last[0]:
+            last[:] = [count, time.monotonic()]
+        return time.monotonic() - last[1] > seconds
+
+    return is_so
