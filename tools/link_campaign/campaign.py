@@ -1,0 +1,178 @@
+"""Plays a campaign and judges it."""
+
+import random
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from robbie_mp.messages import LinkChannel, LinkState
+from tools.link_campaign.modules import CLASSES, PAUSE_FILE
+from tools.link_campaign.robots import Robots, wait_until
+
+ROBOT_SHARE = 0.1
+"""Share of the kills that kill a whole robot."""
+MAX_PAUSE_S = 1.0
+
+
+@dataclass
+class Report:
+    """What a campaign has found."""
+
+    links_killed: int = 0
+    robots_killed: int = 0
+    duration_s: float = 0.0
+    sent: dict[str, int] = field(default_factory=dict)
+    received: dict[str, int] = field(default_factory=dict)
+    books: dict[str, str] = field(default_factory=dict)
+    violations: list[str] = field(default_factory=list)
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the report as plain data."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.links_killed} links and {self.robots_killed} robots killed in {self.duration_s:.0f} s",
+            *(f"{one}: {self.books.get(one, '-')}" for one in CLASSES),
+            f"{len(self.violations)} violations",
+            *self.violations,
+        ]
+        return "\n".join(lines)
+
+
+class Campaign:
+    """Two robots whose links, and whole runs, are killed at random.
+
+    Args:
+        folder: an empty folder.
+        seed: of the moments and the victims.
+        kills_robots: whether whole robots are killed, too.
+    """
+
+    def __init__(self, folder: Path, seed: int, *, kills_robots: bool = False):
+        self._robots = Robots(folder)
+        self._random = random.Random(seed)
+        self._kills_robots = kills_robots
+        self.report = Report()
+
+    def play(self, kills: int) -> Report:
+        """Play the campaign.
+
+        Args:
+            kills: how many.
+        """
+        began_s = time.monotonic()
+        robots, report = self._robots, self.report
+        try:
+            for name in ("red", "blue"):
+                robots.start(name)
+            wait_until(lambda: bool(robots.numbers("blue", "got-urgent")), "the first message")
+            while report.links_killed + report.robots_killed < kills:
+                self._kill()
+                time.sleep(self._random.uniform(0.0, MAX_PAUSE_S))
+            self._come_to_rest()
+        finally:
+            robots.stop()
+        report.duration_s = time.monotonic() - began_s
+        self._judge()
+        return report
+
+    def _kill(self) -> None:
+        name = self._random.choice(["red", "blue"])
+        if self._kills_robots and self._random.random() < ROBOT_SHARE:
+            self._robots.kill_robot(name)
+            self._robots.start(name)
+            self.report.robots_killed += 1
+            return
+        if self._robots.kill_link(name):
+            self.report.links_killed += 1
+
+    def _come_to_rest(self) -> None:
+        """Have red send nothing more, and wait until nothing is under way."""
+        self._robots.output("red").joinpath(PAUSE_FILE).touch()
+
+        last: LinkState | None = None
+
+        def is_at_rest() -> bool:
+            nonlocal last
+            before, last = last, self._robots.state("red")
+            return (
+                before is not None
+                and last is not None
+                and before.stamp != last.stamp
+                and before.channels == last.channels
+                and all(one.under_way == 0 for one in last.channels)
+                and len({one.topic for one in last.channels} & set(CLASSES)) == len(CLASSES)
+            )
+
+        wait_until(is_at_rest, "nothing under way", pause_s=1.5)
+
+    def _judge(self) -> None:
+        state = self._robots.state("red")
+        assert state is not None
+        sent = {one: self._robots.numbers("red", f"sent-{one}") for one in CLASSES}
+        received = {one: self._robots.numbers("blue", f"got-{one}") for one in CLASSES}
+        self.report.sent = {one: len(numbers) for one, numbers in sent.items()}
+        self.report.received = {one: len(numbers) for one, numbers in received.items()}
+        self.report.books = {one.topic: describe(one) for one in state.channels if one.topic in CLASSES}
+        certain = self.report.robots_killed == 0
+        self.report.violations = judge(
+            sent, received, books_of(state) if certain else {}, self.report.links_killed
+        )
+
+
+def books_of(state: LinkState) -> dict[str, tuple[int, int, int]]:
+    """Return sent, received and not received of each topic."""
+    return {
+        one.topic: (one.sent, one.received, one.replaced + one.dropped + one.lost)
+        for one in state.channels
+        if one.is_sent
+    }
+
+
+def describe(channel: LinkChannel) -> str:
+    """Return the books of a channel as text."""
+    return (
+        f"sent {channel.sent} = received {channel.received} + replaced {channel.replaced} + dropped "
+        f"{channel.dropped} + lost {channel.lost} + under way {channel.under_way}"
+    )
+
+
+def judge(
+    sent: Mapping[str, Sequence[int]],
+    received: Mapping[str, Sequence[int]],
+    books: Mapping[str, tuple[int, int, int]],
+    kills: int,
+) -> list[str]:
+    """Return what was violated.
+
+    A link that is killed between taking a message from the bus and counting it leaves one message that the
+    core counts as lost in its handler; one that is killed between publishing and counting leaves one that was
+    received and not counted. So each kill makes a topic's books uncertain by at most one message.
+
+    Args:
+        sent: numbers that red published, by topic.
+        received: numbers that blue received.
+        books: sent, received and not received by the books of red's link; empty: they are not judged.
+        kills: links that were killed.
+    """
+    violations: list[str] = []
+    for topic, numbers in received.items():
+        if len(set(numbers)) != len(numbers):
+            violations.append(f"{topic}: {len(numbers) - len(set(numbers))} duplicates")
+        if list(numbers) != sorted(numbers):
+            violations.append(f"{topic}: not in order")
+        if not set(numbers) <= set(sent[topic]):
+            violations.append(f"{topic}: received what was never sent")
+        if topic not in books:
+            continue
+        counted, arrived, missing = books[topic]
+        if counted != arrived + missing:
+            violations.append(f"{topic}: {counted} sent, but {arrived} + {missing} accounted for")
+        if abs(len(numbers) - arrived) > kills:
+            violations.append(f"{topic}: {len(numbers)} received, but {arrived} in the books")
+        if len(sent[topic]) - len(numbers) > missing + 2 * kills:
+            violations.append(f"{topic}: {len(sent[topic]) - len(numbers)} missing, but {missing} counted")
+    return violations

@@ -1,0 +1,147 @@
+"""The two robots of a campaign: robot `red` sends, robot `blue` receives."""
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+from robbie_mp.messages import LinkState
+from robbie_mp.observe import RunObserver
+from robbie_mp.run.live_runs import live_runs
+from robbie_mp.run.run_directory import KnownRun
+from robbie_mp.transport.segment import SegmentMissing
+
+PROJECT = Path(__file__).parents[2]
+PROFILE = """
+modules:
+  {role}: {{class: "tools.link_campaign.modules:{cls}"}}
+  books: {{class: "tools.link_campaign.modules:Books"}}
+  link:
+    class: robbie_mp.services.link:Link
+    settings:
+      robot: {name}
+      listen: {listen}
+      connect: {connect}
+      robots: {robots}
+      state_hz: 1000
+      command_expires_s: 2.0
+      send: {send}
+      accept: {{"*": ["*"]}}
+    restart: {{policy: always, max_restarts: 100000, within_s: 60, backoff_s: 0.02, backoff_cap_s: 0.1}}
+"""
+SEND = """{
+        urgent: ["String urgent"], command: ["String command"], state: ["String state"],
+        reliable: ["String reliable"], bulk: [Image]}"""
+COMMAND = "import sys; from robbie_mp.cli import main; sys.exit(main())"
+PATIENCE_S = 120.0
+
+
+class Robots:
+    """Two runs on this machine, linked over loopback.
+
+    Args:
+        folder: an empty folder for both.
+    """
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        (folder / "profiles").mkdir()
+        with socket.socket() as listening:
+            listening.bind(("127.0.0.1", 0))
+            address = f"[tcp/127.0.0.1:{listening.getsockname()[1]}]"
+        self._write("red", "talker", "Talker", address, "[]", SEND)
+        self._write("blue", "listener", "Listener", "[]", address, "{}")
+
+    def _write(self, name: str, role: str, cls: str, listen: str, connect: str, send: str) -> None:
+        robots = "[blue]" if name == "red" else "[]"
+        (self.folder / "profiles" / f"{name}.yaml").write_text(
+            PROFILE.format(
+                name=name, role=role, cls=cls, listen=listen, connect=connect, send=send, robots=robots
+            )
+        )
+
+    def start(self, name: str) -> None:
+        """Start a robot."""
+        command = [sys.executable, "-c", COMMAND, "run", name, "--quiet"]
+        with open(self.folder / f"{name}.log", "ab") as log:
+            self.processes[name] = subprocess.Popen(
+                [*command, "--output", str(self.output(name))],
+                cwd=self.folder,
+                stdout=log,
+                stderr=log,
+                env=os.environ | {"PYTHONPATH": str(PROJECT)},
+            )
+
+    def stop(self) -> None:
+        """Stop both robots in good order."""
+        for process in self.processes.values():
+            process.send_signal(signal.SIGINT)
+        for process in self.processes.values():
+            try:
+                process.wait(PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    def kill_robot(self, name: str) -> None:
+        """Kill a robot's supervisor; the kernel then kills all its processes."""
+        self.processes[name].kill()
+        self.processes[name].wait()
+
+    def kill_link(self, name: str) -> bool:
+        """Kill the process of a robot's link; False if there is none now."""
+        pid = self.pid(name, "link")
+        if pid:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        return bool(pid)
+
+    def output(self, name: str) -> Path:
+        """Return the output folder of a robot."""
+        return self.folder / f"out-{name}"
+
+    def run(self, name: str) -> KnownRun | None:
+        """Return the live run of a robot."""
+        pid = self.processes[name].pid
+        return next((run for run in live_runs() if run.record and run.record.supervisor_pid == pid), None)
+
+    def pid(self, name: str, module: str) -> int:
+        """Return the process of a module; 0 if there is none now."""
+        run = self.run(name)
+        if run is None:
+            return 0
+        try:
+            with closing(RunObserver(run.run_id)) as observer:
+                return next((one.pid for one in observer.modules() if one.name == module), 0)
+        except SegmentMissing:
+            return 0
+
+    def numbers(self, name: str, journal: str) -> list[int]:
+        """Return a journal of a robot."""
+        path = self.output(name) / journal
+        return [int(line) for line in path.read_text().split()] if path.exists() else []
+
+    def state(self, name: str) -> LinkState | None:
+        """Return the last state of a robot's link."""
+        path = self.output(name) / "link.state"
+        return LinkState.decode(path.read_bytes()) if path.exists() else None
+
+
+def wait_until(condition: Callable[[], bool], what: str, *, pause_s: float = 0.02) -> None:
+    """Wait for a condition, and look at it each `pause_s`.
+
+    Raises:
+        TimeoutError: it did not come true.
+    """
+    end_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        if time.monotonic() > end_s:
+            raise TimeoutError(f"not within {PATIENCE_S} s: {what}")
+        time.sleep(pause_s)
