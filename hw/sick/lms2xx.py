@@ -108,6 +108,7 @@ class SickLms2xx(PluggableLaser):
         self._range_bits, self._found_rate = range_bits, 0
         self._stamps = RegularClock(self.period_s, latency_s)
         self._reader = FrameDecoder(TelegramFraming())
+        self._early: list[bytes] = []
         self._parts: list[Scan] = []
         self._parts_s = 0.0
 
@@ -127,7 +128,8 @@ class SickLms2xx(PluggableLaser):
     def _take(self, data: bytes) -> list[LaserSweep]:
         """Return the scans that are whole now."""
         sweeps = []
-        for frame in self._reader.feed(data):
+        early, self._early = self._early, []
+        for frame in [*early, *self._reader.feed(data)]:
             if frame[4] == POWER_ON:
                 raise DeviceFault("the scanner was switched on again")
             if frame[4] == SCAN:
@@ -140,6 +142,7 @@ class SickLms2xx(PluggableLaser):
 
     def _reset(self) -> None:
         self._reader.reset()
+        self._early.clear()
         self._stamps.forget()
         self._parts.clear()
 
@@ -201,9 +204,11 @@ class SickLms2xx(PluggableLaser):
             port.write(command)
             end_s = time.monotonic() + limit_s / ATTEMPTS
             while (left_s := end_s - time.monotonic()) > 0:
-                for frame in self._reader.feed(port.read(left_s)):
+                frames = self._reader.feed(port.read(left_s))
+                for number, frame in enumerate(frames, 1):
                     if frame[4] == REFUSED:
                         raise DeviceFault(f"the scanner refuses the telegram {command.hex(' ')}")
                     if frame[4] == reply:
+                        self._early = frames[number:]
                         return frame
         raise DeviceSilent(f"the scanner at {self.url} does not answer {command.hex(' ')}")

@@ -16,6 +16,7 @@ from hw.rplidar.protocol import (
     descriptor,
     request,
 )
+from tests.hw._support.scripted_port import ScriptedPort
 
 
 def node(angle_deg: float, distance_mm: float, quality: int = 15, is_first: bool = False) -> bytes:
@@ -125,3 +126,45 @@ def test_no_bytes_raise_an_error(data: bytes) -> None:
         driver = RpLidar("/no/such/port", lambda: 100.0, express=express)
         driver._take(data)
         driver._take(capsule(0, [5] * 32) + data + capsule(0, [5] * 32))
+
+
+@pytest.mark.parametrize("express", [False, True])
+def test_laser_is_asked_who_it_is_and_started(express: bool) -> None:
+    # The beginning of the answers of a real A1.
+    info = bytes.fromhex("A5 5A 14 00 00 00 04 18 1D 01 07") + bytes(range(16))
+
+    def answer(written: bytes, _: int) -> bytes:
+        stream = capsule(0, [1000] * 32) * 2 if express else b"".join(turn() + turn(1))
+        kind = "54 00 00 40 82" if express else "05 00 00 40 81"
+        return {
+            0x50: info,
+            0x52: bytes.fromhex("A5 5A 03 00 00 00 06 00 00 00"),
+            0x59: bytes.fromhex("A5 5A 04 00 00 00 15 F4 01 FA 00"),
+            0x20: bytes.fromhex("A5 5A" + kind) + stream,
+            0x82: bytes.fromhex("A5 5A" + kind) + stream,
+        }.get(written[1], b"")
+
+    port = ScriptedPort(answer)
+    driver = RpLidar("scripted", lambda: 100.0, express=express)
+    driver._open_port = port.opened
+    assert len(driver.poll()) == (0 if express else 1)
+    assert driver.is_connected and driver.identity.startswith("model 0x18, firmware 1.1d, hardware 7, 000102")
+    assert driver._sample_s == pytest.approx(250e-6 if express else 500e-6)
+    assert port.is_motor_line_high is False
+    driver.close()
+    assert port.is_motor_line_high is True and request(0x25) in port.written[-2:]
+
+
+def test_broken_laser_is_reset_and_told() -> None:
+    def answer(written: bytes, _: int) -> bytes:
+        return {
+            0x50: bytes.fromhex("A5 5A 14 00 00 00 04") + bytes(20),
+            0x52: bytes.fromhex("A5 5A 03 00 00 00 06 02 01 80"),
+        }.get(written[1], b"")
+
+    port = ScriptedPort(answer)
+    driver = RpLidar("scripted", lambda: 100.0)
+    driver._open_port = port.opened
+    assert driver.poll() == []
+    assert driver.reason == "the laser reports the error 0x8001"
+    assert port.written[-1] == request(0x40)

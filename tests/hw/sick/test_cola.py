@@ -22,6 +22,7 @@ from hw.sick.cola import (
 )
 from hw.sick.cola_laser import SickColaLaser
 from tests.hw._support.captures import CAPTURES, needs_captures
+from tests.hw._support.scripted_port import ScriptedPort
 
 # The beginning of a real TiM's telegram, with five beams in place of 271.
 TEXT = (
@@ -173,3 +174,31 @@ def test_scans_of_a_real_tim_in_binary_follow_one_another() -> None:
     np.testing.assert_allclose(periods, 66_667, atol=1_500)
     # By eye in the bytes: 02 72, 02 91, 02 68.
     assert scans[0].channels[0].values[:3].tolist() == [0x272, 0x291, 0x268]
+
+
+@pytest.mark.parametrize("dialect", Dialect)
+def test_laser_is_configured_and_its_stream_started(dialect: Dialect) -> None:
+    answers = {"sMN": "sAN", "sWN": "sWA", "sEN": "sEA"}
+
+    def answer(written: bytes, _: int) -> bytes:
+        text = written[1:-1] if dialect is Dialect.A else written[8:-1]
+        verb, name = text.split(b" ")[:2]
+        told = f"{answers[verb.decode()]} {name.decode()} 1".encode()
+        scan = TEXT if dialect is Dialect.A else binary([500] * 5)
+        frames = [told, scan] if name == b"LMDscandata" else [told]
+        return b"".join(b"\x02" + one + b"\x03" if dialect is Dialect.A else framed(one) for one in frames)
+
+    driver = SickColaLaser("scripted", lambda: 9.0, dialect=dialect, intensities=True)
+    port = ScriptedPort(answer)
+    driver._open_port = port.opened
+    assert len(driver.poll()) == 1
+    assert [b"SetAccessMode" in one for one in port.written] == [True, False, False, False, False]
+    assert len(port.written) == 5
+    driver.close()
+
+
+def test_error_of_a_laser_is_told() -> None:
+    driver = SickColaLaser("scripted", lambda: 9.0, dialect=Dialect.A)
+    driver._open_port = ScriptedPort(lambda written, _: b"\x02sFA 8\x03").opened
+    assert driver.poll() == []
+    assert driver.reason == "the laser answers sEN LMDscandata with the error b'8'"

@@ -12,6 +12,7 @@ from hw.connection.clock import RegularClock
 from hw.framing import FrameDecoder
 from hw.sick.lms2xx import SickLms2xx
 from hw.sick.lms2xx_telegrams import DamagedScan, TelegramFraming, crc, least_code, scan, telegram
+from tests.hw._support.scripted_port import ScriptedPort
 
 
 def reply(command: int, data: bytes, status: int = 0x10, address: int = 0x80) -> bytes:
@@ -139,3 +140,35 @@ def test_frames_without_stamps_are_stamped_by_their_count() -> None:
         errors.append(clock.stamp_s(50 + number * period_s + late_s) - 50 - number * period_s)
     assert max(map(abs, errors[100:299])) < 0.001
     assert max(map(abs, errors[310:])) < 0.001
+
+
+def test_scanner_is_found_at_its_bit_rate_and_switched_to_the_wanted_one() -> None:
+    scanner_rate = [9_600]
+
+    def answer(written: bytes, bit_rate: int) -> bytes:
+        if bit_rate != scanner_rate[0]:
+            return b"\xff\x00\xf0"
+        if written[4] == 0x3B:
+            return b"\x06" + reply(0xBB, b"\x01" + written[5:9])
+        if written[5] in (0x40, 0x48):
+            scanner_rate[0] = 38_400 if written[5] == 0x40 else 500_000
+        scans = scan_telegram([500] * 361) * 2 if written[5] == 0x24 else b""
+        return b"\x06" + reply(0xA0, b"\x00") + scans
+
+    port = ScriptedPort(answer)
+    laser = SickLms2xx("scripted", lambda: 5.0, bit_rate=500_000)
+    laser._open_port = port.opened
+    assert [float(sweep.ranges_m[0]) for sweep in laser.poll()] == [5.0, 5.0]
+    assert port.bit_rate == scanner_rate[0] == 500_000
+    laser.close()
+    assert port.written[-1] == telegram(0x20, b"\x25")
+
+
+def test_scanner_that_refuses_a_field_is_told() -> None:
+    def answer(written: bytes, _: int) -> bytes:
+        return reply(0xBB, b"\x00" + written[5:9]) if written[4] == 0x3B else reply(0xA0, b"\x00")
+
+    laser = SickLms2xx("scripted", lambda: 5.0)
+    laser._open_port = ScriptedPort(answer).opened
+    assert laser.poll() == []
+    assert "the scanner refuses 180 degrees by 0.5" in laser.reason

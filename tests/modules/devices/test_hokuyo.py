@@ -23,7 +23,7 @@ def device() -> Iterator[FakeHokuyo]:
 def test_sweeps_are_published_and_the_laser_is_switched_off_at_the_end(device: FakeHokuyo) -> None:
     ranges = [1000 + beam for beam in range(682)]
     device.to_send = [sweep("MD0044072501000", ranges)]
-    settings = {"port": device.port, "silence_s": 60.0}
+    settings = {"port": device.port, "silence_s": 60.0, "period_s": 0.1}
     with ModuleHarness(HokuyoLaserRangeFinder, settings) as harness:
         scans, give_up_s = harness.take(LaserScan), time.monotonic() + 60.0
         while not scans:
@@ -42,7 +42,7 @@ def test_sweeps_are_published_and_the_laser_is_switched_off_at_the_end(device: F
 
 
 def test_missing_laser_is_told_and_nothing_is_published() -> None:
-    with ModuleHarness(HokuyoLaserRangeFinder, {"port": "/no/such/port"}) as harness:
+    with ModuleHarness(HokuyoLaserRangeFinder, {"port": "/no/such/port", "period_s": 0.1}) as harness:
         harness.advance(0.1)
         (state,) = harness.take(DeviceState)
         assert (state.state, state.port) == ("DISCONNECTED", "/no/such/port")
