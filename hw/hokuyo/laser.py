@@ -112,12 +112,12 @@ class HokuyoLaser(PluggableLaser):
                 continue
             if reply.status == "00":
                 continue
-            if reply.status != "99":
+            if reply.status != "99" and not reply.lines:
                 raise DeviceFault(f"the laser has stopped with {meaning(reply.status)}")
-            with suppress(DamagedLine):
+            try:
                 sweeps.append(self._sweep(reply))
-                continue
-            self._reader.damaged += 1
+            except DamagedLine:
+                self._reader.damaged += 1
         self.counters.damaged, self.counters.skipped_bytes = self._reader.damaged, self._reader.skipped_bytes
         return sweeps
 
@@ -131,6 +131,8 @@ class HokuyoLaser(PluggableLaser):
         self.port.write(b"QT\n")
 
     def _sweep(self, reply: Reply) -> LaserSweep:
+        if reply.status != "99":
+            raise DamagedLine(f"a sweep with {meaning(reply.status)}")
         measured, geometry = measurement(reply), self.geometry
         if len(measured.ranges_mm) != geometry.beams:
             raise DamagedLine(f"a sweep of {len(measured.ranges_mm)} beams instead of {geometry.beams}")

@@ -15,6 +15,8 @@ from hw.connection.errors import DeviceFault
 # The longest reply: 1440 steps with range and intensity take 9 kB.
 MAX_REPLY_BYTES = 20_000
 BLOCK_BYTES = 64
+STATUS_BYTES = 2
+OLDEST_COMMAND = b"SCIP2.0"
 # The laser counts milliseconds in 24 bits.
 STAMP_BITS = 24
 
@@ -112,8 +114,10 @@ def reply_of(text: bytes, arrived_s: float = 0.0) -> Reply:
     echo, *lines = text.split(b"\n")
     if not lines:
         raise DamagedLine(f"a reply without a status: {text[:80]!r}")
-    # SCIP 1.1 lasers answer "SCIP2.0" with a status without checksum.
-    status = lines[0] if len(lines[0]) == 1 else without_checksum(lines[0])
+    # SCIP 1.1 lasers answer with a status without checksum.
+    status = lines[0] if echo == OLDEST_COMMAND else without_checksum(lines[0])
+    if len(status) != STATUS_BYTES and echo != OLDEST_COMMAND:
+        raise DamagedLine(f"a status of {len(status)} characters")
     return Reply(echo.decode("ascii", "replace"), status.decode("ascii", "replace"), lines[1:], arrived_s)
 
 

@@ -12,7 +12,7 @@ class ScriptedPort(Port):
         self.url = "scripted"
         self.bit_rate = bit_rate
         self.written: list[bytes] = []
-        self.is_motor_line_high: bool | None = None
+        self.motor_lines: list[bool] = []
         self._answer = answer
         self._waiting = b""
 
@@ -32,7 +32,7 @@ class ScriptedPort(Port):
         self.bit_rate = bit_rate
 
     def set_motor_line(self, is_high: bool) -> None:
-        self.is_motor_line_high = is_high
+        self.motor_lines.append(is_high)
 
     def close(self) -> None:
         pass

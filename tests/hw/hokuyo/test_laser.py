@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hw.connection.errors import DeviceFault, DeviceSilent
 from hw.hokuyo.laser import Data, HokuyoLaser
 from hw.hokuyo.scip import DamagedLine, ReplyReader, checksum, measurement, numbers, parameters, reply_of
-from tests.hw._support.fake_hokuyo import PARAMETERS, FakeHokuyo, sweep
+from tests.hw._support.fake_hokuyo import PARAMETERS, FakeHokuyo, summed, sweep
 
 # From the first step to the last, as the parameters say.
 REQUEST = "MD00440725" + "01" + "0" + "00"
@@ -184,6 +184,15 @@ def test_reader_is_in_step_again_within_two_sweeps_of_a_changed_byte(
     reader = ReplyReader()
     replies = [reply for begin, end in pairwise(places) for reply in reader.feed(stream[begin:end], 0.0)]
     assert measurement(replies[-1]).ranges_mm.tolist() == RAMP[:57]
+
+
+@pytest.mark.parametrize("status", ["9", "0000", "98"])
+def test_damaged_status_of_a_sweep_does_not_stop_the_stream(device: FakeHokuyo, status: str) -> None:
+    damaged = sweep(REQUEST, RAMP).replace("\n99b\n", f"\n{summed(status) if len(status) > 1 else status}\n")
+    device.to_send = [damaged, sweep(REQUEST, RAMP)]
+    with closing(opened(device)) as laser:
+        assert len(laser.scan().ranges_m) == BEAMS
+        assert (laser.counters.damaged, laser.counters.losses) == (1, 0)
 
 
 @given(st.binary(max_size=300))

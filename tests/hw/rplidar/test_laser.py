@@ -150,9 +150,10 @@ def test_laser_is_asked_who_it_is_and_started(express: bool) -> None:
     assert len(driver.poll()) == (0 if express else 1)
     assert driver.is_connected and driver.identity.startswith("model 0x18, firmware 1.1d, hardware 7, 000102")
     assert driver._sample_s == pytest.approx(250e-6 if express else 500e-6)
-    assert port.is_motor_line_high is False
+    assert port.motor_lines == [False]
     driver.close()
-    assert port.is_motor_line_high is True and request(0x25) in port.written[-2:]
+    assert port.motor_lines == [False, True]
+    assert request(0x25) in port.written[-2:]
 
 
 def test_broken_laser_is_reset_and_told() -> None:
