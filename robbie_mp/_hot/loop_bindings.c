@@ -32,8 +32,8 @@ struct loop_object {
 };
 
 /* Names of attributes, made once. */
-static PyObject *name_are_used, *name_awaits_room, *name_ends, *name_period, *name_room_was_made, *name_schedule,
-    *name_tick;
+static PyObject *name_are_used, *name_awaits_room, *name_ends, *name_is_tick_awaited, *name_period,
+    *name_room_was_made, *name_schedule, *name_tick;
 
 /* -- ticks.py ----------------------------------------------------------------------------------------------- */
 
@@ -163,6 +163,35 @@ static int is_true(PyObject *object, PyObject *name)
     return truth;
 }
 
+/* Whether the messages that a publisher waits for have been released; true only once; -1 with an exception. */
+static int room_was_made(const struct loop_object *self)
+{
+    const int awaits_room = is_true(self->outbox, name_awaits_room);
+    if (awaits_room <= 0)
+        return awaits_room;
+    PyObject *result = PyObject_CallMethodNoArgs(self->outbox, name_room_was_made);
+    const int was_made = result == NULL ? -1 : PyObject_IsTrue(result);
+    Py_XDECREF(result);
+    return was_made;
+}
+
+/* Whether any thread has asked for a tick; true only once; -1 with an exception. */
+static int tick_is_awaited(const struct loop_object *self)
+{
+    const int is_awaited = is_true(self->module, name_is_tick_awaited);
+    if (is_awaited > 0 && PyObject_SetAttr(self->module, name_is_tick_awaited, Py_False) != 0)
+        return -1;
+    return is_awaited;
+}
+
+/* Make the next tick due now if a condition is true; 1, or -1 with an exception, as the condition may be. */
+static int expedite_if(struct loop_object *self, int condition)
+{
+    if (condition > 0)
+        self->times->due_ns = (long long)monotonic_ns();
+    return condition < 0 ? -1 : 1;
+}
+
 /* Wait for messages or the next tick; 1, or -1 with an exception. */
 static int wait_for_work(struct loop_object *self, bool has_period)
 {
@@ -172,17 +201,11 @@ static int wait_for_work(struct loop_object *self, bool has_period)
         wait_ns = left_ns < 0 ? 0 : left_ns < wait_ns ? left_ns : wait_ns;
     }
     const int woken = wait_for_post(self->wakeup, wait_ns);
-    const int awaits_room = woken <= 0 ? 0 : is_true(self->outbox, name_awaits_room);
-    if (woken < 0 || awaits_room < 0)
+    if (woken <= 0)
+        return woken < 0 ? -1 : 1;
+    if (expedite_if(self, room_was_made(self)) < 0)
         return -1;
-    if (!awaits_room)
-        return 1;
-    PyObject *result = PyObject_CallMethodNoArgs(self->outbox, name_room_was_made);
-    const int was_made = result == NULL ? -1 : PyObject_IsTrue(result);
-    Py_XDECREF(result);
-    if (was_made > 0)
-        self->times->due_ns = (long long)monotonic_ns();
-    return was_made < 0 ? -1 : 1;
+    return expedite_if(self, tick_is_awaited(self));
 }
 
 /* One turn; 1, 0 if this is not mine, or -1 with an exception. */
@@ -313,6 +336,7 @@ int add_loop_types(PyObject *module)
         {&name_are_used, "are_used"},
         {&name_awaits_room, "awaits_room"},
         {&name_ends, "ends"},
+        {&name_is_tick_awaited, "_is_tick_awaited"},
         {&name_period, "period_s"},
         {&name_room_was_made, "room_was_made"},
         {&name_schedule, "schedule"},

@@ -36,7 +36,8 @@ STEP = st.one_of(
     st.tuples(st.just("keep"), st.tuples(st.integers(0, 3))),
     st.tuples(st.just("drop"), st.tuples(st.integers(0, 9))),
     st.tuples(
-        st.sampled_from(["core", "core", "outstanding", "publish_damaged", "restart_core"]), st.just(())
+        st.sampled_from(["core", "core", "outstanding", "publish_damaged", "restart_core", "await_tick"]),
+        st.just(()),
     ),
     st.tuples(st.just("set_period"), st.one_of(st.tuples(PERIOD_S), st.tuples(PERIOD_S, PERIOD_S))),
     st.tuples(st.just("use_calls"), st.tuples(st.integers(0, 1))),
@@ -121,6 +122,19 @@ def test_c_really_takes_turns(
     steps: list[Step] = [("set_period", (period_s, 1e-9)), ("take_turns", (4,))]
     played(built, lambda: play(built, parcel, steps), with_c=True)
     assert turns == by_python
+
+
+def test_awaited_tick_comes_before_its_time(
+    built: ModuleType, parcel: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In C, and once for each time that it is awaited."""
+    monkeypatch.setattr(time, "monotonic_ns", built.tick)
+    once: list[Step] = [("await_tick", ()), ("take_turns", (9,))]
+    exchanges: list[Exchange] = []
+    steps: list[Step] = [("set_period", (1000,)), ("take_turns", (9,)), *once, *once]
+    outcome = played(built, lambda: exchanges.append(play(built, parcel, steps)), with_c=True)
+    assert outcome.error == ""
+    assert exchanges[0].ticks == 1 + 2, "the first is due at once"
 
 
 @pytest.mark.parametrize("size", [0, 60, 5000])

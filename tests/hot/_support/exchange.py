@@ -77,7 +77,9 @@ class Exchange:
         for topic in TOPICS[:2]:
             self.inbox.subscriptions.subscribe(parcel, self._handle, MessageHandling.ALWAYS_DELIVER, topic)
         self.calls: Any = SimpleNamespace(are_used=False, are_due=lambda: False, wait_s=lambda: 0.0)
-        module: Any = SimpleNamespace(stop_requested=False, period_s=None, _calls=self.calls, tick=self._tick)
+        module: Any = SimpleNamespace(
+            stop_requested=False, period_s=None, _calls=self.calls, tick=self._tick, _is_tick_awaited=False
+        )
         self.module = changes = module
         self.wakeup = Wakeup.create(self.run_id, native)
         ticks = TimedTicks(module, clock, receiver.out, 0.0, native)
@@ -131,6 +133,9 @@ class Exchange:
             then_s: the period from the next tick on.
         """
         self.module.period_s, self.next_period_s = period_s, then_s
+
+    def await_tick(self) -> None:
+        self.module._is_tick_awaited = True
 
     def use_calls(self, are_used: int) -> None:
         self.calls.are_used = bool(are_used)
